@@ -1,0 +1,67 @@
+"""Datasets, transforms and models for event cameras.
+
+The names below are imported when they are first used: `import nvsdata` alone costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nvsdata import datasets, formats, models, transforms
+    from nvsdata.batching import collate
+    from nvsdata.datasets import NMNIST, EventFolder
+    from nvsdata.errors import FormatError
+    from nvsdata.events import Events, Recording
+    from nvsdata.formats import open, read, write
+    from nvsdata.graph import Graph, GraphBatch
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Events": "events",
+    "Recording": "events",
+    "FormatError": "errors",
+    "open": "formats",
+    "read": "formats",
+    "write": "formats",
+    "NMNIST": "datasets",
+    "EventFolder": "datasets",
+    "Graph": "graph",
+    "GraphBatch": "graph",
+    "collate": "batching",
+}
+_MODULES = ("datasets", "formats", "models", "transforms")
+
+__all__ = [
+    "NMNIST",
+    "EventFolder",
+    "Events",
+    "FormatError",
+    "Graph",
+    "GraphBatch",
+    "Recording",
+    "collate",
+    "datasets",
+    "formats",
+    "models",
+    "open",
+    "read",
+    "transforms",
+    "write",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"nvsdata.{name}")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'nvsdata' has no attribute {name!r}")
+    # kept: the next use finds it without coming here
+    value = globals()[name] = getattr(import_module(f"nvsdata.{_HOMES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *globals()})

@@ -1,0 +1,287 @@
+"""Events in memory and recordings on disk."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    import torch
+
+MAX_COORDINATE = 32766
+STRUCTURE = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.uint8)])
+
+
+class Columns(NamedTuple):
+    """Decoded events in file order: `t` int64 µs, `x`, `y` int16 pixels, `p` uint8, each [N]."""
+
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+
+
+class Events:
+    """Events sorted by time, as a struct of arrays.
+
+    - `t` int64 [N]: µs, never decreasing (unsorted input is sorted, equal times keep their order)
+    - `x`, `y` int16 [N]: pixels, origin top left
+    - `p` uint8 [N]: polarity, 1 for ON and 0 for OFF
+    - `sensor_size`: (width, height) in pixels; by default as large as the coordinates ask for
+    - `start`: µs at which the window begins that these events were cut from; by default the time
+      of the first event (0 if there is none)
+
+    Immutable in spirit: operations return new Events and share memory where they can.
+
+    Raises ValueError for columns of different lengths, coordinates outside the sensor and
+    polarities other than 0 and 1.
+    """
+
+    __slots__ = ("p", "sensor_size", "start", "t", "x", "y")
+
+    t: npt.NDArray[np.int64]
+    x: npt.NDArray[np.int16]
+    y: npt.NDArray[np.int16]
+    p: npt.NDArray[np.uint8]
+    sensor_size: tuple[int, int]
+    start: int
+
+    def __init__(
+        self,
+        t: npt.ArrayLike,
+        x: npt.ArrayLike,
+        y: npt.ArrayLike,
+        p: npt.ArrayLike,
+        sensor_size: tuple[int, int] | None = None,
+        *,
+        start: int | None = None,
+    ) -> None:
+        given = {"t": np.asarray(t), "x": np.asarray(x), "y": np.asarray(y), "p": np.asarray(p)}
+        _check_columns(given)
+        columns = Columns(
+            given["t"].astype(np.int64, copy=False),
+            given["x"].astype(np.int16, copy=False),
+            given["y"].astype(np.int16, copy=False),
+            given["p"].astype(np.uint8, copy=False),
+        )
+        extent = (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)
+        size = extent if sensor_size is None else check_sensor_size(sensor_size)
+        if extent[0] > size[0] or extent[1] > size[1]:
+            raise ValueError(f"events reach {extent[0]}x{extent[1]} pixels, outside the sensor of {size[0]}x{size[1]}")
+        columns = in_order(columns)
+        self._set(*columns, size, start)
+
+    def _set(self, t: Any, x: Any, y: Any, p: Any, size: tuple[int, int], start: int | None) -> None:
+        self.t, self.x, self.y, self.p = t, x, y, p
+        self.sensor_size = size
+        self.start = start if start is not None else int(t[0]) if t.size else 0
+
+    @classmethod
+    def trusted(cls, columns: Columns, sensor_size: tuple[int, int], start: int | None = None) -> Events:
+        """Events from columns that are known to be valid and sorted: nothing is checked."""
+        events = cls.__new__(cls)
+        events._set(*columns, sensor_size, start)
+        return events
+
+    @classmethod
+    def empty(cls, sensor_size: tuple[int, int], start: int = 0) -> Events:
+        """No events."""
+        return cls.trusted(empty_columns(), sensor_size, start)
+
+    @property
+    def columns(self) -> Columns:
+        """The four arrays."""
+        return Columns(self.t, self.x, self.y, self.p)
+
+    @property
+    def duration(self) -> int:
+        """µs from the first to the last event; 0 for fewer than two."""
+        return int(self.t[-1] - self.t[0]) if self.t.size else 0
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    def __getitem__(self, which: slice | npt.NDArray[Any]) -> Events:
+        """Events under a slice, a boolean mask [N] or indices [M]; still sorted by time."""
+        if isinstance(which, int | np.integer):
+            which = slice(which, which + 1 or None)
+        columns = in_order(Columns(self.t[which], self.x[which], self.y[which], self.p[which]))
+        return Events.trusted(columns, self.sensor_size, self.start)
+
+    def window(self, start: int | None = None, stop: int | None = None) -> Events:
+        """Events with start <= t < stop (µs, absolute). Nothing is copied."""
+        check_window(start, stop)
+        lo = 0 if start is None else int(np.searchsorted(self.t, start, "left"))
+        hi = self.t.size if stop is None else int(np.searchsorted(self.t, stop, "left"))
+        columns = Columns(self.t[lo:hi], self.x[lo:hi], self.y[lo:hi], self.p[lo:hi])
+        return Events.trusted(columns, self.sensor_size, self.start if start is None else start)
+
+    def to_structured(self) -> np.ndarray:
+        """Structured array [N] with fields x, y (int16), t (int64) and p (uint8)."""
+        out = np.empty(len(self), STRUCTURE)
+        for name in ("t", "x", "y", "p"):
+            out[name] = getattr(self, name)
+        return out
+
+    @classmethod
+    def from_structured(cls, array: np.ndarray, sensor_size: tuple[int, int] | None = None) -> Events:
+        """Events from a structured array with fields t (µs), x, y and p, in any order and type."""
+        missing = {"t", "x", "y", "p"} - set(array.dtype.names or ())
+        if missing:
+            raise ValueError(f"the array lacks the fields {sorted(missing)}; it has {array.dtype.names}")
+        return cls(array["t"], array["x"], array["y"], array["p"], sensor_size)
+
+    def torch(self) -> dict[str, torch.Tensor]:
+        """Tensors `t` int64, `x` and `y` int16, `p` uint8, each [N]; memory is shared if it can be."""
+        import torch
+
+        return {
+            name: torch.from_numpy(np.require(column, requirements=["C", "W"]))
+            for name, column in self.columns._asdict().items()
+        }
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Events):
+            return NotImplemented
+        same = all(np.array_equal(a, b) for a, b in zip(self.columns, other.columns, strict=True))
+        return same and self.sensor_size == other.sensor_size
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        width, height = self.sensor_size
+        return f"Events({len(self)} events, {self.duration} µs, {width}x{height})"
+
+
+class Recording(ABC):
+    """A file that is opened but not decoded; `read` decodes the window that is asked for.
+
+    Formats subclass it: `_decode` and `sensor_size` they must give, `_window` and `_bounds` they
+    give if they can do better than to decode the whole file, which is then kept.
+    """
+
+    format: ClassVar[str]
+
+    def __init__(self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None) -> None:
+        self.path = os.fspath(path)
+        self._given_size = None if sensor_size is None else check_sensor_size(sensor_size)
+        self._whole: Events | None = None
+
+    @property
+    @abstractmethod
+    def sensor_size(self) -> tuple[int, int]:
+        """(width, height): as given to `open`, else as the file says, else as its events need."""
+
+    @abstractmethod
+    def _decode(self) -> Columns:
+        """All events in file order."""
+
+    def _window(self, start: int, stop: int) -> Columns | None:
+        """Events of the window if it can be had without decoding the rest, else None."""
+        return None
+
+    def _bounds(self) -> tuple[int, int] | None:
+        """First and last time if they can be had without decoding the rest, else None."""
+        return None
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Times of the first and the last event in µs; (0, 0) if there is none."""
+        bounds = self._bounds()
+        if bounds is not None:
+            return bounds
+        t = self.events().t
+        return (int(t[0]), int(t[-1])) if t.size else (0, 0)
+
+    def read(self, start: int | None = None, stop: int | None = None) -> Events:
+        """Events with start <= t < stop (µs, as in the file), sorted by time.
+
+        A window outside the recording gives empty Events. Raises FormatError if what was decoded
+        is broken, ValueError if stop < start.
+        """
+        check_window(start, stop)
+        if start is None and stop is None:
+            return self.events()
+        if self._whole is None:
+            far = np.iinfo(np.int64)
+            columns = self._window(far.min if start is None else start, far.max if stop is None else stop)
+            if columns is not None:
+                return Events.trusted(columns, self.sensor_size, start)
+            self._whole = self.events()
+        return self._whole.window(start, stop)
+
+    def events(self) -> Events:
+        """All events."""
+        if self._whole is not None:
+            return self._whole
+        return Events.trusted(in_order(self._decode()), self.sensor_size)
+
+    def anomalies(self) -> Mapping[str, int]:
+        """What is odd about the file, counted: steps back in time, and events given twice."""
+        raw = self._decode()
+        steps_back = int(np.count_nonzero(raw.t[1:] < raw.t[:-1]))
+        raw = in_order(raw)
+        # twins at one time need not be neighbours in the file
+        order = np.lexsort((raw.p, raw.y, raw.x, raw.t))
+        twins = np.ones(max(raw.t.size - 1, 0), bool)
+        for column in raw:
+            ordered = column[order]
+            twins &= ordered[1:] == ordered[:-1]
+        return {"steps back in time": steps_back, "duplicate events": int(np.count_nonzero(twins))}
+
+    def __repr__(self) -> str:
+        return f"<{self.format} recording {self.path}>"
+
+
+def as_events(sample: Events | Recording) -> Events:
+    """The events themselves: a Recording is read whole."""
+    return sample if isinstance(sample, Events) else sample.read()
+
+
+def empty_columns() -> Columns:
+    """Columns of no events."""
+    return Columns(np.empty(0, np.int64), np.empty(0, np.int16), np.empty(0, np.int16), np.empty(0, np.uint8))
+
+
+def in_order(columns: Columns) -> Columns:
+    """The columns sorted by time, stably; as they are if they are sorted."""
+    t = columns.t
+    if not (t[1:] < t[:-1]).any():
+        return columns
+    order = np.argsort(t, kind="stable")
+    return Columns(t[order], columns.x[order], columns.y[order], columns.p[order])
+
+
+def check_window(start: int | None, stop: int | None) -> None:
+    """Raise ValueError for a window that ends before it begins."""
+    if start is not None and stop is not None and stop < start:
+        raise ValueError(f"the window [{start}, {stop}) ends before it begins")
+
+
+def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
+    """The size as two ints; ValueError if it is none."""
+    width, height = (int(v) for v in size)
+    if not (0 < width <= MAX_COORDINATE + 1 and 0 < height <= MAX_COORDINATE + 1):
+        raise ValueError(f"sensor_size must be (width, height) between 1 and {MAX_COORDINATE + 1}, not {size}")
+    return width, height
+
+
+def _check_columns(given: dict[str, np.ndarray]) -> None:
+    shapes = {name: column.shape for name, column in given.items()}
+    if len(set(shapes.values())) != 1 or given["t"].ndim != 1:
+        raise ValueError(f"t, x, y and p must be one-dimensional and equally long, not {shapes}")
+    if given["t"].size == 0:
+        return
+    for name in ("t", "x", "y"):
+        if given[name].dtype.kind not in "iu":
+            raise ValueError(f"{name} must be integers (whole µs and pixels), not {given[name].dtype}")
+    for name in ("x", "y"):
+        if given[name].min() < 0 or given[name].max() > MAX_COORDINATE:
+            raise ValueError(f"{name} must lie between 0 and {MAX_COORDINATE}")
+    if not np.isin(given["p"], (0, 1)).all():
+        raise ValueError(f"polarity must be 0 (OFF) or 1 (ON), not {np.unique(given['p'])[:4].tolist()}")

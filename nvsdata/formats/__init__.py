@@ -1,0 +1,109 @@
+"""Files of events: one module a format, found by content first and by extension second.
+
+To add a format, write a module with `Recording` (a subclass of `nvsdata.events.Recording`) and,
+if it can be written, `write(events, path)`, and add its line to `FORMATS`.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from nvsdata.errors import FormatError
+from nvsdata.events import Events, Recording
+from nvsdata.files import atomic
+from nvsdata.formats.records import HEAD
+
+
+@dataclass(frozen=True)
+class Format:
+    """A line of the registry: `magic` tells by content, `sniff` asks the module's `looks_like`."""
+
+    name: str
+    module: str
+    suffixes: tuple[str, ...]
+    magic: tuple[bytes, ...] = ()
+    sniff: bool = False
+
+    def load(self) -> ModuleType:
+        """The module that reads and writes it; imported only now."""
+        return import_module(f"nvsdata.formats.{self.module}")
+
+
+FORMATS = (
+    Format("hdf5", "hdf5", (".h5", ".hdf5"), magic=(b"\x89HDF\r\n\x1a\n",)),
+    Format("prophesee-dat", "prophesee", (".dat",), magic=(b"% ",)),
+    Format("text", "text", (".txt", ".csv", ".text"), sniff=True),
+    Format("atis", "atis", (".bin", ".bs2"), sniff=True),
+)
+
+
+def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = None) -> Recording:
+    """Open a file of events without decoding it.
+
+    `sensor_size` (width, height) overrides what the file says, or says it where the file doesn't.
+    Raises FileNotFoundError, and FormatError for a directory, an empty file of a format that
+    needs a header, or content that no known format explains.
+    """
+    path = os.fspath(path)
+    try:
+        with io.FileIO(path) as file:
+            head = file.read(HEAD) or b""
+    except IsADirectoryError:
+        raise FormatError(path, None, "is a directory, not a recording") from None
+    recording: Recording = _identify(path, head).load().Recording(path, sensor_size, head)
+    return recording
+
+
+def read(
+    path: str | os.PathLike[str],
+    start: int | None = None,
+    stop: int | None = None,
+    *,
+    sensor_size: tuple[int, int] | None = None,
+) -> Events:
+    """Events of a file with start <= t < stop (µs, as in the file); see `open`."""
+    return open(path, sensor_size=sensor_size).read(start, stop)
+
+
+def write(events: Events | Recording, path: str | os.PathLike[str]) -> None:
+    """Write events in the format that the extension of `path` names; the file appears whole or not at all.
+
+    Raises ValueError for an unknown extension, a format that can't be written, and events that
+    the format can't hold (every format but HDF5 and text has such).
+    """
+    suffix = Path(path).suffix.lower()
+    module = next((f.load() for f in FORMATS if suffix in f.suffixes), None)
+    if module is None or not hasattr(module, "write"):
+        known = ", ".join(s for f in FORMATS for s in f.suffixes)
+        raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
+    whole = events if isinstance(events, Events) else events.read()
+    with atomic(path) as temporary:
+        module.write(whole, temporary)
+
+
+def suffixes() -> tuple[str, ...]:
+    """Extensions, lower case with their dot, of all formats that can be opened."""
+    return tuple(s for f in FORMATS for s in f.suffixes)
+
+
+def _identify(path: str, head: bytes) -> Format:
+    for candidate in FORMATS:
+        if head.startswith(candidate.magic or (b"\0never",)):
+            return candidate
+    suffix = os.path.splitext(path)[1].lower()
+    for candidate in FORMATS:
+        if suffix in candidate.suffixes and candidate.sniff:
+            return candidate
+    for candidate in FORMATS:
+        if candidate.sniff and head and candidate.load().looks_like(head, os.path.getsize(path)):
+            return candidate
+    for candidate in FORMATS:
+        if suffix in candidate.suffixes:
+            what = "is empty" if not head else "does not begin as one"
+            raise FormatError(path, 0, f"the extension says {candidate.name}, but the file {what}")
+    raise FormatError(path, 0, "empty file of unknown format" if not head else "unknown format")

@@ -1,0 +1,73 @@
+"""ATIS 40-bit records, `.bin` (N-MNIST, N-Caltech101): no header, five bytes an event.
+
+Byte 0 is x, byte 1 y, bit 7 of byte 2 the polarity, the other 23 bits the time in µs, most
+significant first. A record with y = 240 is no event: it adds 2^13 µs to every later time.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from nvsdata.events import Columns, Events
+from nvsdata.formats.records import BLOCK, Blocks, RecordFile
+from nvsdata.kernels.decode import ATIS_OVERFLOW_Y, atis_blocks, atis_decode, atis_encode
+
+MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
+
+
+class Recording(RecordFile):
+    """An ATIS `.bin` file; it holds no sensor size: by default the one that its events need."""
+
+    format = "atis"
+    record_size = 5
+
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
+        super().__init__(path, sensor_size, head)
+        self._extent: tuple[int, int] | None = self._given_size
+
+    @property
+    def sensor_size(self) -> tuple[int, int]:
+        if self._extent is None:
+            self._blocks = self._index()
+        return self._extent or (1, 1)
+
+    def _index(self) -> Blocks:
+        times, offsets, width, height, _ = atis_blocks(self._raw, BLOCK)
+        self._extent = self._given_size or (max(width, 1), max(height, 1))
+        return Blocks(times, offsets)
+
+    def _decode(self) -> Columns:
+        columns = super()._decode()
+        if self._extent is None:
+            self._extent = (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)
+        return columns
+
+    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
+        width, height = self._given_size or (0, 0)
+        t, x, y, p, bad = atis_decode(self._raw, lo, hi, offset, width, height)
+        return Columns(t, x, y, p), bad
+
+    def anomalies(self) -> dict[str, int]:
+        return {**super().anomalies(), "time overflow records": int(atis_blocks(self._raw, BLOCK)[4])}
+
+
+def looks_like(head: bytes, size: int) -> bool:
+    """Whether a file of `size` bytes that begins so could be one: whole records, times that never fall."""
+    raw = np.frombuffer(head[: 5 * 256], np.uint8)
+    if size % 5 or raw.size < 5 * 16:
+        return False
+    raw = raw[: raw.size - raw.size % 5].reshape(-1, 5).astype(np.int64)
+    t = (raw[:, 2] & 0x7F) << 16 | raw[:, 3] << 8 | raw[:, 4]
+    return bool((np.diff(t) >= 0).all() and t[-1] > t[0] and (raw[:, 1] <= ATIS_OVERFLOW_Y).all())
+
+
+def write(events: Events, path: Path) -> None:
+    """Write ATIS records. ValueError for x > 255, y > 239, t < 0 or t >= 2^33 µs."""
+    if len(events):
+        if events.x.max() > 255 or events.y.max() >= ATIS_OVERFLOW_Y:
+            raise ValueError("ATIS .bin holds x up to 255 and y up to 239 only")
+        if events.t[0] < 0 or events.t[-1] >= MAX_WRITTEN_US:
+            raise ValueError(f"ATIS .bin holds times from 0 to {MAX_WRITTEN_US - 1} µs only")
+    path.write_bytes(atis_encode(events.t, events.x, events.y, events.p).tobytes())

@@ -1,0 +1,93 @@
+"""Prophesee `.dat` (N-CARS): lines beginning with `% `, two bytes, then eight bytes an event.
+
+The header may state Version, Width and Height. A record is a little-endian uint32 time in µs
+(it wraps at 2^32) and a uint32 address: version 2 has x in bits 0-13, y in 14-27, polarity in 28;
+version 1 has x in bits 0-8, y in 9-16, polarity in 17.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from nvsdata.errors import FormatError
+from nvsdata.events import Columns, Events
+from nvsdata.formats.records import BLOCK, Blocks, RecordFile
+from nvsdata.kernels.decode import DAT_WRAP_US, dat_decode
+
+MAX_ADDRESS = 0x3FFF
+
+
+class Recording(RecordFile):
+    """A Prophesee `.dat` file."""
+
+    format = "prophesee-dat"
+    record_size = 8
+
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
+        lines, end = _header(head)
+        if len(head) < end + 2:
+            raise FormatError(path, len(head), "truncated: the header has no event type and size after it")
+        kind, size = head[end], head[end + 1]
+        if kind not in (0x00, 0x0C) or size != 8:
+            raise FormatError(path, end, f"event type {kind:#04x} of {size} bytes is no change-detection event")
+        super().__init__(path, sensor_size, head, header_size=end + 2)
+        numbers = {m[1].lower(): int(m[2]) for line in lines if (m := re.match(r"%\s*(\w+)\s+(\d+)\s*$", line))}
+        self.version = numbers.get("version", 1)
+        stated = (numbers.get("width", 0), numbers.get("height", 0))
+        self._stated = self._given_size or (stated if all(stated) else None)
+        # whatever byte the header ends at, uint32 must begin at a multiple of four
+        self._words = self._raw.view(np.dtype("<u4").newbyteorder("<")).reshape(-1, 2)
+
+    @property
+    def sensor_size(self) -> tuple[int, int]:
+        if self._stated is None:
+            columns = self._decode()
+            extent = (columns.x.max() + 1, columns.y.max() + 1) if columns.t.size else (1, 1)
+            self._stated = (int(extent[0]), int(extent[1]))
+        return self._stated
+
+    def _index(self) -> Blocks:
+        raw = self._words[::BLOCK, 0].astype(np.int64)
+        wraps = np.concatenate(([0], np.cumsum(raw[:-1] - raw[1:] > DAT_WRAP_US // 2)))[: raw.size]
+        offsets = wraps * DAT_WRAP_US
+        return Blocks(raw + offsets, offsets)
+
+    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
+        width, height = self._stated or (0, 0)
+        t, x, y, p, bad = dat_decode(self._words, lo, hi, offset, self.version, width, height)
+        return Columns(t, x, y, p), bad
+
+
+def _header(head: bytes) -> tuple[list[str], int]:
+    """Lines of the header, and the byte after it."""
+    lines: list[str] = []
+    end = 0
+    while head[end : end + 1] == b"%":
+        newline = head.find(b"\n", end)
+        if newline < 0:
+            break
+        lines.append(head[end:newline].decode("latin-1"))
+        end = newline + 1
+    return lines, end
+
+
+def write(events: Events, path: Path) -> None:
+    """Write version 2 records, type 0x0C. ValueError for a pixel beyond 16383 or a time that wraps out of reach.
+
+    The first time must lie in [0, 2^32) µs, and no gap may reach 2^31 µs: only so can a reader
+    unwrap the 32-bit times.
+    """
+    width, height = events.sensor_size
+    t = events.t
+    if max(width, height) > MAX_ADDRESS + 1:
+        raise ValueError("Prophesee .dat holds coordinates up to 16383 only")
+    if t.size and (t[0] < 0 or t[0] >= DAT_WRAP_US or np.diff(t).max(initial=0) >= DAT_WRAP_US // 2):
+        raise ValueError("Prophesee .dat holds a first time below 2^32 µs and gaps below 2^31 µs only")
+    words = np.empty((t.size, 2), "<u4")
+    words[:, 0] = (t % DAT_WRAP_US).astype(np.uint32)
+    words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14 | events.p.astype(np.uint32) << 28
+    header = f"% Data file containing CD events.\n% Version 2\n% Width {width}\n% Height {height}\n"
+    path.write_bytes(header.encode() + b"\x0c\x08" + words.tobytes())

@@ -1,0 +1,107 @@
+"""What formats with records of a fixed size share: an index of blocks, and windows by it."""
+
+from __future__ import annotations
+
+import mmap
+from abc import abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+
+from nvsdata.errors import FormatError
+from nvsdata.events import Columns, Recording, in_order
+
+HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
+BLOCK = 1024  # records between two entries of the index
+
+
+class Blocks(NamedTuple):
+    """Time of every BLOCK-th record and the µs to add to raw times there, both int64 [N / BLOCK]."""
+
+    times: np.ndarray
+    offsets: np.ndarray
+
+
+class RecordFile(Recording):
+    """Fixed-size records after a header, in order of time unless the file is broken."""
+
+    record_size: int
+
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, header_size: int = 0) -> None:
+        super().__init__(path, sensor_size)
+        self.header_size = header_size
+        self._raw = np.frombuffer(bytes_of(path, head), np.uint8)[header_size:]
+        self._blocks: Blocks | None = None
+        torn = self._raw.size % self.record_size
+        if torn:
+            raise FormatError(
+                path,
+                header_size + self._raw.size - torn,
+                f"truncated: {torn} bytes are left over, a record takes {self.record_size}",
+            )
+
+    @property
+    def records(self) -> int:
+        """Number of records in the file."""
+        return int(self._raw.size // self.record_size)
+
+    @abstractmethod
+    def _index(self) -> Blocks:
+        """The index of blocks."""
+
+    @abstractmethod
+    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
+        """Events of records lo..hi, `offset` µs being in force at lo; and the first bad record or -1."""
+
+    def _between(self, lo: int, hi: int, offset: int) -> Columns:
+        columns, bad = self._records(lo, hi, offset)
+        if bad >= 0:
+            width, height = self.sensor_size
+            where = self.header_size + bad * self.record_size
+            raise FormatError(self.path, where, f"coordinates outside the sensor of {width}x{height}")
+        return columns
+
+    def _decode(self) -> Columns:
+        return self._between(0, self.records, 0)
+
+    @property
+    def blocks(self) -> Blocks:
+        """The index, made at its first use."""
+        if self._blocks is None:
+            self._blocks = self._index()
+        return self._blocks
+
+    def _bounds(self) -> tuple[int, int] | None:
+        times, offsets = self.blocks
+        if not self.records:
+            return 0, 0
+        t = self._between((times.size - 1) * BLOCK, self.records, int(offsets[-1])).t
+        if not t.size or (times[1:] < times[:-1]).any() or (t[1:] < t[:-1]).any():
+            return None
+        return int(times[0]), int(t[-1])
+
+    def _window(self, start: int, stop: int) -> Columns | None:
+        """Decode the blocks that the window touches; None if they are not in order of time.
+
+        Disorder further away than the touched blocks shows in the index or not at all.
+        """
+        times, offsets = self.blocks
+        if (times[1:] < times[:-1]).any():
+            return None
+        first = max(int(times.searchsorted(start, "left")) - 1, 0)
+        last = int(times.searchsorted(stop, "left"))
+        lo, hi = first * BLOCK, min(last * BLOCK, self.records)
+        columns = self._between(lo, max(lo, hi), int(offsets[first]) if offsets.size else 0)
+        t = columns.t
+        if in_order(columns) is not columns or (hi < self.records and t.size and t[-1] > times[last]):
+            return None
+        a, b = t.searchsorted(start, "left"), t.searchsorted(stop, "left")
+        return Columns(t[a:b], columns.x[a:b], columns.y[a:b], columns.p[a:b])
+
+
+def bytes_of(path: str, head: bytes) -> bytes | mmap.mmap:
+    """The whole file: `head` if that is all of it, else a memory map."""
+    if len(head) < HEAD:
+        return head
+    with open(path, "rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

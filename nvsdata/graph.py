@@ -1,0 +1,141 @@
+"""Event graphs, alone and in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+import torch
+
+from nvsdata.kernels.graph import pseudo_coordinates
+
+Reach = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Graph:
+    """A directed graph of events (thesis 4.2.1).
+
+    - `x` float32 [N, F]: node features, by default polarity as ±1 (F = 1)
+    - `pos` float32 [N, 2]: pixels (x, y)
+    - `t` int64 [N]: µs since the start of the window
+    - `edge_index` int64 [2, E]: source and target of each edge, grouped by target
+    - `edge_attr` float32 [E, 2]: pseudo-coordinates |dx|, |dy| over `reach`, in [0, 1]
+    - `y`: target, if any
+    - `sensor_size`: (width, height) in pixels
+    - `reach`: pixels along x and y that pseudo-coordinate 1 stands for
+    """
+
+    x: torch.Tensor
+    pos: torch.Tensor
+    t: torch.Tensor
+    edge_index: torch.Tensor
+    edge_attr: torch.Tensor
+    y: Any = None
+    sensor_size: tuple[int, int] | None = None
+    reach: Reach = (3.0, 3.0)
+
+    @property
+    def num_nodes(self) -> int:
+        """Number of nodes N."""
+        return self.x.shape[0]
+
+    @property
+    def num_edges(self) -> int:
+        """Number of edges E."""
+        return self.edge_index.shape[1]
+
+    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> Self:
+        """The same on another device."""
+        return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
+
+    def pin_memory(self) -> Self:
+        """The same in page-locked memory, from which copies to a GPU are fast."""
+        return self._each(lambda tensor: tensor.pin_memory())
+
+    def _each(self, change: Callable[[torch.Tensor], torch.Tensor]) -> Self:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return replace(self, **{k: change(v) for k, v in values.items() if isinstance(v, torch.Tensor)})
+
+    def moved(self, pos: torch.Tensor) -> Self:
+        """The same edges between nodes at `pos` float32 [N, 2]; pseudo-coordinates follow (CPU only)."""
+        return replace(self, pos=pos, edge_attr=pseudo(pos, self.edge_index, self.reach))
+
+    def to_pyg(self) -> Any:
+        """A `torch_geometric.data.Data` (or `Batch`) of the same tensors; needs the extra `pyg`."""
+        try:
+            from torch_geometric.data import Data
+        except ImportError as error:
+            raise ImportError("to_pyg needs PyTorch Geometric: pip install 'nvsdata[pyg]'") from error
+        keys = ("x", "pos", "t", "edge_index", "edge_attr", "y", "batch", "ptr")
+        given = {key: value for key in keys if (value := getattr(self, key, None)) is not None}
+        return Data(**given)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.num_nodes} nodes, {self.num_edges} edges)"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class GraphBatch(Graph):
+    """Graphs side by side in one: nodes concatenated, edges shifted to match.
+
+    The fields of `Graph`, and
+    - `batch` int64 [N]: which graph a node belongs to
+    - `ptr` int64 [B + 1]: graph b owns the nodes ptr[b] to ptr[b + 1]
+    - `volumes`: S, for samples that are sequences of S graphs each (graph b belongs to sample b // S)
+
+    `sensor_size` is the largest among the graphs.
+    """
+
+    batch: torch.Tensor
+    ptr: torch.Tensor
+    volumes: int = 1
+
+    @property
+    def num_graphs(self) -> int:
+        """Number of graphs B."""
+        return self.ptr.numel() - 1
+
+    @classmethod
+    def from_graphs(cls, graphs: Sequence[Graph], *, volumes: int = 1) -> GraphBatch:
+        """Concatenate graphs. ValueError if there are none or their `reach` differs."""
+        if not graphs:
+            raise ValueError("a batch needs at least one graph")
+        if len({graph.reach for graph in graphs}) > 1:
+            raise ValueError(f"graphs of different reach in one batch: {sorted({g.reach for g in graphs})}")
+        counts = torch.tensor([graph.num_nodes for graph in graphs])
+        ptr = torch.zeros(len(graphs) + 1, dtype=torch.int64)
+        torch.cumsum(counts, 0, out=ptr[1:])
+        sizes = [graph.sensor_size for graph in graphs if graph.sensor_size is not None]
+        targets = [graph.y for graph in graphs]
+        return cls(
+            x=torch.cat([graph.x for graph in graphs]),
+            pos=torch.cat([graph.pos for graph in graphs]),
+            t=torch.cat([graph.t for graph in graphs]),
+            edge_index=torch.cat([g.edge_index + first for g, first in zip(graphs, ptr.tolist(), strict=False)], 1),
+            edge_attr=torch.cat([graph.edge_attr for graph in graphs]),
+            y=None if any(y is None for y in targets) else torch.as_tensor(targets),
+            sensor_size=(max(w for w, _ in sizes), max(h for _, h in sizes)) if sizes else None,
+            reach=graphs[0].reach,
+            batch=torch.repeat_interleave(torch.arange(len(graphs)), counts),
+            ptr=ptr,
+            volumes=volumes,
+        )
+
+    @classmethod
+    def of(cls, graph: Graph) -> GraphBatch:
+        """The graph as a batch of one; a batch as it is."""
+        return graph if isinstance(graph, GraphBatch) else cls.from_graphs([graph.to("cpu")]).to(graph.x.device)
+
+    def __repr__(self) -> str:
+        return f"GraphBatch({self.num_graphs} graphs, {self.num_nodes} nodes, {self.num_edges} edges)"
+
+
+def pseudo(pos: torch.Tensor, edge_index: torch.Tensor, reach: Reach) -> torch.Tensor:
+    """Pseudo-coordinates u = (|dx|, |dy|) / reach, at most 1: float32 [E, 2] (thesis 4.2.1)."""
+    if pos.device.type == "cpu":
+        return torch.from_numpy(pseudo_coordinates(pos.numpy(), edge_index.numpy(), np.float32(reach)))
+    offset = (pos[edge_index[0]] - pos[edge_index[1]]).abs()
+    return (offset / offset.new_tensor(reach)).clamp(max=1)

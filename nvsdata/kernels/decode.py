@@ -1,0 +1,157 @@
+"""Bytes to event columns and back, a loop for each wire format.
+
+A decoder returns `(t, x, y, p, bad)`: int64 µs, int16, int16, uint8, and the index of the first
+record whose coordinates lie outside the sensor (-1 if none; a width of 0 means "unknown").
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+ATIS_OVERFLOW_Y = 240
+ATIS_OVERFLOW_US = 1 << 13
+DAT_WRAP_US = 1 << 32
+
+
+@njit(cache=True, nogil=True)
+def atis_blocks(raw, block):
+    """Walk ATIS records once. O(N).
+
+    Returns the unwrapped time of every `block`-th record (int64), the overflow offset in force
+    there (int64), and the extents (width, height, number of overflow markers).
+    """
+    n = raw.size // 5
+    records = raw.reshape(-1, 5)
+    count = (n + block - 1) // block
+    times = np.empty(count, np.int64)
+    offsets = np.zeros(count, np.int64)
+    right = bottom = np.uint8(0)
+    for i in range(n):
+        right = max(right, records[i, 0])
+        bottom = max(bottom, records[i, 1])
+    if bottom < ATIS_OVERFLOW_Y:
+        for b in range(count):
+            times[b] = _atis_time(raw, 5 * block * b)
+        return times, offsets, int(right) + min(n, 1), int(bottom) + min(n, 1), 0
+    offset = np.int64(0)
+    width = height = markers = 0
+    for i in range(n):
+        j = 5 * i
+        y = raw[j + 1]
+        if i % block == 0:
+            times[i // block] = _atis_time(raw, j) + offset
+            offsets[i // block] = offset
+        if y == ATIS_OVERFLOW_Y:
+            offset += ATIS_OVERFLOW_US
+            markers += 1
+        else:
+            width = max(width, int(raw[j]) + 1)
+            height = max(height, int(y) + 1)
+    return times, offsets, width, height, markers
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _atis_time(raw, j):
+    return np.int64(raw[j + 2] & 0x7F) << 16 | np.int64(raw[j + 3]) << 8 | np.int64(raw[j + 4])
+
+
+@njit(cache=True, nogil=True)
+def atis_decode(raw, lo, hi, offset, width, height):
+    """Decode ATIS records lo..hi, `offset` µs of overflow being in force at `lo`. O(hi - lo)."""
+    size = hi - lo
+    t = np.empty(size, np.int64)
+    x = np.empty(size, np.int16)
+    y = np.empty(size, np.int16)
+    p = np.empty(size, np.uint8)
+    records = raw[5 * lo : 5 * hi].reshape(-1, 5)
+    right = width if width > 0 else 256
+    bottom = min(height, ATIS_OVERFLOW_Y) if height > 0 else ATIS_OVERFLOW_Y
+    odd = 0
+    # branch-free for the common file, in which no record is odd
+    for i in range(size):
+        column = records[i, 0]
+        row = records[i, 1]
+        odd += (column >= right) | (row >= bottom)
+        x[i] = column
+        y[i] = row
+        p[i] = records[i, 2] >> 7
+        t[i] = (np.int32(records[i, 2] & 0x7F) << 16 | np.int32(records[i, 3]) << 8 | np.int32(records[i, 4])) + offset
+    if odd == 0:
+        return t, x, y, p, -1
+    kept = 0
+    bad = -1
+    for i in range(size):
+        if y[i] == ATIS_OVERFLOW_Y:
+            offset += ATIS_OVERFLOW_US
+            continue
+        if width > 0 and (x[i] >= right or y[i] >= bottom) and bad < 0:
+            bad = lo + i
+        x[kept], y[kept], p[kept] = x[i], y[i], p[i]
+        t[kept] = _atis_time(raw, 5 * (lo + i)) + offset
+        kept += 1
+    return t[:kept], x[:kept], y[:kept], p[:kept], bad
+
+
+@njit(cache=True, nogil=True)
+def atis_encode(t, x, y, p):
+    """ATIS bytes of sorted events, overflow markers put in as late as they can be. O(N + markers)."""
+    markers = 0
+    if t.size and t[-1] >= 1 << 23:
+        markers = (t[-1] - (1 << 23)) // ATIS_OVERFLOW_US + 1
+    raw = np.empty(5 * (t.size + markers), np.uint8)
+    offset = np.int64(0)
+    j = 0
+    for i in range(t.size):
+        while t[i] - offset >= 1 << 23:
+            raw[j] = 0
+            raw[j + 1] = ATIS_OVERFLOW_Y
+            raw[j + 2 : j + 5] = 0xFF
+            raw[j + 2] = 0x7F
+            offset += ATIS_OVERFLOW_US
+            j += 5
+        rest = t[i] - offset
+        raw[j] = x[i]
+        raw[j + 1] = y[i]
+        raw[j + 2] = p[i] << 7 | rest >> 16
+        raw[j + 3] = rest >> 8 & 0xFF
+        raw[j + 4] = rest & 0xFF
+        j += 5
+    return raw
+
+
+@njit(cache=True, nogil=True)
+def dat_decode(words, lo, hi, offset, version, width, height):
+    """Decode Prophesee .dat records lo..hi. O(hi - lo).
+
+    `words` uint32 [N, 2] (time, address); `offset` µs of wraps in force at `lo`. A step back of
+    more than 2^31 µs is a wrap of the 32-bit counter; a smaller one is disorder and stays.
+    """
+    size = hi - lo
+    t = np.empty(size, np.int64)
+    x = np.empty(size, np.int16)
+    y = np.empty(size, np.int16)
+    p = np.empty(size, np.uint8)
+    bad = -1
+    last = np.int64(words[lo, 0]) if size else np.int64(0)
+    for i in range(lo, hi):
+        k = i - lo
+        time = np.int64(words[i, 0])
+        if last - time > DAT_WRAP_US // 2:
+            offset += DAT_WRAP_US
+        last = time
+        address = words[i, 1]
+        if version >= 2:
+            column = address & 0x3FFF
+            row = address >> 14 & 0x3FFF
+            p[k] = (address >> 28) & 1
+        else:
+            column = address & 0x1FF
+            row = address >> 9 & 0xFF
+            p[k] = address >> 17 & 1
+        if width > 0 and (column >= width or row >= height) and bad < 0:
+            bad = i
+        t[k] = time + offset
+        x[k] = column
+        y[k] = row
+    return t, x, y, p, bad

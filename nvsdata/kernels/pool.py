@@ -1,0 +1,122 @@
+"""Clusters of nodes: the coarse graph, and features pooled over it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def clusters(x, y, ptr, width, height, columns, rows):
+    """Cluster of every node, and where the clusters lie. O(N + B · columns · rows).
+
+    `x`, `y` float [N]; graph b owns nodes ptr[b]..ptr[b + 1]; a cluster is a cell of `width` x
+    `height` pixels; nodes outside the grid belong to its border. Clusters are numbered by graph,
+    row, column.
+
+    Returns `cluster` int64 [N], `position` float32 [M, 2] (floor of the mean, eq. 4.8) and
+    `new_ptr` int64 [B + 1].
+    """
+    graphs = ptr.size - 1
+    cluster = np.empty(x.size, np.int64)
+    slot = np.empty(columns * rows, np.int64)
+    most = min(x.size, graphs * columns * rows)
+    position = np.empty((most, 2), np.float32)
+    new_ptr = np.zeros(graphs + 1, np.int64)
+    sum_x = np.zeros(most, np.float64)
+    sum_y = np.zeros(most, np.float64)
+    members = np.zeros(most, np.int64)
+    m = 0
+    for b in range(graphs):
+        slot[:] = -1
+        for i in range(ptr[b], ptr[b + 1]):
+            column = min(max(int(np.floor(x[i] / width)), 0), columns - 1)
+            row = min(max(int(np.floor(y[i] / height)), 0), rows - 1)
+            cluster[i] = row * columns + column
+            slot[cluster[i]] = 0
+        for cell in range(slot.size):
+            if slot[cell] == 0:
+                slot[cell] = m
+                m += 1
+        for i in range(ptr[b], ptr[b + 1]):
+            c = slot[cluster[i]]
+            cluster[i] = c
+            sum_x[c] += x[i]
+            sum_y[c] += y[i]
+            members[c] += 1
+        new_ptr[b + 1] = m
+    for c in range(m):
+        position[c, 0] = np.floor(sum_x[c] / members[c])
+        position[c, 1] = np.floor(sum_y[c] / members[c])
+    return cluster, position[:m], new_ptr
+
+
+@njit(cache=True, nogil=True)
+def merged_edges(source, target, cluster, count):
+    """Edges between clusters that an edge of their nodes joins, each once, no loops.
+
+    `source`, `target` int64 [E] in any order, `cluster` int64 [N], `count` clusters. Returns
+    int64 [2, E'] sorted by (target, source). O(E + E' log degree).
+    """
+    start = np.zeros(count + 1, np.int64)
+    for e in range(target.size):
+        start[cluster[target[e]] + 1] += 1
+    for c in range(count):
+        start[c + 1] += start[c]
+    fill = start[:-1].copy()
+    arriving = np.empty(source.size, np.int64)
+    for e in range(source.size):
+        c = cluster[target[e]]
+        arriving[fill[c]] = cluster[source[e]]
+        fill[c] += 1
+    mark = np.full(count, -1, np.int64)
+    kept = 0
+    edges = np.empty((2, source.size), np.int64)
+    for c in range(count):
+        mark[c] = c
+        first = kept
+        for k in range(start[c], start[c + 1]):
+            s = arriving[k]
+            if mark[s] != c:
+                mark[s] = c
+                edges[0, kept] = s
+                edges[1, kept] = c
+                kept += 1
+        edges[0, first:kept].sort()
+    return edges[:, :kept]
+
+
+@njit(cache=True, nogil=True)
+def max_rows(features, cluster, count):
+    """Maximum of each channel over each cluster, and the first node that has it. O(N · C).
+
+    Returns float [M, C] and int32 [M, C].
+    """
+    channels = features.shape[1]
+    best = np.empty((count, channels), features.dtype)
+    where = np.full((count, channels), -1, np.int32)
+    seen = np.zeros(count, np.bool_)
+    for i in range(cluster.size):
+        m = cluster[i]
+        if not seen[m]:
+            seen[m] = True
+            for c in range(channels):
+                best[m, c] = features[i, c]
+                where[m, c] = i
+            continue
+        for c in range(channels):
+            if features[i, c] > best[m, c]:
+                best[m, c] = features[i, c]
+                where[m, c] = i
+    return best, where
+
+
+@njit(cache=True, nogil=True)
+def max_rows_back(gradient, where, nodes):
+    """Gradient of `max_rows`: what arrives at a cluster goes to the node that gave the maximum."""
+    channels = gradient.shape[1]
+    out = np.zeros((nodes, channels), gradient.dtype)
+    for m in range(where.shape[0]):
+        for c in range(channels):
+            out[where[m, c], c] += gradient[m, c]
+    return out

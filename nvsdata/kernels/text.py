@@ -1,0 +1,102 @@
+"""Lines of decimal numbers to event columns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+NEWLINE, RETURN, SPACE, TAB, COMMA, MINUS, DOT, HASH = 10, 13, 32, 9, 44, 45, 46, 35
+
+# What can be wrong with a line
+OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE = 0, 1, 2, 3
+
+
+@njit(cache=True, nogil=True)
+def text_decode(raw, start, stop, seconds_first, columns):
+    """Parse lines of four numbers between bytes `start` and `stop`. O(bytes).
+
+    `seconds_first`: the line is `t x y p` with t in seconds (kept exact: digits, not floats,
+    rounded down to the µs); otherwise `x y t p`, all integers, t in µs.
+    `columns`: int64 [4, M] to fill with t, x, y, p, M at least the number of lines.
+    Returns (events, fault code, byte offset of the fault). Empty lines and lines beginning with
+    `#` are skipped.
+    """
+    kept = 0
+    i = start
+    values = np.empty(4, np.int64)
+    while i < stop:
+        line = i
+        if raw[i] == HASH:
+            while i < stop and raw[i] != NEWLINE:
+                i += 1
+            i += 1
+            continue
+        found = 0
+        while i < stop and raw[i] != NEWLINE:
+            c = raw[i]
+            if c == SPACE or c == TAB or c == COMMA or c == RETURN:
+                i += 1
+                continue
+            if found == 4:
+                return kept, BAD_COUNT, line
+            value, i, good = _number(raw, i, stop, seconds_first and found == 0)
+            if not good:
+                return kept, BAD_NUMBER, i
+            values[found] = value
+            found += 1
+        i += 1
+        if found == 0:
+            continue
+        if found != 4:
+            return kept, BAD_COUNT, line
+        if seconds_first:
+            t, x, y = values[0], values[1], values[2]
+        else:
+            t, x, y = values[2], values[0], values[1]
+        if x < 0 or y < 0 or x > 32766 or y > 32766 or values[3] < -1 or values[3] > 1:
+            return kept, OUT_OF_RANGE, line
+        columns[0, kept] = t
+        columns[1, kept] = x
+        columns[2, kept] = y
+        columns[3, kept] = max(values[3], 0)
+        kept += 1
+    return kept, OK, 0
+
+
+@njit(cache=True, nogil=True)
+def _number(raw, i, stop, seconds):
+    """One decimal number at byte i: (value, byte after it, whether it is one).
+
+    With `seconds`, a decimal fraction is allowed and the value is in µs. A whole number may end
+    in `.0`; any other fraction of one is refused, and so is a number beyond int64.
+    """
+    negative = raw[i] == MINUS
+    if negative:
+        i += 1
+    value = np.int64(0)
+    digits = 0
+    while i < stop and 48 <= raw[i] <= 57:
+        digits += 1
+        if digits > 18 and value > (2**63 - 10) // 10:
+            return value, i, False
+        value = value * 10 + (raw[i] - 48)
+        i += 1
+    if digits == 0:
+        return value, i, False
+    decimals = 6 if seconds else 0
+    if seconds and value > (2**63 - 1) // 1_000_000 - 1:
+        return value, i, False
+    if i < stop and raw[i] == DOT:
+        i += 1
+        while i < stop and 48 <= raw[i] <= 57:
+            if decimals > 0:
+                value = value * 10 + (raw[i] - 48)
+                decimals -= 1
+            elif not seconds and raw[i] != 48:
+                return value, i, False
+            i += 1
+    for _ in range(decimals):
+        value *= 10
+    if i < stop and not (raw[i] == SPACE or raw[i] == TAB or raw[i] == COMMA or raw[i] == RETURN or raw[i] == NEWLINE):
+        return value, i, False
+    return (-value if negative else value), i, True

@@ -1,0 +1,52 @@
+"""The model zoo.
+
+`rgcnn(name)` and `gcnn(name)` build the thesis's configurations (section 4.4.2) by dataset name.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nvsdata.models.norm import BatchNorm
+from nvsdata.models.pool import GraphPool
+from nvsdata.models.rgcnn import GCNN, RGCNN
+from nvsdata.models.spline import SplineConv
+
+__all__ = ["CONFIGURATIONS", "GCNN", "RGCNN", "BatchNorm", "GraphPool", "SplineConv", "gcnn", "rgcnn"]
+
+_SMALL: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((2, 2), (4, 4), (7, 7)), "hidden": 128}
+_WIDE: dict[str, Any] = {"channels": (64, 128, 256, 512), "hidden": 1024}
+_DVS128: dict[str, Any] = {**_WIDE, "sensor_size": (128, 128), "clusters": ((4, 4), (6, 6), (20, 20), (32, 32))}
+_DAVIS240: dict[str, Any] = {**_WIDE, "sensor_size": (240, 180), "clusters": ((4, 3), (16, 12), (30, 23), (60, 45))}
+
+CONFIGURATIONS: dict[str, dict[str, Any]] = {
+    "n-mnist": {**_SMALL, "sensor_size": (34, 34), "num_classes": 10},
+    "mnist-dvs": {**_SMALL, "sensor_size": (128, 128), "num_classes": 10},
+    "cifar10-dvs": {**_DVS128, "num_classes": 10},
+    "n-cars": {**_DVS128, "num_classes": 2},
+    "n-caltech101": {**_DAVIS240, "num_classes": 101},
+    "asl-dvs": {**_DAVIS240, "num_classes": 24},
+}
+
+
+def rgcnn(name: str, num_classes: int | None = None) -> RGCNN:
+    """The residual graph CNN of the thesis for a dataset ("n-mnist", "asl-dvs", ...).
+
+    `num_classes` replaces the dataset's own, for other data of the same sensor. ValueError for an
+    unknown name.
+    """
+    return RGCNN(**_configuration(name, num_classes))
+
+
+def gcnn(name: str, num_classes: int | None = None) -> GCNN:
+    """The plain graph CNN for a dataset; see `rgcnn`."""
+    return GCNN(**_configuration(name, num_classes))
+
+
+def _configuration(name: str, num_classes: int | None) -> dict[str, Any]:
+    if name not in CONFIGURATIONS:
+        raise ValueError(f"no configuration {name!r}; there are {', '.join(CONFIGURATIONS)}")
+    chosen = dict(CONFIGURATIONS[name])
+    if num_classes is not None:
+        chosen["num_classes"] = num_classes
+    return chosen

@@ -1,0 +1,139 @@
+"""Graph pooling over square clusters (thesis eqs. 4.8, 4.9)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Literal
+
+import torch
+from torch import nn
+
+from nvsdata.graph import GraphBatch, pseudo
+from nvsdata.kernels import pool as kernel
+
+
+class GraphPool(nn.Module):
+    """One node for each cluster of `cluster` = (width, height) pixels, for a given sensor.
+
+    The new node lies at the floor of the mean position (eq. 4.8); its features are the maximum or
+    the mean of the cluster's (eq. 4.9). Clusters are joined, once and in the same direction, if
+    an edge joins their nodes. Pseudo-coordinates are scaled by the distance that the centres of
+    joined clusters can have: the old reach plus the cluster's side; longer ones count as 1.
+    `t` of a new node is the mean time of its nodes, rounded down.
+    """
+
+    def __init__(
+        self, cluster: tuple[int, int], sensor_size: tuple[int, int], mode: Literal["max", "mean"] = "max"
+    ) -> None:
+        super().__init__()
+        if min(cluster) < 1:
+            raise ValueError(f"cluster must be (width, height) of at least 1 pixel, not {cluster}")
+        if mode not in ("max", "mean"):
+            raise ValueError(f"mode must be 'max' or 'mean', not {mode!r}")
+        self.cluster, self.mode = cluster, mode
+        self.grid = grid_shape(sensor_size, cluster)
+
+    def forward(self, batch: GraphBatch) -> GraphBatch:
+        """Pool a batch; graphs without nodes stay without."""
+        on_cpu = batch.x.device.type == "cpu"
+        structure = _clusters_numba if on_cpu else clusters_torch
+        cluster, pos, ptr, edges = structure(batch, self.cluster, self.grid)
+        count = pos.shape[0]
+        if self.mode == "mean":
+            x = mean_rows(batch.x, cluster, count)
+        elif on_cpu:
+            x = _MaxRows.apply(batch.x, cluster, count)  # type: ignore[no-untyped-call]
+        else:
+            x = max_rows_torch(batch.x, cluster, count)
+        sizes = ptr[1:] - ptr[:-1]
+        graphs = torch.arange(batch.num_graphs, device=ptr.device)
+        reach = (batch.reach[0] + self.cluster[0], batch.reach[1] + self.cluster[1])
+        return replace(
+            batch,
+            x=x,
+            pos=pos,
+            t=_mean_times(batch.t, cluster, count),
+            edge_index=edges,
+            edge_attr=pseudo(pos, edges, reach),
+            reach=reach,
+            batch=torch.repeat_interleave(graphs, sizes),
+            ptr=ptr,
+        )
+
+    def extra_repr(self) -> str:
+        return f"cluster={self.cluster}, mode={self.mode!r}"
+
+
+def grid_shape(sensor_size: tuple[int, int], cluster: tuple[int, int]) -> tuple[int, int]:
+    """Columns and rows of clusters that cover the sensor: the ceilings of section 4.2.3."""
+    return math.ceil(sensor_size[0] / cluster[0]), math.ceil(sensor_size[1] / cluster[1])
+
+
+def cells(pos: torch.Tensor, cluster: tuple[int, int], grid: tuple[int, int]) -> torch.Tensor:
+    """Cell of each node, row * columns + column: int64 [N]; what lies outside counts to the border."""
+    column = (pos[:, 0] / cluster[0]).floor().clamp(0, grid[0] - 1).long()
+    row = (pos[:, 1] / cluster[1]).floor().clamp(0, grid[1] - 1).long()
+    return row * grid[0] + column
+
+
+Structure = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
+
+
+def _clusters_numba(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
+    pos, edges = batch.pos.numpy(), batch.edge_index.numpy()
+    index, new_pos, ptr = kernel.clusters(pos[:, 0], pos[:, 1], batch.ptr.numpy(), *cluster, *grid)
+    new_edges = kernel.merged_edges(edges[0], edges[1], index, new_pos.shape[0])
+    return torch.from_numpy(index), torch.from_numpy(new_pos), torch.from_numpy(ptr), torch.from_numpy(new_edges)
+
+
+def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
+    """Cluster of each node, position of each cluster, new ptr and merged edges, on any device."""
+    total = grid[0] * grid[1]
+    occupied, index = torch.unique(batch.batch * total + cells(batch.pos, cluster, grid), return_inverse=True)
+    count = occupied.numel()
+    # float64: sums of whole pixels must be exact for the floor to be
+    pos = mean_rows(batch.pos.double(), index, count).floor().float()
+    sizes = torch.bincount(occupied // total, minlength=batch.num_graphs)
+    ptr = torch.cat((sizes.new_zeros(1), sizes.cumsum(0)))
+    source, target = index[batch.edge_index]
+    keys = torch.unique((target * count + source)[source != target])
+    return index, pos, ptr, torch.stack((keys % max(count, 1), keys // max(count, 1)))
+
+
+def mean_rows(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+    """Mean of `x` [N, C] over clusters: [M, C]."""
+    members = torch.bincount(cluster, minlength=count).to(x.dtype).unsqueeze(1)
+    return x.new_zeros(count, x.shape[1]).index_add(0, cluster, x) / members
+
+
+def _mean_times(t: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+    sums = t.new_zeros(count).index_add_(0, cluster, t)
+    return torch.div(sums, torch.bincount(cluster, minlength=count), rounding_mode="floor")
+
+
+def max_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+    """Maximum of `x` [N, C] over clusters, on any device; the gradient goes to the first maximal node."""
+    nodes, channels = x.shape
+    where = cluster.unsqueeze(1).expand(nodes, channels)
+    with torch.no_grad():
+        best = x.new_zeros(count, channels).scatter_reduce(0, where, x, "amax", include_self=False)
+        index = torch.arange(nodes, device=x.device).unsqueeze(1).expand(nodes, channels)
+        index = torch.where(x == best[cluster], index, nodes)
+        first = torch.full((count, channels), nodes, device=x.device).scatter_reduce(0, where, index, "amin")
+    return x.gather(0, first)
+
+
+class _MaxRows(torch.autograd.Function):
+    """`max_rows_torch` as a pair of loops."""
+
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+        best, where = kernel.max_rows(x.detach().contiguous().numpy(), cluster.numpy(), count)
+        ctx.where, ctx.nodes = where, x.shape[0]
+        return torch.from_numpy(best)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:  # type: ignore[override]
+        back = kernel.max_rows_back(gradient.contiguous().numpy(), ctx.where, ctx.nodes)
+        return torch.from_numpy(back), None, None

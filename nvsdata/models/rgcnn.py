@@ -1,0 +1,109 @@
+"""Graph CNNs for objects, plain and residual (thesis 4.2.5 and 4.4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from torch import nn
+
+from nvsdata.graph import Graph, GraphBatch
+from nvsdata.models.norm import BatchNorm
+from nvsdata.models.pool import GraphPool, cells
+from nvsdata.models.spline import SplineConv
+
+Size = tuple[int, int]
+
+
+class ConvBlock(nn.Module):
+    """Graph convolution, batch normalisation, ReLU (thesis eqs. 4.6, 4.7)."""
+
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
+        super().__init__()
+        self.conv = SplineConv(in_channels, out_channels, kernel_size)
+        self.norm = BatchNorm(out_channels)
+
+    def forward(self, batch: GraphBatch) -> GraphBatch:
+        """The same graphs with `x` [N, out_channels]."""
+        x = self.norm(self.conv(batch.x, batch.edge_index, batch.edge_attr))
+        return replace(batch, x=torch.relu(x))
+
+
+class ResidualBlock(nn.Module):
+    """Res_g (thesis 4.2.5): a convolution and a shortcut of kernel size 1, each normalised, added, ReLU."""
+
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
+        super().__init__()
+        self.conv = SplineConv(in_channels, out_channels, kernel_size)
+        self.norm = BatchNorm(out_channels)
+        self.shortcut = SplineConv(in_channels, out_channels, 1)
+        self.shortcut_norm = BatchNorm(out_channels)
+
+    def forward(self, batch: GraphBatch) -> GraphBatch:
+        """The same graphs with `x` [N, out_channels]."""
+        graph = (batch.x, batch.edge_index, batch.edge_attr)
+        x = self.norm(self.conv(*graph)) + self.shortcut_norm(self.shortcut(*graph))
+        return replace(batch, x=torch.relu(x))
+
+
+class _GraphCNN(nn.Module):
+    """Conv -> MaxP -> (block -> MaxP) x L -> FC -> FC."""
+
+    block: type[ConvBlock] | type[ResidualBlock]
+
+    def __init__(
+        self,
+        num_classes: int,
+        *,
+        sensor_size: Size = (34, 34),
+        channels: Sequence[int] = (32, 64, 128),
+        clusters: Sequence[Size] = ((2, 2), (4, 4), (7, 7)),
+        hidden: int = 128,
+        kernel_size: int = 5,
+        in_channels: int = 1,
+        dropout: float = 0.5,
+    ) -> None:
+        super().__init__()
+        if len(channels) != len(clusters) or not channels:
+            raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
+        layers: list[nn.Module] = []
+        previous = in_channels
+        for depth, (width, cluster) in enumerate(zip(channels, clusters, strict=True)):
+            block = self.block if depth else ConvBlock
+            layers += [block(previous, width, kernel_size), GraphPool(cluster, sensor_size)]
+            previous = width
+        self.features = nn.Sequential(*layers)
+        last = layers[-1]
+        assert isinstance(last, GraphPool)
+        self.cluster, self.grid = last.cluster, last.grid
+        self.hidden = nn.Linear(self.grid[0] * self.grid[1] * previous, hidden)
+        self.dropout = nn.Dropout(dropout)
+        self.classify = nn.Linear(hidden, num_classes)
+
+    def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
+        """Class scores (logits) [B, num_classes] of a batch of graphs, or of one graph (B = 1)."""
+        batch = self.features(GraphBatch.of(graphs))
+        # a weight for each cell and channel (eq. 4.10); a cell without a node adds nothing
+        total = self.grid[0] * self.grid[1]
+        place = batch.batch * total + cells(batch.pos, self.cluster, self.grid)
+        flat = batch.x.new_zeros(batch.num_graphs * total, batch.x.shape[1]).index_copy(0, place, batch.x)
+        x = torch.relu(self.hidden(flat.view(batch.num_graphs, -1)))
+        scores: torch.Tensor = self.classify(self.dropout(x))
+        return scores
+
+
+class RGCNN(_GraphCNN):
+    """Residual graph CNN (thesis 4.2.5): Conv -> MaxP -> (Res_g -> MaxP) x L -> FC(hidden) -> FC(num_classes).
+
+    `channels` and `clusters` (width, height in pixels) have L + 1 entries, one a pooling layer.
+    Takes `Graph` or `GraphBatch` with `x` [N, in_channels].
+    """
+
+    block = ResidualBlock
+
+
+class GCNN(_GraphCNN):
+    """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block."""
+
+    block = ConvBlock

@@ -1,0 +1,150 @@
+"""B-spline graph convolution (thesis eqs. 4.3-4.6; SplineCNN, Fey et al. 2018)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import nn
+
+from nvsdata.kernels import spline as kernel
+from nvsdata.kernels.graph import is_sorted
+
+
+class SplineConv(nn.Module):
+    """Graph convolution with an open B-spline kernel of degree 1 over two pseudo-coordinates.
+
+        out(i) = 1/|N(i)| Σ_{j in N(i)} Σ_p B_p(u(i, j)) f(j) W_p + b
+
+    N(i) are the sources of the edges that end in i, p runs over the kernel_size² cells and B_p is
+    the product of the two hat functions of the cell. Without neighbours the sum is zero.
+    Activation and batch normalisation are layers of their own.
+
+    `weight` [kernel_size², in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
+    `bias` [out_channels].
+    """
+
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int = 5, *, bias: bool = True) -> None:
+        super().__init__()
+        for name, value in (
+            ("in_channels", in_channels),
+            ("out_channels", out_channels),
+            ("kernel_size", kernel_size),
+        ):
+            if value < 1:
+                raise ValueError(f"{name} must be at least 1, not {value}")
+        self.in_channels, self.out_channels, self.kernel_size = in_channels, out_channels, kernel_size
+        self.weight = nn.Parameter(torch.empty(kernel_size**2, in_channels, out_channels))
+        self.bias = nn.Parameter(torch.empty(out_channels)) if bias else None
+        self.reset_parameters()
+
+    def reset_parameters(self) -> None:
+        """Draw weights uniformly with the variance 1 / in_channels, and set the bias to zero."""
+        bound = math.sqrt(3 / self.in_channels)
+        nn.init.uniform_(self.weight, -bound, bound)
+        if self.bias is not None:
+            nn.init.zeros_(self.bias)
+
+    def forward(self, x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor) -> torch.Tensor:
+        """Convolve `x` [N, in_channels] over `edge_index` int64 [2, E] with `edge_attr` [E, 2] in [0, 1].
+
+        Returns [N, out_channels]. `edge_attr` gets no gradient.
+        """
+        out = spline_conv(x, edge_index, edge_attr, self.weight, self.kernel_size)
+        return out if self.bias is None else out + self.bias
+
+    def extra_repr(self) -> str:
+        return f"{self.in_channels}, {self.out_channels}, kernel_size={self.kernel_size}"
+
+
+def spline_conv(
+    x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor, weight: torch.Tensor, kernel_size: int
+) -> torch.Tensor:
+    """The sum of `SplineConv` without its bias: numba on the CPU, torch on any other device."""
+    if x.device.type == "cpu":
+        out: torch.Tensor = _SplineConv.apply(x, edge_index, edge_attr, weight, kernel_size)  # type: ignore[no-untyped-call]
+        return out
+    return spline_conv_torch(x, edge_index, edge_attr, weight, kernel_size)
+
+
+def spline_conv_torch(
+    x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor, weight: torch.Tensor, kernel_size: int
+) -> torch.Tensor:
+    """The same in plain torch, for any device: aggregate per (node, cell), then one matrix product."""
+    source, target = edge_index
+    nodes, size = x.shape[0], kernel_size
+    v = edge_attr.detach().to(x.dtype).clamp(0, 1) * (size - 1)
+    lower = v.floor().clamp(max=max(size - 2, 0)).long()
+    upper = v - lower
+    degree = torch.zeros(nodes, dtype=x.dtype, device=x.device).index_add_(0, target, torch.ones_like(v[:, 0]))
+    gathered = x[source] / degree[target].unsqueeze(1)
+    sums = x.new_zeros(nodes * size**2, x.shape[1])
+    for a in range(min(size, 2)):
+        for b in range(min(size, 2)):
+            share = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
+            cell = lower[:, 0] + a + size * (lower[:, 1] + b)
+            sums = sums.index_add(0, target * size**2 + cell, share.unsqueeze(1) * gathered)
+    return sums.view(nodes, -1) @ weight.reshape(-1, weight.shape[2])
+
+
+class _SplineConv(torch.autograd.Function):
+    """Aggregate only the (node, cell) pairs that occur, then one matrix product per cell."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        x: torch.Tensor,
+        edge_index: torch.Tensor,
+        edge_attr: torch.Tensor,
+        weight: torch.Tensor,
+        size: int,
+    ) -> torch.Tensor:
+        x, weight = x.contiguous(), weight.contiguous()
+        source, target, u = _by_target(edge_index, edge_attr.to(x.dtype))
+        plan = kernel.spline_plan(source.numpy(), target.numpy(), u.detach().numpy(), size, x.shape[0])
+        starts, row_node, entry_row, entry_source, share = plan
+        sums = x.new_zeros(row_node.size, x.shape[1])
+        kernel.add_shares(sums.numpy(), entry_row, x.detach().numpy(), entry_source, share)
+        products = x.new_empty(row_node.size, weight.shape[2])
+        for cell, (a, b) in _occupied(starts):
+            torch.mm(sums[a:b], weight[cell], out=products[a:b])
+        out = x.new_zeros(x.shape[0], weight.shape[2])
+        kernel.add_rows(out.numpy(), row_node, products.numpy())
+        ctx.save_for_backward(sums, weight)
+        ctx.plan, ctx.nodes = plan, x.shape[0]
+        return out
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:  # type: ignore[override]
+        sums, weight = ctx.saved_tensors
+        starts, row_node, entry_row, entry_source, share = ctx.plan
+        rows = gradient.index_select(0, torch.from_numpy(row_node))
+        to_x, _, _, to_weight, _ = ctx.needs_input_grad
+        d_weight = d_x = None
+        if to_weight:
+            d_weight = torch.zeros_like(weight)
+            for cell, (a, b) in _occupied(starts):
+                torch.mm(sums[a:b].T, rows[a:b], out=d_weight[cell])
+        if to_x:
+            d_sums = torch.empty_like(sums)
+            for cell, (a, b) in _occupied(starts):
+                torch.mm(rows[a:b], weight[cell].T, out=d_sums[a:b])
+            d_x = sums.new_zeros(ctx.nodes, sums.shape[1])
+            kernel.add_shares(d_x.numpy(), entry_source, d_sums.numpy(), entry_row, share)
+        return d_x, None, None, d_weight, None
+
+
+def _by_target(edge_index: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Source, target and pseudo-coordinates, grouped by target."""
+    source, target = edge_index[0].contiguous(), edge_index[1].contiguous()
+    if is_sorted(target.numpy()):
+        return source, target, u.contiguous()
+    order = torch.argsort(target, stable=True)
+    return source[order], target[order], u[order]
+
+
+def _occupied(starts: Any) -> list[tuple[int, tuple[int, int]]]:
+    """Kernel cells that have rows, and the range of their rows."""
+    bounds = starts.tolist()
+    return [(cell, (a, b)) for cell, (a, b) in enumerate(zip(bounds, bounds[1:], strict=False)) if b > a]

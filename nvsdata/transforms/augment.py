@@ -1,0 +1,104 @@
+"""Graph augmentation (thesis 4.4.2): node positions move, edges stay, pseudo-coordinates follow.
+
+Nodes may leave the sensor; pooling counts them to the cells of its border.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from nvsdata.graph import Graph
+from nvsdata.transforms.checks import not_negative, positive, probability, uniform
+
+
+@dataclass(frozen=True)
+class RandomScale:
+    """Scale positions about the sensor's centre by a factor from [low, high)."""
+
+    low: float = 0.95
+    high: float = 1.0
+
+    def __post_init__(self) -> None:
+        positive("low", self.low)
+        positive("high", self.high)
+        if self.high < self.low:
+            raise ValueError(f"high must be at least low, not {self.high} < {self.low}")
+
+    def __call__(self, graph: Graph) -> Graph:
+        return scale(graph, uniform(self.low, self.high))
+
+
+@dataclass(frozen=True)
+class RandomFlip:
+    """Mirror along `axis` (0: left and right, 1: top and bottom) with probability `p`."""
+
+    axis: int = 0
+    p: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.axis not in (0, 1):
+            raise ValueError(f"axis must be 0 or 1, not {self.axis}")
+        probability("p", self.p)
+
+    def __call__(self, graph: Graph) -> Graph:
+        return flip(graph, self.axis) if uniform(0, 1) < self.p else graph
+
+
+@dataclass(frozen=True)
+class RandomRotate:
+    """Rotate about the sensor's centre by an angle from [-degrees, degrees)."""
+
+    degrees: float = 10.0
+
+    def __post_init__(self) -> None:
+        not_negative("degrees", self.degrees)
+
+    def __call__(self, graph: Graph) -> Graph:
+        return rotate(graph, uniform(-self.degrees, self.degrees))
+
+
+@dataclass(frozen=True)
+class RandomShift:
+    """Shift by up to `pixels` along each axis, either way."""
+
+    pixels: float = 2.0
+
+    def __post_init__(self) -> None:
+        not_negative("pixels", self.pixels)
+
+    def __call__(self, graph: Graph) -> Graph:
+        return shift(graph, uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels))
+
+
+def scale(graph: Graph, factor: float) -> Graph:
+    """Multiply distances from the sensor's centre by `factor`."""
+    centre = _centre(graph)
+    return graph.moved((graph.pos - centre) * factor + centre)
+
+
+def flip(graph: Graph, axis: int) -> Graph:
+    """Mirror positions along `axis`: x to width - 1 - x, or y to height - 1 - y."""
+    pos = graph.pos.clone()
+    pos[:, axis] = 2 * _centre(graph)[axis] - pos[:, axis]
+    return graph.moved(pos)
+
+
+def rotate(graph: Graph, degrees: float) -> Graph:
+    """Rotate by `degrees` about the sensor's centre, from the x axis towards the y axis (clockwise as seen)."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    centre = _centre(graph)
+    return graph.moved((graph.pos - centre) @ torch.tensor([[c, s], [-s, c]]) + centre)
+
+
+def shift(graph: Graph, dx: float, dy: float) -> Graph:
+    """Move every node by (dx, dy) pixels."""
+    return graph.moved(graph.pos + torch.tensor([dx, dy]))
+
+
+def _centre(graph: Graph) -> torch.Tensor:
+    if graph.sensor_size is None:
+        raise ValueError("the graph states no sensor_size, so it has no centre to turn about")
+    return torch.tensor([(side - 1) / 2 for side in graph.sensor_size])

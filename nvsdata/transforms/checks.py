@@ -1,0 +1,35 @@
+"""Checks of settings, and the draws that random transforms make."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+
+def positive(name: str, value: float) -> None:
+    """ValueError unless value > 0 and finite."""
+    if not (value > 0 and math.isfinite(value)):
+        raise ValueError(f"{name} must be positive, not {value}")
+
+
+def not_negative(name: str, value: float) -> None:
+    """ValueError unless value >= 0 and finite."""
+    if not (value >= 0 and math.isfinite(value)):
+        raise ValueError(f"{name} must not be negative, not {value}")
+
+
+def probability(name: str, value: float) -> None:
+    """ValueError unless 0 <= value <= 1."""
+    if not 0 <= value <= 1:
+        raise ValueError(f"{name} must lie between 0 and 1, not {value}")
+
+
+def uniform(low: float, high: float) -> float:
+    """A number in [low, high) from torch's generator."""
+    return low + (high - low) * torch.rand(()).item()
+
+
+def below(bound: int) -> int:
+    """An integer in [0, bound) from torch's generator."""
+    return int(torch.randint(bound, ()).item())

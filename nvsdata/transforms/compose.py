@@ -1,0 +1,27 @@
+"""Transforms in a row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, repr=False)
+class Compose:
+    """Call the transforms one after the other."""
+
+    transforms: Sequence[Callable[[Any], Any]]
+
+    def __post_init__(self) -> None:
+        for transform in self.transforms:
+            if not callable(transform):
+                raise TypeError(f"a transform must be callable, not {transform!r}")
+
+    def __call__(self, sample: Any) -> Any:
+        for transform in self.transforms:
+            sample = transform(sample)
+        return sample
+
+    def __repr__(self) -> str:
+        return f"Compose([{', '.join(map(repr, self.transforms))}])"
