@@ -18,10 +18,18 @@ def stratified(targets: Sequence[int], test: float = 0.2, seed: int = 0) -> tupl
     # PCG64 with its raw draws: the stream is fixed by definition, not by numpy's version
     draws = np.random.PCG64(seed).random_raw(len(targets))
     labels = np.asarray(targets)
-    held: list[int] = []
-    for label in np.unique(labels):
-        members = np.flatnonzero(labels == label)
-        order = members[np.argsort(draws[members], kind="stable")]
-        held += order[: round(test * len(members))].tolist()
-    chosen = set(held)
-    return [i for i in range(len(targets)) if i not in chosen], sorted(held)
+    names, counts = np.unique(labels, return_counts=True)
+    held = np.zeros(len(labels), bool)
+    for name, share in zip(names, _shares(counts, test), strict=True):
+        members = np.flatnonzero(labels == name)
+        held[members[np.argsort(draws[members], kind="stable")][:share]] = True
+    return np.flatnonzero(~held).tolist(), np.flatnonzero(held).tolist()
+
+
+def _shares(counts: np.ndarray, test: float) -> np.ndarray:
+    """How many of each class to hold back: largest remainders, so that the sum is right too."""
+    exact = counts * test
+    shares = np.floor(exact).astype(int)
+    missing = round(counts.sum() * test) - shares.sum()
+    shares[np.argsort(shares - exact, kind="stable")[:missing]] += 1
+    return shares

@@ -23,41 +23,47 @@ def radius_edges(t, x, y, radius, alpha, beta, max_degree):
     if beta > 0 and np.sqrt(limit / beta) < 4e18:
         reach_t = np.int64(np.sqrt(limit / beta)) + 1
     x0, y0, across, down, cell = _cells(x, y, radius, alpha)
+    # unsigned indices spare numba's test for negative ones in the inner loops
+    column, row = x.astype(np.int32), y.astype(np.int32)
     degree = np.zeros(n, np.int64)
     source = np.empty((n, max_degree), np.int32)
     worst = np.empty(n, np.int64)
     limits = np.empty(n, np.float64)
-    near = np.empty(n, np.int64)
+    near = np.empty(n, np.int32)
     sweep = _pairs_in_time(t, reach_t) <= SWEEP * n
     # in a busy scene events are hashed into cells of the spatial reach; within a cell they form a
     # list from the latest back, so that the search stops at the first event that is too old
     head = np.full(0 if sweep else (down + 2) * (across + 2), -1, np.int64)
     previous = np.empty(0 if sweep else n, np.int64)
-    first = 0
-    for i in range(n):
-        count = 0
-        xi, yi = np.int64(x[i]), np.int64(y[i])
+    first = np.uint64(0)
+    for i in range(np.uint64(n)):
+        count = np.uint64(0)
         if sweep:
             while t[i] - t[first] > reach_t:
-                first += 1
+                first += np.uint64(1)
+            left, top = column[i] - np.int32(cell), row[i] - np.int32(cell)
             for j in range(first, i):
                 near[count] = j
                 # no branch: which events are near is beyond any predictor
-                count += (abs(xi - x[j]) <= cell) & (abs(yi - y[j]) <= cell)
+                count += np.uint64(
+                    (np.uint32(column[j] - left) <= np.uint32(2 * cell))
+                    & (np.uint32(row[j] - top) <= np.uint32(2 * cell))
+                )
         else:
-            home = ((yi - y0) // cell + 1) * (across + 2) + (xi - x0) // cell + 1
-            for row in range(-1, 2):
-                for column in range(-1, 2):
-                    j = head[home + row * (across + 2) + column]
-                    while j >= 0 and t[i] - t[j] <= reach_t:
-                        near[count] = j
-                        count += 1
-                        j = previous[j]
+            home = ((row[i] - y0) // cell + 1) * (across + 2) + (column[i] - x0) // cell + 1
+            for below in range(-1, 2):
+                for right in range(-1, 2):
+                    k = head[home + below * (across + 2) + right]
+                    while k >= 0 and t[i] - t[k] <= reach_t:
+                        near[count] = k
+                        count += np.uint64(1)
+                        k = previous[k]
             previous[i] = head[home]
             head[home] = i
         for c in range(count):
-            j = near[c]
-            dx, dy, dt = np.float64(xi - x[j]), np.float64(yi - y[j]), np.float64(t[i] - t[j])
+            j = np.uint64(near[c])
+            dx, dy = np.float64(column[i] - column[j]), np.float64(row[i] - row[j])
+            dt = np.float64(t[i] - t[j])
             d = alpha * (dx * dx + dy * dy) + beta * (dt * dt)
             if d > limit:
                 continue
@@ -65,7 +71,7 @@ def radius_edges(t, x, y, radius, alpha, beta, max_degree):
             for _ in range(2):
                 have = degree[target]
                 if have < max_degree:
-                    source[target, have] = other
+                    source[target, np.uint64(have)] = other
                     degree[target] = have + 1
                 elif d < limits[target] or (d == limits[target] and other < source[target, worst[target]]):
                     source[target, worst[target]] = other
@@ -125,16 +131,17 @@ def _furthest(t, x, y, target, source, alpha, beta):
 def _by_target(degree, source):
     """Lists of sources to sorted edges; insertion sort, for lists are short and nearly sorted."""
     edges = np.empty((2, degree.sum()), np.int64)
-    e = 0
-    for i in range(degree.size):
-        for k in range(degree[i]):
-            j = source[i, k]
-            at = e + k
-            while at > e and edges[0, at - 1] > j:
-                edges[0, at] = edges[0, at - 1]
-                at -= 1
+    one = np.uint64(1)
+    e = np.uint64(0)
+    for i in range(np.uint64(degree.size)):
+        first = e
+        for k in range(np.uint64(degree[i])):
+            j = np.int64(source[i, k])
+            at = e
+            while at > first and edges[0, at - one] > j:
+                edges[0, at] = edges[0, at - one]
+                at -= one
             edges[0, at] = j
-        for k in range(degree[i]):
-            edges[1, e + k] = i
-        e += degree[i]
+            edges[1, e] = i
+            e += one
     return edges

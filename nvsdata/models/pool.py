@@ -9,7 +9,7 @@ from typing import Any, Literal
 import torch
 from torch import nn
 
-from nvsdata.graph import GraphBatch, pseudo
+from nvsdata.graph import GraphBatch, Reach, pseudo
 from nvsdata.kernels import pool as kernel
 
 
@@ -48,7 +48,7 @@ class GraphPool(nn.Module):
             x = max_rows_torch(batch.x, cluster, count)
         sizes = ptr[1:] - ptr[:-1]
         graphs = torch.arange(batch.num_graphs, device=ptr.device)
-        reach = (batch.reach[0] + self.cluster[0], batch.reach[1] + self.cluster[1])
+        reach = coarse_reach(batch.reach, self.cluster)
         return replace(
             batch,
             x=x,
@@ -68,6 +68,10 @@ class GraphPool(nn.Module):
 def grid_shape(sensor_size: tuple[int, int], cluster: tuple[int, int]) -> tuple[int, int]:
     """Columns and rows of clusters that cover the sensor: the ceilings of section 4.2.3."""
     return math.ceil(sensor_size[0] / cluster[0]), math.ceil(sensor_size[1] / cluster[1])
+
+
+def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
+    return reach[0] + cluster[0], reach[1] + cluster[1]
 
 
 def cells(pos: torch.Tensor, cluster: tuple[int, int], grid: tuple[int, int]) -> torch.Tensor:

@@ -15,17 +15,26 @@ from nvsdata.kernels.graph import is_sorted
 class SplineConv(nn.Module):
     """Graph convolution with an open B-spline kernel of degree 1 over two pseudo-coordinates.
 
-        out(i) = 1/|N(i)| Σ_{j in N(i)} Σ_p B_p(u(i, j)) f(j) W_p + b
+        out(i) = 1/|N(i)| Σ_{j in N(i)} Σ_p B_p(u(i, j)) f(j) W_p + b  (+ f(i) W_root)
 
     N(i) are the sources of the edges that end in i, p runs over the kernel_size² cells and B_p is
-    the product of the two hat functions of the cell. Without neighbours the sum is zero.
+    the product of the two hat functions of the cell. Without neighbours the sum is zero. The text
+    has no W_root; with `root_weight` a node adds its own features too, as SplineCNN does.
     Activation and batch normalisation are layers of their own.
 
     `weight` [kernel_size², in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
-    `bias` [out_channels].
+    `root` [in_channels, out_channels], `bias` [out_channels].
     """
 
-    def __init__(self, in_channels: int, out_channels: int, kernel_size: int = 5, *, bias: bool = True) -> None:
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        kernel_size: int = 5,
+        *,
+        root_weight: bool = False,
+        bias: bool = True,
+    ) -> None:
         super().__init__()
         for name, value in (
             ("in_channels", in_channels),
@@ -36,6 +45,7 @@ class SplineConv(nn.Module):
                 raise ValueError(f"{name} must be at least 1, not {value}")
         self.in_channels, self.out_channels, self.kernel_size = in_channels, out_channels, kernel_size
         self.weight = nn.Parameter(torch.empty(kernel_size**2, in_channels, out_channels))
+        self.root = nn.Parameter(torch.empty(in_channels, out_channels)) if root_weight else None
         self.bias = nn.Parameter(torch.empty(out_channels)) if bias else None
         self.reset_parameters()
 
@@ -43,6 +53,8 @@ class SplineConv(nn.Module):
         """Draw weights uniformly with the variance 1 / in_channels, and set the bias to zero."""
         bound = math.sqrt(3 / self.in_channels)
         nn.init.uniform_(self.weight, -bound, bound)
+        if self.root is not None:
+            nn.init.uniform_(self.root, -bound, bound)
         if self.bias is not None:
             nn.init.zeros_(self.bias)
 
@@ -52,6 +64,8 @@ class SplineConv(nn.Module):
         Returns [N, out_channels]. `edge_attr` gets no gradient.
         """
         out = spline_conv(x, edge_index, edge_attr, self.weight, self.kernel_size)
+        if self.root is not None:
+            out = out + x @ self.root
         return out if self.bias is None else out + self.bias
 
     def extra_repr(self) -> str:

@@ -1,0 +1,7 @@
+"""`python -m nvsdata`."""
+
+import sys
+
+from nvsdata.cli import main
+
+sys.exit(main())

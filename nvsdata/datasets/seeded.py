@@ -1,0 +1,69 @@
+"""Samples whose randomness depends on the seed, the epoch and the index, and on nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import torch
+from torch.utils.data import Dataset, Sampler
+
+
+class Key(NamedTuple):
+    """What `SeededBatches` yields and `SeededDataset` takes: sample `index` of pass `epoch`."""
+
+    epoch: int
+    index: int
+
+
+class SeededDataset(Dataset[Any]):
+    """A dataset that seeds torch's generator before each sample.
+
+    With it, the number of workers and the point at which a run was resumed make no difference to
+    the samples. Index it by `Key`.
+    """
+
+    def __init__(self, dataset: Any, seed: int = 0) -> None:
+        self.dataset, self.seed = dataset, seed
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, key: Key) -> Any:
+        epoch, index = key
+        # odd constants keep (seed, epoch, index) from meeting in one number
+        mixed = (self.seed * 0x9E3779B97F4A7C15 + epoch * 0xBF58476D1CE4E5B9 + index * 0x94D049BB133111EB) % 2**63
+        with torch.random.fork_rng(devices=[]):
+            torch.random.default_generator.manual_seed(mixed)
+            return self.dataset[index]
+
+
+class SeededBatches(Sampler[list[Key]]):
+    """Batches of keys for the epochs first..last (excluded), one after the other: a `batch_sampler`.
+
+    `size` is the number of samples; with `shuffle`, each epoch has its own order, drawn from
+    `seed`. The last batch of an epoch may be smaller. As epochs follow without a break, workers
+    fetch the next one while this one ends.
+    """
+
+    def __init__(
+        self, size: int, batch_size: int, *, first: int = 0, last: int = 1, shuffle: bool = False, seed: int = 0
+    ) -> None:
+        self.size, self.batch_size = size, batch_size
+        self.first, self.last = first, last
+        self.shuffle, self.seed = shuffle, seed
+
+    @property
+    def batches(self) -> int:
+        """Batches an epoch."""
+        return -(-self.size // self.batch_size)
+
+    def __len__(self) -> int:
+        return self.batches * (self.last - self.first)
+
+    def __iter__(self) -> Iterator[list[Key]]:
+        for epoch in range(self.first, self.last):
+            generator = torch.Generator().manual_seed(self.seed * 1_000_003 + epoch)
+            order = torch.randperm(self.size, generator=generator) if self.shuffle else torch.arange(self.size)
+            for batch in order.split(self.batch_size):
+                yield [Key(epoch, index) for index in batch.tolist()]

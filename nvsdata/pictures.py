@@ -1,0 +1,79 @@
+"""Pictures of events and of curves, drawn with OpenCV."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from nvsdata.events import Events
+from nvsdata.files import atomic
+
+ON, OFF, BOTH = (60, 60, 220), (220, 120, 40), (150, 60, 150)  # BGR
+INK, FAINT = (60, 60, 60), (225, 225, 225)
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def event_image(events: Events, zoom: int = 1) -> np.ndarray:
+    """Events on white: pixels that saw ON red, OFF blue, both purple; uint8 [H * zoom, W * zoom, 3], BGR."""
+    width, height = events.sensor_size
+    picture = np.full((height, width, 3), 255, np.uint8)
+    seen = np.zeros((2, height, width), bool)
+    seen[events.p, events.y, events.x] = True
+    picture[seen[1]], picture[seen[0]], picture[seen[0] & seen[1]] = ON, OFF, BOTH
+    return picture.repeat(zoom, 0).repeat(zoom, 1)
+
+
+def contact_sheet(rows: Sequence[tuple[str, Sequence[np.ndarray]]], gap: int = 8, margin: int = 90) -> np.ndarray:
+    """Images of one size in rows, each row with its name on the left; uint8 [H, W, 3]."""
+    height, width = rows[0][1][0].shape[:2]
+    columns = max(len(images) for _, images in rows)
+    sheet = np.full((gap + len(rows) * (height + gap), margin + columns * (width + gap), 3), 240, np.uint8)
+    for r, (name, images) in enumerate(rows):
+        top = gap + r * (height + gap)
+        cv2.putText(sheet, name, (8, top + height // 2 + 4), FONT, 0.45, INK, 1, cv2.LINE_AA)
+        for c, image in enumerate(images):
+            left = margin + c * (width + gap)
+            sheet[top : top + height, left : left + width] = image
+    return sheet
+
+
+def curves(
+    lines: Sequence[tuple[str, Sequence[float]]], title: str, xlabel: str, size: tuple[int, int] = (720, 420)
+) -> np.ndarray:
+    """Values between 0 and 1 against 1, 2, 3...: uint8 [H, W, 3], BGR."""
+    width, height = size
+    left, right, top, bottom = 60, 24, 44, 52
+    picture = np.full((height, width, 3), 255, np.uint8)
+    longest = max(max(len(values) for _, values in lines), 2)
+
+    def place(i: float, value: float) -> tuple[int, int]:
+        x = left + (width - left - right) * i / (longest - 1)
+        return round(x), round(height - bottom - (height - top - bottom) * value)
+
+    for tick in range(0, 11, 2):
+        x, y = place(0, tick / 10)
+        cv2.line(picture, (x, y), (width - right, y), FAINT, 1)
+        cv2.putText(picture, f"{tick / 10:.1f}", (18, y + 5), FONT, 0.45, INK, 1, cv2.LINE_AA)
+    for i in sorted({0, (longest - 1) // 2, longest - 1}):
+        x, y = place(i, 0)
+        cv2.putText(picture, str(i + 1), (x - 6, y + 20), FONT, 0.45, INK, 1, cv2.LINE_AA)
+    cv2.putText(picture, title, (left, 26), FONT, 0.55, INK, 1, cv2.LINE_AA)
+    cv2.putText(picture, xlabel, (width // 2 - 24, height - 10), FONT, 0.45, INK, 1, cv2.LINE_AA)
+    for (name, values), colour, row in zip(lines, (OFF, ON, BOTH), range(3), strict=False):
+        points = np.array([place(i, v) for i, v in enumerate(values)], np.int32)
+        cv2.polylines(picture, [points], False, colour, 2, cv2.LINE_AA)
+        y = height - bottom - 16 - 20 * row
+        cv2.line(picture, (width - 190, y - 4), (width - 165, y - 4), colour, 2, cv2.LINE_AA)
+        cv2.putText(picture, name, (width - 158, y), FONT, 0.45, INK, 1, cv2.LINE_AA)
+    return picture
+
+
+def save(picture: np.ndarray, path: Path) -> None:
+    """Write a PNG, whole or not at all."""
+    encoded = cv2.imencode(".png", picture)[1]
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        file.write(io.BytesIO(encoded.tobytes()).getbuffer())
