@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import BLOCK, Blocks, RecordFile
+from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.kernels.decode import ATIS_OVERFLOW_Y, atis_blocks, atis_decode, atis_encode
 
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
@@ -22,6 +22,7 @@ class Recording(RecordFile):
 
     format = "atis"
     record_size = 5
+    block = 256
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
         super().__init__(path, sensor_size, head)
@@ -34,7 +35,7 @@ class Recording(RecordFile):
         return self._extent or (1, 1)
 
     def _index(self) -> Blocks:
-        times, offsets, width, height, _ = atis_blocks(self._raw, BLOCK)
+        times, offsets, width, height, _ = atis_blocks(self._raw, self.block)
         self._extent = self._given_size or (max(width, 1), max(height, 1))
         return Blocks(times, offsets)
 
@@ -50,7 +51,7 @@ class Recording(RecordFile):
         return Columns(t, x, y, p), bad
 
     def anomalies(self) -> dict[str, int]:
-        return {**super().anomalies(), "time overflow records": int(atis_blocks(self._raw, BLOCK)[4])}
+        return {**super().anomalies(), "time overflow records": int(atis_blocks(self._raw, self.block)[4])}
 
 
 def looks_like(head: bytes, size: int) -> bool:

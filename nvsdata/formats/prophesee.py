@@ -14,7 +14,7 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import BLOCK, Blocks, RecordFile
+from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.kernels.decode import DAT_WRAP_US, dat_decode
 
 MAX_ADDRESS = 0x3FFF
@@ -25,6 +25,7 @@ class Recording(RecordFile):
 
     format = "prophesee-dat"
     record_size = 8
+    block = 4096
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
         lines, end = _header(head)
@@ -50,7 +51,7 @@ class Recording(RecordFile):
         return self._stated
 
     def _index(self) -> Blocks:
-        raw = self._words[::BLOCK, 0].astype(np.int64)
+        raw = self._words[::self.block, 0].astype(np.int64)
         wraps = np.concatenate(([0], np.cumsum(raw[:-1] - raw[1:] > DAT_WRAP_US // 2)))[: raw.size]
         offsets = wraps * DAT_WRAP_US
         return Blocks(raw + offsets, offsets)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mmap
 from abc import abstractmethod
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -12,11 +12,10 @@ from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Recording, in_order
 
 HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
-BLOCK = 1024  # records between two entries of the index
 
 
 class Blocks(NamedTuple):
-    """Time of every BLOCK-th record and the µs to add to raw times there, both int64 [N / BLOCK]."""
+    """Time of every block's first record and the µs to add to raw times there, both int64."""
 
     times: np.ndarray
     offsets: np.ndarray
@@ -25,7 +24,8 @@ class Blocks(NamedTuple):
 class RecordFile(Recording):
     """Fixed-size records after a header, in order of time unless the file is broken."""
 
-    record_size: int
+    record_size: ClassVar[int]
+    block: ClassVar[int]  # records between two entries of the index
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, header_size: int = 0) -> None:
         super().__init__(path, sensor_size)
@@ -75,22 +75,22 @@ class RecordFile(Recording):
         times, offsets = self.blocks
         if not self.records:
             return 0, 0
-        t = self._between((times.size - 1) * BLOCK, self.records, int(offsets[-1])).t
+        t = self._between((times.size - 1) * self.block, self.records, int(offsets[-1])).t
         if not t.size or (times[1:] < times[:-1]).any() or (t[1:] < t[:-1]).any():
             return None
         return int(times[0]), int(t[-1])
 
     def _window(self, start: int, stop: int) -> Columns | None:
-        """Decode the blocks that the window touches; None if they are not in order of time.
+        """Decode the blocks that the window touches and one more on each side; None if they are in disorder.
 
-        Disorder further away than the touched blocks shows in the index or not at all.
+        Events that strayed further than a block show in the index, or only when the whole is read.
         """
         times, offsets = self.blocks
         if (times[1:] < times[:-1]).any():
             return None
-        first = max(int(times.searchsorted(start, "left")) - 1, 0)
-        last = int(times.searchsorted(stop, "left"))
-        lo, hi = first * BLOCK, min(last * BLOCK, self.records)
+        first = max(int(times.searchsorted(start, "left")) - 2, 0)
+        last = int(times.searchsorted(stop, "left")) + 1
+        lo, hi = first * self.block, min(last * self.block, self.records)
         columns = self._between(lo, max(lo, hi), int(offsets[first]) if offsets.size else 0)
         t = columns.t
         if in_order(columns) is not columns or (hi < self.records and t.size and t[-1] > times[last]):

@@ -50,8 +50,11 @@ class SplineConv(nn.Module):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        """Draw weights uniformly with the variance 1 / in_channels, and set the bias to zero."""
-        bound = math.sqrt(3 / self.in_channels)
+        """Draw weights uniformly from ±1 / sqrt(fan-in), and set the bias to zero.
+
+        Small weights under batch normalisation let Adam turn them quickly.
+        """
+        bound = 1 / math.sqrt(self.kernel_size**2 * self.in_channels)
         nn.init.uniform_(self.weight, -bound, bound)
         if self.root is not None:
             nn.init.uniform_(self.root, -bound, bound)
