@@ -10,11 +10,13 @@ SWEEP = 48  # mean number of events within reach in time up to which no cells ar
 
 
 @njit(cache=True, nogil=True)
-def radius_edges(t, x, y, radius, alpha, beta, max_degree):
+def radius_edges(t, x, y, radius, alpha, beta, max_degree, sweep_below=SWEEP):
     """Edges of the radius graph: int64 [2, E], rows source and target, sorted by (target, source).
 
     Events i != j are joined if alpha (dx² + dy²) + beta dt² <= radius². A target keeps its
-    `max_degree` nearest sources by (distance, index). `t` must not decrease.
+    `max_degree` nearest sources by (distance, index). `t` must not decrease. Where fewer than
+    `sweep_below` events, on average, are within reach in time, all of them are looked at;
+    otherwise only those in the cells around.
     O(N · events within reach of one) time, O(N · max_degree) memory.
     """
     n = t.size
@@ -30,7 +32,7 @@ def radius_edges(t, x, y, radius, alpha, beta, max_degree):
     worst = np.empty(n, np.int64)
     limits = np.empty(n, np.float64)
     near = np.empty(n, np.int32)
-    sweep = _pairs_in_time(t, reach_t) <= SWEEP * n
+    sweep = _pairs_in_time(t, reach_t) <= sweep_below * n
     # in a busy scene events are hashed into cells of the spatial reach; within a cell they form a
     # list from the latest back, so that the search stops at the first event that is too old
     head = np.full(0 if sweep else (down + 2) * (across + 2), -1, np.int64)

@@ -12,6 +12,10 @@ from nvsdata.kernels import spline as kernel
 from nvsdata.kernels.graph import is_sorted
 
 
+# up to so many (cell, channel) pairs it is cheaper to aggregate all than to find which occur
+DENSE = 128
+
+
 class SplineConv(nn.Module):
     """Graph convolution with an open B-spline kernel of degree 1 over two pseudo-coordinates.
 
@@ -80,7 +84,10 @@ def spline_conv(
 ) -> torch.Tensor:
     """The sum of `SplineConv` without its bias: numba on the CPU, torch on any other device."""
     if x.device.type == "cpu":
-        out: torch.Tensor = _SplineConv.apply(x, edge_index, edge_attr, weight, kernel_size)  # type: ignore[no-untyped-call]
+        dense = kernel_size == 1 or kernel_size**2 * x.shape[1] <= DENSE
+        function = _DenseSplineConv if dense else _SparseSplineConv
+        u = edge_attr.detach().to(x.dtype).contiguous()
+        out: torch.Tensor = function.apply(x, edge_index, u, weight, kernel_size)  # type: ignore[no-untyped-call]
         return out
     return spline_conv_torch(x, edge_index, edge_attr, weight, kernel_size)
 
@@ -102,32 +109,60 @@ def spline_conv_torch(
             share = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
             cell = lower[:, 0] + a + size * (lower[:, 1] + b)
             sums = sums.index_add(0, target * size**2 + cell, share.unsqueeze(1) * gathered)
-    return sums.view(nodes, -1) @ weight.reshape(-1, weight.shape[2])
+    return sums.view(nodes, size**2 * x.shape[1]) @ weight.reshape(-1, weight.shape[2])
 
 
-class _SplineConv(torch.autograd.Function):
+class _DenseSplineConv(torch.autograd.Function):
+    """Aggregate into every cell of every node, then one matrix product: for few channels or cells."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor, weight: torch.Tensor, size: int
+    ) -> torch.Tensor:
+        x = x.contiguous()
+        source, target = edge_index.contiguous().numpy()
+        shares = kernel.spline_shares(source, target, u.numpy(), size, x.shape[0])
+        row, of, share = shares
+        sums = x.new_zeros(x.shape[0] * size**2, x.shape[1])
+        kernel.add_shares(sums.numpy(), row, x.detach().numpy(), of, share)
+        sums = sums.view(x.shape[0], size**2 * x.shape[1])
+        ctx.save_for_backward(sums, weight)
+        ctx.shares = shares
+        return sums @ weight.reshape(-1, weight.shape[2])
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:  # type: ignore[override]
+        sums, weight = ctx.saved_tensors
+        row, of, share = ctx.shares
+        d_weight = d_x = None
+        if ctx.needs_input_grad[3]:
+            d_weight = (sums.T @ gradient).view_as(weight)
+        if ctx.needs_input_grad[0]:
+            channels = weight.shape[1]
+            d_sums = (gradient @ weight.reshape(-1, weight.shape[2]).T).view(sums.shape[0] * (sums.shape[1] // channels), channels)
+            d_x = sums.new_zeros(sums.shape[0], channels)
+            kernel.add_shares(d_x.numpy(), of, d_sums.numpy(), row, share)
+        return d_x, None, None, d_weight, None
+
+
+class _SparseSplineConv(torch.autograd.Function):
     """Aggregate only the (node, cell) pairs that occur, then one matrix product per cell."""
 
     @staticmethod
     def forward(
-        ctx: Any,
-        x: torch.Tensor,
-        edge_index: torch.Tensor,
-        edge_attr: torch.Tensor,
-        weight: torch.Tensor,
-        size: int,
+        ctx: Any, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor, weight: torch.Tensor, size: int
     ) -> torch.Tensor:
         x, weight = x.contiguous(), weight.contiguous()
-        source, target, u = _by_target(edge_index, edge_attr.to(x.dtype))
-        plan = kernel.spline_plan(source.numpy(), target.numpy(), u.detach().numpy(), size, x.shape[0])
+        source, target, u = _by_target(edge_index, u)
+        plan = kernel.spline_plan(source.numpy(), target.numpy(), u.numpy(), size, x.shape[0])
         starts, row_node, entry_row, entry_source, share = plan
         sums = x.new_zeros(row_node.size, x.shape[1])
         kernel.add_shares(sums.numpy(), entry_row, x.detach().numpy(), entry_source, share)
-        products = x.new_empty(row_node.size, weight.shape[2])
-        for cell, (a, b) in _occupied(starts):
-            torch.mm(sums[a:b], weight[cell], out=products[a:b])
         out = x.new_zeros(x.shape[0], weight.shape[2])
-        kernel.add_rows(out.numpy(), row_node, products.numpy())
+        buffer = _buffer(x, starts, weight.shape[2])
+        for cell, a, b in _occupied(starts):
+            products = torch.mm(sums[a:b], weight[cell], out=buffer[: b - a])
+            kernel.add_rows(out.numpy(), row_node[a:b], products.numpy())
         ctx.save_for_backward(sums, weight)
         ctx.plan, ctx.nodes = plan, x.shape[0]
         return out
@@ -136,17 +171,20 @@ class _SplineConv(torch.autograd.Function):
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:  # type: ignore[override]
         sums, weight = ctx.saved_tensors
         starts, row_node, entry_row, entry_source, share = ctx.plan
-        rows = gradient.index_select(0, torch.from_numpy(row_node))
         to_x, _, _, to_weight, _ = ctx.needs_input_grad
-        d_weight = d_x = None
-        if to_weight:
-            d_weight = torch.zeros_like(weight)
-            for cell, (a, b) in _occupied(starts):
-                torch.mm(sums[a:b].T, rows[a:b], out=d_weight[cell])
-        if to_x:
-            d_sums = torch.empty_like(sums)
-            for cell, (a, b) in _occupied(starts):
-                torch.mm(rows[a:b], weight[cell].T, out=d_sums[a:b])
+        d_weight = torch.zeros_like(weight) if to_weight else None
+        d_sums = torch.empty_like(sums) if to_x else None
+        buffer = _buffer(sums, starts, weight.shape[2])
+        nodes = torch.from_numpy(row_node)
+        for cell, a, b in _occupied(starts):
+            # a cell's rows at a time stay in the cache for both products
+            rows = torch.index_select(gradient, 0, nodes[a:b], out=buffer[: b - a])
+            if d_weight is not None:
+                torch.mm(sums[a:b].T, rows, out=d_weight[cell])
+            if d_sums is not None:
+                torch.mm(rows, weight[cell].T, out=d_sums[a:b])
+        d_x = None
+        if d_sums is not None:
             d_x = sums.new_zeros(ctx.nodes, sums.shape[1])
             kernel.add_shares(d_x.numpy(), entry_source, d_sums.numpy(), entry_row, share)
         return d_x, None, None, d_weight, None
@@ -161,7 +199,12 @@ def _by_target(edge_index: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor,
     return source[order], target[order], u[order]
 
 
-def _occupied(starts: Any) -> list[tuple[int, tuple[int, int]]]:
-    """Kernel cells that have rows, and the range of their rows."""
+def _occupied(starts: Any) -> list[tuple[int, int, int]]:
+    """Kernel cells that have rows, each with the range of its rows."""
     bounds = starts.tolist()
-    return [(cell, (a, b)) for cell, (a, b) in enumerate(zip(bounds, bounds[1:], strict=False)) if b > a]
+    return [(cell, a, b) for cell, (a, b) in enumerate(zip(bounds, bounds[1:], strict=False)) if b > a]
+
+
+def _buffer(like: torch.Tensor, starts: Any, channels: int) -> torch.Tensor:
+    """Room for the rows of the fullest cell."""
+    return like.new_empty(int((starts[1:] - starts[:-1]).max()), channels)

@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import events
+
+from nvsdata import GraphBatch
+from nvsdata.models import GraphPool
+from nvsdata.models import pool as module
+from nvsdata.transforms import radius_graph, rotate
+
+
+def slow_pool(batch, cluster, grid, mode):
+    """Equations 4.8 and 4.9 with dictionaries: {(graph, column, row): (x, y, features)} and edges between them."""
+    members = {}
+    names = []
+    for i in range(batch.num_nodes):
+        px, py = batch.pos[i].tolist()
+        column = min(max(int(np.floor(px / cluster[0])), 0), grid[0] - 1)
+        row = min(max(int(np.floor(py / cluster[1])), 0), grid[1] - 1)
+        names.append((int(batch.batch[i]), row, column))
+        members.setdefault(names[-1], []).append(i)
+    nodes = {}
+    for name, ids in members.items():
+        mean = batch.pos[ids].double().mean(0).tolist()
+        features = batch.x[ids].max(0).values if mode == "max" else batch.x[ids].mean(0)
+        nodes[name] = (np.floor(mean[0]), np.floor(mean[1]), features)
+    edges = {(names[a], names[b]) for a, b in zip(*batch.edge_index.tolist(), strict=True) if names[a] != names[b]}
+    return nodes, edges
+
+
+@st.composite
+def batches(draw):
+    graphs = [radius_graph(draw(events(max_size=60, gap=300))) for _ in range(draw(st.integers(1, 4)))]
+    turned = [rotate(graph, draw(st.sampled_from((0, 0, 30)))) for graph in graphs]
+    batch = GraphBatch.from_graphs(turned)
+    generator = torch.Generator().manual_seed(draw(st.integers(0, 1000)))
+    x = torch.randn(batch.num_nodes, 3, generator=generator)
+    return module.replace(batch, x=x)
+
+
+@pytest.mark.parametrize("on", ["numba", "torch"])
+@pytest.mark.parametrize("mode", ["max", "mean"])
+@given(batch=batches(), cluster=st.sampled_from(((2, 2), (4, 3), (7, 7), (40, 40))))
+def test_pooling_is_that_of_brute_force(on, mode, batch, cluster):
+    pool = GraphPool(cluster, (34, 34), mode)
+    if on == "torch":
+        index, pos, ptr, edges = module.clusters_torch(batch, cluster, pool.grid)
+        x = module.max_rows_torch(batch.x, index, len(pos)) if mode == "max" else module.mean_rows(batch.x, index, len(pos))
+        graph_of = torch.repeat_interleave(torch.arange(batch.num_graphs), ptr[1:] - ptr[:-1])
+    else:
+        out = pool(batch)
+        x, pos, ptr, edges, graph_of = out.x, out.pos, out.ptr, out.edge_index, out.batch
+    nodes, slow_edges = slow_pool(batch, cluster, pool.grid, mode)
+    names = sorted(nodes)
+    assert len(pos) == len(names)
+    for i, name in enumerate(names):
+        assert graph_of[i] == name[0]
+        assert pos[i].tolist() == list(nodes[name][:2])
+        assert torch.allclose(x[i], nodes[name][2], atol=1e-6)
+    ours = [(names[a], names[b]) for a, b in zip(*edges.tolist(), strict=True)]
+    assert len(ours) == len(set(ours))
+    assert set(ours) == slow_edges
+
+
+@given(batches())
+def test_both_ways_of_maximum_have_the_same_gradient(batch):
+    pool = GraphPool((4, 4), (34, 34))
+    index, pos, *_ = module.clusters_torch(batch, (4, 4), pool.grid)
+    a, b = batch.x.clone().requires_grad_(), batch.x.clone().requires_grad_()
+    upstream = torch.randn(len(pos), 3)
+    pool(module.replace(batch, x=a)).x.backward(upstream)
+    module.max_rows_torch(b, index, len(pos)).backward(upstream)
+    assert torch.equal(a.grad, b.grad)
+
+
+def test_pseudo_coordinates_lie_in_0_1_and_depend_on_the_graph_alone():
+    from nvsdata import Events
+
+    rng = np.random.default_rng(0)
+    graphs = [
+        radius_graph(Events(np.arange(99), rng.integers(0, 34, 99), rng.integers(0, 34, 99), np.zeros(99, int), (34, 34)))
+        for _ in range(3)
+    ]
+    pool = GraphPool((4, 4), (34, 34))
+    alone = pool(GraphBatch.from_graphs(graphs[:1]))
+    together = pool(GraphBatch.from_graphs(graphs))
+    assert torch.equal(together.edge_attr[: alone.num_edges], alone.edge_attr)
+    assert 0 <= together.edge_attr.min()
+    assert together.edge_attr.max() <= 1
+
+
+def test_times_are_averaged():
+    from nvsdata import Events
+
+    out = GraphPool((34, 34), (34, 34))(GraphBatch.of(radius_graph(Events([10, 21], [1, 2], [1, 2], [0, 1], (34, 34)))))
+    assert out.t.tolist() == [5]
+
+
+def test_bad_settings_are_refused():
+    with pytest.raises(ValueError, match="cluster must be"):
+        GraphPool((0, 2), (34, 34))
+    with pytest.raises(ValueError, match="mode must be"):
+        GraphPool((2, 2), (34, 34), "median")

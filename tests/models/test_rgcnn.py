@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+import torch
+from conftest import saccade
+
+import nvsdata
+from nvsdata import Events, Graph, GraphBatch, models
+from nvsdata import transforms as T
+
+
+def recording(digit, seed=0, n=300):
+    return Events(*saccade(np.random.default_rng(seed * 10 + digit), digit, n), (34, 34))
+
+
+def graph(digit, seed=0):
+    return T.radius_graph(T.window(recording(digit, seed), 0, 30_000))
+
+
+@pytest.mark.parametrize("build", [models.rgcnn, models.gcnn])
+@pytest.mark.parametrize("name", sorted(models.CONFIGURATIONS))
+def test_every_configuration_runs(build, name):
+    model = build(name)
+    scores = model(GraphBatch.from_graphs([graph(0), graph(1)]))
+    assert scores.shape == (2, models.CONFIGURATIONS[name]["num_classes"])
+    scores.sum().backward()
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in model.parameters())
+
+
+def test_the_thesis_layers_of_n_mnist():
+    model = models.rgcnn("n-mnist")
+    weights = [tuple(p.shape) for name, p in model.named_parameters() if name.endswith("conv.weight")]
+    assert weights == [(25, 1, 32), (25, 32, 64), (25, 64, 128)]
+    assert tuple(model.hidden.weight.shape) == (128, 5 * 5 * 128)
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(ValueError, match="no configuration 'imagenet'"):
+        models.rgcnn("imagenet")
+
+
+def test_a_sample_does_not_depend_on_its_batch():
+    graphs = [graph(i % 10, i) for i in range(64)]
+    model = models.rgcnn("n-mnist")
+    model(GraphBatch.from_graphs(graphs))
+    model.eval()
+    together = model(GraphBatch.from_graphs(graphs))
+    alone = torch.cat([model(g) for g in graphs])
+    assert torch.allclose(together, alone, atol=1e-5)
+
+
+def test_the_order_of_nodes_does_not_matter():
+    g = graph(3)
+    order = torch.randperm(g.num_nodes)
+    place = torch.argsort(order)
+    edges = place[g.edge_index]
+    by_target = torch.argsort(edges[1], stable=True)
+    shuffled = Graph(
+        x=g.x[order],
+        pos=g.pos[order],
+        t=g.t[order],
+        edge_index=edges[:, by_target],
+        edge_attr=g.edge_attr[by_target],
+        sensor_size=g.sensor_size,
+        reach=g.reach,
+    )
+    model = models.rgcnn("n-mnist").eval()
+    assert torch.allclose(model(g), model(shuffled), atol=1e-5)
+
+
+def test_plain_torch_gives_the_same_scores_and_gradients(monkeypatch):
+    from nvsdata.models import pool, spline
+
+    batch = GraphBatch.from_graphs([graph(i) for i in range(8)])
+    model = models.rgcnn("n-mnist").double()
+    model.dropout.p = 0.0
+    batch = pool.replace(batch, x=batch.x.double())
+
+    def scores_and_gradients():
+        model.zero_grad()
+        scores = model(batch)
+        scores.square().sum().backward()
+        return [scores.detach(), *(p.grad.clone() for p in model.parameters())]
+
+    ours = scores_and_gradients()
+    monkeypatch.setattr(spline, "spline_conv", spline.spline_conv_torch)
+    monkeypatch.setattr(pool, "_clusters_numba", pool.clusters_torch)
+    monkeypatch.setattr(pool._MaxRows, "apply", pool.max_rows_torch)
+    for a, b in zip(ours, scores_and_gradients(), strict=True):
+        assert torch.allclose(a, b, rtol=1e-8, atol=1e-9)
+
+
+def small(n):
+    """Graphs that break careless code: no node, one node, nodes without edges."""
+    return T.radius_graph(Events(np.arange(n) * 10_000, np.arange(n) * 9, np.arange(n) * 9, np.zeros(n, int), (34, 34)))
+
+
+@pytest.mark.parametrize("training", [True, False])
+@pytest.mark.parametrize("sizes", [(0,), (1,), (3,), (0, 0), (0, 1, 3), (0, "normal"), ("normal", 0, 1)])
+def test_degenerate_graphs_give_finite_numbers(sizes, training):
+    graphs = [graph(1) if n == "normal" else small(n) for n in sizes]
+    model = models.rgcnn("n-mnist").train(training)
+    scores = model(GraphBatch.from_graphs(graphs))
+    scores.sum().backward()
+    assert scores.shape == (len(sizes), 10)
+    assert scores.isfinite().all()
+    assert all(p.grad.isfinite().all() for p in model.parameters() if p.grad is not None)
+    assert all(b.isfinite().all() for b in model.buffers())
+
+
+def test_an_empty_window_of_a_recording_makes_an_empty_graph():
+    g = T.radius_graph(recording(0).window(10**9, 10**9 + 5))
+    assert (g.num_nodes, g.num_edges) == (0, 0)
+    assert models.rgcnn("n-mnist").eval()(g).isfinite().all()
+
+
+def test_sixteen_recordings_can_be_learnt_by_heart():
+    samples = [(graph(i % 4, i), i % 4) for i in range(16)]
+    batch, targets = nvsdata.collate(samples)
+    model = models.RGCNN(4, dropout=0.0)
+    optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
+    for _ in range(60):
+        loss = torch.nn.functional.cross_entropy(model(batch), targets)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    assert loss.item() < 0.05
+    model.eval()
+    assert (model(batch).argmax(1) == targets).all()

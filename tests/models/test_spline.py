@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nvsdata.models import SplineConv
+from nvsdata.models import spline as module
+
+
+def hat(k, u, size):
+    """Open B-spline of degree 1: 1 at knot k, 0 at its neighbours, straight between."""
+    return max(0.0, 1.0 - abs(u * (size - 1) - k)) if size > 1 else 1.0
+
+
+def slow_spline_conv(x, edge_index, u, weight, size, bias=None, root=None):
+    """Equation 4.6, term by term, in float64 and without the activation."""
+    x, u, weight = (a.detach().double().numpy() for a in (x, u, weight))
+    out = np.zeros((len(x), weight.shape[2]))
+    for i in range(len(x)):
+        incoming = [e for e in range(edge_index.shape[1]) if edge_index[1, e] == i]
+        for e in incoming:
+            for py in range(size):
+                for px in range(size):
+                    basis = hat(px, u[e, 0], size) * hat(py, u[e, 1], size)
+                    out[i] += basis * (x[edge_index[0, e]] @ weight[px + size * py]) / len(incoming)
+    if root is not None:
+        out += x @ root.detach().double().numpy()
+    return out if bias is None else out + bias.detach().double().numpy()
+
+
+def random_case(seed, channels=(3, 4), nodes=12, edges=40, dtype=torch.float64, grid=None):
+    generator = torch.Generator().manual_seed(seed)
+    x = torch.randn(nodes, channels[0], generator=generator, dtype=dtype)
+    edge_index = torch.randint(nodes, (2, edges), generator=generator)
+    u = torch.rand(edges, 2, generator=generator, dtype=dtype)
+    if grid:
+        u = (u * grid).round() / grid
+    return x, edge_index, u
+
+
+def relative_error(a, b):
+    return np.abs(a.detach().numpy() - b).max() / max(np.abs(b).max(), 1e-30)
+
+
+@pytest.fixture(params=["dense", "sparse", "torch"])
+def path(request, monkeypatch):
+    """Each way the convolution can go."""
+    if request.param == "torch":
+        monkeypatch.setattr(module, "spline_conv", module.spline_conv_torch)
+    else:
+        monkeypatch.setattr(module, "DENSE", 10**9 if request.param == "dense" else 0)
+    return request.param
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-4)])
+@pytest.mark.parametrize("size", [1, 2, 3, 5])
+@pytest.mark.parametrize("grid", [None, 4])
+def test_forward_is_equation_4_6(path, dtype, tolerance, size, grid):
+    x, edge_index, u = random_case(1, dtype=dtype, grid=grid)
+    conv = SplineConv(3, 4, size, root_weight=True).to(dtype)
+    torch.nn.init.normal_(conv.bias)
+    expected = slow_spline_conv(x, edge_index, u, conv.weight, size, conv.bias, conv.root)
+    assert relative_error(conv(x, edge_index, u), expected) < tolerance
+
+
+@given(seed=st.integers(0, 10**6), nodes=st.integers(1, 15), edges=st.integers(0, 60), channels=st.integers(1, 9))
+def test_any_graph_in_any_edge_order(seed, nodes, edges, channels):
+    x, edge_index, u = random_case(seed, (channels, 3), nodes, edges, grid=seed % 7)
+    conv = SplineConv(channels, 3, 5, bias=False).double()
+    expected = slow_spline_conv(x, edge_index, u, conv.weight, 5)
+    assert np.allclose(conv(x, edge_index, u).detach().numpy(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_gradients_are_those_of_finite_differences(path, size):
+    x, edge_index, u = random_case(2, nodes=6, edges=15)
+    conv = SplineConv(3, 4, size, root_weight=True).double()
+    inputs = (x.requires_grad_(), conv.weight, conv.root, conv.bias)
+
+    def function(x, *_):
+        return conv(x, edge_index, u)
+
+    assert torch.autograd.gradcheck(function, inputs)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-4)])
+def test_gradients_agree_with_plain_torch(dtype, tolerance):
+    x, edge_index, u = random_case(3, (16, 32), 50, 300, dtype)
+    weight = torch.randn(25, 16, 32, dtype=dtype)
+    upstream = torch.randn(50, 32, dtype=dtype)
+    gradients = []
+    for function in (module.spline_conv, module.spline_conv_torch):
+        a, w = x.clone().requires_grad_(), weight.clone().requires_grad_()
+        function(a, edge_index, u, w, 5).backward(upstream)
+        gradients.append((a.grad, w.grad))
+    for ours, theirs in zip(*gradients, strict=True):
+        assert relative_error(ours, theirs.numpy()) < tolerance
+
+
+def test_a_node_without_neighbours_gets_zero(path):
+    conv = SplineConv(1, 2, bias=False)
+    out = conv(torch.ones(3, 1), torch.tensor([[0], [1]]), torch.tensor([[0.5, 0.5]]))
+    assert out[0].tolist() == [0, 0]
+    assert out[2].tolist() == [0, 0]
+    assert (out[1] != 0).all()
+
+
+@pytest.mark.parametrize("nodes", [0, 1, 4])
+def test_no_edges(path, nodes):
+    conv = SplineConv(2, 3)
+    x = torch.ones(nodes, 2, requires_grad=True)
+    out = conv(x, torch.empty(2, 0, dtype=torch.int64), torch.empty(0, 2))
+    out.sum().backward()
+    assert out.shape == (nodes, 3)
+    assert (x.grad == 0).all()
+
+
+def test_sizes_below_one_are_refused():
+    with pytest.raises(ValueError, match="kernel_size must be at least 1, not 0"):
+        SplineConv(1, 1, 0)

@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+import torch
+
+import nvsdata
+from nvsdata import Events, GraphBatch
+from nvsdata.transforms import radius_graph
+
+
+def graph(n=5, radius=3.0):
+    return radius_graph(Events(np.arange(n), np.arange(n), np.arange(n), np.arange(n) % 2, (34, 34)), radius)
+
+
+def test_nodes_carry_polarity_position_and_time_since_the_window():
+    g = radius_graph(Events([100, 200], [3, 4], [5, 6], [0, 1], (34, 34)).window(90, 300))
+    assert g.x.tolist() == [[-1.0], [1.0]]
+    assert g.pos.tolist() == [[3.0, 5.0], [4.0, 6.0]]
+    assert g.t.tolist() == [10, 110]
+    assert (g.x.dtype, g.pos.dtype, g.t.dtype) == (torch.float32, torch.float32, torch.int64)
+    assert torch.allclose(g.edge_attr, torch.full((2, 2), 1 / 3))
+
+
+def test_a_batch_shifts_edges_and_knows_its_graphs():
+    a, b = graph(5), graph(3)
+    batch = GraphBatch.from_graphs([a, b])
+    assert batch.ptr.tolist() == [0, 5, 8]
+    assert batch.batch.tolist() == [0] * 5 + [1] * 3
+    assert torch.equal(batch.edge_index[:, a.num_edges :], b.edge_index + 5)
+    assert batch.num_graphs == 2
+
+
+def test_graphs_of_different_reach_do_not_mix():
+    with pytest.raises(ValueError, match="different reach"):
+        GraphBatch.from_graphs([graph(radius=3), graph(radius=4)])
+
+
+def test_collate_makes_batches_and_targets():
+    batch, targets = nvsdata.collate([(graph(5), 3), (graph(2), 1)])
+    assert isinstance(batch, GraphBatch)
+    assert targets.tolist() == [3, 1]
+    assert targets.dtype == torch.int64
+
+
+def test_collate_of_sequences_counts_volumes():
+    batch, _ = nvsdata.collate([([graph(5), graph(2)], 0), ([graph(1), graph(4)], 1)])
+    assert batch.volumes == 2
+    assert batch.ptr.tolist() == [0, 5, 7, 8, 12]
+    with pytest.raises(ValueError, match="different lengths"):
+        nvsdata.collate([([graph(5)], 0), ([graph(1), graph(4)], 1)])
+
+
+def test_collate_of_other_samples():
+    ev = Events([1], [1], [1], [1])
+    assert nvsdata.collate([(ev, 0), (ev, 1)])[0] == [ev, ev]
+    assert nvsdata.collate([(torch.ones(2), 0), (torch.ones(2), 1)])[0].shape == (2, 2)
+    with pytest.raises(ValueError, match="no samples"):
+        nvsdata.collate([])
+
+
+def test_to_pyg():
+    pytest.importorskip("torch_geometric")
+    g = graph()
+    data = g.to_pyg()
+    assert torch.equal(data.edge_index, g.edge_index)
+    assert torch.equal(data.pos, g.pos)
+    assert data.num_nodes == 5
+    assert torch.equal(GraphBatch.of(g).to_pyg().batch, torch.zeros(5, dtype=torch.int64))
+
+
+def test_moving_to_a_device_keeps_all():
+    batch = GraphBatch.of(graph()).to("cpu")
+    assert batch.reach == (3.0, 3.0)
+    assert batch.sensor_size == (34, 34)
