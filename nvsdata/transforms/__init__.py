@@ -4,7 +4,18 @@ Random ones draw from torch's default generator, so `torch.manual_seed` and a Da
 seeding govern them.
 """
 
-from nvsdata.transforms.augment import RandomFlip, RandomRotate, RandomScale, RandomShift, flip, rotate, scale, shift
+from nvsdata.transforms.augment import (
+    RandomAffine,
+    RandomFlip,
+    RandomRotate,
+    RandomScale,
+    RandomShift,
+    affine,
+    flip,
+    rotate,
+    scale,
+    shift,
+)
 from nvsdata.transforms.compose import Compose
 from nvsdata.transforms.graph import RadiusGraph, radius_graph
 from nvsdata.transforms.sample import NonUniformSample, RandomDrop, drop, nonuniform_sample
@@ -14,6 +25,7 @@ __all__ = [
     "Compose",
     "NonUniformSample",
     "RadiusGraph",
+    "RandomAffine",
     "RandomDrop",
     "RandomFlip",
     "RandomRotate",
@@ -21,6 +33,7 @@ __all__ = [
     "RandomShift",
     "RandomWindow",
     "Window",
+    "affine",
     "drop",
     "flip",
     "nonuniform_sample",

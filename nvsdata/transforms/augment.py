@@ -1,6 +1,8 @@
-"""Graph augmentation (thesis 4.4.2): node positions move, edges stay, pseudo-coordinates follow.
+"""Augmentation of graphs (thesis 4.4.2) and, before there is a graph, of events.
 
-Nodes may leave the sensor; pooling counts them to the cells of its border.
+Of a graph, node positions move, edges stay and pseudo-coordinates follow; nodes may leave the
+sensor, and pooling counts them to the cells of its border. Events move to whole pixels, and those
+that leave the sensor are dropped.
 """
 
 from __future__ import annotations
@@ -8,8 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
+from nvsdata.events import Columns, Events, Recording, as_events
 from nvsdata.graph import Graph
 from nvsdata.transforms.checks import not_negative, positive, probability, uniform
 
@@ -71,6 +75,46 @@ class RandomShift:
 
     def __call__(self, graph: Graph) -> Graph:
         return shift(graph, uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels))
+
+
+@dataclass(frozen=True)
+class RandomAffine:
+    """Scale, rotate and shift events by amounts drawn as by `RandomScale`, `RandomRotate` and `RandomShift`."""
+
+    scale: tuple[float, float] = (0.95, 1.0)
+    degrees: float = 10.0
+    shift: float = 0.0
+
+    def __post_init__(self) -> None:
+        RandomScale(*self.scale)
+        not_negative("degrees", self.degrees)
+        not_negative("shift", self.shift)
+
+    def __call__(self, sample: Events | Recording) -> Events:
+        return affine(
+            sample,
+            uniform(*self.scale),
+            uniform(-self.degrees, self.degrees),
+            uniform(-self.shift, self.shift),
+            uniform(-self.shift, self.shift),
+        )
+
+
+def affine(
+    sample: Events | Recording, factor: float = 1.0, degrees: float = 0.0, dx: float = 0.0, dy: float = 0.0
+) -> Events:
+    """Scale and rotate events about the sensor's centre, then shift them; each to its nearest pixel."""
+    events = as_events(sample)
+    width, height = events.sensor_size
+    cx, cy = (width - 1) / 2, (height - 1) / 2
+    c, s = factor * math.cos(math.radians(degrees)), factor * math.sin(math.radians(degrees))
+    x = np.rint(c * (events.x - cx) - s * (events.y - cy) + cx + dx)
+    y = np.rint(s * (events.x - cx) + c * (events.y - cy) + cy + dy)
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    columns = Columns(
+        events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside]
+    )
+    return Events.trusted(columns, events.sensor_size, events.start)
 
 
 def scale(graph: Graph, factor: float) -> Graph:

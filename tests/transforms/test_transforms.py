@@ -1,0 +1,229 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import events
+
+import nvsdata
+from nvsdata import Events
+from nvsdata import transforms as T
+from nvsdata.events import Recording
+
+
+def sweep(n=500, offset=0):
+    t = np.arange(n) * 200
+    return Events(t + offset, (t // 300) % 34, (t // 700) % 34, t // 200 % 2, (34, 34))
+
+
+ALL = [
+    T.Window(0, 30_000),
+    T.RandomWindow(30_000),
+    T.NonUniformSample(8),
+    T.RandomDrop(0.3),
+    T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2),
+    T.RadiusGraph(radius=3, alpha=1, beta=0.5e-5, max_degree=32),
+    T.RandomScale(),
+    T.RandomFlip(0),
+    T.RandomRotate(),
+    T.RandomShift(),
+]
+
+
+@pytest.mark.parametrize("transform", [*ALL, T.Compose(ALL)], ids=lambda t: type(t).__name__)
+def test_the_repr_builds_the_same_transform(transform):
+    names = {name: getattr(T, name) for name in T.__all__}
+    assert eval(repr(transform), names) == transform
+
+
+def test_settings_cannot_be_changed():
+    with pytest.raises(AttributeError):
+        T.RadiusGraph().radius = 4
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: T.Window(5, 3), "ends before"),
+        (lambda: T.RandomWindow(0), "duration must be positive, not 0"),
+        (lambda: T.NonUniformSample(0), "k must be positive"),
+        (lambda: T.NonUniformSample(k=8, beta=-1), "beta must not be negative"),
+        (lambda: T.RandomDrop(1.5), "between 0 and 1"),
+        (lambda: T.RadiusGraph(radius=float("nan")), "radius must be positive"),
+        (lambda: T.RadiusGraph(max_degree=0), "max_degree must be positive"),
+        (lambda: T.RandomFlip(2), "axis must be 0 or 1"),
+        (lambda: T.RandomScale(1.0, 0.5), "at least low"),
+        (lambda: T.RandomRotate(-1), "degrees must not be negative"),
+        (lambda: T.RandomAffine(scale=(1.1, 0.9)), "at least low"),
+    ],
+)
+def test_bad_settings_are_refused(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+def test_compose_refuses_what_cannot_be_called():
+    with pytest.raises(TypeError, match="callable"):
+        T.Compose([3])
+
+
+def test_the_pipeline_of_the_thesis_makes_a_graph():
+    pipeline = T.Compose([T.RandomWindow(30_000), T.NonUniformSample(8), T.RadiusGraph(3), T.RandomScale(), T.RandomFlip(0)])
+    graph = pipeline(sweep())
+    assert 150 / 8 <= graph.num_nodes < 150
+    assert graph.edge_attr.shape == (graph.num_edges, 2)
+
+
+@pytest.mark.parametrize("offset", [0, 1_600_000_000_000_000])
+def test_windows_count_from_the_first_event(offset):
+    ev = sweep(offset=offset)
+    assert T.window(ev, 1_000, 2_000).t.tolist() == [offset + t for t in (1000, 1200, 1400, 1600, 1800)]
+    assert len(T.window(ev, 10**9, 10**9 + 5)) == 0
+
+
+@given(events(max_size=80), st.integers(1, 50_000))
+def test_random_windows_lie_inside_and_are_no_longer_than_asked(ev, duration):
+    cut = T.random_window(ev, duration)
+    assert cut.duration < duration
+    if len(ev):
+        assert cut.start >= ev.t[0]
+        assert cut.start + duration <= ev.t[-1] + 1 or cut == ev
+        assert cut == ev.window(cut.start, cut.start + duration)
+
+
+def test_random_windows_reach_both_ends():
+    ev = sweep(50)
+    starts = {T.random_window(ev, 9_790).start for _ in range(200)}
+    assert starts == set(range(ev.t[-1] + 1 - 9_790 + 1))
+
+
+def test_a_window_reads_only_itself_from_a_recording():
+    asked = []
+
+    class Spy(Recording):
+        format = "spy"
+        sensor_size = (34, 34)
+        span = (1_000, 200_000)
+
+        def _decode(self):
+            raise AssertionError("decoded whole")
+
+        def read(self, start=None, stop=None):
+            asked.append((start, stop))
+            return Events.empty((34, 34), start)
+
+    T.Window(5, 10)(Spy("x"))
+    T.RandomWindow(30_000)(Spy("x"))
+    assert asked[0] == (1_005, 1_010)
+    assert asked[1][1] - asked[1][0] == 30_000
+    assert 1_000 <= asked[1][0] <= 170_001
+
+
+def slow_boxes(ev, k, wx, wt):
+    """Boxes of the recursive median split, with sorting instead of selection."""
+    done, todo = [], [list(range(len(ev)))] if len(ev) else []
+    while todo:
+        box = todo.pop()
+        if len(box) <= k:
+            done.append(box)
+            continue
+        t, x, y = (np.array([int(c[i]) for i in box]) for c in (ev.t, ev.x, ev.y))
+        sides = (float(np.ptp(t)) * wt, float(np.ptp(x)) * wx, float(np.ptp(y)) * wx)
+        key = (t, x, y)[int(np.argmax(sides))]
+        order = [box[i] for i in np.lexsort((box, key))]
+        todo += [order[: len(box) // 2], order[len(box) // 2 :]]
+    return done
+
+
+@given(events(max_size=300), st.integers(1, 20))
+def test_one_event_comes_from_each_box(ev, k):
+    sampled = T.nonuniform_sample(ev, k)
+    pool = [tuple(int(c[i]) for c in sampled.columns) for i in range(len(sampled))]
+    boxes = slow_boxes(ev, k, 1.0, np.sqrt(0.5e-5))
+    assert len(sampled) == len(boxes)
+    for box in boxes:
+        members = {tuple(int(c[i]) for c in ev.columns) for i in box}
+        match = next(event for event in pool if event in members)
+        pool.remove(match)
+
+
+def test_sampling_is_even_within_a_box():
+    ev = sweep(8)
+    counts = np.zeros(8)
+    for _ in range(4_000):
+        counts[int(T.nonuniform_sample(ev, 8).t[0]) // 200] += 1
+    assert abs(counts / 4_000 - 1 / 8).max() < 0.03
+
+
+def test_sampling_survives_times_far_apart():
+    ev = Events(np.array([-(2**61), 0, 5, 2**61]), [1, 2, 3, 4], [1, 1, 1, 1], [0, 1, 0, 1])
+    assert len(T.nonuniform_sample(ev, 2)) == 2
+
+
+def test_the_seed_decides():
+    draws = []
+    for seed in (1, 1, 2):
+        torch.manual_seed(seed)
+        draws.append(T.Compose([T.RandomWindow(30_000), T.NonUniformSample(4), T.RandomDrop(0.3)])(sweep()))
+    assert draws[0] == draws[1]
+    assert draws[0] != draws[2]
+
+
+def test_drop_keeps_the_share_it_says():
+    assert abs(len(T.drop(sweep(20_000), 0.3)) / 20_000 - 0.7) < 0.02
+    assert T.drop(sweep(), 0.0) == sweep()
+
+
+def graph():
+    return T.radius_graph(sweep(60))
+
+
+def test_flip_mirrors_and_undoes_itself():
+    g = graph()
+    assert torch.equal(T.flip(g, 0).pos[:, 0], 33 - g.pos[:, 0])
+    assert torch.equal(T.flip(T.flip(g, 1), 1).pos, g.pos)
+    assert torch.equal(T.flip(g, 0).edge_attr, g.edge_attr)
+
+
+def test_a_quarter_turn_swaps_the_axes():
+    g = graph()
+    turned = T.rotate(g, 90)
+    assert torch.allclose(turned.pos[:, 0], 33 - g.pos[:, 1], atol=1e-4)
+    assert torch.allclose(turned.edge_attr, g.edge_attr.flip(1), atol=1e-5)
+
+
+def test_scaling_scales_pseudo_coordinates_and_keeps_the_centre():
+    g = graph()
+    small = T.scale(g, 0.5)
+    assert torch.allclose(small.edge_attr, g.edge_attr / 2)
+    assert torch.allclose((small.pos - 16.5) * 2, g.pos - 16.5)
+    assert T.scale(g, 5).edge_attr.max() <= 1
+
+
+def test_shift_moves_nodes_and_nothing_else():
+    g = graph()
+    moved = T.shift(g, 1.5, -2)
+    assert torch.allclose(moved.pos, g.pos + torch.tensor([1.5, -2.0]))
+    assert torch.allclose(moved.edge_attr, g.edge_attr)
+
+
+@given(st.floats(0.5, 2), st.floats(-180, 180), st.floats(-5, 5), st.floats(-5, 5))
+def test_affine_maps_each_event_to_the_nearest_pixel_or_drops_it(factor, degrees, dx, dy):
+    ev = sweep(60)
+    moved = T.affine(ev, factor, degrees, dx, dy)
+    c, s = factor * np.cos(np.radians(degrees)), factor * np.sin(np.radians(degrees))
+    expected = []
+    for t, x, y, p in zip(*(c.tolist() for c in ev.columns), strict=True):
+        u = np.rint(c * (x - 16.5) - s * (y - 16.5) + 16.5 + dx)
+        v = np.rint(s * (x - 16.5) + c * (y - 16.5) + 16.5 + dy)
+        if 0 <= u < 34 and 0 <= v < 34:
+            expected.append((t, int(u), int(v), p))
+    assert list(zip(*(c.tolist() for c in moved.columns), strict=True)) == expected
+
+
+def test_transforms_take_recordings(tmp_path):
+    nvsdata.write(sweep(), tmp_path / "a.h5")
+    recording = nvsdata.open(tmp_path / "a.h5")
+    assert T.radius_graph(recording).num_nodes == 500
+    assert len(T.nonuniform_sample(recording, 1)) == 500
+    assert T.affine(recording) == sweep()
