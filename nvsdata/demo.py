@@ -29,24 +29,24 @@ COUNTS = {"train": 40, "test": 15}  # recordings a class
 
 
 def _disc(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return np.hypot(u, v) - 1
+    return np.asarray(np.hypot(u, v) - 1)
 
 
 def _ring(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return np.abs(np.hypot(u, v) - 0.8) - 0.25
+    return np.asarray(np.abs(np.hypot(u, v) - 0.8) - 0.25)
 
 
 def _square(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return np.maximum(np.abs(u), np.abs(v)) - 0.9
+    return np.asarray(np.maximum(np.abs(u), np.abs(v)) - 0.9)
 
 
 def _triangle(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return np.maximum(np.abs(u) * 0.87 + v * 0.5, -v) - 0.55
+    return np.asarray(np.maximum(np.abs(u) * 0.87 + v * 0.5, -v) - 0.55)
 
 
 def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     upright = np.maximum(np.abs(u) - 0.3, np.abs(v) - 1)
-    return np.minimum(upright, np.maximum(np.abs(u) - 1, np.abs(v) - 0.3))
+    return np.asarray(np.minimum(upright, np.maximum(np.abs(u) - 1, np.abs(v) - 0.3)))
 
 
 # signed distance from the edge of each shape, about 1 in radius
@@ -123,8 +123,8 @@ def run(out: Path, *, seconds: float, seed: int) -> int:
     out.mkdir(parents=True, exist_ok=True)
     data = out / "shapes"
     make_dataset(data, seed)
-    graph = [T.RandomWindow(30_000), T.NonUniformSample(2), T.RadiusGraph()]
-    augment = [T.RandomScale(), T.RandomRotate()]
+    graph: list[Any] = [T.RandomWindow(30_000), T.NonUniformSample(2), T.RadiusGraph()]
+    augment: list[Any] = [T.RandomScale(), T.RandomRotate()]
     train = EventFolder(data, "train", transform=T.Compose([*graph, *augment]))
     test = EventFolder(data, "test", transform=T.Compose(graph))
     print(f"{len(train)} recordings to train on, {len(test)} to test on, in {data}")
@@ -153,7 +153,8 @@ def _fit(model: models.RGCNN, train: EventFolder, test: EventFolder, seconds: fl
             for graphs, targets in batches:
                 scores = model(graphs)
                 optimizer.zero_grad()
-                cross_entropy(scores, targets).backward()
+                loss = cross_entropy(scores, targets)
+                torch.autograd.backward(loss)
                 optimizer.step()
                 right += int((scores.argmax(1) == targets).sum())
             history["train"].append(right / len(train))

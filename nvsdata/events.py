@@ -106,9 +106,9 @@ class Events:
     def __len__(self) -> int:
         return int(self.t.size)
 
-    def __getitem__(self, which: slice | npt.NDArray[Any]) -> Events:
-        """Events under a slice, a boolean mask [N] or indices [M]; still sorted by time."""
-        if isinstance(which, int | np.integer):
+    def __getitem__(self, which: int | slice | npt.NDArray[Any]) -> Events:
+        """Events under an index, a slice, a boolean mask [N] or indices [M]; still sorted by time."""
+        if isinstance(which, int):
             which = slice(which, which + 1 or None)
         columns = in_order(Columns(self.t[which], self.x[which], self.y[which], self.p[which]))
         return Events.trusted(columns, self.sensor_size, self.start)

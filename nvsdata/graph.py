@@ -57,7 +57,8 @@ class Graph:
 
     def _each(self, change: Callable[[torch.Tensor], torch.Tensor]) -> Self:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return replace(self, **{k: change(v) for k, v in values.items() if isinstance(v, torch.Tensor)})
+        changes: dict[str, Any] = {k: change(v) for k, v in values.items() if isinstance(v, torch.Tensor)}
+        return replace(self, **changes)
 
     def moved(self, pos: torch.Tensor) -> Self:
         """The same edges between nodes at `pos` float32 [N, 2]; pseudo-coordinates follow (CPU only)."""
@@ -136,6 +137,6 @@ class GraphBatch(Graph):
 def pseudo(pos: torch.Tensor, edge_index: torch.Tensor, reach: Reach) -> torch.Tensor:
     """Pseudo-coordinates u = (|dx|, |dy|) / reach, at most 1: float32 [E, 2] (thesis 4.2.1)."""
     if pos.device.type == "cpu":
-        return torch.from_numpy(pseudo_coordinates(pos.numpy(), edge_index.numpy(), np.float32(reach)))
+        return torch.from_numpy(pseudo_coordinates(pos.numpy(), edge_index.numpy(), np.array(reach, np.float32)))
     offset = (pos[edge_index[0]] - pos[edge_index[1]]).abs()
     return (offset / offset.new_tensor(reach)).clamp(max=1)

@@ -1,3 +1,4 @@
+import itertools
 import pickle
 
 import numpy as np
@@ -58,7 +59,7 @@ def test_window_holds_what_its_definition_says(ev, start, length):
 @given(events(), st.lists(st.integers(-10, 400_000), max_size=6))
 def test_any_split_joins_back(ev, cuts):
     edges = [None, *sorted(cuts), None]
-    parts = [ev.window(a, b) for a, b in zip(edges, edges[1:], strict=False)]
+    parts = [ev.window(a, b) for a, b in itertools.pairwise(edges)]
     assert np.concatenate([part.t for part in parts]).tolist() == ev.t.tolist()
     assert np.concatenate([part.x for part in parts]).tolist() == ev.x.tolist()
 

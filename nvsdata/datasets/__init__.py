@@ -8,10 +8,10 @@ from __future__ import annotations
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.folder import EventFolder
 from nvsdata.datasets.nmnist import NMNIST
-from nvsdata.datasets.seeded import Key, SeededBatches, SeededDataset
+from nvsdata.datasets.seeded import SeededBatches, SeededDataset
 from nvsdata.datasets.splits import stratified
 
-__all__ = ["DATASETS", "NMNIST", "EventDataset", "EventFolder", "Key", "SeededBatches", "SeededDataset", "stratified"]
+__all__ = ["DATASETS", "NMNIST", "EventDataset", "EventFolder", "SeededBatches", "SeededDataset", "stratified"]
 
 DATASETS: dict[str, type[EventDataset]] = {
     "n-mnist": NMNIST,

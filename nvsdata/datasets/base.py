@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 from torch.utils.data import Dataset
 
 from nvsdata import formats
+from nvsdata.events import Recording
 
 Transform = Callable[[Any], Any]
 
@@ -95,7 +96,7 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         """(width, height) of every recording, None if they differ."""
         return self.info.sensor_size
 
-    def _open(self, path: Path) -> formats.Recording:
+    def _open(self, path: Path) -> Recording:
         return formats.open(path, sensor_size=self.sensor_size)
 
     def _how_to_get(self) -> str:
@@ -133,5 +134,7 @@ def recordings_in(folder: Path) -> list[Path]:
     found: list[Path] = []
     for parent, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [Path(parent, name) for name in sorted(names) if not name.startswith(".") and name.lower().endswith(known)]
+        found += [
+            Path(parent, name) for name in sorted(names) if not name.startswith(".") and name.lower().endswith(known)
+        ]
     return found

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from nvsdata import formats
 from nvsdata.datasets.base import EventDataset, Info, Sample, Transform, recordings_in
+from nvsdata.events import Recording
 
 
 class EventFolder(EventDataset):
@@ -49,7 +50,9 @@ class EventFolder(EventDataset):
             raise FileNotFoundError(f"{self._home} is no folder; split={self.split!r} needs it")
         names = sorted(p.name for p in self._home.iterdir() if p.is_dir() and not p.name.startswith("."))
         if not names:
-            raise FileNotFoundError(f"no class folders in {self._home}: put each class's recordings in a folder of its name")
+            raise FileNotFoundError(
+                f"no class folders in {self._home}: put each class's recordings in a folder of its name"
+            )
         return names
 
     def _samples(self) -> Iterator[Sample]:
@@ -57,7 +60,7 @@ class EventFolder(EventDataset):
             for path in recordings_in(self._home / name):
                 yield Sample(path, label)
 
-    def _open(self, path: Path) -> formats.Recording:
+    def _open(self, path: Path) -> Recording:
         return formats.open(path, sensor_size=self._given_size)
 
     def _how_to_get(self) -> str:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch.utils.data import Dataset, Sampler
 
-
-class Key(NamedTuple):
-    """What `SeededBatches` yields and `SeededDataset` takes: sample `index` of pass `epoch`."""
-
-    epoch: int
-    index: int
+Key = tuple[int, int]
+"""What `SeededBatches` yields and `SeededDataset` takes: the epoch, and the index of a sample."""
 
 
 class SeededDataset(Dataset[Any]):
@@ -34,7 +30,7 @@ class SeededDataset(Dataset[Any]):
         # odd constants keep (seed, epoch, index) from meeting in one number
         mixed = (self.seed * 0x9E3779B97F4A7C15 + epoch * 0xBF58476D1CE4E5B9 + index * 0x94D049BB133111EB) % 2**63
         with torch.random.fork_rng(devices=[]):
-            torch.random.default_generator.manual_seed(mixed)
+            torch.default_generator.manual_seed(mixed)
             return self.dataset[index]
 
 
@@ -65,5 +61,5 @@ class SeededBatches(Sampler[list[Key]]):
         for epoch in range(self.first, self.last):
             generator = torch.Generator().manual_seed(self.seed * 1_000_003 + epoch)
             order = torch.randperm(self.size, generator=generator) if self.shuffle else torch.arange(self.size)
-            for batch in order.split(self.batch_size):
-                yield [Key(epoch, index) for index in batch.tolist()]
+            for batch in torch.split(order, self.batch_size):
+                yield [(epoch, index) for index in batch.tolist()]

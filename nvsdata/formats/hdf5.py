@@ -41,7 +41,9 @@ class Recording(BaseRecording):
         if file.attrs.get("format") != NAME:
             raise FormatError(self.path, None, f"HDF5 without the attribute format = {NAME!r}")
         if int(file.attrs["version"]) > VERSION:
-            raise FormatError(self.path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata")
+            raise FormatError(
+                self.path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
+            )
         try:
             return check_sensor_size((file.attrs["width"], file.attrs["height"]))
         except ValueError as error:

@@ -51,7 +51,7 @@ class Recording(RecordFile):
         return self._stated
 
     def _index(self) -> Blocks:
-        raw = self._words[::self.block, 0].astype(np.int64)
+        raw = self._words[:: self.block, 0].astype(np.int64)
         wraps = np.concatenate(([0], np.cumsum(raw[:-1] - raw[1:] > DAT_WRAP_US // 2)))[: raw.size]
         offsets = wraps * DAT_WRAP_US
         return Blocks(raw + offsets, offsets)

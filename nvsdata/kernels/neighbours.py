@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-
 SWEEP = 48  # mean number of events within reach in time up to which no cells are worth their upkeep
 
 

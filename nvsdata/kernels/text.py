@@ -34,7 +34,7 @@ def text_decode(raw, start, stop, seconds_first, columns):
         found = 0
         while i < stop and raw[i] != NEWLINE:
             c = raw[i]
-            if c == SPACE or c == TAB or c == COMMA or c == RETURN:
+            if c in (SPACE, TAB, COMMA, RETURN):
                 i += 1
                 continue
             if found == 4:

@@ -18,8 +18,8 @@ class GraphPool(nn.Module):
 
     The new node lies at the floor of the mean position (eq. 4.8); its features are the maximum or
     the mean of the cluster's (eq. 4.9). Clusters are joined, once and in the same direction, if
-    an edge joins their nodes. Pseudo-coordinates are scaled by the distance that the centres of
-    joined clusters can have: the old reach plus the cluster's side; longer ones count as 1.
+    an edge joins their nodes. Pseudo-coordinates are scaled by `coarse_reach`; longer edges count
+    as 1.
     `t` of a new node is the mean time of its nodes, rounded down.
     """
 
@@ -71,7 +71,11 @@ def grid_shape(sensor_size: tuple[int, int], cluster: tuple[int, int]) -> tuple[
 
 
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
-    return reach[0] + cluster[0], reach[1] + cluster[1]
+    """How far apart, along x and y, the centres of two joined clusters can be.
+
+    A pixel is at most (side - 1) / 2 from the centre of its cluster, and an edge at most `reach` long.
+    """
+    return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1
 
 
 def cells(pos: torch.Tensor, cluster: tuple[int, int], grid: tuple[int, int]) -> torch.Tensor:
@@ -138,6 +142,6 @@ class _MaxRows(torch.autograd.Function):
         return torch.from_numpy(best)
 
     @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         back = kernel.max_rows_back(gradient.contiguous().numpy(), ctx.where, ctx.nodes)
         return torch.from_numpy(back), None, None

@@ -31,7 +31,7 @@ class ConvBlock(nn.Module):
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
         x = self.norm(self.conv(batch.x, batch.edge_index, batch.edge_attr))
-        return replace(batch, x=torch.relu(x))
+        return replace(batch, x=torch.relu_(x))
 
 
 class ResidualBlock(nn.Module):
@@ -47,8 +47,8 @@ class ResidualBlock(nn.Module):
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
         graph = (batch.x, batch.edge_index, batch.edge_attr)
-        x = self.norm(self.conv(*graph)) + self.shortcut_norm(self.shortcut(*graph))
-        return replace(batch, x=torch.relu(x))
+        x = self.norm(self.conv(*graph)).add_(self.shortcut_norm(self.shortcut(*graph)))
+        return replace(batch, x=torch.relu_(x))
 
 
 class _GraphCNN(nn.Module):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -10,7 +11,6 @@ from torch import nn
 
 from nvsdata.kernels import spline as kernel
 from nvsdata.kernels.graph import is_sorted
-
 
 # up to so many (cell, channel) pairs it is cheaper to aggregate all than to find which occur
 DENSE = 128
@@ -70,30 +70,45 @@ class SplineConv(nn.Module):
 
         Returns [N, out_channels]. `edge_attr` gets no gradient.
         """
-        out = spline_conv(x, edge_index, edge_attr, self.weight, self.kernel_size)
-        if self.root is not None:
-            out = out + x @ self.root
-        return out if self.bias is None else out + self.bias
+        out = _local(x, self.root, self.bias, self.out_channels)
+        return spline_conv(out, x, edge_index, edge_attr, self.weight, self.kernel_size)
 
     def extra_repr(self) -> str:
         return f"{self.in_channels}, {self.out_channels}, kernel_size={self.kernel_size}"
 
 
+def _local(x: torch.Tensor, root: torch.Tensor | None, bias: torch.Tensor | None, channels: int) -> torch.Tensor:
+    """The terms of a node alone, [N, channels], in fresh memory."""
+    if root is not None:
+        return x @ root if bias is None else torch.addmm(bias, x, root)
+    return x.new_zeros(x.shape[0], channels) if bias is None else bias.repeat(x.shape[0], 1)
+
+
 def spline_conv(
-    x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor, weight: torch.Tensor, kernel_size: int
+    out: torch.Tensor,
+    x: torch.Tensor,
+    edge_index: torch.Tensor,
+    edge_attr: torch.Tensor,
+    weight: torch.Tensor,
+    kernel_size: int,
 ) -> torch.Tensor:
-    """The sum of `SplineConv` without its bias: numba on the CPU, torch on any other device."""
-    if x.device.type == "cpu":
-        dense = kernel_size == 1 or kernel_size**2 * x.shape[1] <= DENSE
-        function = _DenseSplineConv if dense else _SparseSplineConv
-        u = edge_attr.detach().to(x.dtype).contiguous()
-        out: torch.Tensor = function.apply(x, edge_index, u, weight, kernel_size)  # type: ignore[no-untyped-call]
-        return out
-    return spline_conv_torch(x, edge_index, edge_attr, weight, kernel_size)
+    """Add the sum of `SplineConv` to `out` [N, out_channels], in place; numba on the CPU, else torch."""
+    if x.device.type != "cpu":
+        return spline_conv_torch(out, x, edge_index, edge_attr, weight, kernel_size)
+    dense = kernel_size == 1 or kernel_size**2 * x.shape[1] <= DENSE
+    function = _DenseSplineConv if dense else _SparseSplineConv
+    u = edge_attr.detach().to(x.dtype).contiguous()
+    summed: torch.Tensor = function.apply(out, x, edge_index, u, weight, kernel_size)  # type: ignore[no-untyped-call]
+    return summed
 
 
 def spline_conv_torch(
-    x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor, weight: torch.Tensor, kernel_size: int
+    out: torch.Tensor,
+    x: torch.Tensor,
+    edge_index: torch.Tensor,
+    edge_attr: torch.Tensor,
+    weight: torch.Tensor,
+    kernel_size: int,
 ) -> torch.Tensor:
     """The same in plain torch, for any device: aggregate per (node, cell), then one matrix product."""
     source, target = edge_index
@@ -109,7 +124,7 @@ def spline_conv_torch(
             share = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
             cell = lower[:, 0] + a + size * (lower[:, 1] + b)
             sums = sums.index_add(0, target * size**2 + cell, share.unsqueeze(1) * gathered)
-    return sums.view(nodes, size**2 * x.shape[1]) @ weight.reshape(-1, weight.shape[2])
+    return out.addmm_(sums.view(nodes, size**2 * x.shape[1]), weight.reshape(-1, weight.shape[2]))
 
 
 class _DenseSplineConv(torch.autograd.Function):
@@ -117,32 +132,38 @@ class _DenseSplineConv(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor, weight: torch.Tensor, size: int
+        ctx: Any,
+        out: torch.Tensor,
+        x: torch.Tensor,
+        edge_index: torch.Tensor,
+        u: torch.Tensor,
+        weight: torch.Tensor,
+        size: int,
     ) -> torch.Tensor:
-        x = x.contiguous()
         source, target = edge_index.contiguous().numpy()
         shares = kernel.spline_shares(source, target, u.numpy(), size, x.shape[0])
         row, of, share = shares
         sums = x.new_zeros(x.shape[0] * size**2, x.shape[1])
-        kernel.add_shares(sums.numpy(), row, x.detach().numpy(), of, share)
+        kernel.add_shares(sums.numpy(), row, x.detach().contiguous().numpy(), of, share)
         sums = sums.view(x.shape[0], size**2 * x.shape[1])
+        ctx.mark_dirty(out)
         ctx.save_for_backward(sums, weight)
         ctx.shares = shares
-        return sums @ weight.reshape(-1, weight.shape[2])
+        return out.addmm_(sums, weight.reshape(-1, weight.shape[2]))
 
     @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight = ctx.saved_tensors
         row, of, share = ctx.shares
-        d_weight = d_x = None
-        if ctx.needs_input_grad[3]:
-            d_weight = (sums.T @ gradient).view_as(weight)
-        if ctx.needs_input_grad[0]:
-            channels = weight.shape[1]
-            d_sums = (gradient @ weight.reshape(-1, weight.shape[2]).T).view(sums.shape[0] * (sums.shape[1] // channels), channels)
+        _, to_x, _, _, to_weight, _ = ctx.needs_input_grad
+        d_weight = (sums.T @ gradient).view_as(weight) if to_weight else None
+        d_x = None
+        if to_x:
+            cells, channels = weight.shape[:2]
+            d_sums = (gradient @ weight.reshape(-1, weight.shape[2]).T).view(sums.shape[0] * cells, channels)
             d_x = sums.new_zeros(sums.shape[0], channels)
             kernel.add_shares(d_x.numpy(), of, d_sums.numpy(), row, share)
-        return d_x, None, None, d_weight, None
+        return gradient, d_x, None, None, d_weight, None
 
 
 class _SparseSplineConv(torch.autograd.Function):
@@ -150,28 +171,34 @@ class _SparseSplineConv(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor, weight: torch.Tensor, size: int
+        ctx: Any,
+        out: torch.Tensor,
+        x: torch.Tensor,
+        edge_index: torch.Tensor,
+        u: torch.Tensor,
+        weight: torch.Tensor,
+        size: int,
     ) -> torch.Tensor:
-        x, weight = x.contiguous(), weight.contiguous()
+        weight = weight.contiguous()
         source, target, u = _by_target(edge_index, u)
         plan = kernel.spline_plan(source.numpy(), target.numpy(), u.numpy(), size, x.shape[0])
         starts, row_node, entry_row, entry_source, share = plan
         sums = x.new_zeros(row_node.size, x.shape[1])
-        kernel.add_shares(sums.numpy(), entry_row, x.detach().numpy(), entry_source, share)
-        out = x.new_zeros(x.shape[0], weight.shape[2])
+        kernel.add_shares(sums.numpy(), entry_row, x.detach().contiguous().numpy(), entry_source, share)
         buffer = _buffer(x, starts, weight.shape[2])
         for cell, a, b in _occupied(starts):
             products = torch.mm(sums[a:b], weight[cell], out=buffer[: b - a])
             kernel.add_rows(out.numpy(), row_node[a:b], products.numpy())
+        ctx.mark_dirty(out)
         ctx.save_for_backward(sums, weight)
-        ctx.plan, ctx.nodes = plan, x.shape[0]
+        ctx.plan = plan
         return out
 
     @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight = ctx.saved_tensors
         starts, row_node, entry_row, entry_source, share = ctx.plan
-        to_x, _, _, to_weight, _ = ctx.needs_input_grad
+        _, to_x, _, _, to_weight, _ = ctx.needs_input_grad
         d_weight = torch.zeros_like(weight) if to_weight else None
         d_sums = torch.empty_like(sums) if to_x else None
         buffer = _buffer(sums, starts, weight.shape[2])
@@ -185,9 +212,9 @@ class _SparseSplineConv(torch.autograd.Function):
                 torch.mm(rows, weight[cell].T, out=d_sums[a:b])
         d_x = None
         if d_sums is not None:
-            d_x = sums.new_zeros(ctx.nodes, sums.shape[1])
+            d_x = sums.new_zeros(gradient.shape[0], sums.shape[1])
             kernel.add_shares(d_x.numpy(), entry_source, d_sums.numpy(), entry_row, share)
-        return d_x, None, None, d_weight, None
+        return gradient, d_x, None, None, d_weight, None
 
 
 def _by_target(edge_index: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -202,7 +229,7 @@ def _by_target(edge_index: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor,
 def _occupied(starts: Any) -> list[tuple[int, int, int]]:
     """Kernel cells that have rows, each with the range of its rows."""
     bounds = starts.tolist()
-    return [(cell, a, b) for cell, (a, b) in enumerate(zip(bounds, bounds[1:], strict=False)) if b > a]
+    return [(cell, a, b) for cell, (a, b) in enumerate(itertools.pairwise(bounds)) if b > a]
 
 
 def _buffer(like: torch.Tensor, starts: Any, channels: int) -> torch.Tensor:

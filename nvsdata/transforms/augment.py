@@ -111,9 +111,7 @@ def affine(
     x = np.rint(c * (events.x - cx) - s * (events.y - cy) + cx + dx)
     y = np.rint(s * (events.x - cx) + c * (events.y - cy) + cy + dy)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    columns = Columns(
-        events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside]
-    )
+    columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])
     return Events.trusted(columns, events.sensor_size, events.start)
 
 

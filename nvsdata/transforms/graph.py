@@ -36,9 +36,7 @@ class RadiusGraph:
         positive("max_degree", self.max_degree)
 
     def __call__(self, sample: Events | Recording) -> Graph:
-        return radius_graph(
-            sample, self.radius, alpha=self.alpha, beta=self.beta, max_degree=self.max_degree
-        )
+        return radius_graph(sample, self.radius, alpha=self.alpha, beta=self.beta, max_degree=self.max_degree)
 
 
 def radius_graph(

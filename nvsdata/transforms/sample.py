@@ -46,9 +46,7 @@ class RandomDrop:
         return drop(sample, uniform(0, self.most))
 
 
-def nonuniform_sample(
-    sample: Events | Recording, k: int = 8, *, alpha: float = 1.0, beta: float = 0.5e-5
-) -> Events:
+def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 1.0, beta: float = 0.5e-5) -> Events:
     """One random event from each box of at most `k`; see `NonUniformSample`."""
     events = as_events(sample)
     if k == 1:

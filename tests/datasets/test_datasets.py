@@ -58,7 +58,7 @@ def test_transforms_are_applied(fake_nmnist):
 
 def test_a_corrupt_recording_names_its_file(fake_nmnist):
     (fake_nmnist / "Train" / "0" / "00001.bin").write_bytes(b"abcdefg")
-    with pytest.raises(nvsdata.FormatError, match="00001.bin: byte 5: truncated"):
+    with pytest.raises(nvsdata.FormatError, match=r"00001\.bin: byte 5: truncated"):
         NMNIST(fake_nmnist)[0]
 
 
@@ -89,7 +89,9 @@ def test_hidden_files_are_left_out(folder):
 
 def batches(dataset, workers, first=0):
     sampler = SeededBatches(len(dataset), 7, first=first, last=3, shuffle=True, seed=5)
-    loader = DataLoader(SeededDataset(dataset, 5), batch_sampler=sampler, num_workers=workers, collate_fn=nvsdata.collate)
+    loader = DataLoader(
+        SeededDataset(dataset, 5), batch_sampler=sampler, num_workers=workers, collate_fn=nvsdata.collate
+    )
     assert len(loader) == 6 * (3 - first)
     return list(loader)
 

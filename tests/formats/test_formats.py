@@ -1,5 +1,6 @@
 """What holds for every format that is read and written."""
 
+import itertools
 import os
 
 import numpy as np
@@ -41,7 +42,7 @@ def test_any_split_of_a_recording_joins_back(tmp_path, suffix, ev, cuts):
     nvsdata.write(ev, path)
     recording = nvsdata.open(path)
     edges = [None, *sorted(cuts), None]
-    parts = [recording.read(a, b) for a, b in zip(edges, edges[1:], strict=False)]
+    parts = [recording.read(a, b) for a, b in itertools.pairwise(edges)]
     for name in ("t", "x", "y", "p"):
         assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(ev, name))
 

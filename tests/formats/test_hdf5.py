@@ -19,7 +19,9 @@ def test_times_up_to_2_to_the_62_go_round(tmp_path, ev, first):
 @pytest.fixture
 def path(tmp_path):
     n = 1_000
-    nvsdata.write(Events(np.arange(n), np.arange(n) % 30, np.arange(n) % 20, np.arange(n) % 2, (30, 20)), tmp_path / "a.h5")
+    nvsdata.write(
+        Events(np.arange(n), np.arange(n) % 30, np.arange(n) % 20, np.arange(n) % 2, (30, 20)), tmp_path / "a.h5"
+    )
     return tmp_path / "a.h5"
 
 
@@ -34,7 +36,7 @@ def test_a_compressed_copy_reads_the_same(path, tmp_path):
 
 def test_a_truncated_file_is_refused(path):
     path.write_bytes(path.read_bytes()[:-500])
-    with pytest.raises(FormatError, match="truncated|damaged"):
+    with pytest.raises(FormatError, match=r"truncated|damaged"):
         nvsdata.read(path)
 
 

@@ -68,7 +68,9 @@ def test_compose_refuses_what_cannot_be_called():
 
 
 def test_the_pipeline_of_the_thesis_makes_a_graph():
-    pipeline = T.Compose([T.RandomWindow(30_000), T.NonUniformSample(8), T.RadiusGraph(3), T.RandomScale(), T.RandomFlip(0)])
+    pipeline = T.Compose(
+        [T.RandomWindow(30_000), T.NonUniformSample(8), T.RadiusGraph(3), T.RandomScale(), T.RandomFlip(0)]
+    )
     graph = pipeline(sweep())
     assert 150 / 8 <= graph.num_nodes < 150
     assert graph.edge_attr.shape == (graph.num_edges, 2)
