@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import torch
 
 MAX_COORDINATE = 32766
+EVER = (-(2**63), 2**63 - 1)
 STRUCTURE = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.uint8)])
 
 
@@ -208,8 +209,7 @@ class Recording(ABC):
         if start is None and stop is None:
             return self.events()
         if self._whole is None:
-            far = np.iinfo(np.int64)
-            columns = self._window(far.min if start is None else start, far.max if stop is None else stop)
+            columns = self._window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
             if columns is not None:
                 return Events.trusted(columns, self.sensor_size, start)
             self._whole = self.events()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import os
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -31,7 +32,12 @@ class Format:
 
     def load(self) -> ModuleType:
         """The module that reads and writes it; imported only now."""
-        return import_module(f"nvsdata.formats.{self.module}")
+        return _module(self.module)
+
+
+@cache
+def _module(name: str) -> ModuleType:
+    return import_module(f"nvsdata.formats.{name}")
 
 
 FORMATS = (

@@ -32,4 +32,4 @@ def uniform(low: float, high: float) -> float:
 
 def below(bound: int) -> int:
     """An integer in [0, bound) from torch's generator."""
-    return int(torch.randint(bound, ()).item())
+    return int(torch.empty((), dtype=torch.int64).random_(bound).item())
