@@ -14,12 +14,13 @@ import argparse
 import json
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch.nn.functional import cross_entropy
-from torch.utils.data import DataLoader, Subset
+from torch.utils.data import ConcatDataset, DataLoader, Subset
 from tqdm import tqdm
 
 from nvsdata import collate, models
@@ -28,15 +29,17 @@ from nvsdata.datasets import DATASETS, SeededBatches, SeededDataset, stratified
 from nvsdata.files import atomic
 
 BATCH = 64
+WORKERS = max(1, min(4, (os.cpu_count() or 2) // 2))  # they and torch's threads share the cores
 THESIS_EPOCHS = 150
 # below this many steps 150 epochs are too few to converge: a small dataset is passed more often
-LEAST_STEPS = 12_000
+LEAST_STEPS = 7_500
 
 
 def main() -> None:
     args = arguments()
     torch.manual_seed(args.seed)
-    train_set, test_set, classes, sensor_size = datasets(args)
+    torch.set_num_threads(max(1, (os.cpu_count() or 2) - WORKERS))
+    train_set, test_on, classes, sensor_size = datasets(args)
     steps = -(-len(train_set) // BATCH)
     epochs = args.epochs or max(THESIS_EPOCHS, -(-LEAST_STEPS // steps))
     model = network(args.dataset, sensor_size, len(classes)).to(args.device)
@@ -46,11 +49,10 @@ def main() -> None:
     parts = {"model": model, "optimizer": optimizer, "schedule": schedule}
     args.out.mkdir(parents=True, exist_ok=True)
     first = resume(args, parts, epochs)
+    batches = iter(loader(train_set, args.seed, first, epochs, shuffle=True))
+    test_set = test_on((0.0, 1.0))
+    test_batches = loader(test_set, args.seed)
     print(f"{len(train_set)} recordings to train on, {len(test_set)} to test on, epochs {first + 1} to {epochs}")
-    batches = iter(
-        loader(train_set, SeededBatches(len(train_set), BATCH, first=first, last=epochs, shuffle=True, seed=args.seed))
-    )
-    test_loader = loader(test_set, SeededBatches(len(test_set), BATCH, last=1))
     for epoch in range(first, epochs):
         start = time.perf_counter()
         line: dict[str, Any] = {"epoch": epoch + 1, "learning_rate": schedule.get_last_lr()[0]}
@@ -60,10 +62,14 @@ def main() -> None:
         schedule.step()
         line["seconds"] = round(time.perf_counter() - start, 2)
         if epoch + 1 < epochs:
-            line["test_accuracy"], _ = evaluate(model, test_loader, args.device)
+            line["test_accuracy"] = accuracies(model, test_batches, 1, args.device)[0]
         else:
-            votes = loader(test_set, SeededBatches(len(test_set), BATCH, last=args.votes))
-            line["test_accuracy"], line["test_accuracy_votes"] = evaluate(model, votes, args.device)
+            windows = loader(test_set, args.seed, last=args.votes)
+            line["test_accuracy"] = accuracies(model, windows, args.votes, args.device)[0]
+            # voters spread over the recording know more than voters that may stand together
+            shares = [test_on((v / args.votes, (v + 1) / args.votes)) for v in range(args.votes)]
+            spread = loader(ConcatDataset(shares), args.seed)
+            line["test_accuracy_votes"] = accuracies(model, spread, args.votes, args.device)[1]
         save(args, parts, epoch + 1, epochs, line)
         print(json.dumps(line))
 
@@ -84,34 +90,35 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def pipelines(args: argparse.Namespace) -> tuple[T.Compose, T.Compose]:
-    """Transforms for training and for testing."""
-    window, graph = T.RandomWindow(args.window), T.RadiusGraph()
+def pipeline(args: argparse.Namespace, *, training: bool, within: tuple[float, float] = (0.0, 1.0)) -> T.Compose:
+    """From a recording to a graph, augmented for training."""
+    window, graph = T.RandomWindow(args.window, within), T.RadiusGraph()
     if args.dataset == "n-mnist":
         # a digit is small: it needs every event, and its mirror image is no digit
-        augment = T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2)
-        return T.Compose([window, augment, graph]), T.Compose([window, graph])
-    sample = T.NonUniformSample(8)
-    augment = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()]
-    return T.Compose([window, sample, graph, *augment]), T.Compose([window, sample, graph])
+        augment = [T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2)] if training else []
+        return T.Compose([window, *augment, graph])
+    augment_graph = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()] if training else []
+    return T.Compose([window, T.NonUniformSample(8), graph, *augment_graph])
 
 
-def datasets(args: argparse.Namespace) -> tuple[SeededDataset, SeededDataset, list[str], tuple[int, int]]:
-    """Training set, test set, class names and sensor size."""
-    kind = DATASETS[args.dataset]
-    train_transform, test_transform = pipelines(args)
+def datasets(args: argparse.Namespace) -> tuple[Any, Callable[..., Any], list[str], tuple[int, int]]:
+    """Training set, test set for a share of the windows, class names and sensor size."""
+    kind: Any = DATASETS[args.dataset]
     try:
-        train: Any = kind(args.root, "train", transform=train_transform)
-        test: Any = kind(args.root, "test", transform=test_transform)
-        classes, size = train.classes, train.sensor_size
+        train = kind(args.root, "train", transform=pipeline(args, training=True))
+        kind(args.root, "test")
+        split, kept, held = "test", None, None
     except FileNotFoundError:
         split = "all" if args.dataset == "folder" else "train"
-        whole: Any = kind(args.root, split, transform=train_transform)
-        same: Any = kind(args.root, split, transform=test_transform)
-        kept, held = stratified(whole.targets, 0.2, seed=args.seed)
-        train, test = Subset(whole, kept), Subset(same, held)
-        classes, size = whole.classes, whole.sensor_size
-    return SeededDataset(train, args.seed), SeededDataset(test, args.seed), classes, size or (240, 180)
+        train = kind(args.root, split, transform=pipeline(args, training=True))
+        kept, held = stratified(train.targets, 0.2, seed=args.seed)
+
+    def test_on(within: tuple[float, float]) -> Any:
+        test = kind(args.root, split, transform=pipeline(args, training=False, within=within))
+        return test if held is None else Subset(test, held)
+
+    train_set = train if kept is None else Subset(train, kept)
+    return train_set, test_on, train.classes, train.sensor_size or (240, 180)
 
 
 def network(dataset: str, sensor_size: tuple[int, int], classes: int) -> models.RGCNN:
@@ -126,11 +133,12 @@ def network(dataset: str, sensor_size: tuple[int, int], classes: int) -> models.
     return models.rgcnn((fitting or ["asl-dvs"])[0], classes)
 
 
-def loader(dataset: SeededDataset, batches: SeededBatches) -> DataLoader[Any]:
-    """A DataLoader that leaves one core to the training."""
-    dataset[next(iter(batches))[0]]  # compiles the kernels once, before workers are forked
-    workers = max(1, min(4, (os.cpu_count() or 2) - 1))
-    return DataLoader(dataset, batch_sampler=batches, num_workers=workers, collate_fn=collate, persistent_workers=True)
+def loader(dataset: Any, seed: int, first: int = 0, last: int = 1, *, shuffle: bool = False) -> DataLoader[Any]:
+    """Seeded batches of the epochs first..last."""
+    seeded = SeededDataset(dataset, seed)
+    seeded[0, 0]  # compiles the kernels once, before workers are forked
+    batches = SeededBatches(len(dataset), BATCH, first=first, last=last, shuffle=shuffle, seed=seed)
+    return DataLoader(seeded, batch_sampler=batches, num_workers=WORKERS, collate_fn=collate, persistent_workers=True)
 
 
 def train(model: Any, optimizer: Any, batches: Any, steps: int, device: str, title: str) -> dict[str, float]:
@@ -152,15 +160,17 @@ def train(model: Any, optimizer: Any, batches: Any, steps: int, device: str, tit
 
 
 @torch.no_grad()
-def evaluate(model: Any, batches: DataLoader[Any], device: str) -> tuple[float, float]:
-    """Accuracy of one window (mean over the windows drawn), and of the mean of their probabilities."""
+def accuracies(model: Any, batches: DataLoader[Any], windows: int, device: str) -> tuple[float, float]:
+    """Accuracy of one window (mean over all), and of the `windows` windows of a recording together.
+
+    A vote adds up log-probabilities. The batches hold every recording once, then again, and so on.
+    """
     model.eval()
-    outputs = [(model(graphs.to(device)).softmax(1).cpu(), targets) for graphs, targets in batches]
-    samples = len(batches.dataset)  # type: ignore[arg-type]
-    scores = torch.cat([score for score, _ in outputs]).view(-1, samples, outputs[0][0].shape[1])
-    targets = torch.cat([target for _, target in outputs]).view(-1, samples)
+    outputs = [(model(graphs.to(device)).log_softmax(1).cpu(), targets) for graphs, targets in batches]
+    scores = torch.stack(torch.cat([score for score, _ in outputs]).chunk(windows))
+    targets = torch.cat([target for _, target in outputs]).chunk(windows)[0]
     single = (scores.argmax(2) == targets).double().mean().item()
-    return single, (scores.mean(0).argmax(1) == targets[0]).double().mean().item()
+    return single, (scores.sum(0).argmax(1) == targets).double().mean().item()
 
 
 def resume(args: argparse.Namespace, parts: dict[str, Any], epochs: int) -> int:

@@ -25,3 +25,24 @@ def is_sorted(values):
         if values[i] < values[i - 1]:
             return False
     return True
+
+
+@njit(cache=True, nogil=True)
+def with_self_loops(source, target, u, nodes):
+    """Edges grouped by target, with a loop of pseudo-coordinates 0 in front of each group. O(E + N).
+
+    `source`, `target` int64 [E] sorted by target, `u` [E, 2]; returns int64 [2, E + N] and [E + N, 2].
+    """
+    edges = np.empty((2, source.size + nodes), np.int64)
+    out = np.zeros((source.size + nodes, 2), u.dtype)
+    e = 0
+    at = 0
+    for node in range(nodes):
+        edges[0, at] = edges[1, at] = node
+        at += 1
+        while e < source.size and target[e] == node:
+            edges[0, at], edges[1, at] = source[e], node
+            out[at, 0], out[at, 1] = u[e, 0], u[e, 1]
+            e += 1
+            at += 1
+    return edges, out

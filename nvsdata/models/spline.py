@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from nvsdata.kernels import spline as kernel
-from nvsdata.kernels.graph import is_sorted
+from nvsdata.kernels.graph import is_sorted, with_self_loops
 
 # up to so many (cell, channel) pairs it is cheaper to aggregate all than to find which occur
 DENSE = 128
@@ -215,6 +215,19 @@ class _SparseSplineConv(torch.autograd.Function):
             d_x = sums.new_zeros(gradient.shape[0], sums.shape[1])
             kernel.add_shares(d_x.numpy(), entry_source, d_sums.numpy(), entry_row, share)
         return gradient, d_x, None, None, d_weight, None
+
+
+def add_self_loops(edge_index: torch.Tensor, edge_attr: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Edges with a loop of pseudo-coordinates 0 on each node: int64 [2, E + N] and [E + N, 2].
+
+    With them N(i) holds i itself, whose distance 0 is within every radius (eq. 4.2).
+    """
+    if edge_index.device.type == "cpu":
+        source, target, u = _by_target(edge_index, edge_attr)
+        edges, attributes = with_self_loops(source.numpy(), target.numpy(), u.numpy(), nodes)
+        return torch.from_numpy(edges), torch.from_numpy(attributes)
+    loops = torch.arange(nodes, device=edge_index.device).expand(2, nodes)
+    return torch.cat((loops, edge_index), 1), torch.cat((edge_attr.new_zeros(nodes, 2), edge_attr))
 
 
 def _by_target(edge_index: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

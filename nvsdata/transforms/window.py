@@ -24,15 +24,22 @@ class Window:
 
 @dataclass(frozen=True)
 class RandomWindow:
-    """A window of `duration` µs at a random place, wholly inside the recording if it fits (thesis: 30 ms)."""
+    """A window of `duration` µs at a random place, wholly inside the recording if it fits (thesis: 30 ms).
+
+    It begins within the share `within` of the places where it may: (0, 1) is anywhere, (0, 0.2) the
+    first fifth. Windows of several such shares spread over the recording.
+    """
 
     duration: int = 30_000
+    within: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
         positive("duration", self.duration)
+        if not 0 <= self.within[0] < self.within[1] <= 1:
+            raise ValueError(f"within must be (low, high) with 0 <= low < high <= 1, not {self.within}")
 
     def __call__(self, sample: Events | Recording) -> Events:
-        return random_window(sample, self.duration)
+        return random_window(sample, self.duration, within=self.within)
 
 
 def window(sample: Events | Recording, start: int, stop: int) -> Events:
@@ -42,11 +49,15 @@ def window(sample: Events | Recording, start: int, stop: int) -> Events:
     return _cut(sample, first + start, first + stop)
 
 
-def random_window(sample: Events | Recording, duration: int = 30_000) -> Events:
+def random_window(
+    sample: Events | Recording, duration: int = 30_000, *, within: tuple[float, float] = (0.0, 1.0)
+) -> Events:
     """Events of a window of `duration` µs that begins anywhere it still fits; see `RandomWindow`."""
     first, last = _span(sample)
-    spare = last + 1 - duration - first
-    start = first + (below(spare + 1) if spare > 0 else 0)
+    places = max(last + 1 - duration - first, 0) + 1
+    low = int(within[0] * places)
+    high = max(int(within[1] * places), low + 1)
+    start = first + low + below(high - low)
     return _cut(sample, start, start + duration)
 
 

@@ -13,6 +13,8 @@ CLUSTERS = (2, 4, 7)
 
 
 class Residual(nn.Module):
+    """Convolution and shortcut."""
+
     def __init__(self, a: int, b: int) -> None:
         super().__init__()
         self.conv, self.norm = SplineConv(a, b, dim=2, kernel_size=5), nn.BatchNorm1d(b)
@@ -23,6 +25,8 @@ class Residual(nn.Module):
 
 
 class PyGRGCNN(nn.Module):
+    """The network for N-MNIST."""
+
     def __init__(self) -> None:
         super().__init__()
         self.first, self.norm = SplineConv(1, 32, dim=2, kernel_size=5), nn.BatchNorm1d(32)

@@ -116,6 +116,20 @@ def test_no_edges(path, nodes):
     assert (x.grad == 0).all()
 
 
+@given(seed=st.integers(0, 10**6), nodes=st.integers(0, 9), edges=st.integers(0, 30))
+def test_self_loops_join_every_node_to_itself(seed, nodes, edges):
+    edges = edges if nodes else 0
+    _, edge_index, u = random_case(seed, nodes=max(nodes, 1), edges=edges)
+    index, attributes = module.add_self_loops(edge_index, u, nodes)
+
+    def listed(index, u):
+        return sorted(zip(*index.tolist(), map(tuple, u.tolist()), strict=True))
+
+    loops = [(i, i, (0.0, 0.0)) for i in range(nodes)]
+    assert listed(index, attributes) == sorted(listed(edge_index, u) + loops)
+    assert (index[1].diff() >= 0).all()
+
+
 def test_sizes_below_one_are_refused():
     with pytest.raises(ValueError, match="kernel_size must be at least 1, not 0"):
         SplineConv(1, 1, 0)

@@ -46,6 +46,7 @@ def test_settings_cannot_be_changed():
     [
         (lambda: T.Window(5, 3), "ends before"),
         (lambda: T.RandomWindow(0), "duration must be positive, not 0"),
+        (lambda: T.RandomWindow(5, (0.5, 0.5)), "within must be"),
         (lambda: T.NonUniformSample(0), "k must be positive"),
         (lambda: T.NonUniformSample(k=8, beta=-1), "beta must not be negative"),
         (lambda: T.RandomDrop(1.5), "between 0 and 1"),
@@ -91,6 +92,13 @@ def test_random_windows_lie_inside_and_are_no_longer_than_asked(ev, duration):
         assert cut.start >= ev.t[0]
         assert cut.start + duration <= ev.t[-1] + 1 or cut == ev
         assert cut == ev.window(cut.start, cut.start + duration)
+
+
+def test_shares_of_random_windows_tile_the_places():
+    ev = sweep(50)
+    places = ev.t[-1] + 1 - 9_790 + 1
+    seen = [{T.random_window(ev, 9_790, within=(k / 3, (k + 1) / 3)).start for _ in range(99)} for k in range(3)]
+    assert sorted(s for starts in seen for s in starts) == list(range(places))
 
 
 def test_random_windows_reach_both_ends():
