@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
-from nvsdata.kernels.graph import pseudo_coordinates
+from nvsdata.kernels import graph as kernel
 
 Reach = tuple[float, float]
 
@@ -137,6 +137,20 @@ class GraphBatch(Graph):
 def pseudo(pos: torch.Tensor, edge_index: torch.Tensor, reach: Reach) -> torch.Tensor:
     """Pseudo-coordinates u = (|dx|, |dy|) / reach, at most 1: float32 [E, 2] (thesis 4.2.1)."""
     if pos.device.type == "cpu":
-        return torch.from_numpy(pseudo_coordinates(pos.numpy(), edge_index.numpy(), np.array(reach, np.float32)))
+        return torch.from_numpy(kernel.pseudo_coordinates(pos.numpy(), edge_index.numpy(), np.array(reach, np.float32)))
     offset = (pos[edge_index[0]] - pos[edge_index[1]]).abs()
     return (offset / offset.new_tensor(reach)).clamp(max=1)
+
+
+def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Source, target and pseudo-coordinates, grouped by target (CPU). ValueError for edges no graph can have."""
+    source, target, u = edge_index[0].contiguous(), edge_index[1].contiguous(), u.detach().contiguous()
+    code = kernel.check_edges(source.numpy(), target.numpy(), u.numpy(), nodes)
+    if code == kernel.NO_SUCH_NODE:
+        raise ValueError(f"edge_index names nodes from {edge_index.min()} to {edge_index.max()}; there are {nodes}")
+    if code == kernel.NOT_FINITE:
+        raise ValueError("edge_attr holds numbers that are not finite")
+    if code == kernel.GROUPED:
+        return source, target, u
+    order = torch.argsort(target, stable=True)
+    return source[order], target[order], u[order]

@@ -13,18 +13,30 @@ def pseudo_coordinates(pos, edges, reach):
     for e in range(edges.shape[1]):
         i = edges[0, e]
         j = edges[1, e]
+        if not (0 <= i < len(pos) and 0 <= j < len(pos)):
+            raise IndexError("edge_index names a node that is not there")
         out[e, 0] = min(abs(pos[i, 0] - pos[j, 0]) / reach[0], np.float32(1))
         out[e, 1] = min(abs(pos[i, 1] - pos[j, 1]) / reach[1], np.float32(1))
     return out
 
 
+GROUPED, UNGROUPED, NO_SUCH_NODE, NOT_FINITE = 0, 1, 2, 3
+
+
 @njit(cache=True, nogil=True)
-def is_sorted(values):
-    """Whether the values never decrease. O(N)."""
-    for i in range(1, values.size):
-        if values[i] < values[i - 1]:
-            return False
-    return True
+def check_edges(source, target, u, nodes):
+    """Whether edges can be trusted, and whether they are grouped by target: one of the codes above. O(E)."""
+    code = GROUPED
+    last = 0
+    for e in range(source.size):
+        if not (0 <= source[e] < nodes and 0 <= target[e] < nodes):
+            return NO_SUCH_NODE
+        if not (np.isfinite(u[e, 0]) and np.isfinite(u[e, 1])):
+            return NOT_FINITE
+        if target[e] < last:
+            code = UNGROUPED
+        last = target[e]
+    return code
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import torch
 from torch import nn
 
-from nvsdata.graph import GraphBatch, Reach, pseudo
+from nvsdata.graph import GraphBatch, Reach, grouped, pseudo
 from nvsdata.kernels import pool as kernel
 
 
@@ -89,9 +89,10 @@ Structure = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 
 
 def _clusters_numba(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
-    pos, edges = batch.pos.numpy(), batch.edge_index.numpy()
+    pos = batch.pos.numpy()
+    source, target, _ = grouped(batch.edge_index, batch.edge_attr, batch.num_nodes)
     index, new_pos, ptr = kernel.clusters(pos[:, 0], pos[:, 1], batch.ptr.numpy(), *cluster, *grid)
-    new_edges = kernel.merged_edges(edges[0], edges[1], index, new_pos.shape[0])
+    new_edges = kernel.merged_edges(source.numpy(), target.numpy(), index, new_pos.shape[0])
     return torch.from_numpy(index), torch.from_numpy(new_pos), torch.from_numpy(ptr), torch.from_numpy(new_edges)
 
 

@@ -32,12 +32,14 @@ class ConvBlock(nn.Module):
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
         edges = add_self_loops(batch.edge_index, batch.edge_attr, batch.num_nodes)
-        x = self.norm(self.conv(batch.x, *edges))
-        return replace(batch, x=x)
+        return replace(batch, x=self.norm(self.conv(batch.x, *edges)))
 
 
 class ResidualBlock(nn.Module):
-    """Res_g (thesis 4.2.5): a convolution and a shortcut of kernel size 1, each normalised, added; before its activation."""
+    """Res_g (thesis 4.2.5), before its activation.
+
+    A convolution and a shortcut of kernel size 1, each normalised, added.
+    """
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
         super().__init__()

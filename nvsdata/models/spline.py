@@ -9,8 +9,9 @@ from typing import Any
 import torch
 from torch import nn
 
+from nvsdata.graph import grouped
 from nvsdata.kernels import spline as kernel
-from nvsdata.kernels.graph import is_sorted, with_self_loops
+from nvsdata.kernels.graph import with_self_loops
 
 # up to so many (cell, channel) pairs it is cheaper to aggregate all than to find which occur
 DENSE = 128
@@ -97,7 +98,7 @@ def spline_conv(
         return spline_conv_torch(out, x, edge_index, edge_attr, weight, kernel_size)
     dense = kernel_size == 1 or kernel_size**2 * x.shape[1] <= DENSE
     function = _DenseSplineConv if dense else _SparseSplineConv
-    u = edge_attr.detach().to(x.dtype).contiguous()
+    u = edge_attr.detach().to(x.dtype)
     summed: torch.Tensor = function.apply(out, x, edge_index, u, weight, kernel_size)  # type: ignore[no-untyped-call]
     return summed
 
@@ -140,8 +141,8 @@ class _DenseSplineConv(torch.autograd.Function):
         weight: torch.Tensor,
         size: int,
     ) -> torch.Tensor:
-        source, target = edge_index.contiguous().numpy()
-        shares = kernel.spline_shares(source, target, u.numpy(), size, x.shape[0])
+        source, target, u = grouped(edge_index, u, x.shape[0])
+        shares = kernel.spline_shares(source.numpy(), target.numpy(), u.numpy(), size, x.shape[0])
         row, of, share = shares
         sums = x.new_zeros(x.shape[0] * size**2, x.shape[1])
         kernel.add_shares(sums.numpy(), row, x.detach().contiguous().numpy(), of, share)
@@ -180,7 +181,7 @@ class _SparseSplineConv(torch.autograd.Function):
         size: int,
     ) -> torch.Tensor:
         weight = weight.contiguous()
-        source, target, u = _by_target(edge_index, u)
+        source, target, u = grouped(edge_index, u, x.shape[0])
         plan = kernel.spline_plan(source.numpy(), target.numpy(), u.numpy(), size, x.shape[0])
         starts, row_node, entry_row, entry_source, share = plan
         sums = x.new_zeros(row_node.size, x.shape[1])
@@ -223,20 +224,11 @@ def add_self_loops(edge_index: torch.Tensor, edge_attr: torch.Tensor, nodes: int
     With them N(i) holds i itself, whose distance 0 is within every radius (eq. 4.2).
     """
     if edge_index.device.type == "cpu":
-        source, target, u = _by_target(edge_index, edge_attr)
+        source, target, u = grouped(edge_index, edge_attr, nodes)
         edges, attributes = with_self_loops(source.numpy(), target.numpy(), u.numpy(), nodes)
         return torch.from_numpy(edges), torch.from_numpy(attributes)
     loops = torch.arange(nodes, device=edge_index.device).expand(2, nodes)
     return torch.cat((loops, edge_index), 1), torch.cat((edge_attr.new_zeros(nodes, 2), edge_attr))
-
-
-def _by_target(edge_index: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Source, target and pseudo-coordinates, grouped by target."""
-    source, target = edge_index[0].contiguous(), edge_index[1].contiguous()
-    if is_sorted(target.numpy()):
-        return source, target, u.contiguous()
-    order = torch.argsort(target, stable=True)
-    return source[order], target[order], u[order]
 
 
 def _occupied(starts: Any) -> list[tuple[int, int, int]]:

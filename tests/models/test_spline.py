@@ -130,6 +130,16 @@ def test_self_loops_join_every_node_to_itself(seed, nodes, edges):
     assert (index[1].diff() >= 0).all()
 
 
+@pytest.mark.parametrize(
+    ("edge", "u", "message"),
+    [(5, 0.5, "nodes from 0 to 5; there are 3"), (-1, 0.5, "nodes from -1"), (1, float("nan"), "not finite")],
+)
+@pytest.mark.parametrize("channels", [1, 32])
+def test_impossible_edges_are_refused(edge, u, message, channels):
+    with pytest.raises(ValueError, match=message):
+        SplineConv(channels, 2)(torch.ones(3, channels), torch.tensor([[0], [edge]]), torch.tensor([[u, 0.5]]))
+
+
 def test_sizes_below_one_are_refused():
     with pytest.raises(ValueError, match="kernel_size must be at least 1, not 0"):
         SplineConv(1, 1, 0)
