@@ -24,7 +24,7 @@ from nvsdata.events import Events
 SIZE = 34  # pixels, as N-MNIST
 FRAME_US = 500
 FRAMES = 161  # 80 ms
-THRESHOLD = 0.2  # of log intensity
+THRESHOLD = 0.6  # of log intensity
 COUNTS = {"train": 40, "test": 15}  # recordings a class
 
 
@@ -110,7 +110,7 @@ def make_dataset(folder: Path, seed: int) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     rng = np.random.default_rng(seed)
     jobs = [(split, shape, i) for split, count in COUNTS.items() for shape in SHAPES for i in range(count)]
-    for split, shape, i in tqdm(jobs, "recordings", leave=False):
+    for split, shape, i in tqdm(jobs, "recordings", leave=False, disable=None):
         path = folder / split / shape / f"{i:03d}.h5"
         path.parent.mkdir(parents=True, exist_ok=True)
         formats.write(ideal_events(scene(shape, rng), FRAME_US, THRESHOLD), path)
@@ -144,9 +144,9 @@ def _fit(model: models.RGCNN, train: EventFolder, test: EventFolder, seconds: fl
     optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
     history: dict[str, list[float]] = {"train": [], "test": []}
     # the first batch compiles the kernels: that is no training time
-    model(next(iter(batches))[0])
+    torch.autograd.backward(model(next(iter(batches))[0]).sum())
     begin = time.monotonic()
-    with tqdm(total=round(seconds), unit="s", desc="training", leave=False) as bar:
+    with tqdm(total=round(seconds), unit="s", desc="training", leave=False, disable=None) as bar:
         while not history["test"] or time.monotonic() - begin < seconds:
             model.train()
             right = 0

@@ -6,6 +6,7 @@ y int16, p uint8. Compressed or chunked copies (h5repack) are read too, through 
 
 from __future__ import annotations
 
+import mmap
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,8 @@ class Recording(BaseRecording):
         try:
             with h5py.File(path, "r") as file:
                 self._stated = self._given_size or self._attributes(file)
-                self._columns = {name: self._column(file, name) for name in TYPES}
+                memory = _map(path)
+                self._columns = {name: self._column(file, name, memory) for name in TYPES}
         except (OSError, KeyError, RuntimeError) as error:
             raise FormatError(path, None, f"damaged HDF5: {error}") from error
         lengths = {name: len(column) for name, column in self._columns.items()}
@@ -49,16 +51,16 @@ class Recording(BaseRecording):
         except ValueError as error:
             raise FormatError(self.path, None, str(error)) from None
 
-    def _column(self, file: Any, name: str) -> np.ndarray:
+    def _column(self, file: Any, name: str, memory: mmap.mmap) -> np.ndarray:
         dataset = file[f"events/{name}"]
         if dataset.ndim != 1 or dataset.dtype.kind not in "iu":
             raise FormatError(self.path, None, f"/events/{name} is no column of integers")
         offset = dataset.id.get_offset()
         if offset is None or dataset.size == 0:
             return np.asarray(dataset[:])
-        if offset + dataset.nbytes > Path(self.path).stat().st_size:
+        if offset + dataset.nbytes > len(memory):
             raise FormatError(self.path, offset, f"truncated within /events/{name}")
-        return np.memmap(self.path, dataset.dtype, "r", offset, dataset.shape)
+        return np.frombuffer(memory, dataset.dtype, dataset.size, offset)
 
     @property
     def sensor_size(self) -> tuple[int, int]:
@@ -85,6 +87,11 @@ class Recording(BaseRecording):
     def _bounds(self) -> tuple[int, int] | None:
         t = self._columns["t"]
         return (int(t[0]), int(t[-1])) if len(t) else (0, 0)
+
+
+def _map(path: str) -> mmap.mmap:
+    with open(path, "rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 def write(events: Events, path: Path) -> None:
