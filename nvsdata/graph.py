@@ -14,7 +14,7 @@ from nvsdata.kernels import graph as kernel
 Reach = tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Graph:
     """A directed graph of events (thesis 4.2.1).
 
