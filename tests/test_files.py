@@ -18,9 +18,14 @@ def test_the_file_appears_whole(tmp_path):
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_nothing_remains_of_a_failure(tmp_path, error):
     (tmp_path / "a.txt").write_text("old")
-    with pytest.raises(error), atomic(tmp_path / "a.txt") as temporary:
-        temporary.write_text("half")
-        raise error
+
+    def fail_half_way():
+        with atomic(tmp_path / "a.txt") as temporary:
+            temporary.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail_half_way()
     assert (tmp_path / "a.txt").read_text() == "old"
     assert os.listdir(tmp_path) == ["a.txt"]
 
