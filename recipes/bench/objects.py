@@ -100,7 +100,9 @@ def training_step(events: list[nvsdata.Events]) -> Row:
     except ImportError:
         pass
     ours, theirs = race(steps[0], steps[1] if len(steps) > 1 else None, [None], rounds=5)
-    return line("RG-CNN training step a sample", "PyG", ours / 64, theirs and theirs / 64, quoted=56.0)
+    return line(
+        "RG-CNN training step a sample", "PyG + torch_spline_conv", ours / 64, theirs and theirs / 64, quoted=56.0
+    )
 
 
 def stepper(model: torch.nn.Module, batch: Any, targets: torch.Tensor) -> Callable[[Any], None]:

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import torch
-import torch_spline_conv  # noqa: F401  (SplineConv needs it: fail here rather than there)
 from torch import nn
 from torch_geometric.data import Data
-from torch_geometric.nn import SplineConv, max_pool, voxel_grid
+from torch_geometric.nn import max_pool
 from torch_geometric.transforms import Cartesian
+from torch_spline_conv import spline_conv
 
 CLUSTERS = (2, 4, 7)
+
+
+class SplineConv(nn.Module):
+    """The layer that PyTorch Geometric built on torch_spline_conv before it asked for pyg-lib."""
+
+    def __init__(self, a: int, b: int, kernel_size: int) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.randn(kernel_size**2, a, b) / (kernel_size * a**0.5))
+        self.root, self.bias = nn.Parameter(torch.randn(a, b) / a**0.5), nn.Parameter(torch.zeros(b))
+        self.register_buffer("size", torch.tensor([kernel_size, kernel_size]))
+        self.register_buffer("open", torch.ones(2, dtype=torch.uint8))
+
+    def forward(self, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+        return spline_conv(x, edges, u, self.weight, self.size, self.open, 1, True, self.root, self.bias)
 
 
 class Residual(nn.Module):
@@ -17,8 +31,8 @@ class Residual(nn.Module):
 
     def __init__(self, a: int, b: int) -> None:
         super().__init__()
-        self.conv, self.norm = SplineConv(a, b, dim=2, kernel_size=5), nn.BatchNorm1d(b)
-        self.shortcut, self.shortcut_norm = SplineConv(a, b, dim=2, kernel_size=1), nn.BatchNorm1d(b)
+        self.conv, self.norm = SplineConv(a, b, 5), nn.BatchNorm1d(b)
+        self.shortcut, self.shortcut_norm = SplineConv(a, b, 1), nn.BatchNorm1d(b)
 
     def forward(self, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
         return torch.relu(self.norm(self.conv(x, edges, u)) + self.shortcut_norm(self.shortcut(x, edges, u)))
@@ -29,7 +43,7 @@ class PyGRGCNN(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.first, self.norm = SplineConv(1, 32, dim=2, kernel_size=5), nn.BatchNorm1d(32)
+        self.first, self.norm = SplineConv(1, 32, 5), nn.BatchNorm1d(32)
         self.blocks = nn.ModuleList([Residual(32, 64), Residual(64, 128)])
         self.hidden, self.classify = nn.Linear(25 * 128, 128), nn.Linear(128, 10)
         self.dropout = nn.Dropout(0.5)
@@ -50,5 +64,6 @@ class PyGRGCNN(nn.Module):
 
     @staticmethod
     def pool(data: Data, side: int) -> Data:
-        cluster = voxel_grid(data.pos, size=side, batch=data.batch, start=0.0, end=33.0)
+        cell = (data.pos / side).long()
+        cluster = (data.batch * 34 + cell[:, 1]) * 34 + cell[:, 0]
         return max_pool(cluster, data, transform=Cartesian(cat=False))
