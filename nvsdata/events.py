@@ -70,10 +70,10 @@ class Events:
             given["y"].astype(np.int16, copy=False),
             given["p"].astype(np.uint8, copy=False),
         )
-        extent = (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)
-        size = extent if sensor_size is None else check_sensor_size(sensor_size)
-        if extent[0] > size[0] or extent[1] > size[1]:
-            raise ValueError(f"events reach {extent[0]}x{extent[1]} pixels, outside the sensor of {size[0]}x{size[1]}")
+        needed = extent(columns)
+        size = needed if sensor_size is None else check_sensor_size(sensor_size)
+        if needed[0] > size[0] or needed[1] > size[1]:
+            raise ValueError(f"events reach {needed[0]}x{needed[1]} pixels, outside the sensor of {size[0]}x{size[1]}")
         columns = in_order(columns)
         self._set(*columns, size, start)
 
@@ -246,6 +246,11 @@ def as_events(sample: Events | Recording) -> Events:
 def empty_columns() -> Columns:
     """Columns of no events."""
     return Columns(np.empty(0, np.int64), np.empty(0, np.int16), np.empty(0, np.int16), np.empty(0, np.uint8))
+
+
+def extent(columns: Columns) -> tuple[int, int]:
+    """The smallest (width, height) that holds the events; (1, 1) for none."""
+    return (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)
 
 
 def in_order(columns: Columns) -> Columns:

@@ -106,8 +106,7 @@ def datasets(args: argparse.Namespace) -> tuple[Any, Callable[..., Any], list[st
     kind: Any = DATASETS[args.dataset]
     try:
         train = kind(args.root, "train", transform=pipeline(args, training=True))
-        kind(args.root, "test")
-        split, kept, held = "test", None, None
+        split, kept, held = kind(args.root, "test").split, None, None
     except FileNotFoundError:
         split = "all" if args.dataset == "folder" else "train"
         train = kind(args.root, split, transform=pipeline(args, training=True))
@@ -117,20 +116,16 @@ def datasets(args: argparse.Namespace) -> tuple[Any, Callable[..., Any], list[st
         test = kind(args.root, split, transform=pipeline(args, training=False, within=within))
         return test if held is None else Subset(test, held)
 
-    train_set = train if kept is None else Subset(train, kept)
-    return train_set, test_on, train.classes, train.sensor_size or (240, 180)
+    kept_of_train = train if kept is None else Subset(train, kept)
+    return kept_of_train, test_on, train.classes, train.sensor_size or (240, 180)
 
 
 def network(dataset: str, sensor_size: tuple[int, int], classes: int) -> models.RGCNN:
     """The thesis's network for the dataset, or for the smallest sensor of its that holds this one."""
     if dataset in models.CONFIGURATIONS:
         return models.rgcnn(dataset, classes)
-    fitting = [
-        name
-        for name in ("n-mnist", "cifar10-dvs")
-        if max(sensor_size) <= max(models.CONFIGURATIONS[name]["sensor_size"])
-    ]
-    return models.rgcnn((fitting or ["asl-dvs"])[0], classes)
+    side = max(sensor_size)
+    return models.rgcnn("n-mnist" if side <= 34 else "cifar10-dvs" if side <= 128 else "asl-dvs", classes)
 
 
 def loader(dataset: Any, seed: int, first: int = 0, last: int = 1, *, shuffle: bool = False) -> DataLoader[Any]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.events import Columns, Events
+from nvsdata.events import Columns, Events, extent
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.kernels.decode import ATIS_OVERFLOW_Y, atis_blocks, atis_decode, atis_encode
 
@@ -42,7 +42,7 @@ class Recording(RecordFile):
     def _decode(self) -> Columns:
         columns = super()._decode()
         if self._extent is None:
-            self._extent = (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)
+            self._extent = extent(columns)
         return columns
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:

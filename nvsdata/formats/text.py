@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events
+from nvsdata.events import Columns, Events, extent
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.records import bytes_of
 from nvsdata.kernels import text as kernel
@@ -50,9 +50,7 @@ class Recording(BaseRecording):
     @property
     def sensor_size(self) -> tuple[int, int]:
         if self._stated is None:
-            columns = self._decode()
-            extent = (columns.x.max() + 1, columns.y.max() + 1) if columns.t.size else (1, 1)
-            self._stated = (int(extent[0]), int(extent[1]))
+            self._stated = extent(self._decode())
         return self._stated
 
     def _decode(self) -> Columns:
