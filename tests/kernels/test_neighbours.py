@@ -54,12 +54,13 @@ def test_a_time_offset_changes_nothing(ev, offset):
 
 @given(events(max_size=60, gap=400), st.randoms(use_true_random=False))
 def test_the_order_of_events_changes_nothing(ev, random):
+    # a cap that cuts between simultaneous sources at one distance goes by index, so none here
     order = list(range(len(ev)))
     random.shuffle(order)
     shuffled = Events(ev.t[order], ev.x[order], ev.y[order], ev.p[order], ev.sensor_size)
 
     def named(events):
-        graph = radius_graph(events)
+        graph = radius_graph(events, max_degree=60)
         names = list(zip(*(c.tolist() for c in events.columns), strict=True))
         return sorted((names[a], names[b]) for a, b in edges(graph))
 

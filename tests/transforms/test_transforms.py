@@ -147,6 +147,8 @@ def slow_boxes(ev, k, wx, wt):
 
 @given(events(max_size=300), st.integers(1, 20))
 def test_one_event_comes_from_each_box(ev, k):
+    _, first = np.unique(ev.to_structured(), return_index=True)
+    ev = ev[np.sort(first)]
     sampled = T.nonuniform_sample(ev, k)
     pool = [tuple(int(c[i]) for c in sampled.columns) for i in range(len(sampled))]
     boxes = slow_boxes(ev, k, 1.0, np.sqrt(0.5e-5))
