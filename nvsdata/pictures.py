@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -75,5 +74,5 @@ def curves(
 def save(picture: np.ndarray, path: Path) -> None:
     """Write a PNG, whole or not at all."""
     encoded = cv2.imencode(".png", picture)[1]
-    with atomic(path) as temporary, temporary.open("wb") as file:
-        file.write(io.BytesIO(encoded.tobytes()).getbuffer())
+    with atomic(path) as temporary:
+        temporary.write_bytes(encoded.tobytes())

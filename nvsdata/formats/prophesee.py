@@ -39,8 +39,7 @@ class Recording(RecordFile):
         self.version = numbers.get("version", 1)
         stated = (numbers.get("width", 0), numbers.get("height", 0))
         self._stated = self._given_size or (stated if all(stated) else None)
-        # whatever byte the header ends at, uint32 must begin at a multiple of four
-        self._words = self._raw.view(np.dtype("<u4").newbyteorder("<")).reshape(-1, 2)
+        self._words = self._raw.view("<u4").reshape(-1, 2)
 
     @property
     def sensor_size(self) -> tuple[int, int]:
