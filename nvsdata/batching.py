@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from multiprocessing.reduction import ForkingPickler
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch.utils.data import default_collate
 
@@ -12,7 +14,17 @@ from nvsdata.events import Events, Recording
 from nvsdata.graph import Graph, GraphBatch
 
 
-def collate(samples: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+SMALL = 1 << 19  # bytes up to which a copy through the pipe is cheaper than handing over shared memory
+
+
+class Batch(NamedTuple):
+    """`(inputs, targets)`, as `collate` makes them."""
+
+    inputs: Any
+    targets: Any
+
+
+def collate(samples: Sequence[tuple[Any, Any]]) -> Batch:
     """`collate_fn` for a DataLoader: a list of `(sample, target)` to `(batch, targets)`.
 
     Graphs become a `GraphBatch`; sequences of S graphs become a `GraphBatch` with `volumes` = S;
@@ -25,8 +37,8 @@ def collate(samples: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
     inputs = [sample for sample, _ in samples]
     targets = [target for _, target in samples]
     if all(isinstance(target, int) for target in targets):
-        return _stack(inputs), torch.tensor(targets)
-    return _stack(inputs), default_collate(targets)
+        return Batch(_stack(inputs), torch.tensor(targets))
+    return Batch(_stack(inputs), default_collate(targets))
 
 
 def _stack(inputs: list[Any]) -> Any:
@@ -41,3 +53,34 @@ def _stack(inputs: list[Any]) -> Any:
     if isinstance(first, Events | Recording):
         return inputs
     return default_collate(inputs)
+
+
+def _send(batch: Batch) -> tuple[Any, ...]:
+    """How a batch travels from a worker: all tensors in one piece, for torch hands over each by itself."""
+    graphs, targets = batch
+    if not (isinstance(graphs, GraphBatch) and isinstance(targets, torch.Tensor)):
+        return Batch, tuple(batch)
+    given = {**vars(graphs), "targets": targets}
+    tensors = {name: value for name, value in given.items() if isinstance(value, torch.Tensor)}
+    if any(tensor.device.type != "cpu" or tensor.requires_grad for tensor in tensors.values()):
+        return Batch, tuple(batch)
+    # the widest elements first, so that all lie aligned
+    names = sorted(tensors, key=lambda name: -tensors[name].element_size())
+    piece = torch.cat([tensors[name].contiguous().view(-1).view(torch.uint8) for name in names])
+    layout = [(name, tensors[name].dtype, tensors[name].shape) for name in names]
+    others = {name: value for name, value in given.items() if name not in tensors}
+    return _receive, (piece.numpy() if piece.numel() <= SMALL else piece, layout, others)
+
+
+def _receive(piece: Any, layout: list[tuple[str, torch.dtype, torch.Size]], given: dict[str, Any]) -> Batch:
+    flat = torch.from_numpy(np.require(piece, requirements="W")) if isinstance(piece, np.ndarray) else piece
+    start = 0
+    for name, dtype, shape in layout:
+        stop = start + shape.numel() * dtype.itemsize
+        given[name] = flat[start:stop].view(dtype).view(shape)
+        start = stop
+    targets = given.pop("targets")
+    return Batch(GraphBatch(**given), targets)
+
+
+ForkingPickler.register(Batch, _send)

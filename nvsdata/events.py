@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from nvsdata.kernels.order import never_falls
+
 if TYPE_CHECKING:
     import torch
 
@@ -162,21 +164,24 @@ class Events:
 class Recording(ABC):
     """A file that is opened but not decoded; `read` decodes the window that is asked for.
 
-    Formats subclass it: `_decode` and `sensor_size` they must give, `_window` and `_bounds` they
-    give if they can do better than to decode the whole file, which is then kept.
+    Formats subclass it: `_decode` they must give; `_window`, `_bounds` and `_needed_size` they give
+    if they can do better than to decode the whole file. They set `_size` to what the file states,
+    unless a size was given.
     """
 
     format: ClassVar[str]
 
     def __init__(self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None) -> None:
         self.path = os.fspath(path)
-        self._given_size = None if sensor_size is None else check_sensor_size(sensor_size)
+        self._size = None if sensor_size is None else check_sensor_size(sensor_size)
         self._whole: Events | None = None
 
     @property
-    @abstractmethod
     def sensor_size(self) -> tuple[int, int]:
         """(width, height): as given to `open`, else as the file says, else as its events need."""
+        if self._size is None:
+            self._size = self._needed_size()
+        return self._size
 
     @abstractmethod
     def _decode(self) -> Columns:
@@ -189,6 +194,10 @@ class Recording(ABC):
     def _bounds(self) -> tuple[int, int] | None:
         """First and last time if they can be had without decoding the rest, else None."""
         return None
+
+    def _needed_size(self) -> tuple[int, int]:
+        """The smallest sensor that holds the events, asked for where nothing states its size."""
+        return extent(self._decode())
 
     @property
     def span(self) -> tuple[int, int]:
@@ -219,7 +228,10 @@ class Recording(ABC):
         """All events."""
         if self._whole is not None:
             return self._whole
-        return Events.trusted(in_order(self._decode()), self.sensor_size)
+        columns = in_order(self._decode())
+        if self._size is None:
+            self._size = extent(columns)
+        return Events.trusted(columns, self._size)
 
     def anomalies(self) -> Mapping[str, int]:
         """What is odd about the file, counted: steps back in time, and events given twice."""
@@ -255,11 +267,10 @@ def extent(columns: Columns) -> tuple[int, int]:
 
 def in_order(columns: Columns) -> Columns:
     """The columns sorted by time, stably; as they are if they are sorted."""
-    t = columns.t
-    if not (t[1:] < t[:-1]).any():
+    if never_falls(columns.t):
         return columns
-    order = np.argsort(t, kind="stable")
-    return Columns(t[order], columns.x[order], columns.y[order], columns.p[order])
+    order = np.argsort(columns.t, kind="stable")
+    return Columns(columns.t[order], columns.x[order], columns.y[order], columns.p[order])
 
 
 def check_window(start: int | None, stop: int | None) -> None:

@@ -106,16 +106,19 @@ class GraphBatch(Graph):
             raise ValueError("a batch needs at least one graph")
         if len({graph.reach for graph in graphs}) > 1:
             raise ValueError(f"graphs of different reach in one batch: {sorted({g.reach for g in graphs})}")
-        counts = torch.tensor([graph.num_nodes for graph in graphs])
+        counts = torch.tensor([graph.x.shape[0] for graph in graphs])
         ptr = torch.zeros(len(graphs) + 1, dtype=torch.int64)
         torch.cumsum(counts, 0, out=ptr[1:])
+        edges = torch.tensor([graph.edge_index.shape[1] for graph in graphs])
+        edge_index = torch.cat([graph.edge_index for graph in graphs], 1)
+        edge_index += torch.repeat_interleave(ptr[:-1], edges)
         sizes = [graph.sensor_size for graph in graphs if graph.sensor_size is not None]
         targets = [graph.y for graph in graphs]
         return cls(
             x=torch.cat([graph.x for graph in graphs]),
             pos=torch.cat([graph.pos for graph in graphs]),
             t=torch.cat([graph.t for graph in graphs]),
-            edge_index=torch.cat([g.edge_index + first for g, first in zip(graphs, ptr.tolist(), strict=False)], 1),
+            edge_index=edge_index,
             edge_attr=torch.cat([graph.edge_attr for graph in graphs]),
             y=None if any(y is None for y in targets) else torch.as_tensor(targets),
             sensor_size=(max(w for w, _ in sizes), max(h for _, h in sizes)) if sizes else None,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.events import Columns, Events, extent
+from nvsdata.events import Columns, Events
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.kernels.decode import ATIS_OVERFLOW_Y, atis_blocks, atis_decode, atis_encode
 
@@ -24,34 +24,22 @@ class Recording(RecordFile):
     record_size = 5
     block = 256
 
-    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
-        super().__init__(path, sensor_size, head)
-        self._extent: tuple[int, int] | None = self._given_size
-
-    @property
-    def sensor_size(self) -> tuple[int, int]:
-        if self._extent is None:
-            self._blocks = self._index()
-        return self._extent or (1, 1)
+    def _needed_size(self) -> tuple[int, int]:
+        return atis_blocks(self._raw, self.block)[4]
 
     def _index(self) -> Blocks:
-        times, offsets, width, height, _ = atis_blocks(self._raw, self.block)
-        self._extent = self._given_size or (max(width, 1), max(height, 1))
-        return Blocks(times, offsets)
-
-    def _decode(self) -> Columns:
-        columns = super()._decode()
-        if self._extent is None:
-            self._extent = extent(columns)
-        return columns
+        times, offsets, ordered, span, size, _ = atis_blocks(self._raw, self.block)
+        if self._size is None:
+            self._size = size
+        return Blocks(times, offsets, ordered, span)
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        width, height = self._given_size or (0, 0)
+        width, height = self._size or (0, 0)
         t, x, y, p, bad = atis_decode(self._raw, lo, hi, offset, width, height)
         return Columns(t, x, y, p), bad
 
     def anomalies(self) -> dict[str, int]:
-        return {**super().anomalies(), "time overflow records": int(atis_blocks(self._raw, self.block)[4])}
+        return {**super().anomalies(), "time overflow records": int(atis_blocks(self._raw, self.block)[5])}
 
 
 def looks_like(head: bytes, size: int) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events, check_sensor_size
 from nvsdata.events import Recording as BaseRecording
+from nvsdata.kernels.order import never_falls
 
 NAME, VERSION = "nvsdata-events", 1
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
@@ -30,7 +31,7 @@ class Recording(BaseRecording):
         super().__init__(path, sensor_size)
         try:
             with h5py.File(path, "r") as file:
-                self._stated = self._given_size or self._attributes(file)
+                self._size = self._size or self._attributes(file)
                 memory = _map(path)
                 self._columns = {name: self._column(file, name, memory) for name in TYPES}
         except (OSError, KeyError, RuntimeError) as error:
@@ -62,16 +63,12 @@ class Recording(BaseRecording):
             raise FormatError(self.path, offset, f"truncated within /events/{name}")
         return np.frombuffer(memory, dataset.dtype, dataset.size, offset)
 
-    @property
-    def sensor_size(self) -> tuple[int, int]:
-        return self._stated
-
     def _decode(self) -> Columns:
         return self._slice(0, len(self._columns["t"]))
 
     def _slice(self, lo: int, hi: int) -> Columns:
         t, x, y, p = (np.asarray(self._columns[name][lo:hi]).astype(kind, copy=False) for name, kind in TYPES.items())
-        width, height = self._stated
+        width, height = self.sensor_size
         bad = (x < 0) | (y < 0) | (x >= width) | (y >= height) | (p > 1)
         if bad.any():
             first = lo + int(np.argmax(bad))
@@ -82,7 +79,7 @@ class Recording(BaseRecording):
         """A bisection over t; events of our files are sorted, and the slice is checked to be."""
         t = self._columns["t"]
         columns = self._slice(int(np.searchsorted(t, start, "left")), int(np.searchsorted(t, stop, "left")))
-        return None if (columns.t[1:] < columns.t[:-1]).any() else columns
+        return columns if never_falls(columns.t) else None
 
     def _bounds(self) -> tuple[int, int] | None:
         t = self._columns["t"]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events, extent
+from nvsdata.events import Columns, Events
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.kernels.decode import DAT_WRAP_US, dat_decode
 
@@ -38,23 +38,17 @@ class Recording(RecordFile):
         numbers = {m[1].lower(): int(m[2]) for line in lines if (m := re.match(r"%\s*(\w+)\s+(\d+)\s*$", line))}
         self.version = numbers.get("version", 1)
         stated = (numbers.get("width", 0), numbers.get("height", 0))
-        self._stated = self._given_size or (stated if all(stated) else None)
+        self._size = self._size or (stated if all(stated) else None)
         self._words = self._raw.view("<u4").reshape(-1, 2)
-
-    @property
-    def sensor_size(self) -> tuple[int, int]:
-        if self._stated is None:
-            self._stated = extent(self._decode())
-        return self._stated
 
     def _index(self) -> Blocks:
         raw = self._words[:: self.block, 0].astype(np.int64)
         wraps = np.concatenate(([0], np.cumsum(raw[:-1] - raw[1:] > DAT_WRAP_US // 2)))[: raw.size]
         offsets = wraps * DAT_WRAP_US
-        return Blocks(raw + offsets, offsets)
+        return Blocks(raw + offsets, offsets, None)
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        width, height = self._stated or (0, 0)
+        width, height = self._size or (0, 0)
         t, x, y, p, bad = dat_decode(self._words, lo, hi, offset, self.version, width, height)
         return Columns(t, x, y, p), bad
 

@@ -9,16 +9,23 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Recording, in_order
+from nvsdata.events import Columns, Recording
+from nvsdata.kernels.order import never_falls
 
 HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
 
 
 class Blocks(NamedTuple):
-    """Time of every block's first record and the µs to add to raw times there, both int64."""
+    """Time of every block's first record and the µs to add to raw times there, both int64.
+
+    `ordered` says whether times never fall, None if only the first records of blocks were looked
+    at; `span` is the first and the last time of those that are known to be in order.
+    """
 
     times: np.ndarray
     offsets: np.ndarray
+    ordered: bool | None = None
+    span: tuple[int, int] = (0, 0)
 
 
 class RecordFile(Recording):
@@ -72,28 +79,30 @@ class RecordFile(Recording):
         return self._blocks
 
     def _bounds(self) -> tuple[int, int] | None:
-        times, offsets = self.blocks
-        if not self.records:
-            return 0, 0
-        t = self._between((times.size - 1) * self.block, self.records, int(offsets[-1])).t
-        if not t.size or (times[1:] < times[:-1]).any() or (t[1:] < t[:-1]).any():
+        times, offsets, ordered, span = self.blocks
+        if not self.records or ordered:
+            return span
+        if ordered is False or not never_falls(times):
             return None
-        return int(times[0]), int(t[-1])
+        t = self._between((times.size - 1) * self.block, self.records, int(offsets[-1])).t
+        return (int(times[0]), int(t[-1])) if t.size and never_falls(t) else None
 
     def _window(self, start: int, stop: int) -> Columns | None:
-        """Decode the blocks that the window touches and one more on each side; None if they are in disorder.
+        """Decode the blocks that the window touches; None if they are in disorder.
 
-        Events that strayed further than a block show in the index, or only when the whole is read.
+        If only the blocks' first records are known, one more block is decoded on each side: events
+        that strayed further show in the index, or only when the whole is read.
         """
-        times, offsets = self.blocks
-        if (times[1:] < times[:-1]).any():
+        times, offsets, ordered, _ = self.blocks
+        if ordered is False or (ordered is None and not never_falls(times)):
             return None
-        first = max(int(times.searchsorted(start, "left")) - 2, 0)
-        last = int(times.searchsorted(stop, "left")) + 1
+        margin = 0 if ordered else 1
+        first = max(int(times.searchsorted(start, "left")) - 1 - margin, 0)
+        last = int(times.searchsorted(stop, "left")) + margin
         lo, hi = first * self.block, min(last * self.block, self.records)
         columns = self._between(lo, max(lo, hi), int(offsets[first]) if offsets.size else 0)
         t = columns.t
-        if in_order(columns) is not columns or (hi < self.records and t.size and t[-1] > times[last]):
+        if not ordered and (not never_falls(t) or (hi < self.records and t.size and t[-1] > times[last])):
             return None
         a, b = t.searchsorted(start, "left"), t.searchsorted(stop, "left")
         return Columns(t[a:b], columns.x[a:b], columns.y[a:b], columns.p[a:b])

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events, extent
+from nvsdata.events import Columns, Events
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.records import bytes_of
 from nvsdata.kernels import text as kernel
@@ -41,17 +41,10 @@ class Recording(BaseRecording):
         own = OWN.match(head)
         size = own or SIZE.match(head)
         self._sorted = own is not None
-        self._stated = self._given_size
         if size:
             self._body = size.end()
-            self._stated = self._given_size or (int(size[1]), int(size[2]))
+            self._size = self._size or (int(size[1]), int(size[2]))
         self._seconds = not own and (size is not None or SECONDS.match(_first_line(head)) is not None)
-
-    @property
-    def sensor_size(self) -> tuple[int, int]:
-        if self._stated is None:
-            self._stated = extent(self._decode())
-        return self._stated
 
     def _decode(self) -> Columns:
         return self._parse(self._body, self._raw.size)
@@ -63,9 +56,9 @@ class Recording(BaseRecording):
         if fault:
             raise FormatError(self.path, int(where), FAULTS[fault])
         t, x, y, p = columns[:, :kept]
-        if self._stated is not None and ((x >= self._stated[0]) | (y >= self._stated[1])).any():
-            first = int(np.argmax((x >= self._stated[0]) | (y >= self._stated[1])))
-            width, height = self._stated
+        if self._size is not None and ((x >= self._size[0]) | (y >= self._size[1])).any():
+            first = int(np.argmax((x >= self._size[0]) | (y >= self._size[1])))
+            width, height = self._size
             raise FormatError(self.path, None, f"event {first}: coordinates outside the sensor of {width}x{height}")
         return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 

@@ -19,7 +19,8 @@ def atis_blocks(raw, block):
     """Walk ATIS records once. O(N).
 
     Returns the unwrapped time of every `block`-th record (int64), the overflow offset in force
-    there (int64), and the extents (width, height, number of overflow markers).
+    there (int64), whether times never fall, the first and the last time, the (width, height) that
+    the events need, and the number of overflow markers.
     """
     n = raw.size // 5
     records = raw.reshape(-1, 5)
@@ -27,28 +28,46 @@ def atis_blocks(raw, block):
     times = np.empty(count, np.int64)
     offsets = np.zeros(count, np.int64)
     right = bottom = np.uint8(0)
-    for i in range(n):
-        right = max(right, records[i, 0])
-        bottom = max(bottom, records[i, 1])
+    last = np.int32(0)
+    falls = 0
+    # branch-free for the common file, which has no markers
+    for i in range(np.uint64(n)):
+        right, bottom = max(right, records[i, 0]), max(bottom, records[i, 1])
+        time = np.int32(records[i, 2] & 0x7F) << 16 | np.int32(records[i, 3]) << 8 | np.int32(records[i, 4])
+        falls += time < last
+        last = time
     if bottom < ATIS_OVERFLOW_Y:
         for b in range(count):
             times[b] = _atis_time(raw, 5 * block * b)
-        return times, offsets, int(right) + min(n, 1), int(bottom) + min(n, 1), 0
+        first = times[0] if n else np.int64(0)
+        return times, offsets, falls == 0, (first, np.int64(last)), (int(right) + 1, int(bottom) + 1), 0
+    return _atis_blocks_with_markers(raw, block, times, offsets)
+
+
+@njit(cache=True, nogil=True)
+def _atis_blocks_with_markers(raw, block, times, offsets):
     offset = np.int64(0)
-    width = height = markers = 0
+    width = height = 1
+    markers = falls = 0
+    first = last = np.int64(0)
+    n = raw.size // 5
     for i in range(n):
         j = 5 * i
-        y = raw[j + 1]
+        marker = raw[j + 1] == ATIS_OVERFLOW_Y
+        # a marker's own time says nothing
+        time = last if marker else _atis_time(raw, j) + offset
         if i % block == 0:
-            times[i // block] = _atis_time(raw, j) + offset
-            offsets[i // block] = offset
-        if y == ATIS_OVERFLOW_Y:
+            times[i // block], offsets[i // block] = time, offset
+        if marker:
             offset += ATIS_OVERFLOW_US
             markers += 1
-        else:
-            width = max(width, int(raw[j]) + 1)
-            height = max(height, int(y) + 1)
-    return times, offsets, width, height, markers
+            continue
+        if i == markers:
+            first = last = time
+        falls += time < last
+        last = time
+        width, height = max(width, int(raw[j]) + 1), max(height, int(raw[j + 1]) + 1)
+    return times, offsets, falls == 0, (first, last), (width, height), markers
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -5,6 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from nvsdata.kernels.neighbours import radius_edges
+
+
+@njit(cache=True, nogil=True)
+def event_graph(t, x, y, p, start, radius, alpha, beta, max_degree, reach):
+    """Arrays of the radius graph of events: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges, pseudo-coordinates.
+
+    See `radius_edges` for the edges; `reach` is a pair of numbers.
+    """
+    n = t.size
+    edges = radius_edges(t, x, y, radius, alpha, beta, max_degree)
+    feature = np.empty((n, 1), np.float32)
+    pos = np.empty((n, 2), np.float32)
+    for i in range(n):
+        feature[i, 0] = 2 * np.int32(p[i]) - 1
+        pos[i, 0], pos[i, 1] = x[i], y[i]
+    wide, high = np.float32(reach[0]), np.float32(reach[1])
+    return feature, pos, t - start, edges, pseudo_coordinates(pos, edges, (wide, high))
+
 
 @njit(cache=True, nogil=True)
 def pseudo_coordinates(pos, edges, reach):

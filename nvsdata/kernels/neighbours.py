@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 SWEEP = 48  # mean number of events within reach in time up to which no cells are worth their upkeep
+CHUNK = 4096  # pairs that are looked at in one go
 
 
 @njit(cache=True, nogil=True)
@@ -24,64 +25,116 @@ def radius_edges(t, x, y, radius, alpha, beta, max_degree, sweep_below=SWEEP):
     if beta > 0 and np.sqrt(limit / beta) < 4e18:
         reach_t = np.int64(np.sqrt(limit / beta)) + 1
     x0, y0, across, down, cell = _cells(x, y, radius, alpha)
-    # unsigned indices spare numba's test for negative ones in the inner loops
-    column, row = x.astype(np.int32), y.astype(np.int32)
-    degree = np.zeros(n, np.int64)
-    source = np.empty((n, max_degree), np.int32)
-    worst = np.empty(n, np.int64)
-    limits = np.empty(n, np.float64)
-    near = np.empty(n, np.int32)
     sweep = _pairs_in_time(t, reach_t) <= sweep_below * n
+    # row and column in one number, so that one comparison tells whether both are near
+    place = np.empty(n, np.uint32)
+    for i in range(np.uint64(n)):
+        place[i] = np.uint32(y[i]) << np.uint32(16) | np.uint32(x[i])
+    home = np.empty(0 if sweep else n, np.int64)
+    for i in range(home.size):
+        home[i] = ((y[i] - y0) // cell + 1) * (across + 2) + (x[i] - x0) // cell + 1
     # in a busy scene events are hashed into cells of the spatial reach; within a cell they form a
     # list from the latest back, so that the search stops at the first event that is too old
     head = np.full(0 if sweep else (down + 2) * (across + 2), -1, np.int64)
-    previous = np.empty(0 if sweep else n, np.int64)
-    first = np.uint64(0)
-    for i in range(np.uint64(n)):
-        count = np.uint64(0)
+    previous = np.empty(home.size, np.int64)
+    later, earlier = np.empty(CHUNK + n, np.int32), np.empty(CHUNK + n, np.int32)
+    degree = np.zeros(n, np.int64)
+    source = np.empty((n, max_degree), np.int32)
+    worst = np.empty(n, np.int64)
+    first = i = 0
+    while i < n:
         if sweep:
-            while t[i] - t[first] > reach_t:
-                first += np.uint64(1)
-            left, top = column[i] - np.int32(cell), row[i] - np.int32(cell)
-            for j in range(first, i):
-                near[count] = j
-                # no branch: which events are near is beyond any predictor
-                count += np.uint64(
-                    (np.uint32(column[j] - left) <= np.uint32(2 * cell))
-                    & (np.uint32(row[j] - top) <= np.uint32(2 * cell))
-                )
+            i, first, found = _sweep(i, first, t, place, reach_t, cell, later, earlier)
         else:
-            home = ((row[i] - y0) // cell + 1) * (across + 2) + (column[i] - x0) // cell + 1
-            for below in range(-1, 2):
-                for right in range(-1, 2):
-                    k = head[home + below * (across + 2) + right]
-                    while k >= 0 and t[i] - t[k] <= reach_t:
-                        near[count] = k
-                        count += np.uint64(1)
-                        k = previous[k]
-            previous[i] = head[home]
-            head[home] = i
-        for c in range(count):
-            j = np.uint64(near[c])
-            dx, dy = np.float64(column[i] - column[j]), np.float64(row[i] - row[j])
-            dt = np.float64(t[i] - t[j])
-            d = alpha * (dx * dx + dy * dy) + beta * (dt * dt)
-            if d > limit:
-                continue
-            target, other = i, j
-            for _ in range(2):
-                have = degree[target]
-                if have < max_degree:
-                    source[target, np.uint64(have)] = other
-                    degree[target] = have + 1
-                elif d < limits[target] or (d == limits[target] and other < source[target, worst[target]]):
-                    source[target, worst[target]] = other
-                else:
-                    have = -1
-                if have >= max_degree - 1:
-                    worst[target], limits[target] = _furthest(t, x, y, target, source, alpha, beta)
-                target, other = j, i
+            i, found = _visit_cells(i, t, reach_t, home, across + 2, head, previous, later, earlier)
+        found = _joined(t, x, y, limit, alpha, beta, later, earlier, found)
+        _insert(t, x, y, alpha, beta, later[:found], earlier[:found], degree, source, worst)
     return _by_target(degree, source)
+
+
+@njit(cache=True, nogil=True)
+def _sweep(i, first, t, place, reach_t, cell, later, earlier):
+    """Pairs of events i, i + 1, ... with earlier ones (from `first` on) that are near, up to a chunk."""
+    # both differences lie in 0..2 cell, or in the next power of two, if no bit outside is set
+    wide = 1
+    while wide < 2 * cell + 1:
+        wide *= 2
+    one = np.uint32(0x10001)
+    outside = ~(np.uint32(wide - 1) * one)
+    margin = np.uint32(cell) * one
+    i, first, found = np.uint64(i), np.uint64(first), np.uint64(0)
+    while i < np.uint64(t.size) and found < CHUNK:
+        while t[i] - t[first] > reach_t:
+            first += np.uint64(1)
+        corner = place[i] - margin
+        for j in range(first, i):
+            later[found] = i
+            earlier[found] = j
+            # no branch: which events are near is beyond any predictor
+            found += np.uint64(((place[j] - corner) & outside) == 0)
+        i += np.uint64(1)
+    return np.int64(i), np.int64(first), np.int64(found)
+
+
+@njit(cache=True, nogil=True)
+def _visit_cells(i, t, reach_t, home, across, head, previous, later, earlier):
+    """Pairs of events i, i + 1, ... with earlier ones in the cells around them, up to a chunk."""
+    found = 0
+    while i < t.size and found < CHUNK:
+        for below in range(-1, 2):
+            for right in range(-1, 2):
+                k = head[home[i] + below * across + right]
+                while k >= 0 and t[i] - t[k] <= reach_t:
+                    later[found], earlier[found] = i, k
+                    found += 1
+                    k = previous[k]
+        previous[i] = head[home[i]]
+        head[home[i]] = i
+        i += 1
+    return i, found
+
+
+@njit(cache=True, nogil=True)
+def _joined(t, x, y, limit, alpha, beta, later, earlier, found):
+    """Keep the pairs within the radius, in place; returns how many."""
+    kept = np.uint64(0)
+    for k in range(np.uint64(found)):
+        i, j = later[k], earlier[k]
+        later[kept], earlier[kept] = i, j
+        kept += np.uint64(_distance(t, x, y, np.uint64(i), np.uint64(j), alpha, beta) <= limit)
+    return np.int64(kept)
+
+
+@njit(cache=True, nogil=True)
+def _insert(t, x, y, alpha, beta, later, earlier, degree, source, worst):
+    """Add every pair to the lists of both events; a full list gives up its furthest source."""
+    max_degree = source.shape[1]
+    for k in range(np.uint64(later.size)):
+        target, other = np.uint64(later[k]), np.uint64(earlier[k])
+        for _ in range(2):
+            have = degree[target]
+            if have < max_degree:
+                source[target, np.uint64(have)] = other
+                degree[target] = have + 1
+                if have == max_degree - 1:
+                    worst[target] = _furthest(t, x, y, target, source, alpha, beta)
+            else:
+                rival = np.uint64(source[target, worst[target]])
+                d = _distance(t, x, y, target, other, alpha, beta)
+                most = _distance(t, x, y, target, rival, alpha, beta)
+                if d < most or (d == most and other < rival):
+                    source[target, worst[target]] = other
+                    worst[target] = _furthest(t, x, y, target, source, alpha, beta)
+            target, other = other, target
+
+
+@njit(cache=True, nogil=True)
+def _distance(t, x, y, i, j, alpha, beta):
+    """Squared distance of eq. 4.2; differences are taken in integers."""
+    dx = np.float64(np.int32(x[i]) - np.int32(x[j]))
+    dy = np.float64(np.int32(y[i]) - np.int32(y[j]))
+    dt = np.float64(t[i] - t[j])
+    return alpha * (dx * dx + dy * dy) + beta * (dt * dt)
 
 
 @njit(cache=True, nogil=True)
@@ -115,34 +168,38 @@ def _cells(x, y, radius, alpha):
 
 @njit(cache=True, nogil=True)
 def _furthest(t, x, y, target, source, alpha, beta):
-    """Place and squared distance of the source that a nearer one would replace. O(max_degree)."""
+    """Place of the source that a nearer one would replace. O(max_degree)."""
     worst, most = 0, -1.0
     for k in range(source.shape[1]):
         j = source[target, k]
-        dx = np.float64(np.int64(x[target]) - np.int64(x[j]))
-        dy = np.float64(np.int64(y[target]) - np.int64(y[j]))
-        dt = np.float64(t[target] - t[j])
-        d = alpha * (dx * dx + dy * dy) + beta * (dt * dt)
+        d = _distance(t, x, y, target, j, alpha, beta)
         if d > most or (d == most and j > source[target, worst]):
             worst, most = k, d
-    return worst, most
+    return worst
 
 
 @njit(cache=True, nogil=True)
 def _by_target(degree, source):
-    """Lists of sources to sorted edges; insertion sort, for lists are short and nearly sorted."""
+    """Lists of sources to sorted edges."""
     edges = np.empty((2, degree.sum()), np.int64)
-    one = np.uint64(1)
     e = np.uint64(0)
     for i in range(np.uint64(degree.size)):
         first = e
         for k in range(np.uint64(degree[i])):
-            j = np.int64(source[i, k])
-            at = e
-            while at > first and edges[0, at - one] > j:
-                edges[0, at] = edges[0, at - one]
-                at -= one
-            edges[0, at] = j
-            edges[1, e] = i
-            e += one
+            edges[0, e], edges[1, e] = source[i, k], i
+            e += np.uint64(1)
+        _ascend(edges[0], first, e)
     return edges
+
+
+@njit(cache=True, nogil=True)
+def _ascend(values, lo, hi):
+    """Sort values[lo:hi] in place by insertion, for they are few and nearly sorted."""
+    one = np.uint64(1)
+    for i in range(lo, hi):
+        value = values[i]
+        at = i
+        while at > lo and values[at - one] > value:
+            values[at] = values[at - one]
+            at -= one
+        values[at] = value

@@ -5,68 +5,52 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+BUCKETS = 256  # of the histogram that finds a median
+
 
 @njit(cache=True, nogil=True)
 def nonuniform_sample(t, x, y, k, wx, wt, seed):
     """Indices (sorted, int64) of one random event from each box of at most `k` events.
 
     The space-time box of all events is split at the median of its widest side (x and y weighted
-    by `wx`, t by `wt`) until a box holds at most k events. Expected O(N log(N / k)).
+    by `wx`, t by `wt`; ties by index) until a box holds at most k events. `t` must not decrease.
+    O(N log(N / k)).
     """
     n = t.size
-    # a key and its index in one number: the median of unique numbers needs no tie-break
-    index_bits = 1
-    while n >> index_bits:
-        index_bits += 1
-    mask = np.int64((1 << index_bits) - 1)
-    packed = np.arange(n)
-    chosen = np.empty(n, np.int64)
-    kept = 0
+    # every box keeps its events in order of time, so that a split in time costs nothing
+    index = np.arange(n).astype(np.int32)
+    columns = np.empty((2, n), np.int16)
+    columns[0], columns[1] = x, y
+    spare = np.empty((3, n), np.int32)
+    counts = np.empty(BUCKETS, np.int32)
+    chosen = np.zeros(n, np.bool_)
     # an explicit stack: each split halves the box, so it never gets deeper than 64
     lows = np.empty(128, np.int64)
     highs = np.empty(128, np.int64)
-    depth = 0
-    if n:
-        lows[0], highs[0], depth = 0, n, 1
+    lows[0], highs[0] = 0, n
+    depth = 1 if n else 0
     state = np.uint64(seed)
     while depth:
         depth -= 1
         lo, hi = lows[depth], highs[depth]
         if hi - lo <= k:
             state, pick = _below(state, hi - lo)
-            chosen[kept] = packed[lo + pick] & mask
-            kept += 1
+            chosen[index[lo + pick]] = True
             continue
-        first = packed[lo] & mask
-        x0 = x1 = np.int64(x[first])
-        y0 = y1 = np.int64(y[first])
-        t0 = t1 = t[first]
-        for i in range(lo, hi):
-            j = packed[i] & mask
-            packed[i] = j
-            x0, x1 = min(x0, np.int64(x[j])), max(x1, np.int64(x[j]))
-            y0, y1 = min(y0, np.int64(y[j])), max(y1, np.int64(y[j]))
-            t0, t1 = min(t0, t[j]), max(t1, t[j])
-        side_x, side_y, side_t = (x1 - x0) * wx, (y1 - y0) * wx, np.float64(t1 - t0) * wt
-        if side_t >= side_x and side_t >= side_y:
-            # times that leave no room for the index lose their lowest bits
-            shift = 0
-            while (t1 - t0) >> shift >= np.int64(1) << (62 - index_bits):
-                shift += 1
-            for i in range(lo, hi):
-                packed[i] |= ((t[packed[i]] - t0) >> shift) << index_bits
-        elif side_x >= side_y:
-            for i in range(lo, hi):
-                packed[i] |= (np.int64(x[packed[i]]) - x0) << index_bits
-        else:
-            for i in range(lo, hi):
-                packed[i] |= (np.int64(y[packed[i]]) - y0) << index_bits
+        x0, x1 = _range(columns[0], lo, hi)
+        y0, y1 = _range(columns[1], lo, hi)
+        side_x, side_y = np.int64(x1 - x0) * wx, np.int64(y1 - y0) * wx
+        side_t = np.float64(t[index[hi - 1]] - t[index[lo]]) * wt
         middle = (lo + hi) // 2
-        _select(packed, lo, hi, middle)
+        if side_t < side_x or side_t < side_y:
+            axis = 0 if side_x >= side_y else 1
+            first, last = (x0, x1) if axis == 0 else (y0, y1)
+            border, equal = _median(columns[axis], lo, hi, first, last, middle - lo, counts)
+            _partition(index, columns, spare, lo, hi, axis, border, equal)
         lows[depth], highs[depth] = middle, hi
         lows[depth + 1], highs[depth + 1] = lo, middle
         depth += 2
-    return np.sort(chosen[:kept])
+    return np.flatnonzero(chosen)
 
 
 @njit(cache=True, nogil=True)
@@ -82,27 +66,56 @@ def _below(state, bound):
 
 
 @njit(cache=True, nogil=True)
-def _select(values, lo, hi, nth):
-    """Quickselect of unique numbers, in place: values[lo:nth] < values[nth:hi]. Expected O(hi - lo)."""
-    while hi - lo > 1:
-        # median of three guards against sorted input, which is what a camera sends
-        middle = (lo + hi) // 2
-        a, b, c = values[lo], values[middle], values[hi - 1]
-        at = middle if (a < b) == (b < c) else lo if (b < a) == (a < c) else hi - 1
-        pivot = values[at]
-        values[at] = values[hi - 1]
-        # branch-free partition: every value is swapped, only the border moves or does not
-        border = lo
-        for i in range(lo, hi - 1):
-            value = values[i]
-            values[i] = values[border]
-            values[border] = value
-            border += value < pivot
-        values[hi - 1] = values[border]
-        values[border] = pivot
-        if border == nth:
-            return
-        if nth < border:
-            hi = border
-        else:
-            lo = border + 1
+def _range(values, lo, hi):
+    """Least and greatest of values[lo:hi]."""
+    least = most = values[lo]
+    for i in range(np.uint64(lo), np.uint64(hi)):
+        least, most = min(least, values[i]), max(most, values[i])
+    return least, most
+
+
+@njit(cache=True, nogil=True)
+def _median(values, lo, hi, first, last, nth, counts):
+    """The `nth` smallest of values[lo:hi], which lie in first..last, and how many equal to it come before it."""
+    shift = 0
+    while (np.int64(last) - first) >> shift >= BUCKETS:
+        shift += 1
+    before = 0
+    while True:
+        counts[: ((last - first) >> shift) + 1] = 0
+        for value in values[lo:hi]:
+            # what lies below `first` wraps to a great number; what lies above `last` is never looked at
+            at = np.uint32(np.int32(value) - np.int32(first)) >> np.uint32(shift)
+            if at < BUCKETS:
+                counts[np.uint64(at)] += 1
+        bucket = 0
+        while before + counts[bucket] <= nth:
+            before += counts[bucket]
+            bucket += 1
+        first += bucket << shift
+        if shift == 0:
+            return first, nth - before
+        last = min(last, first + (1 << shift) - 1)
+        shift = 0
+
+
+@njit(cache=True, nogil=True)
+def _partition(index, columns, spare, lo, hi, axis, border, equal):
+    """Move events below `border` on `axis`, and the first `equal` of those on it, to the front, stably."""
+    # unsigned indices spare numba's test for negative ones
+    left, right = np.uint64(lo), np.uint64(0)
+    values = columns[axis]
+    for i in range(np.uint64(lo), np.uint64(hi)):
+        value = values[i]
+        tie = (value == border) & (equal > 0)
+        equal -= tie
+        near = (value < border) | tie
+        event, column, row = index[i], columns[0, i], columns[1, i]
+        # no branch: both places are written, only the border moves or does not
+        spare[0, right], spare[1, right], spare[2, right] = event, column, row
+        index[left], columns[0, left], columns[1, left] = event, column, row
+        left += np.uint64(near)
+        right += np.uint64(not near)
+    index[left:hi] = spare[0, :right]
+    columns[0, left:hi] = spare[1, :right]
+    columns[1, left:hi] = spare[2, :right]

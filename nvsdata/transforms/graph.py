@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.graph import Graph
-from nvsdata.kernels.graph import pseudo_coordinates
-from nvsdata.kernels.neighbours import radius_edges
+from nvsdata.kernels.graph import event_graph
 from nvsdata.transforms.checks import not_negative, positive
 
 
@@ -52,21 +50,10 @@ def radius_graph(
     Time differences are taken in int64, so any time offset gives the same graph.
     """
     events = as_events(sample)
-    edges = radius_edges(events.t, events.x, events.y, float(radius), float(alpha), float(beta), max_degree)
-    pos = np.empty((len(events), 2), np.float32)
-    pos[:, 0] = events.x
-    pos[:, 1] = events.y
     # with alpha = 0 the graph has no spatial bound but the sensor itself
-    reach = (radius / math.sqrt(alpha),) * 2 if alpha > 0 else tuple(float(v) for v in events.sensor_size)
-    feature = np.empty((len(events), 1), np.float32)
-    np.multiply(events.p, 2, out=feature[:, 0], casting="unsafe")
-    feature -= 1
-    return Graph(
-        x=torch.from_numpy(feature),
-        pos=torch.from_numpy(pos),
-        t=torch.from_numpy(events.t - events.start),
-        edge_index=torch.from_numpy(edges),
-        edge_attr=torch.from_numpy(pseudo_coordinates(pos, edges, np.array(reach, np.float32))),
-        sensor_size=events.sensor_size,
-        reach=(reach[0], reach[1]),
+    side = radius / math.sqrt(alpha) if alpha > 0 else 0.0
+    reach = (side, side) if side else (float(events.sensor_size[0]), float(events.sensor_size[1]))
+    arrays = event_graph(
+        *events.columns, events.start, float(radius), float(alpha), float(beta), max_degree, reach
     )
+    return Graph(*map(torch.from_numpy, arrays), sensor_size=events.sensor_size, reach=reach)
