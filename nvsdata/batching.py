@@ -13,7 +13,6 @@ from torch.utils.data import default_collate
 from nvsdata.events import Events, Recording
 from nvsdata.graph import Graph, GraphBatch
 
-
 SMALL = 1 << 19  # bytes up to which a copy through the pipe is cheaper than handing over shared memory
 
 

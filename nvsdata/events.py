@@ -166,13 +166,18 @@ class Recording(ABC):
 
     Formats subclass it: `_decode` they must give; `_window`, `_bounds` and `_needed_size` they give
     if they can do better than to decode the whole file. They set `_size` to what the file states,
-    unless a size was given.
+    unless a size was given, and raise FormatError for what is broken if `strict`. Otherwise they
+    leave out what can't be decoded, count it by `_repair`, and hand out the rest.
     """
 
     format: ClassVar[str]
 
-    def __init__(self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None, strict: bool = True
+    ) -> None:
         self.path = os.fspath(path)
+        self.strict = strict
+        self.repairs: dict[str, int] = {}
         self._size = None if sensor_size is None else check_sensor_size(sensor_size)
         self._whole: Events | None = None
 
@@ -220,7 +225,7 @@ class Recording(ABC):
         if self._whole is None:
             columns = self._window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
             if columns is not None:
-                return Events.trusted(columns, self.sensor_size, start)
+                return Events.trusted(self._sound(columns), self.sensor_size, start)
             self._whole = self.events()
         return self._whole.window(start, stop)
 
@@ -228,10 +233,27 @@ class Recording(ABC):
         """All events."""
         if self._whole is not None:
             return self._whole
-        columns = in_order(self._decode())
+        columns = in_order(self._sound(self._decode()))
         if self._size is None:
             self._size = extent(columns)
         return Events.trusted(columns, self._size)
+
+    def _sound(self, columns: Columns) -> Columns:
+        """The columns as they are or, if not `strict`, without what no Events can hold."""
+        if self.strict:
+            return columns
+        t, x, y, p = columns
+        width, height = self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height) & (p <= 1)
+        self._repair("events outside the sensor, dropped", int(t.size - np.count_nonzero(inside)))
+        columns = Columns(*(column[inside] for column in columns))
+        self._repair("steps back in time, sorted", int(np.count_nonzero(columns.t[1:] < columns.t[:-1])))
+        return columns
+
+    def _repair(self, what: str, count: int) -> None:
+        """Note what was left out or put right; `repairs` tells of the last time that it was met."""
+        if count:
+            self.repairs[what] = count
 
     def anomalies(self) -> Mapping[str, int]:
         """What is odd about the file, counted: steps back in time, and events given twice."""

@@ -7,6 +7,7 @@ if it can be written, `write(events, path)`, and add its line to `FORMATS`.
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -21,13 +22,12 @@ from nvsdata.formats.records import HEAD
 
 @dataclass(frozen=True)
 class Format:
-    """A line of the registry: `magic` tells by content, `sniff` asks the module's `looks_like`."""
+    """A line of the registry: what a file begins with; without that, the module's `looks_like` tells."""
 
     name: str
     module: str
     suffixes: tuple[str, ...]
-    magic: tuple[bytes, ...] = ()
-    sniff: bool = False
+    begins: re.Pattern[bytes] | None = None
 
     def load(self) -> ModuleType:
         """The module that reads and writes it; imported only now."""
@@ -39,24 +39,44 @@ def _module(name: str) -> ModuleType:
     return import_module(f"nvsdata.formats.{name}")
 
 
+# the first that matches is it
 FORMATS = (
-    Format("hdf5", "hdf5", (".h5", ".hdf5"), magic=(b"\x89HDF\r\n\x1a\n",)),
-    Format("prophesee-dat", "prophesee", (".dat",), magic=(b"% ",)),
-    Format("text", "text", (".txt", ".csv", ".text"), sniff=True),
-    Format("atis", "atis", (".bin", ".bs2"), sniff=True),
+    Format("hdf5", "hdf5", (".h5", ".hdf5"), re.compile(rb"\x89HDF\r\n\x1a\n")),
+    Format("aedat2", "aedat2", (".aedat",), re.compile(rb"#!AER-DAT[12]\.")),
+    Format("aedat3", "aedat3", (".aedat3", ".aedat"), re.compile(rb"#!AER-DAT3\.")),
+    Format("aedat4", "aedat4", (".aedat4", ".aedat"), re.compile(rb"#!AER-DAT4\.")),
+    Format("evt", "evt", (".raw",), re.compile(rb"(?:%[^\n]*\n)*?% (?i:evt |format EVT)[23]")),
+    Format("prophesee-dat", "prophesee", (".dat",), re.compile(rb"% ")),
+    Format("matlab", "matlab", (".mat",), re.compile(rb"MATLAB [57]\.\d MAT-file")),
+    Format("text", "text", (".txt", ".csv", ".text")),
+    Format("atis", "atis", (".bin", ".bs2")),
 )
+# what an extension means for writing
+WRITTEN = {
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+    ".aedat": "aedat2",
+    ".aedat3": "aedat3",
+    ".dat": "prophesee",
+    ".txt": "text",
+    ".bin": "atis",
+}
+_FIRST_BYTES = b"\x89#%M"  # of the formats that begin with something
 
 
-def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = None) -> Recording:
+def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = None, strict: bool = True) -> Recording:
     """Open a file of events without decoding it.
 
     `sensor_size` (width, height) overrides what the file says, or says it where the file doesn't.
+    Without `strict`, a damaged file is read as far as it makes sense: a torn tail is cut off and
+    events outside the sensor are dropped; the recording's `repairs` says how many.
+
     Raises FileNotFoundError, and FormatError for a directory, an empty file of a format that
     needs a header, or content that no known format explains.
     """
     path = os.fspath(path)
     head = _head(path)
-    recording: Recording = _identify(path, head).load().Recording(path, sensor_size, head)
+    recording: Recording = _identify(path, head).load().Recording(path, sensor_size, head, strict)
     return recording
 
 
@@ -66,9 +86,10 @@ def read(
     stop: int | None = None,
     *,
     sensor_size: tuple[int, int] | None = None,
+    strict: bool = True,
 ) -> Events:
     """Events of a file with start <= t < stop (µs, as in the file); see `open`."""
-    return open(path, sensor_size=sensor_size).read(start, stop)
+    return open(path, sensor_size=sensor_size, strict=strict).read(start, stop)
 
 
 def write(events: Events | Recording, path: str | os.PathLike[str]) -> None:
@@ -78,13 +99,13 @@ def write(events: Events | Recording, path: str | os.PathLike[str]) -> None:
     the format can't hold (every format but HDF5 and text has such).
     """
     suffix = Path(path).suffix.lower()
-    module = next((f.load() for f in FORMATS if suffix in f.suffixes), None)
-    if module is None or not hasattr(module, "write"):
-        known = ", ".join(s for f in FORMATS for s in f.suffixes)
+    named = WRITTEN.get(suffix)
+    if named is None:
+        known = ", ".join(WRITTEN)
         raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
     whole = events if isinstance(events, Events) else events.read()
     with atomic(path) as temporary:
-        module.write(whole, temporary)
+        _module(named).write(whole, temporary)
 
 
 def suffixes() -> tuple[str, ...]:
@@ -104,18 +125,19 @@ def _head(path: str) -> bytes:
         os.close(handle)
 
 
-_MAGIC = tuple(magic for candidate in FORMATS for magic in candidate.magic)
-_HEADERLESS = {suffix: candidate for candidate in FORMATS if candidate.sniff for suffix in candidate.suffixes}
+_HEADERLESS = {suffix: candidate for candidate in FORMATS if not candidate.begins for suffix in candidate.suffixes}
 
 
 def _identify(path: str, head: bytes) -> Format:
-    if head.startswith(_MAGIC):
-        return next(candidate for candidate in FORMATS if candidate.magic and head.startswith(candidate.magic))
+    if head[:1] in _FIRST_BYTES:
+        for candidate in FORMATS:
+            if candidate.begins and candidate.begins.match(head):
+                return candidate
     suffix = os.path.splitext(path)[1].lower()
     if suffix in _HEADERLESS:
         return _HEADERLESS[suffix]
-    for candidate in FORMATS:
-        if candidate.sniff and head and candidate.load().looks_like(head, os.path.getsize(path)):
+    for candidate in _HEADERLESS.values():
+        if head and candidate.load().looks_like(head, os.path.getsize(path)):
             return candidate
     for candidate in FORMATS:
         if suffix in candidate.suffixes:

@@ -25,7 +25,8 @@ class Recording(RecordFile):
     block = 256
 
     def _needed_size(self) -> tuple[int, int]:
-        return atis_blocks(self._raw, self.block)[4]
+        width, height = atis_blocks(self._raw, self.block)[4]
+        return width, height
 
     def _index(self) -> Blocks:
         times, offsets, ordered, span, size, _ = atis_blocks(self._raw, self.block)

@@ -1,12 +1,18 @@
-"""nvsdata's own HDF5: one file, `/events/t`, `x`, `y`, `p`, contiguous so that a window is a slice of a memory map.
+"""HDF5: nvsdata's own files, and the layouts of DSEC, of Metavision, and of plain columns.
 
-`/` has attributes `format` ("nvsdata-events"), `version`, `width`, `height`. t is int64 µs, x and
-y int16, p uint8. Compressed or chunked copies (h5repack) are read too, through h5py.
+Our own: `/events/t`, `x`, `y`, `p`, contiguous, so that a window is a slice of a memory map; `/` has
+attributes `format` ("nvsdata-events"), `version`, `width`, `height`. t is int64 µs, x and y int16,
+p uint8. Compressed or chunked copies (h5repack) are read too, through h5py.
+
+Others: columns x, y, t, p below `/events` or `/`, where `/t_offset` is added to t (DSEC), or one
+compound `/CD/events` (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the
+package hdf5plugin, which is used if it is installed.
 """
 
 from __future__ import annotations
 
 import mmap
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,63 +33,127 @@ class Recording(BaseRecording):
 
     format = "hdf5"
 
-    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
-        super().__init__(path, sensor_size)
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
+        super().__init__(path, sensor_size, strict)
+        self._offset = 0
         try:
             with h5py.File(path, "r") as file:
-                self._size = self._size or self._attributes(file)
-                memory = _map(path)
-                self._columns = {name: self._column(file, name, memory) for name in TYPES}
+                own = file.attrs.get("format") == NAME
+                if own and int(file.attrs["version"]) > VERSION:
+                    reason = f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
+                    raise FormatError(path, None, reason)
+                self._size = self._size or self._stated(file, own)
+                self._columns = self._find(file)
         except (OSError, KeyError, RuntimeError) as error:
             raise FormatError(path, None, f"damaged HDF5: {error}") from error
-        lengths = {name: len(column) for name, column in self._columns.items()}
+        lengths = {name: column.size for name, column in self._columns.items()}
         if len(set(lengths.values())) != 1:
             raise FormatError(path, None, f"columns of different lengths: {lengths}")
 
-    def _attributes(self, file: Any) -> tuple[int, int]:
-        if file.attrs.get("format") != NAME:
-            raise FormatError(self.path, None, f"HDF5 without the attribute format = {NAME!r}")
-        if int(file.attrs["version"]) > VERSION:
-            raise FormatError(
-                self.path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
-            )
+    def _stated(self, file: Any, own: bool) -> tuple[int, int] | None:
+        if not own and not {"width", "height"} <= set(file.attrs):
+            return None
         try:
             return check_sensor_size((file.attrs["width"], file.attrs["height"]))
         except ValueError as error:
             raise FormatError(self.path, None, str(error)) from None
 
-    def _column(self, file: Any, name: str, memory: mmap.mmap) -> np.ndarray:
-        dataset = file[f"events/{name}"]
-        if dataset.ndim != 1 or dataset.dtype.kind not in "iu":
-            raise FormatError(self.path, None, f"/events/{name} is no column of integers")
+    def _find(self, file: Any) -> dict[str, _Column]:
+        if "CD/events" in file:
+            table = file["CD/events"]
+            if table.dtype.names is None or set(TYPES) - set(table.dtype.names):
+                raise FormatError(self.path, None, f"/CD/events holds {table.dtype}, not x, y, p and t")
+            return {name: _Column(self.path, "CD/events", table.size, field=name) for name in TYPES}
+        home = next((home for home in ("events", "/") if home in file and set(TYPES) <= set(file[home])), None)
+        if home is None:
+            raise FormatError(self.path, None, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
+        if "t_offset" in file:
+            self._offset = int(file["t_offset"][()])
+        memory = _map(self.path)
+        return {name: self._column(file[home], name, memory) for name in TYPES}
+
+    def _column(self, group: Any, name: str, memory: mmap.mmap) -> _Column:
+        dataset = group[name]
+        if dataset.ndim != 1 or dataset.dtype.kind not in "iub":
+            raise FormatError(self.path, None, f"{dataset.name} is no column of integers")
         offset = dataset.id.get_offset()
         if offset is None or dataset.size == 0:
-            return np.asarray(dataset[:])
+            return _Column(self.path, dataset.name, dataset.size)
         if offset + dataset.nbytes > len(memory):
-            raise FormatError(self.path, offset, f"truncated within /events/{name}")
-        return np.frombuffer(memory, dataset.dtype, dataset.size, offset)
+            raise FormatError(self.path, offset, f"truncated within {dataset.name}")
+        kind = np.uint8 if dataset.dtype.kind == "b" else dataset.dtype
+        return _Column(self.path, dataset.name, dataset.size, np.frombuffer(memory, kind, dataset.size, offset))
 
     def _decode(self) -> Columns:
-        return self._slice(0, len(self._columns["t"]))
+        return self._slice(0, self._columns["t"].size)
 
     def _slice(self, lo: int, hi: int) -> Columns:
-        t, x, y, p = (np.asarray(self._columns[name][lo:hi]).astype(kind, copy=False) for name, kind in TYPES.items())
-        width, height = self.sensor_size
-        bad = (x < 0) | (y < 0) | (x >= width) | (y >= height) | (p > 1)
+        raw = {name: self._columns[name][lo:hi] for name in TYPES}
+        if raw["p"].dtype.kind == "i":
+            raw["p"] = np.where(raw["p"] == -1, 0, raw["p"])
+        limit = np.array(self._size or (1 << 15, 1 << 15))
+        outside = (raw["x"] < 0) | (raw["y"] < 0) | (raw["x"] >= limit[0]) | (raw["y"] >= limit[1])
+        bad = outside | (raw["p"] < 0) | (raw["p"] > 1)
         if bad.any():
             first = lo + int(np.argmax(bad))
-            raise FormatError(self.path, None, f"event {first}: outside the sensor of {width}x{height}, or no polarity")
-        return Columns(t, x, y, p)
+            if self.strict:
+                where = "the sensor of {}x{}".format(*self._size) if self._size else "any sensor"
+                raise FormatError(self.path, None, f"event {first}: outside {where}, or no polarity")
+            self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
+            raw = {name: column[~bad] for name, column in raw.items()}
+        t, x, y, p = (raw[name].astype(kind, copy=False) for name, kind in TYPES.items())
+        return Columns(t + self._offset if self._offset else t, x, y, p)
 
     def _window(self, start: int, stop: int) -> Columns | None:
-        """A bisection over t; events of our files are sorted, and the slice is checked to be."""
+        """A bisection over t; the slice is checked to be sorted."""
         t = self._columns["t"]
-        columns = self._slice(int(np.searchsorted(t, start, "left")), int(np.searchsorted(t, stop, "left")))
-        return columns if never_falls(columns.t) else None
+        lo, hi = t.bisect(start - self._offset), t.bisect(stop - self._offset)
+        columns = self._slice(lo, max(lo, hi))
+        inside = columns.t.size == 0 or (start <= columns.t[0] and columns.t[-1] < stop)
+        return columns if inside and never_falls(columns.t) else None
 
     def _bounds(self) -> tuple[int, int] | None:
         t = self._columns["t"]
-        return (int(t[0]), int(t[-1])) if len(t) else (0, 0)
+        return (int(t[0:1][0]) + self._offset, int(t[t.size - 1 :][0]) + self._offset) if t.size else (0, 0)
+
+
+class _Column:
+    """A column, in memory where it lies in the file as it is; otherwise h5py reads the slices asked for."""
+
+    def __init__(
+        self, path: str, name: str, size: int, mapped: np.ndarray | None = None, field: str | None = None
+    ) -> None:
+        self.path, self.name, self.size, self.mapped, self.field = path, name, int(size), mapped, field
+
+    def __getitem__(self, which: slice) -> np.ndarray:
+        if self.mapped is not None:
+            return self.mapped[which]
+        with suppress(ImportError):
+            import hdf5plugin  # noqa: F401  registers its filters
+        try:
+            with h5py.File(self.path, "r") as file:
+                found = file[self.name][which]
+        except (OSError, KeyError, RuntimeError) as error:
+            raise FormatError(self.path, None, f"can't read {self.name}: {error}") from error
+        column = np.asarray(found if self.field is None else found[self.field])
+        return column.astype(np.uint8) if column.dtype.kind == "b" else column
+
+    def bisect(self, value: int) -> int:
+        """First index whose value is at least `value`; reads one value a step."""
+        if self.mapped is not None:
+            kind = np.iinfo(self.mapped.dtype)
+            if not kind.min <= value <= kind.max:
+                return 0 if value < kind.min else self.size
+            # of the column's own type, or numpy would convert the whole column
+            return int(self.mapped.searchsorted(self.mapped.dtype.type(value), "left"))
+        lo, hi = 0, self.size
+        while lo < hi:
+            middle = (lo + hi) // 2
+            if self[middle : middle + 1][0] < value:
+                lo = middle + 1
+            else:
+                hi = middle
+        return lo
 
 
 def _map(path: str) -> mmap.mmap:

@@ -14,8 +14,8 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile
-from nvsdata.kernels.decode import DAT_WRAP_US, dat_decode
+from nvsdata.formats.records import Blocks, RecordFile, header_lines, unwrapped_index
+from nvsdata.kernels.decode import WRAP_US, dat_decode
 
 MAX_ADDRESS = 0x3FFF
 
@@ -27,14 +27,14 @@ class Recording(RecordFile):
     record_size = 8
     block = 4096
 
-    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
-        lines, end = _header(head)
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
+        lines, end = header_lines(head, b"%")
         if len(head) < end + 2:
             raise FormatError(path, len(head), "truncated: the header has no event type and size after it")
         kind, size = head[end], head[end + 1]
         if kind not in (0x00, 0x0C) or size != 8:
             raise FormatError(path, end, f"event type {kind:#04x} of {size} bytes is no change-detection event")
-        super().__init__(path, sensor_size, head, header_size=end + 2)
+        super().__init__(path, sensor_size, head, strict, header_size=end + 2)
         numbers = {m[1].lower(): int(m[2]) for line in lines if (m := re.match(r"%\s*(\w+)\s+(\d+)\s*$", line))}
         self.version = numbers.get("version", 1)
         stated = (numbers.get("width", 0), numbers.get("height", 0))
@@ -42,28 +42,12 @@ class Recording(RecordFile):
         self._words = self._raw.view("<u4").reshape(-1, 2)
 
     def _index(self) -> Blocks:
-        raw = self._words[:: self.block, 0].astype(np.int64)
-        wraps = np.concatenate(([0], np.cumsum(raw[:-1] - raw[1:] > DAT_WRAP_US // 2)))[: raw.size]
-        offsets = wraps * DAT_WRAP_US
-        return Blocks(raw + offsets, offsets, None)
+        return unwrapped_index(self._words[:: self.block, 0])
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
         width, height = self._size or (0, 0)
         t, x, y, p, bad = dat_decode(self._words, lo, hi, offset, self.version, width, height)
         return Columns(t, x, y, p), bad
-
-
-def _header(head: bytes) -> tuple[list[str], int]:
-    """Lines of the header, and the byte after it."""
-    lines: list[str] = []
-    end = 0
-    while head[end : end + 1] == b"%":
-        newline = head.find(b"\n", end)
-        if newline < 0:
-            break
-        lines.append(head[end:newline].decode("latin-1"))
-        end = newline + 1
-    return lines, end
 
 
 def write(events: Events, path: Path) -> None:
@@ -76,10 +60,10 @@ def write(events: Events, path: Path) -> None:
     t = events.t
     if max(width, height) > MAX_ADDRESS + 1:
         raise ValueError("Prophesee .dat holds coordinates up to 16383 only")
-    if t.size and (t[0] < 0 or t[0] >= DAT_WRAP_US or np.diff(t).max(initial=0) >= DAT_WRAP_US // 2):
+    if t.size and (t[0] < 0 or t[0] >= WRAP_US or np.diff(t).max(initial=0) >= WRAP_US // 2):
         raise ValueError("Prophesee .dat holds a first time below 2^32 µs and gaps below 2^31 µs only")
     words = np.empty((t.size, 2), "<u4")
-    words[:, 0] = (t % DAT_WRAP_US).astype(np.uint32)
+    words[:, 0] = (t % WRAP_US).astype(np.uint32)
     words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14 | events.p.astype(np.uint32) << 28
     header = f"% Data file containing CD events.\n% Version 2\n% Width {width}\n% Height {height}\n"
     path.write_bytes(header.encode() + b"\x0c\x08" + words.tobytes())

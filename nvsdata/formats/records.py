@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import mmap
+import re
 from abc import abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Recording
+from nvsdata.kernels.decode import WRAP_US
 from nvsdata.kernels.order import never_falls
 
+LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends here whatever follows
+_PRINTABLE = re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")
 HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
 
 
@@ -31,21 +35,24 @@ class Blocks(NamedTuple):
 class RecordFile(Recording):
     """Fixed-size records after a header, in order of time unless the file is broken."""
 
-    record_size: ClassVar[int]
-    block: ClassVar[int]  # records between two entries of the index
+    record_size: int
+    block: int  # records between two entries of the index
 
-    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, header_size: int = 0) -> None:
-        super().__init__(path, sensor_size)
+    def __init__(
+        self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool, header_size: int = 0
+    ) -> None:
+        super().__init__(path, sensor_size, strict)
         self.header_size = header_size
         self._raw = np.frombuffer(bytes_of(path, head), np.uint8)[header_size:]
         self._blocks: Blocks | None = None
         torn = self._raw.size % self.record_size
         if torn:
-            raise FormatError(
-                path,
-                header_size + self._raw.size - torn,
-                f"truncated: {torn} bytes are left over, a record takes {self.record_size}",
-            )
+            whole = self._raw.size - torn
+            if strict:
+                reason = f"truncated: {torn} bytes are left over, a record takes {self.record_size}"
+                raise FormatError(path, header_size + whole, reason)
+            self._raw = self._raw[:whole]
+            self._repair("bytes of a torn record, cut off", torn)
 
     @property
     def records(self) -> int:
@@ -62,7 +69,7 @@ class RecordFile(Recording):
 
     def _between(self, lo: int, hi: int, offset: int) -> Columns:
         columns, bad = self._records(lo, hi, offset)
-        if bad >= 0:
+        if bad >= 0 and self.strict:
             width, height = self.sensor_size
             where = self.header_size + bad * self.record_size
             raise FormatError(self.path, where, f"coordinates outside the sensor of {width}x{height}")
@@ -84,8 +91,11 @@ class RecordFile(Recording):
             return span
         if ordered is False or not never_falls(times):
             return None
-        t = self._between((times.size - 1) * self.block, self.records, int(offsets[-1])).t
-        return (int(times[0]), int(t[-1])) if t.size and never_falls(t) else None
+        head = self._between(0, min(self.block, self.records), 0).t
+        tail = self._between((times.size - 1) * self.block, self.records, int(offsets[-1])).t
+        if not (head.size and tail.size and never_falls(head) and never_falls(tail)):
+            return None
+        return int(head[0]), int(tail[-1])
 
     def _window(self, start: int, stop: int) -> Columns | None:
         """Decode the blocks that the window touches; None if they are in disorder.
@@ -114,3 +124,29 @@ def bytes_of(path: str, head: bytes) -> bytes | mmap.mmap:
         return head
     with open(path, "rb") as file:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+def unwrapped_index(raw: np.ndarray) -> Blocks:
+    """Index from the raw 32-bit times of the blocks' first records; a fall of more than 2^31 µs is a wrap."""
+    times = raw.astype(np.int64)
+    offsets = np.zeros_like(times)
+    np.cumsum(times[:-1] - times[1:] > WRAP_US // 2, out=offsets[1:])
+    offsets *= WRAP_US
+    return Blocks(times + offsets, offsets)
+
+
+def header_lines(head: bytes | mmap.mmap, mark: bytes) -> tuple[list[str], int]:
+    """The lines at the start that begin with `mark` and are printable, and the byte after them."""
+    lines: list[str] = []
+    end = 0
+    while head[end : end + len(mark)] == mark:
+        newline = head.find(b"\n", end)
+        line = head[end:newline] if newline >= 0 else b"\0"
+        # a record may begin with the mark's byte by chance
+        if not _PRINTABLE.fullmatch(line):
+            break
+        lines.append(line.decode("latin-1").rstrip("\r"))
+        end = newline + 1
+        if lines[-1].lower() in LAST_LINES:
+            break
+    return lines, end

@@ -34,8 +34,8 @@ class Recording(BaseRecording):
 
     format = "text"
 
-    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes) -> None:
-        super().__init__(path, sensor_size)
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
+        super().__init__(path, sensor_size, strict)
         self._raw = np.frombuffer(bytes_of(path, head), np.uint8)
         self._body = 0
         own = OWN.match(head)
@@ -52,11 +52,14 @@ class Recording(BaseRecording):
     def _parse(self, start: int, stop: int) -> Columns:
         lines = int(np.count_nonzero(self._raw[start:stop] == kernel.NEWLINE)) + 1
         columns = np.empty((4, lines), np.int64)
-        kept, fault, where = kernel.text_decode(self._raw, start, stop, self._seconds, columns)
+        kept, fault, where, dropped = kernel.text_decode(
+            self._raw, start, stop, self._seconds, not self.strict, columns
+        )
+        self._repair("lines that are no event, dropped", int(dropped))
         if fault:
             raise FormatError(self.path, int(where), FAULTS[fault])
         t, x, y, p = columns[:, :kept]
-        if self._size is not None and ((x >= self._size[0]) | (y >= self._size[1])).any():
+        if self.strict and self._size is not None and ((x >= self._size[0]) | (y >= self._size[1])).any():
             first = int(np.argmax((x >= self._size[0]) | (y >= self._size[1])))
             width, height = self._size
             raise FormatError(self.path, None, f"event {first}: coordinates outside the sensor of {width}x{height}")

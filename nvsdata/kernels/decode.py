@@ -11,7 +11,7 @@ from numba import njit
 
 ATIS_OVERFLOW_Y = 240
 ATIS_OVERFLOW_US = 1 << 13
-DAT_WRAP_US = 1 << 32
+WRAP_US = 1 << 32  # of a 32-bit counter of µs
 
 
 @njit(cache=True, nogil=True)
@@ -156,8 +156,8 @@ def dat_decode(words, lo, hi, offset, version, width, height):
     for i in range(lo, hi):
         k = i - lo
         time = np.int64(words[i, 0])
-        if last - time > DAT_WRAP_US // 2:
-            offset += DAT_WRAP_US
+        if last - time > WRAP_US // 2:
+            offset += WRAP_US
         last = time
         address = words[i, 1]
         if version >= 2:

@@ -12,55 +12,67 @@ OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE = 0, 1, 2, 3
 
 
 @njit(cache=True, nogil=True)
-def text_decode(raw, start, stop, seconds_first, columns):
+def text_decode(raw, start, stop, seconds_first, skip_faults, columns):
     """Parse lines of four numbers between bytes `start` and `stop`. O(bytes).
 
     `seconds_first`: the line is `t x y p` with t in seconds (kept exact: digits, not floats,
     rounded down to the µs); otherwise `x y t p`, all integers, t in µs.
     `columns`: int64 [4, M] to fill with t, x, y, p, M at least the number of lines.
-    Returns (events, fault code, byte offset of the fault). Empty lines and lines beginning with
-    `#` are skipped.
+    Returns (events, fault code, byte offset of the fault, lines dropped): the first fault ends it,
+    unless `skip_faults`. Empty lines and lines beginning with `#` are skipped.
     """
-    kept = 0
+    kept = dropped = 0
     i = start
     values = np.empty(4, np.int64)
     while i < stop:
-        line = i
-        if raw[i] == HASH:
-            while i < stop and raw[i] != NEWLINE:
-                i += 1
-            i += 1
+        found, fault, where, i = _line(raw, i, stop, seconds_first, values)
+        if found == 0 and fault == OK:
             continue
-        found = 0
-        while i < stop and raw[i] != NEWLINE:
-            c = raw[i]
-            if c in (SPACE, TAB, COMMA, RETURN):
-                i += 1
-                continue
-            if found == 4:
-                return kept, BAD_COUNT, line
-            value, i, good = _number(raw, i, stop, seconds_first and found == 0)
-            if not good:
-                return kept, BAD_NUMBER, i
-            values[found] = value
-            found += 1
-        i += 1
-        if found == 0:
-            continue
-        if found != 4:
-            return kept, BAD_COUNT, line
         if seconds_first:
             t, x, y = values[0], values[1], values[2]
         else:
             t, x, y = values[2], values[0], values[1]
-        if x < 0 or y < 0 or x > 32766 or y > 32766 or values[3] < -1 or values[3] > 1:
-            return kept, OUT_OF_RANGE, line
+        if fault == OK and (x < 0 or y < 0 or x > 32766 or y > 32766 or values[3] < -1 or values[3] > 1):
+            fault = OUT_OF_RANGE
+        if fault != OK:
+            if not skip_faults:
+                return kept, fault, where, dropped
+            dropped += 1
+            continue
         columns[0, kept] = t
         columns[1, kept] = x
         columns[2, kept] = y
         columns[3, kept] = max(values[3], 0)
         kept += 1
-    return kept, OK, 0
+    return kept, OK, 0, dropped
+
+
+@njit(cache=True, nogil=True)
+def _line(raw, i, stop, seconds_first, values):
+    """Numbers of the line at byte i: (how many, fault code, where, byte after the line)."""
+    where = i
+    found = 0
+    fault = OK
+    comment = raw[i] == HASH
+    while i < stop and raw[i] != NEWLINE:
+        c = raw[i]
+        if comment or fault != OK or c in (SPACE, TAB, COMMA, RETURN):
+            i += 1
+            continue
+        if found == 4:
+            fault = BAD_COUNT
+            continue
+        value, at, good = _number(raw, i, stop, seconds_first and found == 0)
+        if not good:
+            fault = BAD_NUMBER
+            where = i = at
+            continue
+        i = at
+        values[found] = value
+        found += 1
+    if fault == OK and 0 < found < 4:
+        fault = BAD_COUNT
+    return found, fault, where, i + 1
 
 
 @njit(cache=True, nogil=True)

@@ -53,7 +53,6 @@ def radius_graph(
     # with alpha = 0 the graph has no spatial bound but the sensor itself
     side = radius / math.sqrt(alpha) if alpha > 0 else 0.0
     reach = (side, side) if side else (float(events.sensor_size[0]), float(events.sensor_size[1]))
-    arrays = event_graph(
-        *events.columns, events.start, float(radius), float(alpha), float(beta), max_degree, reach
-    )
-    return Graph(*map(torch.from_numpy, arrays), sensor_size=events.sensor_size, reach=reach)
+    arrays = event_graph(*events.columns, events.start, float(radius), float(alpha), float(beta), max_degree, reach)
+    x, pos, t, edge_index, edge_attr = map(torch.from_numpy, arrays)
+    return Graph(x, pos, t, edge_index, edge_attr, None, events.sensor_size, reach)

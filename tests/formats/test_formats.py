@@ -7,12 +7,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lookalikes import evt2_bytes, evt3_bytes, matlab_bytes
 from strategies import events
 
 import nvsdata
 from nvsdata import Events, FormatError
 
-SUFFIXES = (".bin", ".dat", ".txt", ".h5")
+SUFFIXES = (".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat3")
+HEADS = {
+    ".bin": b"",
+    ".dat": b"% Version 2\n\x0c\x08",
+    ".txt": b"1 2 3 1\n",
+    ".h5": b"\x89HDF\r\n\x1a\n",
+    ".aedat": b"#!AER-DAT2.0\r\n",
+    ".aedat3": b"#!AER-DAT3.1\r\n#Source 1: DVS128\r\n#!END-HEADER\r\n",
+    ".raw": b"% evt 2.0\n% end\n",
+    ".evt3": b"% evt 3.0\n% end\n",
+    ".mat": b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
+}
+changes = st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=5)
 every_format = pytest.mark.parametrize("suffix", SUFFIXES)
 
 
@@ -125,13 +138,36 @@ def test_an_unknown_extension_is_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@given(data=st.binary(max_size=400), suffix=st.sampled_from(SUFFIXES))
+@given(data=st.binary(max_size=400), suffix=st.sampled_from(tuple(HEADS)))
 def test_garbage_gives_format_errors_or_valid_events(tmp_path, data, suffix):
-    heads = {".dat": b"% Version 2\n\x0c\x08", ".txt": b"1 2 3 1\n", ".bin": b"", ".h5": b"\x89HDF\r\n\x1a\n"}
     path = tmp_path / f"a{suffix}"
-    path.write_bytes(heads[suffix] + data)
+    path.write_bytes(HEADS[suffix] + data)
+    for strict in (True, False):
+        assert_valid_or_refused(path, strict)
+
+
+@pytest.mark.filterwarnings("ignore:.*not marked valid")
+@given(ev=events(max_size=100), suffix=st.sampled_from((*SUFFIXES, ".mat", ".raw", ".evt3")), changes=changes)
+def test_damaged_files_give_format_errors_or_valid_events(tmp_path, ev, suffix, changes):
+    raw = bytearray(sample_bytes(tmp_path, ev, suffix))
+    for where, value in changes if raw else ():
+        raw[int(where * (len(raw) - 1))] = value
+    path = tmp_path / f"b{suffix}"
+    path.write_bytes(raw[: int(changes[0][0] * len(raw))] if changes[0][1] % 4 == 0 else raw)
+    for strict in (True, False):
+        assert_valid_or_refused(path, strict)
+
+
+def sample_bytes(tmp_path, ev, suffix):
+    if suffix in SUFFIXES:
+        nvsdata.write(ev, tmp_path / f"a{suffix}")
+        return (tmp_path / f"a{suffix}").read_bytes()
+    return {".mat": matlab_bytes, ".raw": evt2_bytes, ".evt3": evt3_bytes}[suffix](ev)
+
+
+def assert_valid_or_refused(path, strict):
     try:
-        ev = nvsdata.read(path)
+        ev = nvsdata.read(path, strict=strict)
     except FormatError:
         return
     assert (np.diff(ev.t) >= 0).all()

@@ -43,10 +43,9 @@ def test_a_truncated_file_is_refused(path):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda f: f.attrs.pop("format"), "without the attribute"),
         (lambda f: f.attrs.update(version=99), "newer"),
         (lambda f: f.attrs.update(width=0), "sensor_size"),
-        (lambda f: f.pop("events/p"), "damaged"),
+        (lambda f: f.pop("events/p"), "without /events"),
         (lambda f: (f.pop("events/p"), f.create_dataset("events/p", data=np.zeros(3, np.uint8))), "different lengths"),
         (lambda f: f["events/x"].write_direct(np.full(1000, 31, np.int16)), "outside the sensor"),
     ],
@@ -56,3 +55,34 @@ def test_damage_is_named(path, change, reason):
         change(file)
     with pytest.raises(FormatError, match=reason):
         nvsdata.read(path)
+
+
+@pytest.mark.parametrize("compression", [None, "gzip"])
+@pytest.mark.parametrize("home", ["events/", ""])
+def test_columns_as_dsec_has_them(tmp_path, home, compression):
+    ev = Events(
+        10**12 + np.arange(0, 5_000, 7), np.arange(715) % 640, np.arange(715) % 480, np.arange(715) % 2, (640, 480)
+    )
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t_offset"] = 10**12
+        for name, kind in (("t", np.uint32), ("x", np.uint16), ("y", np.uint16), ("p", np.uint8)):
+            column = ev.t - 10**12 if name == "t" else getattr(ev, name)
+            file.create_dataset(home + name, data=column.astype(kind), compression=compression)
+    recording = nvsdata.open(tmp_path / "a.h5", sensor_size=(640, 480))
+    assert recording.read() == ev
+    assert recording.span == (int(ev.t[0]), int(ev.t[-1]))
+    assert recording.read(10**12 + 700, 10**12 + 1_400) == ev.window(10**12 + 700, 10**12 + 1_400)
+    assert len(recording.read(0, 10**12)) == 0
+
+
+def test_the_compound_that_metavision_has(tmp_path):
+    ev = Events(np.arange(0, 5_000, 7), np.arange(715) % 640, np.arange(715) % 480, np.arange(715) % 2, (640, 480))
+    table = np.empty(715, [("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
+    for name in ("t", "x", "y"):
+        table[name] = getattr(ev, name)
+    table["p"] = ev.p.astype(int) * 2 - 1
+    with h5py.File(tmp_path / "a.hdf5", "w") as file:
+        file.create_dataset("CD/events", data=table, compression="gzip")
+    recording = nvsdata.open(tmp_path / "a.hdf5", sensor_size=(640, 480))
+    assert recording.read() == ev
+    assert recording.read(700, 1_400) == ev.window(700, 1_400)

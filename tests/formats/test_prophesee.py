@@ -90,3 +90,12 @@ def test_a_real_ncars_recording(shared_samples):
     ev = nvsdata.read(shared_samples / "sample_ncars.dat")
     assert len(ev) == 2009
     assert [(c[0], c[-1]) for c in ev.columns] == [(0, 99952), (25, 75), (8, 28), (0, 1)]
+
+
+def test_the_real_file_agrees_with_expelliarmus(shared_samples):
+    expelliarmus = pytest.importorskip("expelliarmus")
+    path = shared_samples / "sample_ncars.dat"
+    theirs = expelliarmus.Wizard("dat", fpath=str(path)).read()
+    ours = nvsdata.read(path)
+    for name in ("t", "x", "y", "p"):
+        assert np.array_equal(getattr(ours, name), theirs[name])

@@ -1,0 +1,179 @@
+"""AEDAT records to event columns and back. See `kernels.decode` for what a decoder returns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from nvsdata.kernels.decode import WRAP_US
+
+DVS128, DAVIS = 0, 1
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _big_endian(raw, j):
+    return (
+        np.uint32(raw[j]) << np.uint32(24)
+        | np.uint32(raw[j + 1]) << np.uint32(16)
+        | np.uint32(raw[j + 2]) << np.uint32(8)
+        | np.uint32(raw[j + 3])
+    )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _little_endian(raw, j):
+    return (
+        np.uint32(raw[j])
+        | np.uint32(raw[j + 1]) << np.uint32(8)
+        | np.uint32(raw[j + 2]) << np.uint32(16)
+        | np.uint32(raw[j + 3]) << np.uint32(24)
+    )
+
+
+@njit(cache=True, nogil=True)
+def aedat2_decode(raw, lo, hi, offset, size, layout, chip_width, chip_height, width, height):
+    """Decode AEDAT 1 and 2 records lo..hi of `size` bytes (6 or 8), `offset` µs of wraps in force at `lo`. O(hi - lo).
+
+    `layout` DVS128 or DAVIS says what the address bits mean; x and y are mirrored within the chip.
+    Records that are no polarity events are left out. Times are unsigned and wrap at 2^32.
+    """
+    room = hi - lo
+    t = np.empty(room, np.int64)
+    x = np.empty(room, np.int16)
+    y = np.empty(room, np.int16)
+    p = np.empty(room, np.uint8)
+    records = raw[size * lo : size * hi].reshape(room, size)
+    bad = -1
+    kept = np.uint64(0)
+    last = np.int64(0)
+    for i in range(np.uint64(room)):
+        record = records[i]
+        address = _big_endian(record, 0) if size == 8 else np.uint32(record[0]) << np.uint32(8) | np.uint32(record[1])
+        time = np.int64(_big_endian(record, size - 4))
+        if last - time > WRAP_US // 2:
+            offset += WRAP_US
+        last = time
+        if layout == DVS128:
+            column, row = (
+                chip_width - 1 - np.int32(address >> 1 & 0x7F),
+                chip_height - 1 - np.int32(address >> 8 & 0x7F),
+            )
+            polarity = ~address & 1
+            polar = (address & 0x80008000) == 0
+        else:
+            column = chip_width - 1 - np.int32(address >> 12 & 0x3FF)
+            row = chip_height - 1 - np.int32(address >> 22 & 0x1FF)
+            polarity = address >> 11 & 1
+            polar = (address & 0x80000400) == 0
+        t[kept] = time + offset
+        x[kept] = column
+        y[kept] = row
+        p[kept] = polarity
+        if polar and (column < 0 or row < 0 or column >= width or row >= height) and bad < 0:
+            bad = lo + np.int64(i)
+        kept += np.uint64(polar)
+    return t[:kept], x[:kept], y[:kept], p[:kept], bad
+
+
+@njit(cache=True, nogil=True)
+def aedat2_encode(t, x, y, p, layout, chip_width, chip_height):
+    """AEDAT 2 bytes, eight an event. O(N)."""
+    raw = np.empty((t.size, 8), np.uint8)
+    for i in range(t.size):
+        column, row = np.uint32(chip_width - 1 - x[i]), np.uint32(chip_height - 1 - y[i])
+        if layout == DVS128:
+            address = row << 8 | column << 1 | np.uint32(1 - p[i])
+        else:
+            address = row << 22 | column << 12 | np.uint32(p[i]) << 11
+        time = t[i] % WRAP_US
+        for byte in range(4):
+            raw[i, byte] = address >> (24 - 8 * byte) & 0xFF
+            raw[i, 4 + byte] = time >> (24 - 8 * byte) & 0xFF
+    return raw
+
+
+POLARITY_EVENT = 1
+PACKET_HEADER = 28
+# What can be wrong with a packet
+FINE, TORN, NONSENSE = 0, 1, 2
+
+
+@njit(cache=True, nogil=True)
+def aedat3_packets(raw, start):
+    """Walk the packet headers from byte `start`. O(packets).
+
+    Returns int64 [M, 6] for polarity packets: byte of the first event, number of events, µs to add
+    to their times, first and last time, whether the header counts fewer valid events than events;
+    then a fault code and the byte of the packet that has it (the file's size if none).
+    """
+    packets = np.empty((16, 6), np.int64)
+    count = 0
+    at = start
+    while at < raw.size:
+        if raw.size - at < PACKET_HEADER:
+            return packets[:count], TORN, at
+        kind = np.int64(_little_endian(raw, at) & 0xFFFF)
+        size, when = np.int64(_little_endian(raw, at + 4)), np.int64(_little_endian(raw, at + 8))
+        overflow, number = np.int64(_little_endian(raw, at + 12)), np.int64(_little_endian(raw, at + 20))
+        valid = np.int64(_little_endian(raw, at + 24))
+        if size == 0 or size >= 1 << 31 or number >= 1 << 31 or valid > number or overflow >= 1 << 31:
+            return packets[:count], NONSENSE, at
+        if kind == POLARITY_EVENT and (size != 8 or when != 4):
+            return packets[:count], NONSENSE, at
+        first = at + PACKET_HEADER
+        # of a torn packet the whole events are kept
+        whole = min(number, (raw.size - first) // size)
+        torn = whole < number
+        number = whole
+        if kind == POLARITY_EVENT and number:
+            if count == len(packets):
+                longer = np.empty((2 * count, 6), np.int64)
+                longer[:count] = packets
+                packets = longer
+            add = overflow << 31
+            packets[count, 0], packets[count, 1], packets[count, 2] = first, number, add
+            packets[count, 3] = add + np.int64(_little_endian(raw, first + 4))
+            packets[count, 4] = add + np.int64(_little_endian(raw, first + 8 * number - 4))
+            packets[count, 5] = valid < number
+            count += 1
+        at = first + number * size
+        if torn:
+            return packets[:count], TORN, at
+    return packets[:count], FINE, at
+
+
+@njit(cache=True, nogil=True)
+def aedat3_decode(raw, packets, width, height):
+    """Decode polarity packets as `aedat3_packets` lists them. O(events).
+
+    Events that aren't marked valid are dropped where the packet's header counts them as invalid.
+    Returns t, x, y, p, the byte of the first event outside the sensor (-1: none), and how many
+    events were kept without the mark.
+    """
+    room = 0
+    for k in range(len(packets)):
+        room += packets[k, 1]
+    t = np.empty(room, np.int64)
+    x = np.empty(room, np.int16)
+    y = np.empty(room, np.int16)
+    p = np.empty(room, np.uint8)
+    kept = np.uint64(0)
+    unmarked = 0
+    bad = np.int64(-1)
+    right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 15)
+    for k in range(len(packets)):
+        first, number, add, some_invalid = packets[k, 0], packets[k, 1], packets[k, 2], packets[k, 5]
+        records = raw[first : first + 8 * number].reshape(number, 8)
+        for i in range(np.uint64(number)):
+            data = _little_endian(records[i], 0)
+            column, row = np.int32(data >> 17), np.int32(data >> 2 & 0x7FFF)
+            keep = np.uint64((data & 1) | (some_invalid == 0))
+            t[kept] = add + np.int64(_little_endian(records[i], 4))
+            x[kept] = column
+            y[kept] = row
+            p[kept] = data >> 1 & 1
+            if (column >= right or row >= bottom) and keep and bad < 0:
+                bad = first + 8 * np.int64(i)
+            unmarked += np.int64(keep) & ~np.int64(data) & 1
+            kept += keep
+    return t[:kept], x[:kept], y[:kept], p[:kept], bad, unmarked

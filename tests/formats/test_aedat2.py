@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lookalikes import aedat2_bytes, rows
+
+import nvsdata
+from nvsdata import Events, FormatError
+
+CHIP = "#!AER-DAT2.0\r\n# AEChip: {}\r\n"
+
+
+def slow_dvs128(raw: bytes):
+    """Record by record, from the format's description; times unwrapped."""
+    out, wraps, last = [], 0, 0
+    for i in range(0, len(raw), 8):
+        a, t = int.from_bytes(raw[i : i + 4], "big"), int.from_bytes(raw[i + 4 : i + 8], "big")
+        wraps += last - t > 2**31
+        last = t
+        if not a & 0x80008000:
+            out.append((t + wraps * 2**32, 127 - (a >> 1 & 127), 127 - (a >> 8 & 127), 1 - (a & 1)))
+    return sorted(out, key=lambda event: event[0])
+
+
+@given(st.binary(max_size=1_600).map(lambda b: b[: len(b) // 8 * 8]))
+def test_any_dvs128_records_decode_as_the_description_says(tmp_path, raw):
+    header = CHIP.format("ch.unizh.ini.jaer.chip.retina.DVS128").encode() + b"#End Of ASCII Header\r\n"
+    (tmp_path / "a.aedat").write_bytes(header + raw)
+    assert list(rows(nvsdata.read(tmp_path / "a.aedat"))) == slow_dvs128(raw)
+
+
+def test_davis_words_other_than_polarity_events_are_left_out(tmp_path):
+    event = (170 << 22) | (200 << 12) | (1 << 11)
+    words = [event, event | 1 << 31, event | 1 << 10, event & ~(1 << 11), 0xB0000C00]
+    header = CHIP.format("eu.seebetter.ini.chips.davis.DAVIS240C").encode()
+    (tmp_path / "a.aedat").write_bytes(aedat2_bytes(words, range(10, 15), header))
+    assert list(rows(nvsdata.read(tmp_path / "a.aedat"))) == [(10, 39, 9, 1), (13, 39, 9, 0)]
+
+
+def test_without_a_chip_the_addresses_or_the_sensor_tell(tmp_path):
+    davis = (170 << 22) | (200 << 12)
+    (tmp_path / "davis.aedat").write_bytes(aedat2_bytes([davis], [5]))
+    (tmp_path / "dvs.aedat").write_bytes(aedat2_bytes([0x0102], [5]))
+    assert nvsdata.open(tmp_path / "davis.aedat").sensor_size == (240, 180)
+    assert nvsdata.open(tmp_path / "dvs.aedat").sensor_size == (128, 128)
+    assert nvsdata.open(tmp_path / "dvs.aedat", sensor_size=(240, 180)).layout == 1
+
+
+def test_an_unknown_camera_is_named(tmp_path):
+    (tmp_path / "a.aedat").write_bytes(CHIP.format("some.Cochlea").encode() + bytes(8))
+    with pytest.raises(FormatError, match="COCHLEA"):
+        nvsdata.open(tmp_path / "a.aedat")
+
+
+def test_a_first_record_that_begins_like_a_header_line(tmp_path):
+    # y = 140 on a DAVIS puts 0x23, the byte of '#', first
+    address = 0x23 << 24 | 17 << 12
+    header = CHIP.format("x.DAVIS240C").encode()
+    (tmp_path / "a.aedat").write_bytes(aedat2_bytes([address] * 3, [7, 10, 2_571], header))
+    assert nvsdata.read(tmp_path / "a.aedat").t.tolist() == [7, 10, 2_571]
+
+
+def test_aedat_1_has_addresses_of_two_bytes(tmp_path):
+    record = (5 << 8 | 3 << 1 | 1).to_bytes(2, "big") + (77).to_bytes(4, "big")
+    (tmp_path / "a.aedat").write_bytes(b"#!AER-DAT1.0\r\n" + record * 2)
+    assert list(rows(nvsdata.read(tmp_path / "a.aedat"))) == [(77, 124, 122, 0)] * 2
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**31 - 1))
+def test_times_go_round_through_the_wrap(tmp_path, first, gap):
+    t = first + gap * np.arange(6)
+    ev = Events(t, [1, 2, 3, 4, 5, 6], [6, 5, 4, 3, 2, 1], [0, 1, 0, 1, 0, 1], (128, 128))
+    nvsdata.write(ev, tmp_path / "a.aedat")
+    assert nvsdata.read(tmp_path / "a.aedat") == ev
+    assert nvsdata.read(tmp_path / "a.aedat", int(t[2]), int(t[5])) == ev.window(int(t[2]), int(t[5]))
+
+
+@pytest.mark.parametrize("size", [(128, 128), (240, 180), (346, 260)])
+def test_each_camera_goes_round(tmp_path, size):
+    rng = np.random.default_rng(0)
+    ev = Events(
+        np.arange(500) * 9, rng.integers(0, size[0], 500), rng.integers(0, size[1], 500), rng.integers(0, 2, 500), size
+    )
+    nvsdata.write(ev, tmp_path / "a.aedat")
+    assert nvsdata.read(tmp_path / "a.aedat") == ev
+
+
+@pytest.mark.parametrize(("t", "size"), [([2**32], (128, 128)), ([0, 2**31], (128, 128)), ([0], (347, 260))])
+def test_what_does_not_fit_is_refused(tmp_path, t, size):
+    with pytest.raises(ValueError, match=r"AEDAT 2\.0"):
+        nvsdata.write(Events(t, [1] * len(t), [1] * len(t), [1] * len(t), size), tmp_path / "a.aedat")
+
+
+def test_a_torn_record_is_named_or_cut(tmp_path):
+    (tmp_path / "a.aedat").write_bytes(aedat2_bytes([2, 4], [5, 6])[:-3])
+    with pytest.raises(FormatError, match="byte 22: truncated: 5 bytes"):
+        nvsdata.open(tmp_path / "a.aedat")
+    recording = nvsdata.open(tmp_path / "a.aedat", strict=False)
+    assert len(recording.read()) == 1
+    assert recording.repairs == {"bytes of a torn record, cut off": 5}
+
+
+def test_real_files(shared_samples):
+    boxes = nvsdata.read(shared_samples / "davis240c_IMU_translBoxes.aedat")
+    found = list(rows(boxes))
+    assert len(found) == 162_771
+    assert (found[0], found[-1]) == ((294976755, 83, 143, 0), (297049406, 6, 139, 0))
+    digit = shared_samples / "mnist_0_scale04_0001.aedat"
+    raw = digit.read_bytes()
+    assert list(rows(nvsdata.read(digit))) == slow_dvs128(raw[216:])

@@ -1,0 +1,94 @@
+import io
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given
+from lookalikes import matlab_bytes
+from strategies import events
+
+import nvsdata
+from nvsdata import Events, FormatError
+
+SIZE = (240, 180)
+EV = Events([5, 9, 9], [0, 100, 239], [0, 80, 179], [1, 0, 1], SIZE)
+
+
+@pytest.mark.parametrize("compress", [True, False])
+@given(ev=events(max_size=100, width=240, height=180))
+def test_columns_of_a_v5_file(tmp_path, compress, ev):
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(ev, compress))
+    recording = nvsdata.open(tmp_path / "a.mat", sensor_size=SIZE)
+    if len(ev) and ev.x.min() >= 1 and ev.y.min() >= 1 and (ev.x.max() == 240 or ev.y.max() == 180):
+        return
+    assert recording.read() == ev
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.int32, np.float64, np.float32])
+def test_columns_of_any_numeric_type(tmp_path, kind):
+    more = {"x": EV.x.astype(kind), "y": EV.y.astype(kind), "ts": EV.t.astype(np.float64)}
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(EV, **more))
+    assert nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE) == EV
+
+
+def test_polarity_of_either_sign_and_coordinates_from_one(tmp_path):
+    shifted = {"x": EV.x + 1, "y": EV.y + 1, "pol": np.where(EV.p == 1, 1, -1).astype(np.int8)}
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(EV, **shifted))
+    assert nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE) == EV
+
+
+def test_a_struct_of_columns(tmp_path):
+    file = io.BytesIO()
+    scipy.io.savemat(file, {"TD": {"ts": EV.t, "x": EV.x, "y": EV.y, "p": EV.p}}, do_compression=True)
+    (tmp_path / "a.mat").write_bytes(file.getvalue())
+    assert nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE) == EV
+
+
+def test_a_v73_file(tmp_path):
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, column in {"ts": EV.t, "x": EV.x, "y": EV.y, "pol": EV.p}.items():
+            file[name] = column.reshape(1, -1).astype(np.float64)
+    raw = bytearray(path.read_bytes())
+    raw[:124] = b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(124)
+    path.write_bytes(raw)
+    assert nvsdata.read(path, sensor_size=SIZE) == EV
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        ({"x": np.array([0, 1])}, "different lengths"),
+        ({"x": np.array([0, 1.5, 2])}, "aren't whole"),
+        ({"ts": np.array([0, np.nan, 2])}, "aren't whole"),
+        ({"pol": np.array([0, 3, 1])}, "event 1: outside"),
+        ({"y": np.array([0, 181, 1])}, "event 1: outside the sensor of 240x180"),
+    ],
+)
+def test_damage_is_named(tmp_path, more, reason):
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(EV, **more))
+    with pytest.raises(FormatError, match=reason):
+        nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE)
+
+
+def test_a_missing_column_is_named(tmp_path):
+    file = io.BytesIO()
+    scipy.io.savemat(file, {"x": EV.x, "y": EV.y})
+    (tmp_path / "a.mat").write_bytes(file.getvalue())
+    with pytest.raises(FormatError, match=r"no variable 'ts'; it holds \['x', 'y'\]"):
+        nvsdata.read(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("length", [100, 127, 140, 200])
+def test_a_truncated_file_is_refused(tmp_path, length):
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(EV)[:length])
+    with pytest.raises(FormatError):
+        nvsdata.read(tmp_path / "a.mat")
+
+
+def test_without_strict_events_outside_are_dropped_and_counted(tmp_path):
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(EV, y=np.array([0, 200, 1])))
+    recording = nvsdata.open(tmp_path / "a.mat", sensor_size=SIZE, strict=False)
+    assert recording.read().t.tolist() == [5, 9]
+    assert recording.repairs == {"events outside the sensor, dropped": 1}

@@ -1,0 +1,95 @@
+"""Files as cameras and other programs write them, made byte by byte from the formats' descriptions."""
+
+from __future__ import annotations
+
+import io
+import struct
+
+import numpy as np
+import scipy.io
+
+from nvsdata import Events
+
+
+def matlab_bytes(ev: Events, compress: bool = True, **more: np.ndarray) -> bytes:
+    """A MATLAB v5 file with columns ts, x, y, pol, [N, 1] each, as ASL-DVS has them."""
+    columns = {"ts": ev.t, "x": ev.x, "y": ev.y, "pol": ev.p} | more
+    file = io.BytesIO()
+    scipy.io.savemat(file, {name: np.asarray(c).reshape(-1, 1) for name, c in columns.items()}, do_compression=compress)
+    return file.getvalue()
+
+
+def evt2_bytes(ev: Events, header: bytes = b"% evt 2.0\n% end\n") -> bytes:
+    """EVT2: a word of high time whenever it changes, then a word an event."""
+    out = bytearray(header)
+    high = -1
+    for t, x, y, p in rows(ev):
+        if t >> 6 != high:
+            high = t >> 6
+            out += struct.pack("<I", 0x8 << 28 | high & 0xFFFFFFF)
+        out += struct.pack("<I", p << 28 | (t & 63) << 22 | x << 11 | y)
+    return bytes(out)
+
+
+def evt3_bytes(ev: Events, header: bytes = b"% evt 3.0\n% end\n", vectors: bool = True) -> bytes:
+    """EVT3: rows, columns and times as they change; neighbours in a row at one time as vectors."""
+    out = bytearray(header)
+
+    def word(kind: int, value: int) -> None:
+        out.extend(struct.pack("<H", kind << 12 | value))
+
+    high = low = row = -1
+    events = list(rows(ev))
+    i = 0
+    while i < len(events):
+        t, x, y, p = events[i]
+        # the high part is told at every step of it, so that a reader can count its wraps
+        while high != t >> 12:
+            high = t >> 12 if high < 0 else min(high + (1 << 11) - 1, t >> 12)
+            word(0x8, high & 0xFFF)
+            low = 0
+        if t & 0xFFF != low:
+            low = t & 0xFFF
+            word(0x6, low)
+        if y != row:
+            row = y
+            word(0x0, row)
+        run = [x]
+        while i + len(run) < len(events) and events[i + len(run)][0::2] == (t, y) and events[i + len(run)][3] == p:
+            after = events[i + len(run)][1]
+            if not run[-1] < after < x + 20:
+                break
+            run.append(after)
+        if vectors and len(run) > 1:
+            word(0x3, p << 11 | x)
+            mask = sum(1 << (column - x) for column in run)
+            word(0x4, mask & 0xFFF)
+            word(0x5, mask >> 12)
+            i += len(run)
+        else:
+            word(0x2, p << 11 | x)
+            i += 1
+    return bytes(out)
+
+
+def aedat2_bytes(address: np.ndarray, time: np.ndarray, header: bytes = b"#!AER-DAT2.0\r\n") -> bytes:
+    """AEDAT 2.0: big-endian address and time."""
+    return header + b"".join(struct.pack(">II", a, t % 2**32) for a, t in zip(address, time, strict=True))
+
+
+def aedat3_packet(ev: Events, kind: int = 1, valid: bool = True, overflow: int = 0, marked: int | None = None) -> bytes:
+    """One AEDAT 3.1 packet of polarity events, or of eight-byte events of another `kind`."""
+    n = len(ev)
+    head = struct.pack("<HHIIIIII", kind, 1, 8, 4, overflow, n, n, n if marked is None else marked)
+    return head + b"".join(struct.pack("<II", x << 17 | y << 2 | p << 1 | valid, t) for t, x, y, p in rows(ev))
+
+
+AEDAT3_HEADER = (
+    b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DVS128\r\n"
+    b"#Start-Time: 2020-11-19 18:13:37 (TZ+0300)\r\n#!END-HEADER\r\n"
+)
+
+
+def rows(ev: Events):
+    """Events as tuples (t, x, y, p) of ints."""
+    return zip(ev.t.tolist(), ev.x.tolist(), ev.y.tolist(), ev.p.tolist(), strict=True)
