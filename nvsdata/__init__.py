@@ -11,7 +11,21 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from nvsdata import datasets, formats, models, transforms
     from nvsdata.batching import collate
-    from nvsdata.datasets import NMNIST, EventFolder
+    from nvsdata.datasets import (
+        ASLANDVS,
+        ASLDVS,
+        CIFAR10DVS,
+        HMDB51DVS,
+        MNISTDVS,
+        NCARS,
+        NMNIST,
+        UCF50DVS,
+        UCF101DVS,
+        YUPENNDVS,
+        DVS128Gesture,
+        EventFolder,
+        NCaltech101,
+    )
     from nvsdata.errors import FormatError
     from nvsdata.events import Events, Recording
     from nvsdata.formats import open, read, write
@@ -26,8 +40,19 @@ _HOMES = {
     "open": "formats",
     "read": "formats",
     "write": "formats",
+    "ASLANDVS": "datasets",
+    "ASLDVS": "datasets",
+    "CIFAR10DVS": "datasets",
+    "HMDB51DVS": "datasets",
+    "MNISTDVS": "datasets",
+    "NCARS": "datasets",
     "NMNIST": "datasets",
+    "UCF50DVS": "datasets",
+    "UCF101DVS": "datasets",
+    "YUPENNDVS": "datasets",
+    "DVS128Gesture": "datasets",
     "EventFolder": "datasets",
+    "NCaltech101": "datasets",
     "Graph": "graph",
     "GraphBatch": "graph",
     "collate": "batching",
@@ -35,8 +60,19 @@ _HOMES = {
 _MODULES = ("datasets", "formats", "models", "transforms")
 
 __all__ = [
+    "ASLANDVS",
+    "ASLDVS",
+    "CIFAR10DVS",
+    "HMDB51DVS",
+    "MNISTDVS",
+    "NCARS",
     "NMNIST",
+    "UCF50DVS",
+    "UCF101DVS",
+    "YUPENNDVS",
+    "DVS128Gesture",
     "EventFolder",
+    "NCaltech101",
     "Events",
     "FormatError",
     "Graph",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable
+from typing import Any
 
 from nvsdata import formats
-from nvsdata.datasets.base import EventDataset, Info, Sample, Transform, recordings_in
-from nvsdata.events import Recording
+from nvsdata.datasets.base import EventDataset, Info, Sample
 
 
 class EventFolder(EventDataset):
@@ -30,38 +29,43 @@ class EventFolder(EventDataset):
         split: str = "all",
         *,
         sensor_size: tuple[int, int] | None = None,
-        transform: Transform | None = None,
-        target_transform: Transform | None = None,
+        **options: Any,
     ) -> None:
-        self._given_size = sensor_size
-        super().__init__(root, split, transform=transform, target_transform=target_transform)
-        self._size = sensor_size or formats.open(self.samples[0].path).sensor_size
+        self._size = sensor_size
+        super().__init__(root, split, **options)
+        self._first_size = sensor_size or self.source.open(self.samples[0].name, None).sensor_size
 
     @property
     def sensor_size(self) -> tuple[int, int] | None:
-        return self._size
+        return self._first_size
 
     @property
-    def _home(self) -> Path:
-        return self.root if self.split == "all" else self.root / self.split
+    def _given_size(self) -> tuple[int, int] | None:
+        return self._size
 
     def _classes(self) -> list[str]:
-        if not self._home.is_dir():
-            raise FileNotFoundError(f"{self._home} is no folder; split={self.split!r} needs it")
-        names = sorted(p.name for p in self._home.iterdir() if p.is_dir() and not p.name.startswith("."))
+        home = "" if self.split == "all" else self.split + "/"
+        if home and not any(folder == self.split or folder.startswith(home) for folder in self.listing):
+            raise FileNotFoundError(f"{self.root / self.split} is no folder; split={self.split!r} needs it")
+        names = {folder[len(home) :].split("/")[0] for folder in self.listing if folder.startswith(home)} - {"", "."}
         if not names:
             raise FileNotFoundError(
-                f"no class folders in {self._home}: put each class's recordings in a folder of its name"
+                f"no class folders in {self.root / home}: put each class's recordings in a folder of its name"
             )
-        return names
+        return sorted(names)
 
-    def _samples(self) -> Iterator[Sample]:
-        for label, name in enumerate(self.classes):
-            for path in recordings_in(self._home / name):
-                yield Sample(path, label)
+    def _found(self) -> list[Sample]:
+        known = formats.suffixes()
+        home = "" if self.split == "all" else self.split + "/"
+        found = []
+        for folder, names in self.listing.items():
+            label = self.class_to_idx.get(folder[len(home) :].split("/")[0]) if folder.startswith(home) else None
+            if label is not None:
+                found += [Sample(f"{folder}/{name}", label) for name in names if name.lower().endswith(known)]
+        return sorted(found, key=lambda sample: (sample.label, sample.name))
 
-    def _open(self, path: Path) -> Recording:
-        return formats.open(path, sensor_size=self._given_size)
+    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+        return found
 
     def _how_to_get(self) -> str:
         return f"it needs class folders with recordings ({', '.join(formats.suffixes())})"

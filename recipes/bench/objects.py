@@ -40,7 +40,8 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
-    paths = [str(sample.path) for sample in NMNIST(args.root).samples][::4]
+    dataset = NMNIST(args.root)
+    paths = [str(dataset.root / sample.name) for sample in dataset.samples][::4]
     window = T.RandomWindow(30_000)
     events = [window(nvsdata.open(path, sensor_size=SENSOR)) for path in paths]
     rows = [decode(paths), graph(events), training_step(events), loading(args.root)]

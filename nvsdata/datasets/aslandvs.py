@@ -1,0 +1,136 @@
+"""ASLAN-DVS."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import scipy.io
+
+from nvsdata import formats
+from nvsdata.datasets.base import Archive, EventDataset, Info, numbered_fold
+from nvsdata.datasets.davis240 import upright
+from nvsdata.events import Recording
+from nvsdata.views import Mapped
+
+CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
+
+
+class Pair(NamedTuple):
+    """Two recordings by their path below the root, and whether they show the same action (1) or not (0)."""
+
+    a: str
+    b: str
+    label: int
+
+
+class ASLANDVS(EventDataset):
+    """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
+
+    `ds[i]` is `((a, b), same)`, both recordings transformed alike, `same` 1 or 0. The pairs are those
+    of ASLAN's View 2, ten subsets of 300 same and 300 different pairs: `fold` 1 to 10 (default 1) is
+    for testing, the others for training. They are read from `View2.mat` (its variable
+    `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from
+    `aslan_pairs.csv` (columns fold, video_a, video_b, same) below `root`. A video is named by its
+    id, which is the number that the recording's name ends in, or by that name.
+
+    Pairs of which a recording is missing are left out; `skipped` names what is missing.
+    """
+
+    info = Info(
+        name="aslan-dvs",
+        sensor_size=(240, 180),
+        classes=("different", "same"),
+        page="https://www.dropbox.com/sh/ie75dn246cacf6n",
+        licence="not stated",
+        archives=(
+            Archive(
+                "Yin Bi - ASLAN-DVS-Part1.zip",
+                "2d78143d650b702c11239a89fd696764f8a65bbcd8cb2b17a2f3d95954177aa2",
+                (),
+                "Part1",
+                2775740870,
+            ),
+            Archive(
+                "Yin Bi - ASLAN-DVS-Part2.zip",
+                "52e7224100f02b59991dd340b84470b5cc5bfc63330435e87bc54019bffbc1de",
+                (),
+                "Part2",
+                2810654630,
+            ),
+        ),
+        recordings=3_697,
+    )
+
+    def _check_fold(self, fold: int | None) -> int:
+        return numbered_fold(fold, range(1, 11), 1)
+
+    def _found(self) -> list[Any]:
+        """The pairs of all folds whose recordings are there."""
+        names = self._by_name()
+        found = []
+        self.folds: list[int] = []
+        missing = set()
+        for fold, a, b, same in self._pairs():
+            missing |= {video for video in (a, b) if video not in names}
+            if a in names and b in names:
+                found.append(Pair(names[a], names[b], same))
+                self.folds.append(fold)
+        self.skipped = sorted(missing)
+        return found
+
+    def _select(self, found: list[Any]) -> Iterator[Any]:
+        for pair, fold in zip(found, self.folds, strict=True):
+            if self.split == "all" or (fold == self.fold) == (self.split == "test"):
+                yield pair
+
+    def _by_name(self) -> dict[str, str]:
+        """Recordings by the name of their file and by the number it ends in."""
+        known = formats.suffixes()
+        names = {}
+        for folder, files in self.listing.items():
+            for file in files:
+                if file.lower().endswith(known) and file not in (CSV, VIEW2):
+                    stem = file.rsplit(".", 1)[0]
+                    where = file if folder == "." else f"{folder}/{file}"
+                    names[stem] = where
+                    if number := re.search(r"(\d+)$", stem):
+                        names.setdefault(str(int(number[1])), where)
+        return names
+
+    def _pairs(self) -> Iterator[tuple[int, str, str, int]]:
+        listed = self._side_file(CSV)
+        if listed is not None:
+            try:
+                for row in csv.DictReader(io.StringIO(listed)):
+                    yield int(row["fold"]), row["video_a"].strip(), row["video_b"].strip(), int(row["same"])
+            except (KeyError, TypeError, ValueError) as error:
+                reason = f"{CSV} must have the columns fold, video_a, video_b and same: {error!r}"
+                raise ValueError(reason) from None
+            return
+        folder = next((folder for folder, names in self.listing.items() if VIEW2 in names), None)
+        if folder is None:
+            raise FileNotFoundError(f"neither {VIEW2} nor {CSV} below {self.root}; ASLAN's page has View 2")
+        pairs = scipy.io.loadmat(io.BytesIO(self.source.data(f"{folder}/{VIEW2}"))).get(VARIABLE)
+        if pairs is None or pairs.ndim != 3 or pairs.shape[1] < 3:
+            raise ValueError(f"{VIEW2} holds no {VARIABLE} of [pairs, 5, folds]")
+        for fold in range(pairs.shape[2]):
+            for a, b, same in pairs[:, :3, fold].astype(int).tolist():
+                yield fold + 1, str(a), str(b), same
+
+    def recordings(self, index: int) -> tuple[Recording, Recording]:
+        """The two recordings of a pair, opened but not decoded."""
+        a, b = (self._view(self.source.open(name, self.sensor_size)) for name in self.samples[index][:2])
+        return a, b
+
+    def _view(self, recording: Recording) -> Recording:
+        return Mapped(recording, upright) if recording.format == "matlab" else recording
+
+    def __getitem__(self, index: int) -> tuple[Any, Any]:
+        change = self.transform or Recording.read
+        a, b = (change(recording) for recording in self.recordings(index))
+        same = self.targets[index]
+        return (a, b), same if self.target_transform is None else self.target_transform(same)

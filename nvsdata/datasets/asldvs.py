@@ -1,0 +1,32 @@
+"""ASL-DVS."""
+
+from __future__ import annotations
+
+from nvsdata.datasets.base import Archive, Info, RandomSplitDataset
+from nvsdata.datasets.davis240 import upright
+from nvsdata.events import Recording
+from nvsdata.views import Mapped
+
+
+class ASLDVS(RandomSplitDataset):
+    """ASL-DVS (Bi et al. 2019): 24 letters of American Sign Language, a DAVIS240C, 240x180.
+
+    100,800 recordings of about 100 ms and 28,000 events, `<letter>/<letter>_<id>.mat`, letters a to y
+    without j. A random fifth is for testing, by the seed `fold`. The files count y from the bottom;
+    it is turned here.
+    """
+
+    info = Info(
+        name="asl-dvs",
+        sensor_size=(240, 180),
+        classes=tuple("abcdefghiklmnopqrstuvwxy"),
+        page="https://www.dropbox.com/sh/ibq0jsicatn7l6r/AACNrNELV56rs1YInMWUs9CAa",
+        licence="not stated",
+        # the host zips the folder anew for everyone, so that there is no one hash
+        archives=(Archive("ICCV2019_DVS_dataset.zip", "", (), "ICCV2019_DVS_dataset", 5807293496),),
+        recordings=100_800,
+    )
+    aliases = {f"Yin Bi - {letter}": letter for letter in "abcdefghiklmnopqrstuvwxy"}
+
+    def _view(self, recording: Recording) -> Recording:
+        return Mapped(recording, upright) if recording.format == "matlab" else recording

@@ -1,0 +1,13 @@
+"""What the datasets share that Bi et al. recorded from a monitor with a DAVIS240C."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.events import Columns, Events
+
+
+def upright(events: Events) -> Events:
+    """Events whose y was counted from the bottom of the sensor, counted from the top."""
+    y = (events.sensor_size[1] - 1 - events.y).astype(np.int16)
+    return Events.trusted(Columns(events.t, events.x, y, events.p), events.sensor_size, events.start)

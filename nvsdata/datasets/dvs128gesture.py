@@ -1,0 +1,88 @@
+"""DVS128 Gesture."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator
+
+from nvsdata.datasets.base import Archive, EventDataset, Info, Sample
+
+CLASSES = (
+    "hand_clapping",
+    "right_hand_wave",
+    "left_hand_wave",
+    "right_arm_clockwise",
+    "right_arm_counter_clockwise",
+    "left_arm_clockwise",
+    "left_arm_counter_clockwise",
+    "arm_roll",
+    "air_drums",
+    "air_guitar",
+    "other_gestures",
+)
+FIRST_TEST_USER = 24
+
+
+class DVS128Gesture(EventDataset):
+    """DVS128 Gesture (Amir et al. 2017): 11 gestures of 29 people in 5 lightings, a DVS128.
+
+    122 trials, `user<NN>_<lighting>.aedat` with `user<NN>_<lighting>_labels.csv`; a sample is a
+    labelled slice of a trial, of which only its own packets are read. `trials_to_train.txt` and
+    `trials_to_test.txt` split them; where these are missing, users 1 to 23 are for training.
+    A label that ends after the next one begins (user22_led has one) is cut there.
+
+    `users` and `lightings` tell of each sample, `samples[i].window` its start and end in µs.
+    """
+
+    info = Info(
+        name="dvs128-gesture",
+        sensor_size=(128, 128),
+        classes=CLASSES,
+        page="https://ibm.ent.box.com/s/3hiq58ww1pbbjrinh367ykfdf60xsfm8/folder/50167556794",
+        licence="CC BY 4.0",
+        archives=(Archive("DvsGesture.tar.gz", "8a5c71fb11e24e5ca5b11866ca6c00a1", (), "DvsGesture"),),
+        recordings=1_464,
+    )
+
+    def _found(self) -> list[Sample]:
+        """One sample a labelled gesture, by trial."""
+        found: list[Sample] = []
+        for folder, names in self.listing.items():
+            front = "" if folder == "." else folder + "/"
+            for name in names:
+                stem, _, suffix = name.rpartition(".")
+                if suffix.lower() in ("aedat", "aedat3", "h5") and f"{stem}_labels.csv" in names:
+                    labels = self.source.data(f"{front}{stem}_labels.csv").decode("utf-8-sig")
+                    found += [Sample(front + name, label, window) for label, window in _gestures(front + name, labels)]
+        return sorted(found, key=lambda sample: (sample.stem, sample.window))
+
+    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+        listed = self._side_file(f"trials_to_{self.split}.txt")
+        if listed is not None:
+            trials = {line.strip().rsplit(".", 1)[0] for line in listed.splitlines() if line.strip()}
+            chosen = [sample for sample in found if sample.stem in trials]
+        else:
+            part = self.split
+            chosen = [s for s in found if part == "all" or (_user(s) >= FIRST_TEST_USER) == (part == "test")]
+        self.users = [_user(sample) for sample in chosen]
+        self.lightings = [sample.stem.split("_", 1)[1] for sample in chosen]
+        return chosen
+
+
+def _user(sample: Sample) -> int:
+    return int(sample.stem.split("_")[0].removeprefix("user"))
+
+
+def _gestures(name: str, labels: str) -> Iterator[tuple[int, tuple[int, int]]]:
+    """Label from 0, start and end of each row, no end after the next start. ValueError for a broken table."""
+    rows = list(csv.DictReader(io.StringIO(labels)))
+    try:
+        table = sorted((int(r["startTime_usec"]), int(r["endTime_usec"]), int(r["class"]) - 1) for r in rows)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{name}: its labels are no table of class, startTime_usec, endTime_usec: {error!r}") from None
+    for k, (start, end, label) in enumerate(table):
+        end = min(end, table[k + 1][0]) if k + 1 < len(table) else end
+        if not 0 <= label < len(CLASSES) or end < start:
+            raise ValueError(f"{name}: a label of class {label + 1} from {start} to {end} µs makes no sense")
+        yield label, (start, end)

@@ -1,0 +1,66 @@
+"""HMDB51-DVS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+from nvsdata.datasets.base import Archive, EventDataset, Info, Sample, numbered_fold
+from nvsdata.datasets.davis240 import upright
+from nvsdata.events import Recording
+from nvsdata.views import Mapped
+
+CLASSES = """
+    brush_hair cartwheel catch chew clap climb climb_stairs dive draw_sword dribble drink eat fall_floor fencing
+    flic_flac golf handstand hit hug jump kick kick_ball kiss laugh pick pour pullup punch push pushup ride_bike
+    ride_horse run shake_hands shoot_ball shoot_bow shoot_gun sit situp smile smoke somersault stand swing_baseball
+    sword sword_exercise talk throw turn walk wave
+""".split()
+LISTS = "https://serre-lab.clps.brown.edu/resource/hmdb-a-large-human-motion-database/ (test_train_splits.rar)"
+PARTS = {"train": "1", "test": "2"}
+
+
+class HMDB51DVS(EventDataset):
+    """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor before a DAVIS240C, 240x180.
+
+    About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are HMDB51's
+    own, `fold` 1, 2 or 3 (default 1): the files `<class>_test_split<k>.txt` must lie below `root`.
+    Recordings below 1 KB are empty; `skipped` names them. y of the .mat files is counted from the
+    bottom; it is turned here.
+    """
+
+    info = Info(
+        name="hmdb51-dvs",
+        sensor_size=(240, 180),
+        classes=tuple(CLASSES),
+        page="https://github.com/PIX2NVS/NVS_FeatureLearning",
+        licence="not stated",
+        archives=(Archive("HMDB-DVS.zip", "", (), "HMDB51_DVS"),),
+        recordings=6_766,
+    )
+    aliases = {"clibmstairs": "climb_stairs"}
+    smallest: ClassVar[int] = 1024
+
+    def _check_fold(self, fold: int | None) -> int:
+        return numbered_fold(fold, range(1, 4), 1)
+
+    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+        if self.split == "all":
+            return found
+        chosen: set[tuple[int, str]] = set()
+        for label, name in enumerate(self.classes):
+            listed = self._side_file(f"{name}_test_split{self.fold}.txt")
+            if listed is None:
+                continue
+            for line in listed.splitlines():
+                video, _, part = line.strip().rpartition(" ")
+                if part == PARTS[self.split]:
+                    chosen.add((label, video.strip().rsplit(".", 1)[0]))
+        if not chosen:
+            raise FileNotFoundError(
+                f"no <class>_test_split{self.fold}.txt below {self.root}; HMDB51's split files are at {LISTS}"
+            )
+        return [sample for sample in found if (sample.label, sample.stem) in chosen]
+
+    def _view(self, recording: Recording) -> Recording:
+        return Mapped(recording, upright) if recording.format == "matlab" else recording

@@ -1,0 +1,68 @@
+"""MNIST-DVS."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any
+
+from nvsdata.datasets.base import Archive, EventDataset, Info, Sample
+
+_CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
+SCALES = (4, 8, 16)
+FIRST_TEST_ID = 901
+# of grabbed_data0.zip and so on: bytes, sha256
+ZIPS = (
+    (790469447, "4263ec792b86015b52533d0a34970b7d0fbf26d3245e5a705515021050165b65"),
+    (456285815, "aad599ba4c96c9ed4484adaf4c0a49138d87a7ff4b1ff759f999f46b04ecf620"),
+    (579069198, "872089b93263c7cf9a7f5d105df4bccf00b7c600a7c7ee960f453559e4718e36"),
+    (555396246, "82b120d031af135b3006d17c07a861508bb2c98e3919d41d2556fd20f6dbe7c7"),
+    (491628272, "4e0f87859743233e0f587f963c7a05931cf61cd4f26b647abf02794a4651673c"),
+    (636477424, "d11345b2d282367f2836e9ba94fe1bfd3bbc707094d15298364bf9c905ed43b3"),
+    (520197908, "9144d1f80d6e5e2ddd5ebcc5e98ea33b50974c54776ecd800dcd86b06196ed3d"),
+    (633912358, "b498053366b6b6ab979ac3dedbbc4417041e203569ecac8287cf018e9836ce67"),
+    (802631746, "dbce305d64f9f2bda87dae58966289e0070102f56ef1506b2f5c27f9e86b947d"),
+    (739912195, "c9d9087a1db0b4e4af1904b3481c8d9bdc8fb6b4ea757d51d4b0c6341b8dd280"),
+)
+
+
+class MNISTDVS(EventDataset):
+    """MNIST-DVS (Serrano-Gotarredona and Linares-Barranco 2015): moving digits on a monitor, a DVS128.
+
+    10,000 digits, each at three scales, about 2.3 s a recording, in
+    `grabbed_data<d>/scale<s>/mnist_<d>_scale<ss>_<id>.aedat`. `scale` is 4, 8, 16, or None for all.
+    The distribution names no split: here recordings 901 to 1000 of a digit are for testing, the
+    customary 90/10, the same digits at every scale. The monitor's 75 Hz are in the recordings.
+    """
+
+    info = Info(
+        name="mnist-dvs",
+        sensor_size=(128, 128),
+        classes=tuple("0123456789"),
+        page="http://www2.imse-cnm.csic.es/caviar/MNISTDVS.html",
+        licence="not stated",
+        archives=tuple(
+            Archive(f"grabbed_data{d}.zip", sha256, (f"{_CAVIAR}/grabbed_data{d}.zip",), f"grabbed_data{d}", size)
+            for d, (size, sha256) in enumerate(ZIPS)
+        ),
+        recordings=30_000,
+    )
+    # scale folders lie below the digit's, and are no digits
+    aliases = {f"grabbed_data{d}": str(d) for d in range(10)} | {f"processed_data{d}": str(d) for d in range(10)}
+
+    def __init__(
+        self, root: str | os.PathLike[str], split: str = "train", *, scale: int | None = 4, **options: Any
+    ) -> None:
+        if scale is not None and scale not in SCALES:
+            raise ValueError(f"scale must be 4, 8, 16 or None for all, not {scale}")
+        self.scale = scale
+        super().__init__(root, split, **options)
+
+    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+        for sample in found:
+            parts = sample.stem.split("_")
+            if len(parts) < 4 or not (parts[2][5:].isdigit() and parts[3].isdigit()):
+                continue
+            part = "test" if int(parts[3]) >= FIRST_TEST_ID else "train"
+            if self.scale in (None, int(parts[2][5:])) and self.split in ("all", part):
+                yield sample

@@ -1,0 +1,108 @@
+"""N-Caltech101."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from nvsdata.datasets.base import Archive, Info, RandomSplitDataset, Sample
+from nvsdata.errors import FormatError
+
+_MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
+BACKGROUND = "BACKGROUND_Google"
+CLASSES = """
+    BACKGROUND_Google Faces_easy Leopards Motorbikes accordion airplanes anchor ant barrel bass beaver binocular
+    bonsai brain brontosaurus buddha butterfly camera cannon car_side ceiling_fan cellphone chair chandelier
+    cougar_body cougar_face crab crayfish crocodile crocodile_head cup dalmatian dollar_bill dolphin dragonfly
+    electric_guitar elephant emu euphonium ewer ferry flamingo flamingo_head garfield gerenuk gramophone grand_piano
+    hawksbill headphone hedgehog helicopter ibis inline_skate joshua_tree kangaroo ketch lamp laptop llama lobster
+    lotus mandolin mayfly menorah metronome minaret nautilus octopus okapi pagoda panda pigeon pizza platypus
+    pyramid revolver rhino rooster saxophone schooner scissors scorpion sea_horse snoopy soccer_ball stapler
+    starfish stegosaurus stop_sign strawberry sunflower tick trilobite umbrella watch water_lilly wheelchair
+    wild_cat windsor_chair wrench yin_yang
+""".split()
+
+
+class Box(NamedTuple):
+    """A bounding box in pixels: left, top, width, height."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+class NCaltech101(RandomSplitDataset):
+    """N-Caltech101 (Orchard et al. 2015): Caltech101's pictures seen by an ATIS in three saccades.
+
+    8,709 recordings of about 300 ms, `Caltech101/<class>/image_<id>.bin`; the pictures are of many
+    sizes, at most 240x180, which is the sensor here. 101 classes with the background class; without
+    it (`background=False`) 100. A random fifth is for testing, by the seed `fold`.
+
+    `box(i)` gives the bounding box of sample i where the annotations were downloaded, too.
+    """
+
+    info = Info(
+        name="n-caltech101",
+        sensor_size=(240, 180),
+        classes=tuple(CLASSES),
+        page="https://www.garrickorchard.com/datasets/n-caltech101",
+        licence="CC BY 4.0 (as reported)",
+        archives=(
+            Archive(
+                "Caltech101.zip",
+                "66201824eabb0239c7ab992480b50ba3",
+                (f"{_MENDELEY}/36b5c52a-b49d-4853-addb-a836a8883e49/file_downloaded",),
+                "Caltech101",
+            ),
+            Archive("Caltech101_annotations.zip", "25e64cea645291e368db1e70f214988e", (), "Caltech101_annotations"),
+        ),
+        recordings=8_709,
+    )
+
+    def __init__(
+        self, root: str | os.PathLike[str], split: str = "train", *, background: bool = True, **options: Any
+    ) -> None:
+        self.background = background
+        super().__init__(root, split, **options)
+
+    def _classes(self) -> list[str]:
+        return [name for name in self.info.classes if self.background or name != BACKGROUND]
+
+    def _found(self) -> list[Sample]:
+        # annotations are .bin files in class folders, too
+        return [sample for sample in super()._found() if not sample.stem.startswith("annotation")]
+
+    def box(self, index: int) -> Box | None:
+        """The bounding box of a sample, cut to the sensor; None if it has no annotation.
+
+        FormatError if the annotation is broken.
+        """
+        sample = self.samples[index]
+        wanted = "annotation" + sample.stem.removeprefix("image") + ".bin"
+        for folder, names in self.listing.items():
+            if self._label_of(folder) == sample.label and wanted in names:
+                return _box(f"{folder}/{wanted}", self.source.data(f"{folder}/{wanted}"))
+        return None
+
+    def _download(self) -> None:
+        from nvsdata.datasets.download import DownloadError, fetch_and_unpack
+
+        recordings, annotations = self.info.archives
+        fetch_and_unpack(recordings, self.root, self.info.page)
+        try:
+            fetch_and_unpack(annotations, self.root, self.info.page)
+        except DownloadError as error:
+            warnings.warn(f"without annotations: {error}", stacklevel=4)
+
+
+def _box(name: str, data: bytes) -> Box:
+    """Little-endian int16: rows, columns, then x and y of the corners in turn."""
+    values = np.frombuffer(data[: len(data) // 2 * 2], "<i2")
+    if values.size < 10 or values[0] != 2 or values[1] < 4:
+        raise FormatError(name, 0, "no annotation: it doesn't begin with a box of 2 rows and 4 columns or more")
+    x, y, right, bottom = (max(int(values[i]), 0) for i in (2, 3, 4, 7))
+    return Box(x, y, right - x, bottom - y)

@@ -1,0 +1,27 @@
+"""N-CARS."""
+
+from __future__ import annotations
+
+from nvsdata.datasets.base import Archive, EventDataset, Info
+
+
+class NCARS(EventDataset):
+    """N-CARS (Sironi et al. 2018): cars and background cut out of an ATIS's view, 100 ms each.
+
+    7,940 cars and 7,482 backgrounds for training, 4,396 and 4,211 for testing, in
+    `n-cars_train/{cars,background}/obj_<id>_td.dat`. The crops differ in size; the sensor here is
+    the largest, 120x100. Classes: background 0, cars 1.
+    """
+
+    info = Info(
+        name="n-cars",
+        sensor_size=(120, 100),
+        classes=("background", "cars"),
+        page="https://www.prophesee.ai/2018/03/13/dataset-n-cars/",
+        licence="Prophesee's, for non-commercial research (as reported)",
+        archives=(
+            Archive("Prophesee_Dataset_n_cars.zip", "553ce464d6e5e617b3c21ce27c19368e", (), "n-cars", 450543128),
+        ),
+        recordings=24_029,
+    )
+    aliases = {"car": "cars"}

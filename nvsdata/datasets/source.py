@@ -1,0 +1,102 @@
+"""Where a dataset's files are: a folder, listed once and remembered, or a packed store."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Protocol
+
+from nvsdata import formats
+from nvsdata.events import Recording
+from nvsdata.files import atomic
+
+INDEX, VERSION = ".nvsdata-index.json", 1
+REMEMBERED = 2_000  # files from which on an index is worth its place on the disk
+SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before it was listed may change unseen
+DEEPEST = 8  # levels of folders, in case links make a circle
+
+Listing = dict[str, list[str]]
+"""Folder, relative to the root with slashes, to its sorted file names."""
+
+
+class Source(Protocol):
+    """Files by their path relative to the root, with slashes."""
+
+    root: Path
+
+    def listing(self) -> Listing:
+        """All files but hidden ones."""
+
+    def open(self, name: str, sensor_size: tuple[int, int] | None) -> Recording:
+        """The recording of that name."""
+
+    def data(self, name: str) -> bytes:
+        """The bytes of a small file that is no recording."""
+
+    def size(self, name: str) -> int:
+        """Bytes of a file, or an equivalent: what empty recordings are told by."""
+
+
+class Folder:
+    """Files below a folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def listing(self) -> Listing:
+        """All files but hidden ones, from the index in the root if no folder changed since it was made."""
+        remembered = self._remembered()
+        if remembered is not None:
+            return remembered
+        made = time.time_ns()
+        found: Listing = {}
+        times: dict[str, int] = {}
+        for parent, folders, names in os.walk(self.root, followlinks=True):
+            folder = os.path.relpath(parent, self.root).replace(os.sep, "/")
+            times[folder] = os.stat(parent).st_mtime_ns
+            folders[:] = [f for f in folders if not f.startswith(".")] if folder.count("/") < DEEPEST else []
+            found[folder] = sorted(name for name in names if not name.startswith("."))
+        found = {folder: found[folder] for folder in sorted(found)}
+        if sum(map(len, found.values())) >= REMEMBERED:
+            self._remember({"version": VERSION, "made": made, "times": times, "files": found})
+        return found
+
+    def _remembered(self) -> Listing | None:
+        try:
+            index = json.loads((self.root / INDEX).read_bytes())
+            if index["version"] != VERSION:
+                return None
+            for folder, changed in index["times"].items():
+                # the index itself changes the root: it is written there after the root was listed
+                now = os.stat(self.root / folder).st_mtime_ns
+                if now != changed or now > index["made"] - SETTLED_NS:
+                    return None
+            files: Listing = index["files"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return files
+
+    def _remember(self, index: dict[str, object]) -> None:
+        try:
+            with atomic(self.root / INDEX) as temporary:
+                temporary.write_text(json.dumps(index))
+            # writing it touched the root, which else would seem to have changed
+            times = index["times"]
+            assert isinstance(times, dict)
+            os.utime(self.root, ns=(time.time_ns(), times["."]))
+        except OSError:
+            pass  # a folder that can't be written to is listed anew each time
+
+    def open(self, name: str, sensor_size: tuple[int, int] | None) -> Recording:
+        """The recording of that name."""
+        return formats.open(os.path.join(self.root, name), sensor_size=sensor_size)
+
+    def data(self, name: str) -> bytes:
+        """The bytes of a small file that is no recording."""
+        return (self.root / name).read_bytes()
+
+    def size(self, name: str) -> int:
+        """Bytes of the file."""
+        return os.stat(self.root / name).st_size

@@ -1,0 +1,55 @@
+"""YUPENN-DVS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from nvsdata.datasets.base import EventDataset, Info, Sample
+
+CLASSES = (
+    "beach",
+    "elevator",
+    "forest_fire",
+    "fountain",
+    "highway",
+    "lightning_storm",
+    "ocean",
+    "railway",
+    "rushing_river",
+    "sky_clouds",
+    "snowing",
+    "street",
+    "waterfall",
+    "windmill_farm",
+)
+
+
+class YUPENNDVS(EventDataset):
+    """YUPENN-DVS (Bi et al. 2020): dynamic scenes on a monitor before a DAVIS240C, 240x180.
+
+    14 scenes of 30 recordings each. Nobody describes how the files are laid out: class folders of
+    recordings in any known format are read, names told without regard to case and spaces. One
+    recording is left out for testing: `fold` is its index among all (default 0).
+    """
+
+    info = Info(
+        name="yupenn-dvs",
+        sensor_size=(240, 180),
+        classes=CLASSES,
+        page="https://github.com/PIX2NVS/NVS_FeatureLearning",
+        licence="not stated",
+        recordings=420,
+    )
+    aliases = {"city street": "street", "sky-clouds": "sky_clouds"}
+
+    def _check_fold(self, fold: int | None) -> int:
+        if fold is not None and fold < 0:
+            raise ValueError(f"fold is the index of the recording to leave out: at least 0, not {fold}")
+        return fold or 0
+
+    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+        if self.split == "all" or not found:
+            return found
+        if self.fold >= len(found):
+            raise ValueError(f"fold must be below the {len(found)} recordings, not {self.fold}")
+        return [s for i, s in enumerate(found) if (i == self.fold) == (self.split == "test")]
