@@ -121,6 +121,9 @@ class ASLANDVS(EventDataset):
             for a, b, same in pairs[:, :3, fold].astype(int).tolist():
                 yield fold + 1, str(a), str(b), same
 
+    def recording_names(self) -> list[str]:
+        return sorted(set(self._by_name().values()))
+
     def recordings(self, index: int) -> tuple[Recording, Recording]:
         """The two recordings of a pair, opened but not decoded."""
         a, b = (self._view(self.source.open(name, self.sensor_size)) for name in self.samples[index][:2])

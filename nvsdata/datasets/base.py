@@ -113,7 +113,10 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         if self.root.is_file():
             from nvsdata.datasets.store import Store
 
-            return Store(self.root)
+            store = Store(self.root)
+            if store.dataset != self.info.name:
+                raise ValueError(f"{self.root} holds {store.dataset}, not {self.info.name}")
+            return store
         raise FileNotFoundError(f"{self.root} is no folder; {self._how_to_get()}")
 
     def _classes(self) -> list[str]:
@@ -186,14 +189,18 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         return self.info.sensor_size
 
     @property
-    def _given_size(self) -> tuple[int, int] | None:
-        """What recordings are opened with."""
+    def opened_with(self) -> tuple[int, int] | None:
+        """The sensor size that recordings are opened with; None for what each states."""
         return self.sensor_size
+
+    def recording_names(self) -> list[str]:
+        """The recordings that the samples are of, each once, by their path below the root."""
+        return list(dict.fromkeys(sample.name for sample in self.samples))
 
     def recording(self, index: int) -> Recording:
         """The recording of a sample, opened but not decoded."""
         name, _, window = self.samples[index]
-        whole = self._view(self.source.open(name, self._given_size))
+        whole = self._view(self.source.open(name, self.opened_with))
         return whole if window is None else Slice(whole, *window)
 
     def _view(self, recording: Recording) -> Recording:

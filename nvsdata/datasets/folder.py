@@ -40,7 +40,7 @@ class EventFolder(EventDataset):
         return self._first_size
 
     @property
-    def _given_size(self) -> tuple[int, int] | None:
+    def opened_with(self) -> tuple[int, int] | None:
         return self._size
 
     def _classes(self) -> list[str]:
@@ -66,6 +66,16 @@ class EventFolder(EventDataset):
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         return found
+
+    def recording_names(self) -> list[str]:
+        # those of all splits: which folders are classes depends on the split
+        known = formats.suffixes()
+        return [
+            f"{folder}/{name}"
+            for folder, names in self.listing.items()
+            for name in names
+            if folder != "." and name.lower().endswith(known)
+        ]
 
     def _how_to_get(self) -> str:
         return f"it needs class folders with recordings ({', '.join(formats.suffixes())})"

@@ -58,12 +58,12 @@ class Recording(BaseRecording):
         except ValueError as error:
             raise FormatError(self.path, None, str(error)) from None
 
-    def _find(self, file: Any) -> dict[str, _Column]:
+    def _find(self, file: Any) -> dict[str, Column]:
         if "CD/events" in file:
             table = file["CD/events"]
             if table.dtype.names is None or set(TYPES) - set(table.dtype.names):
                 raise FormatError(self.path, None, f"/CD/events holds {table.dtype}, not x, y, p and t")
-            return {name: _Column(self.path, "CD/events", table.size, field=name) for name in TYPES}
+            return {name: Column(self.path, "CD/events", table.size, field=name) for name in TYPES}
         home = next((home for home in ("events", "/") if home in file and set(TYPES) <= set(file[home])), None)
         if home is None:
             raise FormatError(self.path, None, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
@@ -72,17 +72,17 @@ class Recording(BaseRecording):
         memory = _map(self.path)
         return {name: self._column(file[home], name, memory) for name in TYPES}
 
-    def _column(self, group: Any, name: str, memory: mmap.mmap) -> _Column:
+    def _column(self, group: Any, name: str, memory: mmap.mmap) -> Column:
         dataset = group[name]
         if dataset.ndim != 1 or dataset.dtype.kind not in "iub":
             raise FormatError(self.path, None, f"{dataset.name} is no column of integers")
         offset = dataset.id.get_offset()
         if offset is None or dataset.size == 0:
-            return _Column(self.path, dataset.name, dataset.size)
+            return Column(self.path, dataset.name, dataset.size)
         if offset + dataset.nbytes > len(memory):
             raise FormatError(self.path, offset, f"truncated within {dataset.name}")
         kind = np.uint8 if dataset.dtype.kind == "b" else dataset.dtype
-        return _Column(self.path, dataset.name, dataset.size, np.frombuffer(memory, kind, dataset.size, offset))
+        return Column(self.path, dataset.name, dataset.size, np.frombuffer(memory, kind, dataset.size, offset))
 
     def _decode(self) -> Columns:
         return self._slice(0, self._columns["t"].size)
@@ -117,7 +117,7 @@ class Recording(BaseRecording):
         return (int(t[0:1][0]) + self._offset, int(t[t.size - 1 :][0]) + self._offset) if t.size else (0, 0)
 
 
-class _Column:
+class Column:
     """A column, in memory where it lies in the file as it is; otherwise h5py reads the slices asked for."""
 
     def __init__(
