@@ -26,6 +26,8 @@ if TYPE_CHECKING:
         EventFolder,
         NCaltech101,
     )
+    from nvsdata.datasets.cache import cache
+    from nvsdata.datasets.pack import pack
     from nvsdata.errors import FormatError
     from nvsdata.events import Events, Recording
     from nvsdata.formats import open, read, write
@@ -56,6 +58,8 @@ _HOMES = {
     "Graph": "graph",
     "GraphBatch": "graph",
     "collate": "batching",
+    "cache": "datasets.cache",
+    "pack": "datasets.pack",
 }
 _MODULES = ("datasets", "formats", "models", "transforms")
 
@@ -72,17 +76,19 @@ __all__ = [
     "YUPENNDVS",
     "DVS128Gesture",
     "EventFolder",
-    "NCaltech101",
     "Events",
     "FormatError",
     "Graph",
     "GraphBatch",
+    "NCaltech101",
     "Recording",
+    "cache",
     "collate",
     "datasets",
     "formats",
     "models",
     "open",
+    "pack",
     "read",
     "transforms",
     "write",

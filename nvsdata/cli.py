@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,7 +39,110 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="what is in files of events: format, sensor, rate, anomalies")
     info.add_argument("files", nargs="+", metavar="FILE", type=Path)
     info.set_defaults(run=_info)
+
+    datasets = commands.add_parser("datasets", help="the datasets: sensor, size, licence, and where they are")
+    datasets.add_argument(
+        "--root", type=Path, default=Path(), help="folder that datasets are looked for in (default .)"
+    )
+    datasets.set_defaults(run=_datasets)
+
+    download = commands.add_parser("download", help="fetch and unpack a dataset, or say how to get it by hand")
+    download.add_argument("name", metavar="NAME", help="as `nvsdata datasets` calls it")
+    download.add_argument("--root", type=Path, help="where it goes (default ./NAME)")
+    download.set_defaults(run=_download)
+
+    pack = commands.add_parser("pack", help="put all recordings of a dataset into one file that is fast to read")
+    pack.add_argument("root", type=Path, metavar="ROOT", help="the dataset's folder")
+    pack.add_argument("--dataset", required=True, metavar="NAME", help="as `nvsdata datasets` calls it, or folder")
+    pack.add_argument("--out", required=True, type=Path, metavar="FILE.h5")
+    pack.add_argument("--split", default="all", help="pack one split only (default all: any split can be had of it)")
+    pack.add_argument("--jobs", type=int, default=1, help="processes that decode (default 1)")
+    pack.add_argument("--compress", action="store_true", help="smaller, but slower to read")
+    pack.set_defaults(run=_pack)
+
+    convert = commands.add_parser("convert", help="a recording in another format")
+    convert.add_argument("source", type=Path, metavar="IN")
+    convert.add_argument("target", type=Path, metavar="OUT", help="its extension names the format")
+    convert.add_argument("--sensor-size", type=_size, metavar="WxH", help="where the file doesn't state it")
+    convert.add_argument("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
+    convert.set_defaults(run=_convert)
+
+    verify = commands.add_parser(
+        "verify", help="open every recording, report what is wrong; exit code 1 if anything is"
+    )
+    verify.add_argument("root", type=Path, metavar="ROOT", help="a folder or a packed store")
+    verify.add_argument("--dataset", metavar="NAME", help="whose sensor and layout to hold it to")
+    verify.set_defaults(run=_verify)
     return parser
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    return int(width), int(height)
+
+
+def _dataset(name: str) -> Any:
+    from nvsdata.datasets import DATASETS
+
+    if name not in DATASETS:
+        raise ValueError(f"no dataset {name!r}; there are {', '.join(DATASETS)}")
+    return DATASETS[name]
+
+
+def _datasets(args: argparse.Namespace) -> int:
+    from nvsdata.catalogue import table
+
+    print(table(args.root))
+    return 0
+
+
+def _download(args: argparse.Namespace) -> int:
+    from nvsdata.datasets.download import DownloadError, fetch_and_unpack
+
+    info = _dataset(args.name).info
+    root = args.root or Path(args.name)
+    if not info.archives:
+        raise DownloadError(f"{args.name} can't be downloaded by a program: see {info.page}")
+    for archive in info.archives:
+        print(fetch_and_unpack(archive, root, info.page))
+    return 0
+
+
+def _pack(args: argparse.Namespace) -> int:
+    from nvsdata.datasets.pack import pack
+
+    if args.jobs < 1:
+        raise ValueError(f"--jobs must be at least 1, not {args.jobs}")
+    report = pack(_dataset(args.dataset)(args.root, args.split), args.out, jobs=args.jobs, compress=args.compress)
+    for name, reason in report.skipped.items():
+        print(f"left out {name}: {reason}", file=sys.stderr)
+    print(f"{report.packed:,} recordings, {report.events:,} events in {args.out}; {len(report.skipped)} left out")
+    return 0
+
+
+def _convert(args: argparse.Namespace) -> int:
+    from nvsdata import formats
+
+    recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
+    events = recording.read()
+    formats.write(events, args.target)
+    for what, count in recording.repairs.items():
+        print(f"{args.source}: {count} {what}", file=sys.stderr)
+    print(f"{len(events):,} events in {args.target}")
+    return 0
+
+
+def _verify(args: argparse.Namespace) -> int:
+    from nvsdata.verify import problems
+
+    if args.dataset is not None:
+        _dataset(args.dataset)
+    count = 0
+    for name, fault in problems(args.root, args.dataset):
+        print(f"{name}: {fault}")
+        count += 1
+    print("all sound" if not count else f"{count} faults")
+    return 1 if count else 0
 
 
 def _demo(args: argparse.Namespace) -> int:

@@ -1,8 +1,10 @@
 import subprocess
 import sys
 
+import h5py
 import numpy as np
 import pytest
+import trees
 
 import nvsdata
 from nvsdata import Events
@@ -83,3 +85,83 @@ def test_ideal_events_are_threshold_crossings():
     assert (np.diff(events.t) >= 0).all()
     net = events.p.astype(int) * 2 - 1
     assert abs(0.2 * net.sum() - 0.5) < 0.2
+
+
+@pytest.fixture
+def digits(tmp_path):
+    return trees.put(tmp_path / "n-mnist", trees.nmnist())
+
+
+def test_datasets_says_what_is_here_and_how_to_get_the_rest(digits, capsys):
+    assert main(["datasets", "--root", str(digits.parent)]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert len(lines) == 13
+    assert lines["n-mnist"].endswith(f"here: {digits}")
+    assert "128x128" in lines["cifar10-dvs"]
+    assert lines["cifar10-dvs"].endswith("nvsdata download cifar10-dvs")
+    assert "by hand from https://" in lines["asl-dvs"]
+
+
+def test_pack_then_verify_and_load(digits, tmp_path, capsys):
+    (digits / "Train/3/00002.bin").write_bytes(b"abc")
+    out = tmp_path / "n.h5"
+    assert main(["pack", str(digits), "--dataset", "n-mnist", "--out", str(out)]) == 0
+    captured = capsys.readouterr()
+    assert "49 recordings" in captured.out
+    assert "left out Train/3/00002.bin" in captured.err
+    assert main(["verify", str(out)]) == 0
+    assert len(nvsdata.NMNIST(out)) == 29
+    with h5py.File(out, "r+") as file:
+        file["events/p"][0] ^= 1
+    assert main(["verify", str(out)]) == 1
+    assert "Test/0/00001.bin: its events fail their checksum" in capsys.readouterr().out
+
+
+def test_verify_names_every_fault(digits, capsys):
+    (digits / "Train/0/00001.bin").write_bytes(b"abcdefg")
+    (digits / "Train/1/00001.bin").write_bytes(b"")
+    unsorted = trees.some(1).columns
+    (digits / "Train/2/00001.bin").write_bytes(
+        trees.atis(type("E", (), dict(zip("txyp", (c[::-1] for c in unsorted), strict=True))))
+    )
+    (digits / "Train/3/00001.bin").write_bytes(bytes([200, 5, 0, 0, 9]))
+    (digits / "labels.csv").write_text("class,start\n1,2\n")
+    assert main(["verify", str(digits), "--dataset", "n-mnist"]) == 1
+    out = capsys.readouterr().out
+    assert "Train/0/00001.bin: 2 bytes of a torn record, cut off" in out
+    assert "Train/1/00001.bin: empty" in out
+    assert "Train/2/00001.bin: 59 steps back in time" in out
+    assert "Train/3/00001.bin: 1 events outside the sensor" in out
+    assert "labels.csv" not in out
+    for name in ("0", "1", "2", "3"):
+        (digits / f"Train/{name}/00001.bin").unlink()
+    assert main(["verify", str(digits)]) == 0
+    assert "all sound" in capsys.readouterr().out
+
+
+def test_convert_between_formats(tmp_path, capsys):
+    ev = trees.some(5)
+    (tmp_path / "a.bin").write_bytes(trees.atis(ev) + b"xy")
+    target = tmp_path / "b.aedat"
+    assert main(["convert", str(tmp_path / "a.bin"), str(target)]) == 1
+    assert "truncated: 2 bytes" in capsys.readouterr().err
+    assert not target.exists()
+    assert main(["convert", str(tmp_path / "a.bin"), str(target), "--repair", "--sensor-size", "34x34"]) == 0
+    assert nvsdata.read(target, sensor_size=(34, 34)) == ev
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["pack", "nowhere", "--dataset", "n-mnist", "--out", "a.h5"], "no folder"),
+        (["pack", ".", "--dataset", "mnist", "--out", "a.h5"], "no dataset 'mnist'"),
+        (["download", "asl-dvs", "--root", "asl"], "with a browser from https://"),
+        (["download", "yupenn-dvs"], "can't be downloaded"),
+        (["verify", "nowhere"], "nowhere"),
+        (["convert", "nowhere", "a.h5"], "nowhere"),
+    ],
+)
+def test_what_cannot_be_done_is_said(command, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(command) == 1
+    assert message in capsys.readouterr().err

@@ -25,9 +25,7 @@ def some(seed: int, n: int = 60, size: tuple[int, int] = (34, 34), first: int = 
 def atis(ev: Events) -> bytes:
     """ATIS records."""
     columns = (ev.t.tolist(), ev.x.tolist(), ev.y.tolist(), ev.p.tolist())
-    return b"".join(
-        bytes([x, y, p << 7 | t >> 16, t >> 8 & 255, t & 255]) for t, x, y, p in zip(*columns, strict=True)
-    )
+    return b"".join(bytes([x, y, p << 7 | t >> 16, t >> 8 & 255, t & 255]) for t, x, y, p in zip(*columns, strict=True))
 
 
 def dvs128(ev: Events, header: bytes = b"#!AER-DAT2.0\r\n# This is a raw AE data file\r\n") -> bytes:
@@ -116,7 +114,9 @@ def ncaltech101() -> dict[str, bytes]:
 def mnistdvs() -> dict[str, bytes]:
     """Three ids a digit and scale, two for training and one for testing."""
     return {
-        f"grabbed_data{d}/scale{s}/mnist_{d}_scale{s:02d}_{i:04d}.aedat": dvs128(some(1000 * d + s + i, size=(128, 128)))
+        f"grabbed_data{d}/scale{s}/mnist_{d}_scale{s:02d}_{i:04d}.aedat": dvs128(
+            some(1000 * d + s + i, size=(128, 128))
+        )
         for d in range(10)
         for s in (4, 8, 16)
         for i in (1, 900, 901)

@@ -126,7 +126,8 @@ class ASLANDVS(EventDataset):
 
     def recordings(self, index: int) -> tuple[Recording, Recording]:
         """The two recordings of a pair, opened but not decoded."""
-        a, b = (self._view(self.source.open(name, self.sensor_size)) for name in self.samples[index][:2])
+        pair: Any = self.samples[index]
+        a, b = (self._view(self.source.open(name, self.sensor_size)) for name in (pair.a, pair.b))
         return a, b
 
     def _view(self, recording: Recording) -> Recording:

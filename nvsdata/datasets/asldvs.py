@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from nvsdata.datasets.base import Archive, Info, RandomSplitDataset
 from nvsdata.datasets.davis240 import upright
 from nvsdata.events import Recording
@@ -26,7 +28,7 @@ class ASLDVS(RandomSplitDataset):
         archives=(Archive("ICCV2019_DVS_dataset.zip", "", (), "ICCV2019_DVS_dataset", 5807293496),),
         recordings=100_800,
     )
-    aliases = {f"Yin Bi - {letter}": letter for letter in "abcdefghiklmnopqrstuvwxy"}
+    aliases: ClassVar[dict[str, str]] = {f"Yin Bi - {letter}": letter for letter in "abcdefghiklmnopqrstuvwxy"}
 
     def _view(self, recording: Recording) -> Recording:
         return Mapped(recording, upright) if recording.format == "matlab" else recording

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -146,8 +147,9 @@ class EventDataset(Dataset[tuple[Any, Any]]):
             by_label.setdefault(label, []).append(samples)
         found: list[Sample] = []
         for label in sorted(by_label):
-            groups = by_label[label]
-            found += groups[0] if len(groups) == 1 else sorted(sum(groups, []), key=lambda s: (s.stem, s.name))
+            samples = list(chain.from_iterable(by_label[label]))
+            # one folder is in order already
+            found += samples if len(by_label[label]) == 1 else sorted(samples, key=lambda s: (s.stem, s.name))
         if self.smallest:
             self.skipped = [sample.name for sample in found if self.source.size(sample.name) < self.smallest]
             dropped = set(self.skipped)

@@ -18,7 +18,7 @@ MOST_FILES = 1_000_000
 DEEPEST = 3  # archives within archives
 
 
-class DownloadError(RuntimeError):
+class DownloadError(OSError):
     """An archive that could not be had; says how to get it by hand."""
 
 
@@ -99,7 +99,9 @@ def _unpack(path: Path, folder: Path, room: list[int], depth: int) -> None:
                 room[0] -= size
                 room[1] -= 1
             if min(room) < 0:
-                raise DownloadError(f"{path}: refused, it unpacks to more than {MOST_BYTES} bytes or {MOST_FILES} files")
+                raise DownloadError(
+                    f"{path}: refused, it unpacks to more than {MOST_BYTES} bytes or {MOST_FILES} files"
+                )
             for name, _, is_file, _, file in _entries(archive, contents=True):
                 target = folder / name.replace("\\", "/")
                 (target.parent if is_file else target).mkdir(parents=True, exist_ok=True)
@@ -149,7 +151,8 @@ def _intact(path: Path, expected: str) -> bool:
         return False
     if not expected:
         return zipfile.is_zipfile(path) or tarfile.is_tarfile(path)
-    return pooch.file_hash(str(path), alg="md5" if len(expected) == 32 else "sha256") == expected
+    found: str = pooch.file_hash(str(path), alg="md5" if len(expected) == 32 else "sha256")
+    return found == expected
 
 
 def _what_came(partial: Path, expected: str) -> str:

@@ -38,7 +38,7 @@ class HMDB51DVS(EventDataset):
         archives=(Archive("HMDB-DVS.zip", "", (), "HMDB51_DVS"),),
         recordings=6_766,
     )
-    aliases = {"clibmstairs": "climb_stairs"}
+    aliases: ClassVar[dict[str, str]] = {"clibmstairs": "climb_stairs"}
     smallest: ClassVar[int] = 1024
 
     def _check_fold(self, fold: int | None) -> int:

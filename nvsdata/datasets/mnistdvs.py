@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 from nvsdata.datasets.base import Archive, EventDataset, Info, Sample
 
@@ -48,7 +48,9 @@ class MNISTDVS(EventDataset):
         recordings=30_000,
     )
     # scale folders lie below the digit's, and are no digits
-    aliases = {f"grabbed_data{d}": str(d) for d in range(10)} | {f"processed_data{d}": str(d) for d in range(10)}
+    aliases: ClassVar[dict[str, str]] = {f"grabbed_data{d}": str(d) for d in range(10)} | {
+        f"processed_data{d}": str(d) for d in range(10)
+    }
 
     def __init__(
         self, root: str | os.PathLike[str], split: str = "train", *, scale: int | None = 4, **options: Any

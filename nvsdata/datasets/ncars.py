@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from nvsdata.datasets.base import Archive, EventDataset, Info
 
 
@@ -24,4 +26,4 @@ class NCARS(EventDataset):
         ),
         recordings=24_029,
     )
-    aliases = {"car": "cars"}
+    aliases: ClassVar[dict[str, str]] = {"car": "cars"}

@@ -50,7 +50,9 @@ def pack(dataset: EventDataset, out: str | os.PathLike[str], *, jobs: int = 1, c
     part = _Part(target.with_name(target.name + ".part"), dataset, names)
     done = part.done
     todo = [name for name in names if name not in done]
-    bar = tqdm(total=len(names), initial=len(names) - len(todo), unit="rec", desc=f"packing {dataset.info.name}", disable=None)
+    bar = tqdm(
+        total=len(names), initial=len(names) - len(todo), unit="rec", desc=f"packing {dataset.info.name}", disable=None
+    )
     with part, bar:
         for name, result in _decoded(dataset, todo, jobs):
             part.add(name, result)
@@ -194,7 +196,7 @@ def _assemble(part: _Part, dataset: EventDataset, path: Path, compress: bool) ->
             crc_of([raw[name][a:b].astype(kinds[name]) for name in COLUMNS])
             for a, b in zip(offset[:-1].tolist(), offset[1:].tolist(), strict=True)
         ]
-        index = {
+        index: dict[str, np.ndarray] = {
             "offset": offset.astype(np.int64),
             "base": np.array([line["base"] for line in facts], np.int64),
             "size": np.array([line["size"] for line in facts], np.int32),

@@ -36,7 +36,9 @@ class Store:
                 if file.attrs.get("format") != NAME:
                     raise FormatError(path, None, f"is neither a folder nor a packed store (format {NAME!r})")
                 if int(file.attrs["version"]) > VERSION:
-                    raise FormatError(path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata")
+                    raise FormatError(
+                        path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
+                    )
                 self.dataset = str(file.attrs["dataset"])
                 index = {name: np.asarray(file[f"index/{name}"][()]) for name in INDEX}
                 if checksum(index) != int(file.attrs["checksum"]):
@@ -105,8 +107,9 @@ class Store:
             self._map.madvise(mmap.MADV_DONTNEED)
             self._touched = 0
 
-    def damaged(self, number: int) -> bool:
+    def damaged(self, name: str) -> bool:
         """Whether the events of a recording fail their checksum."""
+        number = self._number[name]
         lo, hi = int(self.offset[number]), int(self.offset[number + 1])
         return crc_of([self.column(name, lo, hi) for name in COLUMNS]) != int(self.crc[number])
 
@@ -130,7 +133,10 @@ class StoredRecording(Recording):
     def _slice(self, lo: int, hi: int) -> Columns:
         t, x, y, p = (self._store.column(name, lo, hi) for name in COLUMNS)
         return Columns(
-            np.add(t, self._base, dtype=np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8, copy=False)
+            np.add(t, self._base, dtype=np.int64),
+            x.astype(np.int16),
+            y.astype(np.int16),
+            p.astype(np.uint8, copy=False),
         )
 
     def _window(self, start: int, stop: int) -> Columns | None:

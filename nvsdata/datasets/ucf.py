@@ -71,7 +71,7 @@ class UCF101DVS(_UCF):
         archives=(Archive("UCF101-DVS.zip", "", (), "UCF101_DVS"),),
         recordings=13_523,
     )
-    aliases = {"Billards": "Billiards"}
+    aliases: ClassVar[dict[str, str]] = {"Billards": "Billiards"}
 
     def _check_fold(self, fold: int | None) -> int:
         return numbered_fold(fold, range(1, 4), 1)

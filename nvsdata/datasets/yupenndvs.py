@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 from nvsdata.datasets.base import EventDataset, Info, Sample
 
@@ -40,7 +41,7 @@ class YUPENNDVS(EventDataset):
         licence="not stated",
         recordings=420,
     )
-    aliases = {"city street": "street", "sky-clouds": "sky_clouds"}
+    aliases: ClassVar[dict[str, str]] = {"city street": "street", "sky-clouds": "sky_clouds"}
 
     def _check_fold(self, fold: int | None) -> int:
         if fold is not None and fold < 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 
@@ -26,6 +27,7 @@ class RadiusGraph:
     alpha: float = 1.0
     beta: float = 0.5e-5
     max_degree: int = 32
+    deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         positive("radius", self.radius)

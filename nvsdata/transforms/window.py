@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from nvsdata.events import Events, Recording, check_window
 from nvsdata.transforms.checks import below, positive
@@ -14,6 +15,7 @@ class Window:
 
     start: int
     stop: int
+    deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_window(self.start, self.stop)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 
 import numpy as np
@@ -95,7 +96,9 @@ def test_as_distributed(home, name):
     assert f"{len(train)} recordings" in repr(train)
 
 
-@pytest.mark.parametrize("name", ["n-mnist", "n-cars", "mnist-dvs", "cifar10-dvs", "asl-dvs", "yupenn-dvs", "hmdb51-dvs"])
+@pytest.mark.parametrize(
+    "name", ["n-mnist", "n-cars", "mnist-dvs", "cifar10-dvs", "asl-dvs", "yupenn-dvs", "hmdb51-dvs"]
+)
 @pytest.mark.parametrize("parts", [True, False], ids=["split folders", "flat"])
 def test_resorted_by_hand(home, tmp_path, name, parts):
     files, kind, *_ = CASES[name]
@@ -195,7 +198,7 @@ def test_gesture_slices_users_and_the_label_that_ends_too_late(home):
         if "user22" in sample.name:
             assert train[i][0] == trial.window(*sample.window)
     windows = sorted(s.window for s in train.samples if "user22" in s.name)
-    assert all(a[1] <= b[0] for a, b in zip(windows, windows[1:], strict=False))
+    assert all(a[1] <= b[0] for a, b in itertools.pairwise(windows))
 
 
 def test_gesture_without_its_lists_goes_by_user(home):
@@ -213,7 +216,9 @@ def test_a_gesture_reads_only_its_own_packets(tmp_path, monkeypatch):
     read = []
     kernel = aedat3.aedat3_decode
     monkeypatch.setattr(
-        aedat3, "aedat3_decode", lambda raw, packets, *size: read.append(packets[:, 1].sum()) or kernel(raw, packets, *size)
+        aedat3,
+        "aedat3_decode",
+        lambda raw, packets, *size: read.append(packets[:, 1].sum()) or kernel(raw, packets, *size),
     )
     sample, _ = DVS128Gesture(tmp_path, "all")[0]
     assert sample == ev.window(a, b)

@@ -1,11 +1,14 @@
 import hashlib
 import http.server
 import io
+import tarfile
 import threading
 import zipfile
 
 import pytest
+import trees
 
+from nvsdata.datasets import download
 from nvsdata.datasets.base import Archive
 from nvsdata.datasets.download import DownloadError, fetch, fetch_and_unpack, unpack
 
@@ -129,3 +132,70 @@ def test_links_are_refused(tmp_path):
         archive.writestr(entry, "/etc/passwd")
     with pytest.raises(DownloadError, match="leads elsewhere"):
         unpack(tmp_path / "a.zip", tmp_path / "out")
+
+
+@pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE])
+def test_links_and_devices_in_tars_are_refused(tmp_path, kind):
+    entry = tarfile.TarInfo("link")
+    entry.type, entry.linkname = kind, "../../etc/passwd"
+    with tarfile.open(tmp_path / "a.tar.gz", "w:gz") as archive:
+        archive.addfile(entry)
+    with pytest.raises(DownloadError, match="leads elsewhere"):
+        unpack(tmp_path / "a.tar.gz", tmp_path / "out")
+
+
+def test_tars_and_zips_in_zips_are_unpacked(tmp_path):
+    (tmp_path / "a.tar.gz").write_bytes(trees.tarred({"d/one.aedat": b"1", "d/sub/two.aedat": b"2"}))
+    unpack(tmp_path / "a.tar.gz", tmp_path / "tar")
+    assert (tmp_path / "tar/d/sub/two.aedat").read_bytes() == b"2"
+    inner = zipped({"a/a_0001.mat": b"x"})
+    (tmp_path / "b.zip").write_bytes(zipped({"Yin Bi - a.zip": inner, "deep.zip": zipped({"deeper.zip": inner})}))
+    unpack(tmp_path / "b.zip", tmp_path / "zip")
+    found = sorted(str(p.relative_to(tmp_path / "zip")) for p in (tmp_path / "zip").rglob("*") if p.is_file())
+    assert found == ["Yin Bi - a/a/a_0001.mat", "deep/deeper/a/a_0001.mat"]
+
+
+def test_bombs_are_refused_before_anything_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(download, "MOST_BYTES", 1_000_000)
+    (tmp_path / "a.zip").write_bytes(zipped({"zeros": bytes(2_000_000)}))
+    with pytest.raises(DownloadError, match="unpacks to more than 1000000 bytes"):
+        unpack(tmp_path / "a.zip", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    # those in archives within count, too
+    (tmp_path / "b.zip").write_bytes(zipped({f"{i}.zip": zipped({"zeros": bytes(400_000)}) for i in range(3)}))
+    with pytest.raises(DownloadError, match="unpacks to more"):
+        unpack(tmp_path / "b.zip", tmp_path / "out")
+    monkeypatch.setattr(download, "MOST_FILES", 5)
+    (tmp_path / "c.zip").write_bytes(zipped({str(i): b"" for i in range(6)}))
+    with pytest.raises(DownloadError, match="or 5 files"):
+        unpack(tmp_path / "c.zip", tmp_path / "out")
+
+
+def test_a_damaged_archive_is_named(tmp_path):
+    raw = bytearray(zipped({"a": bytes(range(256)) * 50}))
+    raw[60] ^= 0xFF
+    (tmp_path / "a.zip").write_bytes(raw)
+    with pytest.raises(DownloadError, match="damaged archive"):
+        unpack(tmp_path / "a.zip", tmp_path / "out")
+
+
+def test_where_a_browser_is_needed_everything_is_said(tmp_path):
+    by_hand = Archive("cars.zip", "0" * 64, (), "cars", 450_543_128)
+    with pytest.raises(DownloadError) as caught:
+        fetch_and_unpack(by_hand, tmp_path, "https://example.org/cars")
+    for part in ("cars.zip", "https://example.org/cars", str(tmp_path), "about 0.5 GB", "sha256 " + "0" * 64):
+        assert part in str(caught.value)
+    (tmp_path / "cars.zip").write_bytes(b"<html>please log in</html>")
+    with pytest.raises(DownloadError, match="web page"):
+        fetch_and_unpack(by_hand, tmp_path)
+
+
+def test_a_sha256_and_no_hash_at_all(server, tmp_path):
+    sha = Archive("Train.zip", hashlib.sha256(CONTENT).hexdigest(), (server + "/wrong", server + "/whole"), "Train")
+    assert fetch(sha, tmp_path).read_bytes() == CONTENT
+    unknown = Archive("other.zip", "", (), "other")
+    (tmp_path / "other.zip").write_bytes(CONTENT)
+    assert fetch(unknown, tmp_path).name == "other.zip"
+    (tmp_path / "other.zip").write_bytes(b"junk")
+    with pytest.raises(DownloadError, match="no archive"):
+        fetch(unknown, tmp_path)
