@@ -45,6 +45,7 @@ class Recording(RecordFile):
         if lines[:1] != ["#!AER-DAT2.0"]:
             self.record_size = 6
         super().__init__(path, sensor_size, head, strict, header_size=end)
+        self._words = self._as_words()
         chip = next((m[1].upper() for line in lines if (m := re.match(r"#\s*AEChip:.*?(\w+)\s*$", line))), None)
         self.chip_size, self.layout = self._camera(chip)
         self._size = self._size or self.chip_size
@@ -59,18 +60,23 @@ class Recording(RecordFile):
         for size, layout, _ in CHIPS.values():
             if self._size == size:
                 return size, layout
-        wide = self._raw[: self.record_size * self.block].reshape(-1, self.record_size)
-        name = "DVS128" if self.record_size == 6 or not wide[:, :2].any() else "DAVIS240"
+        # a DVS128's addresses have 16 bits
+        name = "DVS128" if not (self._words[: self.block, 0] & 0xFFFF).any() else "DAVIS240"
         return CHIPS[name][:2]
 
+    def _as_words(self) -> np.ndarray:
+        """Address and time of the records, [N, 2], as if they were little-endian."""
+        if self.record_size == 8:
+            return self._raw.view("<u4").reshape(-1, 2)
+        wide = np.zeros((self.records, 8), np.uint8)
+        wide[:, 2:] = self._raw.reshape(-1, 6)
+        return wide.view("<u4")
+
     def _index(self) -> Blocks:
-        records = self._raw.reshape(-1, self.record_size)[:: self.block]
-        return unwrapped_index(np.ascontiguousarray(records[:, -4:]).view(">u4")[:, 0])
+        return unwrapped_index(np.ascontiguousarray(self._words[:: self.block, 1]).view(">u4"))
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        t, x, y, p, bad = aedat2_decode(
-            self._raw, lo, hi, offset, self.record_size, self.layout, *self.chip_size, *self.sensor_size
-        )
+        t, x, y, p, bad = aedat2_decode(self._words, lo, hi, offset, self.layout, *self.chip_size, *self.sensor_size)
         return Columns(t, x, y, p), bad
 
 

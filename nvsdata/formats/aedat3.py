@@ -57,7 +57,8 @@ class Recording(BaseRecording):
 
     def _of_packets(self, packets: np.ndarray) -> Columns:
         width, height = self._size or (0, 0)
-        t, x, y, p, bad, unmarked = aedat3_decode(self._raw, packets, width, height)
+        words, phase, starts = self._words(packets)
+        t, x, y, p, bad, unmarked = aedat3_decode(words, phase, starts, packets, width, height)
         if bad >= 0 and self.strict:
             raise FormatError(self.path, int(bad), f"coordinates outside the sensor of {width}x{height}")
         if unmarked:
@@ -68,6 +69,16 @@ class Recording(BaseRecording):
         if self._upside_down:
             y = (height - 1 - y).astype(np.int16)
         return Columns(t, x, y, p)
+
+    def _words(self, packets: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
+        """32-bit words that hold `packets`, the byte that they begin at, and where in them each packet begins."""
+        starts = packets[:, 0]
+        phase = int(starts[0]) % 4 if len(starts) else 0
+        if (starts % 4 == phase).all():
+            return np.ndarray((self._raw.size - phase) // 4, "<u4", self._raw, phase), phase, starts
+        # frames between them may be of odd sizes
+        pieces = [self._raw[start : start + 8 * number] for start, number in packets[:, :2].tolist()]
+        return np.concatenate(pieces).view("<u4"), 0, np.cumsum(8 * packets[:, 1]) - 8 * packets[:, 1]
 
     def _decode(self) -> Columns:
         return self._of_packets(self.packets)

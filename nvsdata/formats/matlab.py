@@ -25,7 +25,8 @@ HEADER = 128
 COMPRESSED, MATRIX = 15, 14
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 NUMERIC_CLASSES = range(6, 16)  # double, single and the integers
-MOST = 1 << 32  # bytes that an element may inflate to
+MOST = 1 << 31  # bytes that an element may inflate to
+_TAG = struct.Struct("<II").unpack_from
 
 
 class Recording(BaseRecording):
@@ -51,34 +52,37 @@ class Recording(BaseRecording):
         return self._checked(columns)
 
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
-        whole = {name: self._integers(name, column) for name, column in columns.items()}
-        t, x, y, p = whole["t"], whole["x"], whole["y"], whole["p"]
-        p = np.where(p == -1, 0, p)
+        t, x, y, p = (self._integers(name, columns[name]) for name in ("t", "x", "y", "p"))
         width, height = self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
-        if x.size and x.min() >= 1 and y.min() >= 1 and (x.max() == width or y.max() == height):
-            x, y = x - 1, y - 1
-        bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
-        if bad.any():
+        # least and greatest tell whether any event needs a closer look
+        (x0, x1), (y0, y1), (p0, p1) = (_range(column) for column in (x, y, p))
+        if x0 >= 1 and y0 >= 1 and (x1 == width or y1 == height):
+            x, y = x.astype(np.int32) - 1, y.astype(np.int32) - 1
+            x0, x1, y0, y1 = x0 - 1, x1 - 1, y0 - 1, y1 - 1
+        if p0 == -1:
+            p = np.where(p == -1, 0, p)
+            p0 = 0
+        if min(x0, y0, p0) < 0 or x1 >= width or y1 >= height or p1 > 1:
+            bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
             if self.strict:
                 reason = f"event {int(np.argmax(bad))}: outside the sensor of {width}x{height}, or no polarity"
                 raise FormatError(self.path, None, reason)
             self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
             t, x, y, p = (column[~bad] for column in (t, x, y, p))
-        return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
+        return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def _integers(self, name: str, column: np.ndarray) -> np.ndarray:
-        """As int64 (times, whatever they are stored as) or int32; FormatError for fractions."""
-        kind = np.int64 if name == "t" else np.int32
+        """The column in integers; FormatError for fractions and numbers beyond 2^62."""
+        if column.dtype.kind == "b":
+            return column.astype(np.uint8)
         if column.dtype.kind == "f":
-            limit = 2.0**62 if name == "t" else 2.0**31
             # NaN fails the comparison, too
-            if not (np.abs(column) < limit).all() or (column != np.rint(column)).any():
+            if not (np.abs(column) < 2.0**62).all() or (column != np.rint(column)).any():
                 raise FormatError(self.path, None, f"variable {name!r} holds numbers that aren't whole")
-        elif (
-            column.dtype.itemsize == 8 and column.size and not -(2**62) < int(column.min()) <= int(column.max()) < 2**62
-        ):
+            return column.astype(np.int64)
+        if column.dtype.itemsize == 8 and not -(2**62) < _range(column)[0] <= _range(column)[1] < 2**62:
             raise FormatError(self.path, None, f"variable {name!r} holds numbers beyond 2^62")
-        return column.astype(kind, copy=False) if name == "t" else np.clip(column, -(2**31), 2**31 - 1).astype(kind)
+        return column
 
     def _v5(self) -> dict[str, np.ndarray]:
         data = memoryview(bytes_of(self.path, self._head))
@@ -97,7 +101,7 @@ class Recording(BaseRecording):
     def _elements(self, data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview]]:
         """Offset, type and body of the tagged elements from byte `at`."""
         while at + 8 <= len(data):
-            kind, size = struct.unpack_from("<II", data, at)
+            kind, size = _TAG(data, at)
             if kind >> 16:  # the size in the upper half, up to four bytes right behind it
                 yield at, kind & 0xFFFF, data[at + 4 : at + 4 + min(kind >> 16, 4)]
                 at += 8
@@ -110,16 +114,15 @@ class Recording(BaseRecording):
             at += 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
 
     def _inflated(self, at: int, body: memoryview) -> memoryview:
-        # the size stands at the head of the inflated bytes: with it they are made in one go
+        inflater = zlib.decompressobj()
         try:
-            inflater = zlib.decompressobj()
-            start = inflater.decompress(body, 8)
-            size = int.from_bytes(start[4:8], "little") if len(start) == 8 else 0
-            if not 0 < size <= MOST:
-                raise FormatError(self.path, at, "a compressed element without a body")
-            return memoryview(zlib.decompress(body, bufsize=size + 8))
+            inflated = inflater.decompress(body, MOST)
         except zlib.error as error:
             raise FormatError(self.path, at, f"damaged compressed element: {error}") from None
+        if not inflater.eof or len(inflated) < 8:
+            reason = f"a compressed element that is cut short, or of more than {MOST} bytes"
+            raise FormatError(self.path, at, reason)
+        return memoryview(inflated)
 
     def _matrix(self, at: int, body: memoryview, found: dict[str, np.ndarray], prefix: str | None = None) -> None:
         """Add a numeric matrix, or the fields of a struct of such, to `found` under its name."""
@@ -153,3 +156,8 @@ class Recording(BaseRecording):
         except (OSError, RuntimeError) as error:
             raise FormatError(self.path, None, f"damaged MATLAB v7.3 file: {error}") from error
         return found
+
+
+def _range(column: np.ndarray) -> tuple[int, int]:
+    """Least and greatest value; (0, 0) of none."""
+    return (int(column.min()), int(column.max())) if column.size else (0, 0)

@@ -11,12 +11,14 @@ DVS128, DAVIS = 0, 1
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _big_endian(raw, j):
-    return (
-        np.uint32(raw[j]) << np.uint32(24)
-        | np.uint32(raw[j + 1]) << np.uint32(16)
-        | np.uint32(raw[j + 2]) << np.uint32(8)
-        | np.uint32(raw[j + 3])
+def _swapped(word):
+    """The word with its four bytes in the other order."""
+    # numba makes 64 bits of a shift
+    return np.uint32(
+        word << np.uint32(24)
+        | (word & np.uint32(0xFF00)) << np.uint32(8)
+        | (word >> np.uint32(8)) & np.uint32(0xFF00)
+        | word >> np.uint32(24)
     )
 
 
@@ -31,40 +33,40 @@ def _little_endian(raw, j):
 
 
 @njit(cache=True, nogil=True)
-def aedat2_decode(raw, lo, hi, offset, size, layout, chip_width, chip_height, width, height):
-    """Decode AEDAT 1 and 2 records lo..hi of `size` bytes (6 or 8), `offset` µs of wraps in force at `lo`. O(hi - lo).
+def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width, height):
+    """Decode AEDAT 2 records lo..hi, `offset` µs of wraps in force at `lo`. O(hi - lo).
 
-    `layout` DVS128 or DAVIS says what the address bits mean; x and y are mirrored within the chip.
-    Records that are no polarity events are left out. Times are unsigned and wrap at 2^32.
+    `words` uint32 [N, 2]: address and time, as they lie in the file (big-endian). `layout` DVS128
+    or DAVIS says what the address bits mean; x and y are mirrored within the chip. Records that are
+    no polarity events are left out. Times are unsigned and wrap at 2^32.
     """
     room = hi - lo
     t = np.empty(room, np.int64)
     x = np.empty(room, np.int16)
     y = np.empty(room, np.int16)
     p = np.empty(room, np.uint8)
-    records = raw[size * lo : size * hi].reshape(room, size)
+    fits = chip_width <= width and chip_height <= height
+    if fits and layout == DVS128:
+        if _dvs128_sound(words[lo:hi], offset, chip_width, chip_height, t, x, y, p):
+            return t, x, y, p, -1
     bad = -1
     kept = np.uint64(0)
     last = np.int64(0)
     for i in range(np.uint64(room)):
-        record = records[i]
-        address = _big_endian(record, 0) if size == 8 else np.uint32(record[0]) << np.uint32(8) | np.uint32(record[1])
-        time = np.int64(_big_endian(record, size - 4))
+        address, time = _swapped(words[np.uint64(lo) + i, 0]), np.int64(_swapped(words[np.uint64(lo) + i, 1]))
         if last - time > WRAP_US // 2:
             offset += WRAP_US
         last = time
         if layout == DVS128:
-            column, row = (
-                chip_width - 1 - np.int32(address >> 1 & 0x7F),
-                chip_height - 1 - np.int32(address >> 8 & 0x7F),
-            )
-            polarity = ~address & 1
-            polar = (address & 0x80008000) == 0
+            column = chip_width - 1 - np.int32(address >> np.uint32(1) & np.uint32(0x7F))
+            row = chip_height - 1 - np.int32(address >> np.uint32(8) & np.uint32(0x7F))
+            polarity = ~address & np.uint32(1)
+            polar = (address & np.uint32(0x80008000)) == 0
         else:
-            column = chip_width - 1 - np.int32(address >> 12 & 0x3FF)
-            row = chip_height - 1 - np.int32(address >> 22 & 0x1FF)
-            polarity = address >> 11 & 1
-            polar = (address & 0x80000400) == 0
+            column = chip_width - 1 - np.int32(address >> np.uint32(12) & np.uint32(0x3FF))
+            row = chip_height - 1 - np.int32(address >> np.uint32(22) & np.uint32(0x1FF))
+            polarity = address >> np.uint32(11) & np.uint32(1)
+            polar = (address & np.uint32(0x80000400)) == 0
         t[kept] = time + offset
         x[kept] = column
         y[kept] = row
@@ -73,6 +75,23 @@ def aedat2_decode(raw, lo, hi, offset, size, layout, chip_width, chip_height, wi
             bad = lo + np.int64(i)
         kept += np.uint64(polar)
     return t[:kept], x[:kept], y[:kept], p[:kept], bad
+
+
+@njit(cache=True, nogil=True)
+def _dvs128_sound(words, offset, chip_width, chip_height, t, x, y, p):
+    """Decode DVS128 records as if all were events in order of time, without branches; whether it was so."""
+    odd = 0
+    last = np.uint32(0)
+    right, bottom = np.int32(chip_width - 1), np.int32(chip_height - 1)
+    for i in range(np.uint64(t.size)):
+        address, time = _swapped(words[i, 0]), _swapped(words[i, 1])
+        odd += ((address & np.uint32(0x80008000)) != 0) | (time < last)
+        last = time
+        t[i] = np.int64(time) + offset
+        x[i] = right - np.int32(address >> np.uint32(1) & np.uint32(0x7F))
+        y[i] = bottom - np.int32(address >> np.uint32(8) & np.uint32(0x7F))
+        p[i] = ~address & np.uint32(1)
+    return odd == 0
 
 
 @njit(cache=True, nogil=True)
@@ -143,9 +162,11 @@ def aedat3_packets(raw, start):
 
 
 @njit(cache=True, nogil=True)
-def aedat3_decode(raw, packets, width, height):
+def aedat3_decode(words, phase, starts, packets, width, height):
     """Decode polarity packets as `aedat3_packets` lists them. O(events).
 
+    `words` uint32 hold the events of packet k from byte `starts[k]` on, counted from `phase` bytes
+    before them.
     Events that aren't marked valid are dropped where the packet's header counts them as invalid.
     Returns t, x, y, p, the byte of the first event outside the sensor (-1: none), and how many
     events were kept without the mark.
@@ -157,23 +178,45 @@ def aedat3_decode(raw, packets, width, height):
     x = np.empty(room, np.int16)
     y = np.empty(room, np.int16)
     p = np.empty(room, np.uint8)
-    kept = np.uint64(0)
-    unmarked = 0
+    kept = unmarked = 0
     bad = np.int64(-1)
     right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 15)
     for k in range(len(packets)):
         first, number, add, some_invalid = packets[k, 0], packets[k, 1], packets[k, 2], packets[k, 5]
-        records = raw[first : first + 8 * number].reshape(number, 8)
-        for i in range(np.uint64(number)):
-            data = _little_endian(records[i], 0)
-            column, row = np.int32(data >> 17), np.int32(data >> 2 & 0x7FFF)
-            keep = np.uint64((data & 1) | (some_invalid == 0))
-            t[kept] = add + np.int64(_little_endian(records[i], 4))
+        at = (starts[k] - phase) // 4
+        records = words[at : at + 2 * number]
+        end = kept + number
+        if _packet_sound(records, add, right, bottom, t[kept:end], x[kept:end], y[kept:end], p[kept:end]):
+            kept = end
+            continue
+        for i in range(number):
+            data = records[2 * i]
+            marked = data & np.uint32(1)
+            if some_invalid and not marked:
+                continue
+            unmarked += 1 - marked
+            column, row = np.int64(data >> np.uint32(17)), np.int64(data >> np.uint32(2) & np.uint32(0x7FFF))
+            if (column >= right or row >= bottom) and bad < 0:
+                bad = first + 8 * i
+            t[kept] = add + np.int64(records[2 * i + 1])
             x[kept] = column
             y[kept] = row
-            p[kept] = data >> 1 & 1
-            if (column >= right or row >= bottom) and keep and bad < 0:
-                bad = first + 8 * np.int64(i)
-            unmarked += np.int64(keep) & ~np.int64(data) & 1
-            kept += keep
+            p[kept] = data >> np.uint32(1) & np.uint32(1)
+            kept += 1
     return t[:kept], x[:kept], y[:kept], p[:kept], bad, unmarked
+
+
+@njit(cache=True, nogil=True)
+def _packet_sound(records, add, right, bottom, t, x, y, p):
+    """Decode a packet as if all its events were valid and within the sensor, without branches; whether it was so."""
+    odd = 0
+    for i in range(np.uint64(t.size)):
+        data, time = records[np.uint64(2) * i], records[np.uint64(2) * i + np.uint64(1)]
+        column = np.int32(data >> np.uint32(17))
+        row = np.int32(data >> np.uint32(2) & np.uint32(0x7FFF))
+        odd += (column >= right) | (row >= bottom) | ((data & np.uint32(1)) == 0)
+        t[i] = add + np.int64(time)
+        x[i] = column
+        y[i] = row
+        p[i] = data >> np.uint32(1) & np.uint32(1)
+    return odd == 0

@@ -151,6 +151,9 @@ def dat_decode(words, lo, hi, offset, version, width, height):
     x = np.empty(size, np.int16)
     y = np.empty(size, np.int16)
     p = np.empty(size, np.uint8)
+    right, bottom = (width, height) if width > 0 else (1 << 14, 1 << 14)
+    if version >= 2 and _dat_sound(words[lo:hi], offset, right, bottom, t, x, y, p):
+        return t, x, y, p, -1
     bad = -1
     last = np.int64(words[lo, 0]) if size else np.int64(0)
     for i in range(lo, hi):
@@ -174,3 +177,21 @@ def dat_decode(words, lo, hi, offset, version, width, height):
         x[k] = column
         y[k] = row
     return t, x, y, p, bad
+
+
+@njit(cache=True, nogil=True)
+def _dat_sound(words, offset, right, bottom, t, x, y, p):
+    """Decode version 2 records as if none were odd, without branches; whether it was so."""
+    odd = 0
+    last = words[0, 0] if t.size else np.uint32(0)
+    for i in range(np.uint64(t.size)):
+        time, address = words[i, 0], words[i, 1]
+        column = np.int32(address & np.uint32(0x3FFF))
+        row = np.int32(address >> np.uint32(14) & np.uint32(0x3FFF))
+        odd += (column >= right) | (row >= bottom) | (time < last)
+        last = time
+        t[i] = np.int64(time) + offset
+        x[i] = column
+        y[i] = row
+        p[i] = address >> np.uint32(28) & np.uint32(1)
+    return odd == 0

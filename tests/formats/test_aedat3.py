@@ -72,9 +72,7 @@ def test_a_window_decodes_only_its_packets(tmp_path, monkeypatch):
     nvsdata.write(some(t), tmp_path / "a.aedat3")
     decoded = []
     kernel = aedat3.aedat3_decode
-    monkeypatch.setattr(
-        aedat3, "aedat3_decode", lambda raw, packets, *size: decoded.append(packets) or kernel(raw, packets, *size)
-    )
+    monkeypatch.setattr(aedat3, "aedat3_decode", lambda *args: decoded.append(args[3]) or kernel(*args))
     window = nvsdata.read(tmp_path / "a.aedat3", 2_000_000, 2_030_000)
     assert window == some(t).window(2_000_000, 2_030_000)
     assert sum(int(packets[:, 1].sum()) for packets in decoded) <= len(window) + 2 * aedat3.PACKET
@@ -110,3 +108,18 @@ def test_the_handmade_sample(shared_samples):
         ev = nvsdata.read(shared_samples / "aedat31_tiny.aedat")
     assert len(ev) == 12
     assert ev.sensor_size == SIZE
+
+
+@pytest.mark.parametrize("odd", [5, 6, 7])
+def test_packets_of_odd_sizes_between(tmp_path, odd):
+    from struct import pack
+
+    frame = pack("<HHIIIIII", 2, 1, odd, 0, 0, 1, 1, 1) + bytes(odd)
+    parts = [aedat3_packet(some([10, 20])), frame, aedat3_packet(some([30, 40, 50])), frame, aedat3_packet(some([60]))]
+    (tmp_path / "a.aedat").write_bytes(AEDAT3_HEADER + b"".join(parts))
+    assert nvsdata.read(tmp_path / "a.aedat").t.tolist() == [10, 20, 30, 40, 50, 60]
+    assert nvsdata.read(tmp_path / "a.aedat", 30, 45).t.tolist() == [30, 40]
+    with pytest.raises(FormatError, match="outside the sensor of 2x128") as caught:
+        nvsdata.read(tmp_path / "a.aedat", sensor_size=(2, 128))
+    # the third event of the second packet of events
+    assert caught.value.offset == len(AEDAT3_HEADER) + (28 + 16) + (28 + odd) + 28 + 16

@@ -1,0 +1,274 @@
+"""Speed of reading: decoders on a million events, .mat files, the packed store, and folder listings.
+
+    python recipes/bench/reading.py --out reading.json
+
+Files are made in a temporary folder and read from the page cache, on one core. Each pair of times
+is the median over rounds in which ours and the other's take turns, so that a slow spell of the
+machine meets both. Peers (tonic, expelliarmus) are measured where they are installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import resource
+import statistics
+import tempfile
+import time
+import zlib
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.io
+import torch
+
+import nvsdata
+from nvsdata import ASLDVS, Events
+from nvsdata import transforms as T
+from nvsdata.datasets.source import INDEX, Folder
+from nvsdata.formats import matlab
+
+MILLION = 1_000_000
+ROUNDS = 7
+Row = dict[str, Any]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    parser.add_argument("--recordings", type=int, default=10_000, help="of the packed store (default 10000, 2 GB)")
+    parser.add_argument("--files", type=int, default=100_800, help="of the folder that is listed (default 100800)")
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    rows = []
+    with tempfile.TemporaryDirectory() as home:
+        for row in (
+            *decoding(Path(home)),
+            *matlab_files(Path(home)),
+            *store(Path(home), args.recordings),
+            *listing(Path(home), args.files),
+        ):
+            print("  ".join(f"{key} {value}" for key, value in row.items()), flush=True)
+            rows.append(row)
+    if args.out:
+        args.out.write_text(json.dumps(rows, indent=1))
+
+
+def moving(n: int, size: tuple[int, int], seed: int = 0, duration: int = MILLION) -> Events:
+    """Events of a random scene."""
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, duration, n))
+    return Events(t, rng.integers(0, size[0], n), rng.integers(0, size[1], n), rng.integers(0, 2, n), size)
+
+
+def decoding(home: Path) -> list[Row]:
+    """Files of two million events, beside a plain copy of their bytes and the peers' readers."""
+    ev = moving(2 * MILLION, (128, 128), duration=8 * MILLION)
+    rows = []
+    for suffix in (".bin", ".dat", ".aedat", ".aedat3"):
+        path = home / f"events{suffix}"
+        nvsdata.write(ev, path)
+        raw = np.fromfile(path, np.uint8)
+        runs: dict[str, Callable[[], Any]] = {
+            "ours": lambda path=path: nvsdata.read(path, sensor_size=(128, 128)),
+            "copy": raw.copy,
+            **peers(suffix, path),
+        }
+        times = race(runs)
+        row: Row = {"what": f"decode {suffix}", "Mevents/s": round(len(ev) / times["ours"] / 1e6)}
+        row |= {f"{name}_ms": round(spent * 1e3, 2) for name, spent in times.items()}
+        row |= {f"ratio_to_{name}": round(spent / times["ours"], 2) for name, spent in times.items() if name != "ours"}
+        rows.append(row)
+    return rows
+
+
+def peers(suffix: str, path: Path) -> dict[str, Callable[[], Any]]:
+    """Other readers of the same file."""
+    found: dict[str, Callable[[], Any]] = {}
+    with suppress(ImportError):
+        if suffix == ".dat":
+            import expelliarmus
+
+            wizard = expelliarmus.Wizard("dat")
+            found["expelliarmus"] = lambda: wizard.read(str(path))
+    with suppress(ImportError):
+        from tonic import io as tonic
+
+        if suffix == ".bin":
+            types = np.dtype([("x", int), ("y", int), ("t", int), ("p", int)])
+            found["tonic"] = lambda: tonic.read_mnist_file(str(path), types)
+        elif suffix == ".aedat":
+            found["tonic"] = lambda: by_tonic(tonic, path, 2.0, (8, 1, 0))
+        elif suffix == ".aedat3":
+            found["tonic"] = lambda: by_tonic(tonic, path, 3.1, (17, 2, 1))
+    return found
+
+
+def by_tonic(tonic: Any, path: Path, version: float, shifts: tuple[int, int, int]) -> Any:
+    """An AEDAT file by tonic's parts: the readers of its 1.7.0 stumble over its own reader of headers."""
+    _, start, *_ = tonic.read_aedat_header_from_file(str(path))
+    raw = tonic.get_aer_events_from_file(str(path), version, start)
+    x, y, p = (raw["address"] >> shift & mask for shift, mask in zip(shifts, (127, 127, 1), strict=True))
+    return tonic.make_structured_array(x, y, raw["timeStamp"], p)
+
+
+def matlab_files(home: Path) -> list[Row]:
+    """A file as ASL-DVS has them, beside inflating its bytes and scipy's reader."""
+    ev = moving(28_000, (240, 180), duration=100_000)
+    path = home / "asl.mat"
+    path.write_bytes(mat_bytes(ev))
+    pieces = [body for _, kind, body in elements(path) if kind == matlab.COMPRESSED]
+    times = race(
+        {
+            "ours": lambda: nvsdata.read(path, sensor_size=(240, 180)),
+            "zlib": lambda: [zlib.decompress(piece) for piece in pieces],
+            "scipy": lambda: scipy.io.loadmat(path),
+        },
+        inner=5,
+    )
+    row: Row = {"what": "ASL-DVS .mat of 28,000 events"} | {f"{k}_ms": round(v * 1e3, 3) for k, v in times.items()}
+    return [row | {"times_zlib": round(times["ours"] / times["zlib"], 2)}]
+
+
+def elements(path: Path) -> list[tuple[int, int, bytes]]:
+    """The tagged elements of a v5 file."""
+    data, at, found = path.read_bytes(), matlab.HEADER, []
+    while at + 8 <= len(data):
+        kind, size = (int.from_bytes(data[at + i : at + i + 4], "little") for i in (0, 4))
+        found.append((at, kind, data[at + 8 : at + 8 + size]))
+        at += 8 + size
+    return found
+
+
+def mat_bytes(ev: Events) -> bytes:
+    """MATLAB v5, compressed, columns in the types that MATLAB would choose."""
+    file = io.BytesIO()
+    columns = {"ts": ev.t.astype(np.uint32), "x": ev.x.astype(np.uint8), "y": ev.y.astype(np.uint8), "pol": ev.p}
+    scipy.io.savemat(file, {name: column.reshape(-1, 1) for name, column in columns.items()}, do_compression=True)
+    return file.getvalue()
+
+
+def store(home: Path, recordings: int) -> list[Row]:
+    """Random 30 ms windows of recordings of 28,000 events: from the store, and from .mat files."""
+    packed, mats = home / "asl.h5", home / "mats"
+    events = [moving(28_000, (240, 180), seed, 100_000) for seed in range(20)]
+    for i, ev in enumerate(events):
+        (mats / "a").mkdir(parents=True, exist_ok=True)
+        (mats / "a" / f"a_{i:04d}.mat").write_bytes(mat_bytes(ev))
+    nvsdata.pack(ASLDVS(mats, "all"), packed)
+    repeat(packed, recordings)
+    window = T.RandomWindow(30_000)
+    stored, files = ASLDVS(packed, "all", transform=window), ASLDVS(mats, "all", transform=window)
+    order = np.random.default_rng(1).integers(0, recordings, 20_000).tolist()
+    for i in order[:200]:
+        stored[i]
+    before, rates = resident(), []
+    for part in np.array_split(order, 5):
+        start = time.perf_counter()
+        for i in part.tolist():
+            stored[i]
+        rates.append(len(part) / (time.perf_counter() - start))
+    grown = resident() - before
+    start = time.perf_counter()
+    for i in range(200):
+        files[i % len(files)]
+    slow = 200 / (time.perf_counter() - start)
+    rate = statistics.median(rates)
+    return [
+        {
+            "what": f"30 ms windows of a packed store of {recordings} recordings ({packed.stat().st_size >> 20} MiB)",
+            "windows/s": round(rate),
+            "from_mat/s": round(slow),
+            "ratio": round(rate / slow, 1),
+            "resident_growth_MB": round(grown / 1e6),
+        }
+    ]
+
+
+def repeat(path: Path, recordings: int) -> None:
+    """Make a store larger by repeating what it holds under other names."""
+    from nvsdata.datasets.store import COLUMNS, INDEX, checksum
+
+    with h5py.File(path, "r+") as file:
+        index = {name: file[f"index/{name}"][()] for name in INDEX}
+        count = len(index["base"])
+        times = recordings // count
+        for name in COLUMNS:
+            column = file[f"events/{name}"][()]
+            del file[f"events/{name}"]
+            target = file.create_dataset(f"events/{name}", shape=(column.size * times,), dtype=column.dtype)
+            for k in range(times):
+                target[k * column.size : (k + 1) * column.size] = column
+        counts = np.tile(np.diff(index["offset"]), times)
+        index["offset"] = np.concatenate(([0], np.cumsum(counts)))
+        for name in ("base", "bytes", "crc"):
+            index[name] = np.tile(index[name], times)
+        index["size"] = np.tile(index["size"], (times, 1))
+        for name, line in (("format", "matlab\n"), ("name", "a/a_{:05d}.mat\n")):
+            index[name] = np.frombuffer("".join(line.format(i) for i in range(recordings)).encode(), np.uint8)
+        for name in INDEX:
+            del file[f"index/{name}"]
+            file[f"index/{name}"] = index[name]
+        file.attrs["checksum"] = checksum(index)
+
+
+def resident() -> int:
+    """Bytes of the process that are in memory now."""
+    with suppress(OSError), open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize()
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def listing(home: Path, files: int) -> list[Row]:
+    """A tree as ASL-DVS's: the dataset opened the first time, and again."""
+    root = home / "tree"
+    letters = ASLDVS.info.classes
+    each = files // len(letters)
+    for letter in letters:
+        (root / letter).mkdir(parents=True)
+        for i in range(each):
+            (root / letter / f"{letter}_{i:04d}.mat").touch()
+    # folders that changed a moment ago are not trusted, as anyone's won't have
+    for folder in (root, *(root / letter for letter in letters)):
+        os.utime(folder, ns=(10**18, 10**18))
+    spent = []
+    for _ in range(2):
+        start = time.perf_counter()
+        ASLDVS(root, "all")
+        spent.append(time.perf_counter() - start)
+    start = time.perf_counter()
+    Folder(root).listing()
+    again = time.perf_counter() - start
+    return [
+        {
+            "what": f"list {each * len(letters)} files",
+            "first_s": round(spent[0], 3),
+            "again_s": round(spent[1], 3),
+            "of_which_index_s": round(again, 3),
+            "index": (root / INDEX).exists(),
+        }
+    ]
+
+
+def race(runs: dict[str, Callable[[], Any]], inner: int = 1) -> dict[str, float]:
+    """Median seconds of each, in turns."""
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for run in runs.values():
+        run()
+    for _ in range(ROUNDS):
+        for name, run in runs.items():
+            start = time.perf_counter()
+            for _ in range(inner):
+                run()
+            times[name].append((time.perf_counter() - start) / inner)
+    return {name: statistics.median(spent) for name, spent in times.items()}
+
+
+if __name__ == "__main__":
+    main()
