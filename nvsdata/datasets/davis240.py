@@ -9,5 +9,5 @@ from nvsdata.events import Columns, Events
 
 def upright(events: Events) -> Events:
     """Events whose y was counted from the bottom of the sensor, counted from the top."""
-    y = (events.sensor_size[1] - 1 - events.y).astype(np.int16)
+    y = np.subtract(np.int16(events.sensor_size[1] - 1), events.y)
     return Events.trusted(Columns(events.t, events.x, y, events.p), events.sensor_size, events.start)

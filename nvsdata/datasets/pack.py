@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from tqdm import tqdm
 
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source
-from nvsdata.datasets.store import COLUMNS, INDEX, NAME, VERSION, checksum, crc_of
+from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, NAME, VERSION, checksum, crc_of
 from nvsdata.files import atomic
 
 JOURNAL = "journal.jsonl"
@@ -192,13 +193,13 @@ def _assemble(part: _Part, dataset: EventDataset, path: Path, compress: bool) ->
             column = file.create_dataset(f"events/{name}", shape=raw[name].shape, dtype=kinds[name], **options)
             for start in range(0, len(raw[name]), COPIED):
                 column[start : start + COPIED] = raw[name][start : start + COPIED].astype(kinds[name])
-        crcs = [
-            crc_of([raw[name][a:b].astype(kinds[name]) for name in COLUMNS])
-            for a, b in zip(offset[:-1].tolist(), offset[1:].tolist(), strict=True)
-        ]
+        bounds = list(pairwise(offset.tolist()))
+        crcs = [crc_of([raw[name][a:b].astype(kinds[name]) for name in COLUMNS]) for a, b in bounds]
         index: dict[str, np.ndarray] = {
             "offset": offset.astype(np.int64),
             "base": np.array([line["base"] for line in facts], np.int64),
+            "duration": np.array([raw["t"][end - 1] for end in offset[1:]], np.int64),
+            "mark": np.concatenate([raw["t"][a:b:MARKED] for a, b in bounds]).astype(kinds["t"]),
             "size": np.array([line["size"] for line in facts], np.int32),
             "bytes": np.array([line["bytes"] for line in facts], np.int64),
             "crc": np.array(crcs, np.uint32),

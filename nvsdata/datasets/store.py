@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import mmap
+import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,26 @@ import numpy as np
 
 from nvsdata.datasets.source import Listing
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Recording
+from nvsdata.events import EVER, Columns, Recording
+from nvsdata.kernels.store import marked_range, stored_window
 
 NAME, VERSION = "nvsdata-store", 1
 COLUMNS = ("t", "x", "y", "p")
-INDEX = ("offset", "base", "size", "bytes", "crc", "format", "name", "file_name", "file_offset", "file_data")
-KEPT_BYTES = 48 << 20  # of the file that may stay mapped into memory
-FAULT_BYTES = 1 << 16  # that the system maps in at once when a column is touched
+INDEX = (
+    "offset",
+    "base",
+    "duration",
+    "mark",
+    "size",
+    "bytes",
+    "crc",
+    "format",
+    "name",
+    "file_name",
+    "file_offset",
+    "file_data",
+)
+MARKED = 1024  # events from one time in the index to the next
 
 
 class Store:
@@ -43,24 +56,27 @@ class Store:
                 index = {name: np.asarray(file[f"index/{name}"][()]) for name in INDEX}
                 if checksum(index) != int(file.attrs["checksum"]):
                     raise FormatError(path, None, "its index fails its checksum: pack it again")
-                self._columns = {name: _place(path, file[f"events/{name}"]) for name in COLUMNS}
+                places = {name: _place(path, file[f"events/{name}"]) for name in COLUMNS}
         except (OSError, KeyError, RuntimeError) as error:
             raise FormatError(path, None, f"no packed store, or damaged: {error}") from error
-        self.offset, self.base, self.sizes = index["offset"], index["base"], index["size"]
-        self.bytes, self.crc = index["bytes"], index["crc"]
+        first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
+        # lists, for a number out of an array costs as much as all the rest of a look-up
+        self._offset, self._base, self._duration = (index[name].tolist() for name in ("offset", "base", "duration"))
+        self._first_mark = first_mark.tolist()
+        self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
         self.names = _lines(index["name"])
         self.formats = _lines(index["format"])
         self._number = {name: i for i, name in enumerate(self.names)}
         self._files = {name: i for i, name in enumerate(_lines(index["file_name"]))}
         self._file_offset, self._file_data = index["file_offset"], index["file_data"]
-        self._touched = 0
-        self._check_lengths()
-        self._map = _mapped(path) if any(isinstance(place, tuple) for place in self._columns.values()) else None
-
-    def _check_lengths(self) -> None:
-        counts = {len(self.names), len(self.formats), len(self.base), len(self.offset) - 1, len(self.crc)}
-        if len(counts) > 1 or (np.diff(self.offset) < 0).any():
-            raise FormatError(self.root, None, "its index contradicts itself: pack it again")
+        self._marks = index["mark"]
+        counts = {len(self.names), len(self.formats), len(self._base), len(self._offset) - 1, len(self._crc)}
+        if len(counts) > 1 or (np.diff(index["offset"]) < 0).any() or first_mark[-1] != len(self._marks):
+            raise FormatError(path, None, "its index contradicts itself: pack it again")
+        # None for compressed columns
+        self._places = [place for place in places.values() if place is not None]
+        self._file = path.open("rb", buffering=0)
+        self._handle = self._file.fileno()
 
     def __reduce__(self) -> tuple[type, tuple[Path]]:
         return Store, (self.root,)
@@ -84,76 +100,77 @@ class Store:
 
     def size(self, name: str) -> int:
         """Bytes of the file that the recording was packed from."""
-        return int(self.bytes[self._number[name]])
+        return int(self._sources[self._number[name]])
 
-    def column(self, name: str, lo: int, hi: int) -> np.ndarray:
-        """Events lo..hi of a column, as they are stored: a view of the file where it isn't compressed."""
-        place = self._columns[name]
-        if not isinstance(place, tuple):
-            try:
-                with h5py.File(self.root, "r") as file:
-                    return np.asarray(file[f"events/{name}"][lo:hi])
-            except (OSError, KeyError, RuntimeError) as error:
-                raise FormatError(self.root, None, f"can't read events {lo} to {hi}: {error}") from error
-        kind, start, _ = place
-        assert self._map is not None
-        self._let_go((hi - lo) * kind.itemsize + FAULT_BYTES)
-        return np.frombuffer(self._map, kind, hi - lo, start + lo * kind.itemsize)
+    def read(self, number: int, start: int, stop: int) -> Columns:
+        """Events of a recording with start <= t < stop: a bisection of the index, then its part of each column."""
+        lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
+        marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
+        first, last = marked_range(marks, base, start, stop)
+        lo, hi = lo + first * MARKED, min(lo + last * MARKED, hi)
+        t, x, y, p = self._raw(lo, max(lo, hi))
+        return Columns(*stored_window(t, x, y, p, base, start, stop))
 
-    def _let_go(self, touched: int) -> None:
-        """Unmap what was read long ago: else a long epoch maps in the whole file."""
-        self._touched += touched
-        if self._touched > KEPT_BYTES and self._map is not None and hasattr(self._map, "madvise"):
-            self._map.madvise(mmap.MADV_DONTNEED)
-            self._touched = 0
+    def span(self, number: int) -> tuple[int, int]:
+        """Times of the first and the last event of a recording."""
+        base: int = self._base[number]
+        return base, base + self._duration[number]
+
+    def sensor_size(self, number: int) -> tuple[int, int]:
+        """(width, height) of a recording, as it was packed."""
+        width, height = self._sizes[number].tolist()
+        return width, height
+
+    def _raw(self, lo: int, hi: int) -> list[np.ndarray]:
+        """Events lo..hi as they are stored.
+
+        Read rather than mapped: a page that is mapped in costs more than its bytes, and stays.
+        """
+        if len(self._places) == len(COLUMNS):
+            n = hi - lo
+            return [np.frombuffer(self._bytes(n * size, begin + lo * size), kind) for kind, size, begin in self._places]
+        try:
+            with h5py.File(self.root, "r") as file:
+                return [np.asarray(file[f"events/{name}"][lo:hi]) for name in COLUMNS]
+        except (OSError, KeyError, RuntimeError) as error:
+            raise FormatError(self.root, None, f"can't read events {lo} to {hi}: {error}") from error
+
+    def _bytes(self, size: int, at: int) -> bytes:
+        """Bytes of the file, read without a position that forked workers would share."""
+        data = _pread(self._handle, size, at)
+        while len(data) < size:
+            # the system hands out 2 GiB at most at a time
+            more = _pread(self._handle, size - len(data), at + len(data))
+            if not more:
+                raise FormatError(self.root, at + len(data), "cut short while it was open")
+            data += more
+        return data
 
     def damaged(self, name: str) -> bool:
         """Whether the events of a recording fail their checksum."""
         number = self._number[name]
-        lo, hi = int(self.offset[number]), int(self.offset[number + 1])
-        return crc_of([self.column(name, lo, hi) for name in COLUMNS]) != int(self.crc[number])
+        return crc_of(self._raw(self._offset[number], self._offset[number + 1])) != int(self._crc[number])
 
 
 class StoredRecording(Recording):
     """A recording in a store; `format` is that of the file it was packed from."""
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
-        super().__init__(f"{store.root}:{store.names[number]}", sensor_size)
-        self._store = store
-        self._lo, self._hi = int(store.offset[number]), int(store.offset[number + 1])
-        self._base = int(store.base[number])
+        super().__init__(f"{store.root}:{store.names[number]}")
+        self._store, self._number = store, number
         self.format = store.formats[number]  # type: ignore[misc]
-        if self._size is None:
-            width, height = store.sizes[number].tolist()
-            self._size = width, height
+        if sensor_size is None:
+            sensor_size = store.sensor_size(number)
+        self._size = sensor_size
 
     def _decode(self) -> Columns:
-        return self._slice(self._lo, self._hi)
-
-    def _slice(self, lo: int, hi: int) -> Columns:
-        t, x, y, p = (self._store.column(name, lo, hi) for name in COLUMNS)
-        return Columns(
-            np.add(t, self._base, dtype=np.int64),
-            x.astype(np.int16),
-            y.astype(np.int16),
-            p.astype(np.uint8, copy=False),
-        )
+        return self._store.read(self._number, *EVER)
 
     def _window(self, start: int, stop: int) -> Columns | None:
-        t = self._store.column("t", self._lo, self._hi)
-        most = np.iinfo(t.dtype).max
-        a, b = (
-            # of the column's own type, or numpy would convert the whole column
-            int(t.searchsorted(t.dtype.type(max(time - self._base, 0)))) if time - self._base <= most else t.size
-            for time in (start, stop)
-        )
-        return self._slice(self._lo + a, self._lo + max(a, b))
+        return self._store.read(self._number, start, stop)
 
     def _bounds(self) -> tuple[int, int] | None:
-        if self._lo == self._hi:
-            return 0, 0
-        t = self._store.column("t", self._lo, self._hi)
-        return self._base + int(t[0]), self._base + int(t[-1])
+        return self._store.span(self._number)
 
 
 def checksum(index: dict[str, np.ndarray]) -> int:
@@ -170,18 +187,22 @@ def crc_of(arrays: list[np.ndarray]) -> int:
 
 
 def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
-    """Type, first byte and length of a column that lies in the file as it is; None for a compressed one."""
+    """Type, its size and first byte of a column that lies in the file as it is; None for a compressed one."""
     offset = dataset.id.get_offset()
     if dataset.size and (dataset.chunks is not None or offset is None):
         return None
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
         raise FormatError(path, offset, f"cut short within {dataset.name}")
-    return dataset.dtype, offset or 0, dataset.size
+    return dataset.dtype, dataset.dtype.itemsize, offset or 0
 
 
-def _mapped(path: Path) -> mmap.mmap:
-    with path.open("rb") as file:
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+def _seek_and_read(handle: int, size: int, at: int) -> bytes:
+    os.lseek(handle, at, os.SEEK_SET)
+    return os.read(handle, size)
+
+
+# where there is no pread (Windows), there is no fork either
+_pread = getattr(os, "pread", _seek_and_read)
 
 
 def _lines(packed: np.ndarray) -> list[str]:

@@ -46,9 +46,8 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
     y = np.empty(room, np.int16)
     p = np.empty(room, np.uint8)
     fits = chip_width <= width and chip_height <= height
-    if fits and layout == DVS128:
-        if _dvs128_sound(words[lo:hi], offset, chip_width, chip_height, t, x, y, p):
-            return t, x, y, p, -1
+    if fits and layout == DVS128 and _dvs128_sound(words[lo:hi], offset, chip_width, chip_height, t, x, y, p):
+        return t, x, y, p, -1
     bad = -1
     kept = np.uint64(0)
     last = np.int64(0)

@@ -207,7 +207,7 @@ def repeat(path: Path, recordings: int) -> None:
                 target[k * column.size : (k + 1) * column.size] = column
         counts = np.tile(np.diff(index["offset"]), times)
         index["offset"] = np.concatenate(([0], np.cumsum(counts)))
-        for name in ("base", "bytes", "crc"):
+        for name in ("base", "duration", "mark", "bytes", "crc"):
             index[name] = np.tile(index[name], times)
         index["size"] = np.tile(index["size"], (times, 1))
         for name, line in (("format", "matlab\n"), ("name", "a/a_{:05d}.mat\n")):
