@@ -32,7 +32,7 @@ BATCH = 64
 WORKERS = max(1, min(4, (os.cpu_count() or 2) // 2))  # they and torch's threads share the cores
 THESIS_EPOCHS = 150
 # below this many steps 150 epochs are too few to converge: a small dataset is passed more often
-LEAST_STEPS = 7_500
+LEAST_STEPS = 9_000
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -143,8 +143,9 @@ class EventDataset(Dataset[tuple[Any, Any]]):
             if label is None:
                 continue
             front = "" if folder == "." else folder + "/"
-            samples = [Sample(front + name, label) for name in names if name.lower().endswith(known)]
-            by_label.setdefault(label, []).append(samples)
+            files = [front + name for name in names if name.endswith(known) or name.lower().endswith(known)]
+            # by _make, for there may be 100,000
+            by_label.setdefault(label, []).append(list(map(Sample._make, zip(files, repeat(label), repeat(None)))))
         found: list[Sample] = []
         for label in sorted(by_label):
             samples = list(chain.from_iterable(by_label[label]))

@@ -32,8 +32,8 @@ class Recording(BaseRecording):
         super().__init__(path, sensor_size, strict)
         memory = bytes_of(path, head)
         lines, end = header_lines(memory, b"#")
-        if "#!AER-DAT3.1" in lines[:1] and lines[-1].lower() != "#!end-header":
-            raise FormatError(path, end, "truncated: the header has no line #!END-HEADER")
+        if not lines or (lines[0] == "#!AER-DAT3.1" and lines[-1].lower() != "#!end-header"):
+            raise FormatError(path, end, "truncated or damaged: the header has no line #!END-HEADER")
         source = next((m[1].upper() for line in lines if (m := re.match(r"#Source \d+: (\S+)", line))), "")
         self._size = self._size or _size_of(source)
         # 3.0 had its origin at the bottom left

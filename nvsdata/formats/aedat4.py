@@ -36,8 +36,14 @@ class Recording(BaseRecording):
             ) from error
         try:
             return aedat.Decoder(self.path)
-        except Exception as error:
-            raise FormatError(self.path, None, f"damaged AEDAT 4: {error}") from error
+        except BaseException as error:
+            raise self._fault(error) from error
+
+    def _fault(self, error: BaseException) -> BaseException:
+        """What to raise: the package panics on damage, which Python sees as no Exception."""
+        if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
+            return error
+        return FormatError(self.path, None, f"damaged AEDAT 4: {error}")
 
     def _decode(self) -> Columns:
         parts = []
@@ -45,9 +51,10 @@ class Recording(BaseRecording):
             for packet in self._decoder():
                 if "events" in packet:
                     parts.append(packet["events"])
-        except Exception as error:
-            if self.strict:
-                raise FormatError(self.path, None, f"damaged AEDAT 4: {error}") from error
+        except BaseException as error:
+            fault = self._fault(error)
+            if self.strict or not isinstance(fault, FormatError):
+                raise fault from error
             self._repair("packets from the first damaged one on, cut off", 1)
         if not parts:
             return empty_columns()

@@ -17,6 +17,7 @@ from nvsdata.events import Columns, Events
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.records import bytes_of
 from nvsdata.kernels import text as kernel
+from nvsdata.kernels.order import never_falls
 
 FAULTS = {
     kernel.BAD_NUMBER: "not a number",
@@ -71,6 +72,8 @@ class Recording(BaseRecording):
         lo, hi = self._line_before(start), self._line_before(stop)
         hi = self._next_line(min(hi + 2 * CHUNK, self._raw.size))
         columns = self._parse(lo, hi)
+        if not never_falls(columns.t):
+            return None
         a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
         return Columns(*(column[a:b] for column in columns))
 

@@ -1,0 +1,58 @@
+"""How batches travel from worker processes."""
+
+from multiprocessing.reduction import ForkingPickler
+
+import pytest
+import torch
+from torch.utils.data import DataLoader
+from trees import some
+
+import nvsdata
+from nvsdata import GraphBatch, batching
+from nvsdata import transforms as T
+
+FIELDS = ("x", "pos", "t", "edge_index", "edge_attr", "batch", "ptr")
+
+
+@pytest.fixture
+def samples():
+    return [(T.radius_graph(some(i, 5 * i)), i % 3) for i in range(6)]
+
+
+def assert_same(a, b):
+    for name in FIELDS:
+        one, other = getattr(a, name), getattr(b, name)
+        assert torch.equal(one, other)
+        assert one.dtype == other.dtype
+    assert (a.sensor_size, a.reach, a.volumes) == (b.sensor_size, b.reach, b.volumes)
+
+
+def travelled(batch):
+    return ForkingPickler.loads(ForkingPickler.dumps(batch))
+
+
+@pytest.mark.parametrize("small", [0, 1 << 30], ids=["shared memory", "pipe"])
+def test_a_batch_arrives_as_it_left(samples, monkeypatch, small):
+    monkeypatch.setattr(batching, "SMALL", small)
+    batch, targets = nvsdata.collate(samples)
+    (arrived, its_targets) = travelled(batching.Batch(batch, targets))
+    assert_same(arrived, batch)
+    assert torch.equal(its_targets, targets)
+    # it can be written to, as any tensor from a DataLoader can
+    arrived.x.add_(1)
+
+
+def test_other_batches_travel_as_they_are():
+    grids, targets = nvsdata.collate([(torch.ones(2, 2), {"a": 1}), (torch.zeros(2, 2), {"a": 2})])
+    arrived = travelled(batching.Batch(grids, targets))
+    assert torch.equal(arrived.inputs, grids)
+    assert torch.equal(arrived.targets["a"], targets["a"])
+
+
+def test_batches_from_workers_equal_those_made_here(samples):
+    there = list(DataLoader(samples, 4, num_workers=1, collate_fn=nvsdata.collate))
+    here = list(DataLoader(samples, 4, collate_fn=nvsdata.collate))
+    for (a, one), (b, other) in zip(there, here, strict=True):
+        assert isinstance(a, GraphBatch)
+        assert_same(a, b)
+        assert torch.equal(one, other)

@@ -1,0 +1,58 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import events
+
+import nvsdata
+from nvsdata import Events
+from nvsdata.datasets.davis240 import upright
+from nvsdata.views import Mapped, Slice
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("views")
+
+
+def recording(folder, ev):
+    nvsdata.write(ev, folder / "a.h5")
+    return nvsdata.open(folder / "a.h5")
+
+
+times = st.integers(-1_000, 120_000)
+
+
+@given(events(max_size=100), times, times, times, times)
+def test_a_slice_of_a_recording_is_the_window_of_its_events(folder, ev, a, b, c, d):
+    (lo, hi), (start, stop) = sorted((a, b)), sorted((c, d))
+    cut = Slice(recording(folder, ev), lo, hi)
+    inside = ev.window(lo, hi)
+    assert cut.read() == inside
+    assert cut.events() == inside
+    found = cut.read(start, stop)
+    assert found == inside.window(start, stop)
+    assert found.start == start
+    assert cut.read(start) == inside.window(start)
+    assert cut.read(None, stop) == inside.window(None, stop)
+    first, last = cut.span
+    assert first <= last
+    if len(inside):
+        assert lo <= first <= inside.t[0] <= inside.t[-1] <= last < hi
+
+
+@given(events(max_size=100), times)
+def test_a_map_is_applied_to_every_window(folder, ev, start):
+    turned = Mapped(recording(folder, ev), upright)
+    assert turned.read() == upright(ev)
+    assert turned.read(start, start + 500) == upright(ev).window(start, start + 500)
+    assert turned.sensor_size == ev.sensor_size
+    assert upright(upright(ev)) == ev
+
+
+def test_upright_turns_rows():
+    assert upright(Events([1, 2], [3, 4], [0, 179], [0, 1], (240, 180))).y.tolist() == [179, 0]
+
+
+def test_a_slice_that_ends_before_it_begins(folder):
+    with pytest.raises(ValueError, match="ends before"):
+        Slice(recording(folder, Events([1], [1], [1], [1])), 5, 4)
