@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 import scipy.io
 
 from nvsdata import formats
-from nvsdata.datasets.base import Archive, EventDataset, Info, numbered_fold
-from nvsdata.datasets.davis240 import upright
+from nvsdata.datasets.base import Archive, Info, numbered_fold
+from nvsdata.datasets.davis240 import Upright
 from nvsdata.events import Recording
-from nvsdata.views import Mapped
 
 CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
 
@@ -27,7 +26,7 @@ class Pair(NamedTuple):
     label: int
 
 
-class ASLANDVS(EventDataset):
+class ASLANDVS(Upright):
     """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
 
     `ds[i]` is `((a, b), same)`, both recordings transformed alike, `same` 1 or 0. The pairs are those
@@ -129,9 +128,6 @@ class ASLANDVS(EventDataset):
         pair: Any = self.samples[index]
         a, b = (self._view(self.source.open(name, self.sensor_size)) for name in (pair.a, pair.b))
         return a, b
-
-    def _view(self, recording: Recording) -> Recording:
-        return Mapped(recording, upright) if recording.format == "matlab" else recording
 
     def __getitem__(self, index: int) -> tuple[Any, Any]:
         change = self.transform or Recording.read

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 from nvsdata.datasets.base import Archive, Info, RandomSplitDataset
-from nvsdata.datasets.davis240 import upright
-from nvsdata.events import Recording
-from nvsdata.views import Mapped
+from nvsdata.datasets.davis240 import Upright
 
 
-class ASLDVS(RandomSplitDataset):
+class ASLDVS(Upright, RandomSplitDataset):
     """ASL-DVS (Bi et al. 2019): 24 letters of American Sign Language, a DAVIS240C, 240x180.
 
     100,800 recordings of about 100 ms and 28,000 events, `<letter>/<letter>_<id>.mat`, letters a to y
@@ -29,6 +27,3 @@ class ASLDVS(RandomSplitDataset):
         recordings=100_800,
     )
     aliases: ClassVar[dict[str, str]] = {f"Yin Bi - {letter}": letter for letter in "abcdefghiklmnopqrstuvwxy"}
-
-    def _view(self, recording: Recording) -> Recording:
-        return Mapped(recording, upright) if recording.format == "matlab" else recording

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from nvsdata.events import Columns, Events
+from nvsdata.datasets.base import EventDataset
+from nvsdata.events import Columns, Events, Recording
+from nvsdata.views import Mapped
+
+
+class Upright(EventDataset):
+    """A dataset whose .mat files count y from the bottom; it is turned where they are read."""
+
+    def _view(self, recording: Recording) -> Recording:
+        return Mapped(recording, upright) if recording.format == "matlab" else recording
 
 
 def upright(events: Events) -> Events:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.base import Archive, EventDataset, Info, Sample, numbered_fold
-from nvsdata.datasets.davis240 import upright
-from nvsdata.events import Recording
-from nvsdata.views import Mapped
+from nvsdata.datasets.base import Archive, Info, Sample, numbered_fold
+from nvsdata.datasets.davis240 import Upright
 
 CLASSES = """
     brush_hair cartwheel catch chew clap climb climb_stairs dive draw_sword dribble drink eat fall_floor fencing
@@ -20,7 +18,7 @@ LISTS = "https://serre-lab.clps.brown.edu/resource/hmdb-a-large-human-motion-dat
 PARTS = {"train": "1", "test": "2"}
 
 
-class HMDB51DVS(EventDataset):
+class HMDB51DVS(Upright):
     """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor before a DAVIS240C, 240x180.
 
     About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are HMDB51's
@@ -61,6 +59,3 @@ class HMDB51DVS(EventDataset):
                 f"no <class>_test_split{self.fold}.txt below {self.root}; HMDB51's split files are at {LISTS}"
             )
         return [sample for sample in found if (sample.label, sample.stem) in chosen]
-
-    def _view(self, recording: Recording) -> Recording:
-        return Mapped(recording, upright) if recording.format == "matlab" else recording

@@ -19,8 +19,9 @@ from tqdm import tqdm
 
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source
-from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, NAME, VERSION, checksum, crc_of
+from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, VERSION, checksum, crc_of
 from nvsdata.files import atomic
+from nvsdata.formats.hdf5 import STORE
 
 JOURNAL = "journal.jsonl"
 COPIED = 1 << 24  # events that are copied at once
@@ -209,7 +210,7 @@ def _assemble(part: _Part, dataset: EventDataset, path: Path, compress: bool) ->
         }
         for name in INDEX:
             file.create_dataset(f"index/{name}", data=index[name])
-        file.attrs.update(format=NAME, version=VERSION, dataset=dataset.info.name, checksum=checksum(index))
+        file.attrs.update(format=STORE, version=VERSION, dataset=dataset.info.name, checksum=checksum(index))
 
 
 def _side_files(dataset: EventDataset, part: _Part) -> dict[str, np.ndarray]:

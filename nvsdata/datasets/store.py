@@ -13,9 +13,10 @@ import numpy as np
 from nvsdata.datasets.source import Listing
 from nvsdata.errors import FormatError
 from nvsdata.events import EVER, Columns, Recording
+from nvsdata.formats.hdf5 import STORE
 from nvsdata.kernels.store import marked_range, stored_window
 
-NAME, VERSION = "nvsdata-store", 1
+VERSION = 1
 COLUMNS = ("t", "x", "y", "p")
 INDEX = (
     "offset",
@@ -46,8 +47,8 @@ class Store:
         self.root = path
         try:
             with h5py.File(path, "r") as file:
-                if file.attrs.get("format") != NAME:
-                    raise FormatError(path, None, f"is neither a folder nor a packed store (format {NAME!r})")
+                if file.attrs.get("format") != STORE:
+                    raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
                 if int(file.attrs["version"]) > VERSION:
                     raise FormatError(
                         path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"

@@ -6,10 +6,8 @@ import re
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.base import Archive, EventDataset, Info, Sample, numbered_fold
-from nvsdata.datasets.davis240 import upright
-from nvsdata.events import Recording
-from nvsdata.views import Mapped
+from nvsdata.datasets.base import Archive, Info, Sample, numbered_fold
+from nvsdata.datasets.davis240 import Upright
 
 UCF101_CLASSES = """
     ApplyEyeMakeup ApplyLipstick Archery BabyCrawling BalanceBeam BandMarching BaseballPitch Basketball
@@ -34,7 +32,7 @@ UCF50_CLASSES = """
 """.split()
 
 
-class _UCF(EventDataset):
+class _UCF(Upright):
     """`<Class>/v_<Class>_g<NN>_c<MM>.<suffix>`: the group gNN is of clips cut from one video."""
 
     smallest: ClassVar[int] = 1024
@@ -46,9 +44,6 @@ class _UCF(EventDataset):
 
     def _part(self, found: list[Sample]) -> Iterable[Sample]:
         raise NotImplementedError
-
-    def _view(self, recording: Recording) -> Recording:
-        return Mapped(recording, upright) if recording.format == "matlab" else recording
 
 
 class UCF101DVS(_UCF):

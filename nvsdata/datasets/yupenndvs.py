@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.base import EventDataset, Info, Sample
+from nvsdata.datasets.base import Info, Sample
+from nvsdata.datasets.davis240 import Upright
 
 CLASSES = (
     "beach",
@@ -25,12 +26,13 @@ CLASSES = (
 )
 
 
-class YUPENNDVS(EventDataset):
+class YUPENNDVS(Upright):
     """YUPENN-DVS (Bi et al. 2020): dynamic scenes on a monitor before a DAVIS240C, 240x180.
 
     14 scenes of 30 recordings each. Nobody describes how the files are laid out: class folders of
     recordings in any known format are read, names told without regard to case and spaces. One
-    recording is left out for testing: `fold` is its index among all (default 0).
+    recording is left out for testing: `fold` is its index among all (default 0). y of .mat files is taken
+    to count from the bottom, as in the other datasets of these authors.
     """
 
     info = Info(

@@ -25,6 +25,7 @@ from nvsdata.events import Recording as BaseRecording
 from nvsdata.kernels.order import never_falls
 
 NAME, VERSION = "nvsdata-events", 1
+STORE = "nvsdata-store"
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
 
 
@@ -39,6 +40,8 @@ class Recording(BaseRecording):
         try:
             with h5py.File(path, "r") as file:
                 own = file.attrs.get("format") == NAME
+                if file.attrs.get("format") == STORE:
+                    raise FormatError(path, None, "a packed store of many recordings: open it with its dataset's class")
                 if own and int(file.attrs["version"]) > VERSION:
                     reason = f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
                     raise FormatError(path, None, reason)

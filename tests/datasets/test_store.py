@@ -182,6 +182,11 @@ def test_a_file_that_is_no_store_is_refused(tmp_path):
         NMNIST(tmp_path / "a.h5")
 
 
+def test_a_store_is_no_recording(store):
+    with pytest.raises(FormatError, match="a packed store of many recordings"):
+        nvsdata.open(store)
+
+
 def test_the_smallest_types_that_fit_are_stored(store):
     with h5py.File(store) as file:
         kinds = {name: file[f"events/{name}"].dtype for name in "txyp"}
