@@ -23,7 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import trees
-from lookalikes import AEDAT3_HEADER, aedat3_packet, evt2_bytes, evt3_bytes, matlab_bytes
+from lookalikes import AEDAT3_HEADER, aedat3_packet, aedat4_bytes, evt2_bytes, evt3_bytes, matlab_bytes
 
 import nvsdata
 from nvsdata import FormatError
@@ -75,9 +75,8 @@ def make_samples(home: Path) -> dict[str, bytes]:
     for suffix in (".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat3"):
         nvsdata.write(ev, home / f"w{suffix}")
         samples[f"w{suffix}"] = (home / f"w{suffix}").read_bytes()
-    real = Path(__file__).parents[2] / "shared" / "data" / "samples" / "sample.aedat4"
-    if real.exists():
-        samples["a.aedat4"] = real.read_bytes()[:60_000]
+    for name, compression in (("plain", 0), ("lz4", 1), ("zstd", 3)):
+        samples[f"{name}.aedat4"] = aedat4_bytes(ev, compression)
     return samples
 
 

@@ -93,3 +93,36 @@ AEDAT3_HEADER = (
 def rows(ev: Events):
     """Events as tuples (t, x, y, p) of ints."""
     return zip(ev.t.tolist(), ev.x.tolist(), ev.y.tolist(), ev.p.tolist(), strict=True)
+
+
+def aedat4_bytes(ev: Events, compression: int = 0, size: tuple[int, int] = (320, 240), packet: int = 50) -> bytes:
+    """AEDAT 4 with a stream of events and one of something else, flatbuffers laid out by hand."""
+    xml = f"""<dv version="2.0"><node name="outInfo" path="/mainloop/Recorder/outInfo/">
+        <node name="0"><attr key="typeIdentifier" type="string">IMUS</attr></node>
+        <node name="1"><attr key="typeIdentifier" type="string">EVTS</attr>
+        <node name="info"><attr key="sizeX" type="int">{size[0]}</attr>
+        <attr key="sizeY" type="int">{size[1]}</attr></node></node></node></dv>""".encode()
+    # root offset, identifier, vtable (4, 8 and 16 are the fields' places), table, string
+    header = struct.pack("<I4s5H2x", 20, b"IOHE", 10, 20, 4, 8, 16) + struct.pack("<iiqI", 12, compression, -1, 4)
+    header += struct.pack("<I", len(xml)) + xml + b"\0"
+    out = b"#!AER-DAT4.0\r\n" + struct.pack("<I", len(header)) + header
+    events = list(rows(ev))
+    for start in range(0, len(events), packet):
+        out += _aedat4_packet(0, b"other", 0)
+        part = events[start : start + packet]
+        body = struct.pack("<I4s3H2xiI", 16, b"EVTS", 6, 8, 4, 8, 4) + struct.pack("<I", len(part))
+        body += b"".join(struct.pack("<qhhB3x", t, x, y, p) for t, x, y, p in part)
+        out += _aedat4_packet(1, struct.pack("<I", len(body)) + body, compression)
+    return out
+
+
+def _aedat4_packet(stream: int, body: bytes, compression: int) -> bytes:
+    if compression in (1, 2):
+        import lz4.frame
+
+        body = lz4.frame.compress(body)
+    elif compression in (3, 4):
+        import zstandard
+
+        body = zstandard.ZstdCompressor().compress(body)
+    return struct.pack("<ii", stream, len(body)) + body

@@ -32,7 +32,7 @@ INDEX = (
     "file_offset",
     "file_data",
 )
-MARKED = 1024  # events from one time in the index to the next
+MARKED = 256  # events from one time in the index to the next
 
 
 class Store:
@@ -44,7 +44,7 @@ class Store:
     """
 
     def __init__(self, path: Path) -> None:
-        self.root = path
+        self.root, self.path = path, str(path)
         try:
             with h5py.File(path, "r") as file:
                 if file.attrs.get("format") != STORE:
@@ -157,7 +157,7 @@ class StoredRecording(Recording):
     """A recording in a store; `format` is that of the file it was packed from."""
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
-        super().__init__(f"{store.root}:{store.names[number]}")
+        super().__init__(f"{store.path}:{store.names[number]}")
         self._store, self._number = store, number
         self.format = store.formats[number]  # type: ignore[misc]
         if sensor_size is None:

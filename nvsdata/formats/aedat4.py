@@ -1,18 +1,30 @@
-"""AEDAT 4 (iniVation DV), by the package `aedat` (extra `aedat4`): packets compressed by LZ4 or ZSTD.
+"""AEDAT 4 (iniVation DV), with the packages lz4 and zstandard (extra `aedat4`).
 
-Only the first stream of events is read. The packets of a file are read one after the other, so a
-window decodes the whole file.
+`#!AER-DAT4.0` CR LF, the length of a flatbuffer and the flatbuffer: compression, place of a table at
+the end, and XML that names the streams. Packets follow: stream and size as int32, then a flatbuffer,
+compressed as a whole; of events it holds a vector of 16-byte structs with times in µs. Only the first
+stream of events is read. Packets don't say their times before they are inflated, so a window decodes
+the whole file.
 """
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable, Iterator
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, empty_columns
 from nvsdata.events import Recording as BaseRecording
+from nvsdata.formats.records import bytes_of
+
+MAGIC = 14  # bytes
+EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
+LZ4, ZSTD = (1, 2), (3, 4)
+MOST = 1 << 30  # bytes that a packet may inflate to
 
 
 class Recording(BaseRecording):
@@ -22,49 +34,153 @@ class Recording(BaseRecording):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        stream = next((s for s in self._decoder().id_to_stream().values() if s["type"] == "events"), None)
-        if stream is None:
-            raise FormatError(path, None, "AEDAT 4 without a stream of events")
-        self._size = self._size or (stream["width"], stream["height"])
-
-    def _decoder(self) -> Any:
+        self._data = memoryview(bytes_of(path, head))
         try:
-            import aedat
+            (length,) = struct.unpack_from("<I", self._data, MAGIC)
+            self._first = MAGIC + 4 + length
+            if self._first > len(self._data):
+                raise FormatError(path, MAGIC, f"truncated: a header of {length} bytes")
+            header = _Table.root(self._data[MAGIC + 4 : self._first], 0, b"IOHE")
+            self._inflate = self._inflater(header.number(0, "<i", 0))
+            end = header.number(1, "<q", -1)
+            self._end = end if self._first <= end <= len(self._data) else len(self._data)
+            streams = ElementTree.fromstring(header.string(2))
+            self._stream, stated = _events_stream(streams)
+        except (struct.error, ValueError, IndexError, ElementTree.ParseError) as error:
+            raise error if isinstance(error, FormatError) else self._fault(MAGIC, error) from error
+        self._size = self._size or stated
+
+    def _fault(self, at: int, error: BaseException) -> FormatError:
+        return FormatError(self.path, at, f"damaged AEDAT 4: {error}")
+
+    def _inflater(self, compression: int) -> Callable[[memoryview], bytes]:
+        try:
+            if compression in LZ4:
+                import lz4.frame
+
+                return lambda packet: bytes(lz4.frame.decompress(packet))
+            if compression in ZSTD:
+                import zstandard
+
+                return lambda packet: _unzstd(zstandard, packet)
         except ImportError as error:
-            raise ImportError(
-                f"{self.path}: reading AEDAT 4 needs the package aedat: pip install 'nvsdata[aedat4]'"
-            ) from error
-        try:
-            return aedat.Decoder(self.path)
-        except BaseException as error:
-            raise self._fault(error) from error
+            reason = f"{self.path}: AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata[aedat4]'"
+            raise ImportError(reason) from error
+        if compression:
+            raise ValueError(f"unknown compression {compression}")
+        return bytes
 
-    def _fault(self, error: BaseException) -> BaseException:
-        """What to raise: the package panics on damage, which Python sees as no Exception."""
-        if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
-            return error
-        return FormatError(self.path, None, f"damaged AEDAT 4: {error}")
+    def _packets(self) -> Iterator[tuple[int, memoryview]]:
+        """Place and bytes of the packets of the stream."""
+        at = self._first
+        while at + 8 <= self._end:
+            stream, size = struct.unpack_from("<ii", self._data, at)
+            if not 0 <= size <= self._end - at - 8:
+                raise FormatError(self.path, at, f"truncated: a packet of {size} bytes, {self._end - at - 8} are left")
+            if stream == self._stream:
+                yield at, self._data[at + 8 : at + 8 + size]
+            at += 8 + size
+        if at < self._end:
+            raise FormatError(self.path, at, f"truncated: {self._end - at} bytes are left over")
 
     def _decode(self) -> Columns:
-        parts = []
+        parts: list[np.ndarray] = []
         try:
-            for packet in self._decoder():
-                if "events" in packet:
-                    parts.append(packet["events"])
-        except BaseException as error:
-            fault = self._fault(error)
-            if self.strict or not isinstance(fault, FormatError):
-                raise fault from error
+            for at, packet in self._packets():
+                parts.append(self._events_of(at, packet))
+        except FormatError:
+            if self.strict or not parts:
+                raise
             self._repair("packets from the first damaged one on, cut off", 1)
         if not parts:
             return empty_columns()
         events = np.concatenate(parts)
-        width, height = self.sensor_size
-        x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
-        bad = (x >= width) | (y >= height)
-        if bad.any() and self.strict:
-            reason = f"event {int(np.argmax(bad))}: coordinates outside the sensor of {width}x{height}"
-            raise FormatError(self.path, None, reason)
-        return Columns(
-            events["t"].astype(np.int64), x.astype(np.int16), y.astype(np.int16), events["on"].astype(np.uint8)
+        width, height = self._size or (1 << 15, 1 << 15)
+        bad = (
+            (events["x"] < 0)
+            | (events["y"] < 0)
+            | (events["x"] >= width)
+            | (events["y"] >= height)
+            | (events["on"] > 1)
         )
+        if bad.any() and self.strict:
+            reason = f"event {int(np.argmax(bad))}: outside the sensor of {width}x{height}, or no polarity"
+            raise FormatError(self.path, None, reason)
+        return Columns(*(np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")))
+
+    def _events_of(self, at: int, packet: memoryview) -> np.ndarray:
+        try:
+            payload = memoryview(self._inflate(packet))
+            first, count = _Table.root(payload, 4, b"EVTS").vector(0)
+            if count * EVENT.itemsize > len(payload) - first:
+                raise ValueError(f"{count} events in {len(payload)} bytes")
+            return np.frombuffer(payload, EVENT, count, first)
+        except Exception as error:  # lz4 and zstandard have errors of their own
+            raise self._fault(at, error) from error
+
+
+class _Table:
+    """A table of a flatbuffer: where its fields lie. struct.error or ValueError if it is broken."""
+
+    def __init__(self, data: memoryview, at: int) -> None:
+        self.data, self.at = data, at
+        self.fields = at - self._read("<i", at)
+
+    @classmethod
+    def root(cls, data: memoryview, start: int, name: bytes) -> _Table:
+        """The table that the buffer at `start` begins with; its identifier must be `name`."""
+        if bytes(data[start + 4 : start + 8]) != name:
+            raise ValueError(f"no {name.decode()} but {bytes(data[start + 4 : start + 8])!r}")
+        return cls(data, start + struct.unpack_from("<I", data, start)[0])
+
+    def _read(self, kind: str, at: int) -> int:
+        if at < 0:
+            raise ValueError("an offset that leads before the buffer")
+        value: int = struct.unpack_from(kind, self.data, at)[0]
+        return value
+
+    def _place(self, field: int) -> int:
+        """Where a field lies; 0 if it is left out."""
+        inside = 4 + 2 * field < self._read("<H", self.fields)
+        offset = self._read("<H", self.fields + 4 + 2 * field) if inside else 0
+        return self.at + offset if offset else 0
+
+    def number(self, field: int, kind: str, default: int) -> int:
+        """A number."""
+        place = self._place(field)
+        return self._read(kind, place) if place else default
+
+    def vector(self, field: int) -> tuple[int, int]:
+        """First byte and length of a vector."""
+        place = self._place(field)
+        if not place:
+            return 0, 0
+        place += self._read("<I", place)
+        return place + 4, self._read("<I", place)
+
+    def string(self, field: int) -> str:
+        """A string."""
+        first, length = self.vector(field)
+        if length > len(self.data) - first:
+            raise ValueError(f"a string of {length} bytes beyond the buffer")
+        return bytes(self.data[first : first + length]).decode("utf-8")
+
+
+def _events_stream(root: Any) -> tuple[int, tuple[int, int] | None]:
+    """Number of the first stream of events, and the size of its sensor."""
+    for node in root.iter("node"):
+        attributes = {attr.get("key"): attr.text or "" for attr in node.findall("attr")}
+        if attributes.get("typeIdentifier") != "EVTS":
+            continue
+        inner = {attr.get("key"): attr.text or "" for info in node.findall("node") for attr in info.findall("attr")}
+        stated = (int(inner.get("sizeX", 0)), int(inner.get("sizeY", 0)))
+        return int(node.get("name", "")), stated if all(0 < side < 1 << 15 for side in stated) else None
+    raise ValueError("no stream of events")
+
+
+def _unzstd(zstandard: Any, packet: memoryview) -> bytes:
+    size = zstandard.get_frame_parameters(packet).content_size
+    if MOST < size < (1 << 64) - 2:  # the two last numbers say that it isn't known
+        raise ValueError(f"a packet that inflates to {size} bytes")
+    inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MOST)
+    return inflated

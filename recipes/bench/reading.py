@@ -48,12 +48,14 @@ def main() -> None:
     torch.set_num_threads(1)
     rows = []
     with tempfile.TemporaryDirectory() as home:
-        for row in (
-            *decoding(Path(home)),
-            *matlab_files(Path(home)),
-            *store(Path(home), args.recordings),
-            *listing(Path(home), args.files),
-        ):
+        # the listing first: in a process full of objects Python's garbage collector takes longer
+        parts = (
+            lambda: listing(Path(home), args.files),
+            lambda: decoding(Path(home)),
+            lambda: matlab_files(Path(home)),
+            lambda: store(Path(home), args.recordings),
+        )
+        for row in (row for part in parts for row in part()):
             print("  ".join(f"{key} {value}" for key, value in row.items()), flush=True)
             rows.append(row)
     if args.out:
