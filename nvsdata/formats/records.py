@@ -15,7 +15,8 @@ from nvsdata.kernels.decode import WRAP_US
 from nvsdata.kernels.order import never_falls
 
 LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends here whatever follows
-_PRINTABLE = re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")
+# an AEDAT record may begin with the mark by chance; Prophesee's hardly do, but their headers may hold foreign names
+_PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
 HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
 
 
@@ -142,8 +143,7 @@ def header_lines(head: bytes | mmap.mmap, mark: bytes) -> tuple[list[str], int]:
     while head[end : end + len(mark)] == mark:
         newline = head.find(b"\n", end)
         line = head[end:newline] if newline >= 0 else b"\0"
-        # a record may begin with the mark's byte by chance
-        if not _PRINTABLE.fullmatch(line):
+        if not _PRINTABLE[mark].fullmatch(line):
             break
         lines.append(line.decode("latin-1").rstrip("\r"))
         end = newline + 1

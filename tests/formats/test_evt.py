@@ -104,3 +104,10 @@ def test_first_and_last_of_the_real_files(shared_samples):
     three = list(rows(nvsdata.read(shared_samples / "evt3_sample.raw")))
     assert (len(two), two[0]) == (539_481, (1317888, 237, 121, 1))
     assert (three[0], three[-1]) == ((11718656, 874, 200, 0), (11727457, 1218, 572, 1))
+
+
+def test_a_header_may_hold_names_in_any_script(tmp_path):
+    ev = Events([5, 6], [1, 2], [3, 4], [1, 0], (640, 480))
+    header = b"% evt 2.0\n% integrator M\xc3\xbcller\n% geometry 640x480\n% end\n"
+    (tmp_path / "a.raw").write_bytes(evt2_bytes(ev, header))
+    assert nvsdata.read(tmp_path / "a.raw") == ev
