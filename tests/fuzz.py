@@ -5,12 +5,14 @@
 Each round damages a sample file by a number that is printed if the round fails, so that
 `--only NUMBER` does it again. A round fails if reading neither gives valid Events nor raises
 FormatError, takes longer than five seconds, or takes memory beyond a few times the file's size.
-The round in hand is kept in FUZZ_ROUND, in case the process dies of it.
+The round in hand is kept in `nvsdata-fuzz-round` in the system's folder for temporary files, in
+case the process dies of it; a round that hangs is ended, and the process with it, after a minute.
 """
 
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import resource
 import sys
 import tempfile
@@ -28,7 +30,7 @@ from lookalikes import AEDAT3_HEADER, aedat3_packet, aedat4_bytes, evt2_bytes, e
 import nvsdata
 from nvsdata import FormatError
 
-SLOW_S = 5.0
+SLOW_S, HANGING_S = 5.0, 60.0
 MEMORY = 256 << 20  # bytes that reading a file of some kB may add to the most the process had
 
 
@@ -40,12 +42,14 @@ def main() -> int:
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     end = time.monotonic() + 60 * args.minutes
+    in_hand = Path(tempfile.gettempdir(), "nvsdata-fuzz-round")
     with tempfile.TemporaryDirectory() as home:
         samples = make_samples(Path(home))
         counts = dict.fromkeys(samples, 0)
         number, failed = args.seed if args.only is None else args.only, 0
         while time.monotonic() < end:
-            Path(home, "FUZZ_ROUND").write_text(str(number))
+            in_hand.write_text(str(number))
+            faulthandler.dump_traceback_later(HANGING_S, exit=True)
             name, fault = attempt(number, samples, Path(home))
             counts[name] += 1
             if fault:

@@ -21,7 +21,7 @@ from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source
 from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, VERSION, checksum, crc_of
 from nvsdata.files import atomic
-from nvsdata.formats.hdf5 import STORE
+from nvsdata.formats.hdf5 import STORE, WRITING
 
 JOURNAL = "journal.jsonl"
 COPIED = 1 << 24  # events that are copied at once
@@ -189,7 +189,7 @@ def _assemble(part: _Part, dataset: EventDataset, path: Path, compress: bool) ->
     kinds = part.kinds | {"t": np.dtype(np.uint32 if longest <= NARROW else np.int64)}
     chunk = min(1 << 16, part.report.events)
     options = {"chunks": (chunk,), "compression": "gzip", "shuffle": True} if compress else {}
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", **WRITING) as file:
         for name in COLUMNS:
             column = file.create_dataset(f"events/{name}", shape=raw[name].shape, dtype=kinds[name], **options)
             for start in range(0, len(raw[name]), COPIED):
@@ -210,7 +210,9 @@ def _assemble(part: _Part, dataset: EventDataset, path: Path, compress: bool) ->
         }
         for name in INDEX:
             file.create_dataset(f"index/{name}", data=index[name])
-        file.attrs.update(format=STORE, version=VERSION, dataset=dataset.info.name, checksum=checksum(index))
+        file.attrs.update(
+            format=np.bytes_(STORE), version=VERSION, dataset=np.bytes_(dataset.info.name), checksum=checksum(index)
+        )
 
 
 def _side_files(dataset: EventDataset, part: _Part) -> dict[str, np.ndarray]:

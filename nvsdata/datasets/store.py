@@ -13,7 +13,7 @@ import numpy as np
 from nvsdata.datasets.source import Listing
 from nvsdata.errors import FormatError
 from nvsdata.events import EVER, Columns, Recording
-from nvsdata.formats.hdf5 import STORE
+from nvsdata.formats.hdf5 import STORE, text_of
 from nvsdata.kernels.store import marked_range, stored_window
 
 VERSION = 1
@@ -47,13 +47,13 @@ class Store:
         self.root, self.path = path, str(path)
         try:
             with h5py.File(path, "r") as file:
-                if file.attrs.get("format") != STORE:
+                if text_of(file, "format") != STORE:
                     raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
                 if int(file.attrs["version"]) > VERSION:
                     raise FormatError(
                         path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
                     )
-                self.dataset = str(file.attrs["dataset"])
+                self.dataset = text_of(file, "dataset")
                 index = {name: np.asarray(file[f"index/{name}"][()]) for name in INDEX}
                 if checksum(index) != int(file.attrs["checksum"]):
                     raise FormatError(path, None, "its index fails its checksum: pack it again")

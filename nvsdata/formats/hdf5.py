@@ -26,6 +26,8 @@ from nvsdata.kernels.order import never_falls
 
 NAME, VERSION = "nvsdata-events", 1
 STORE = "nvsdata-store"
+# the newer layout has checksums, and texts of fixed length need no heap: the library loops on some damaged ones
+WRITING: dict[str, Any] = {"libver": ("v110", "latest")}
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
 
 
@@ -39,8 +41,8 @@ class Recording(BaseRecording):
         self._offset = 0
         try:
             with h5py.File(path, "r") as file:
-                own = file.attrs.get("format") == NAME
-                if file.attrs.get("format") == STORE:
+                own = text_of(file, "format") == NAME
+                if text_of(file, "format") == STORE:
                     raise FormatError(path, None, "a packed store of many recordings: open it with its dataset's class")
                 if own and int(file.attrs["version"]) > VERSION:
                     reason = f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
@@ -120,6 +122,12 @@ class Recording(BaseRecording):
         return (int(t[0:1][0]) + self._offset, int(t[t.size - 1 :][0]) + self._offset) if t.size else (0, 0)
 
 
+def text_of(file: Any, name: str) -> str:
+    """An attribute of a file, empty if it has none."""
+    value = file.attrs.get(name, b"")
+    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
+
+
 class Column:
     """A column, in memory where it lies in the file as it is; otherwise h5py reads the slices asked for."""
 
@@ -166,7 +174,9 @@ def _map(path: str) -> mmap.mmap:
 
 def write(events: Events, path: Path) -> None:
     """Write the four columns, contiguous and uncompressed."""
-    with h5py.File(path, "w") as file:
-        file.attrs.update(format=NAME, version=VERSION, width=events.sensor_size[0], height=events.sensor_size[1])
+    with h5py.File(path, "w", **WRITING) as file:
+        file.attrs.update(
+            format=np.bytes_(NAME), version=VERSION, width=events.sensor_size[0], height=events.sensor_size[1]
+        )
         for name, column in events.columns._asdict().items():
             file.create_dataset(f"events/{name}", data=column, dtype=TYPES[name])
