@@ -107,6 +107,23 @@ def test_a_stopped_run_goes_on(digits, tmp_path, monkeypatch, torn):
     check_same(NMNIST(tmp_path / "whole.h5"), NMNIST(tmp_path / "a.h5"))
 
 
+def test_what_was_left_out_is_tried_again_after_a_stop(digits, tmp_path, monkeypatch):
+    broken = digits / "Test/0/00001.bin"
+    sound = broken.read_bytes()
+    broken.write_bytes(b"abc")
+
+    def stops(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(packing, "_assemble", stops)
+        with pytest.raises(KeyboardInterrupt):
+            pack(NMNIST(digits, "all"), tmp_path / "a.h5")
+    broken.write_bytes(sound)
+    assert pack(NMNIST(digits, "all"), tmp_path / "a.h5").skipped == {}
+    check_same(NMNIST(digits, "test"), NMNIST(tmp_path / "a.h5", "test"))
+
+
 def test_several_jobs_write_the_same(digits, tmp_path):
     pack(NMNIST(digits, "all"), tmp_path / "one.h5")
     pack(NMNIST(digits, "all"), tmp_path / "two.h5", jobs=2)
