@@ -51,16 +51,6 @@ FORMATS = (
     Format("text", "text", (".txt", ".csv", ".text")),
     Format("atis", "atis", (".bin", ".bs2")),
 )
-# what an extension means for writing
-WRITTEN = {
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".aedat": "aedat2",
-    ".aedat3": "aedat3",
-    ".dat": "prophesee",
-    ".txt": "text",
-    ".bin": "atis",
-}
 _FIRST_BYTES = b"\x89#%M"  # of the formats that begin with something
 
 
@@ -99,13 +89,13 @@ def write(events: Events | Recording, path: str | os.PathLike[str]) -> None:
     the format can't hold (every format but HDF5 and text has such).
     """
     suffix = Path(path).suffix.lower()
-    named = WRITTEN.get(suffix)
-    if named is None:
-        known = ", ".join(WRITTEN)
+    module = next((f.load() for f in FORMATS if suffix in f.suffixes), None)
+    if module is None or not hasattr(module, "write"):
+        known = ", ".join(s for f in FORMATS if hasattr(f.load(), "write") for s in f.suffixes)
         raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
     whole = events if isinstance(events, Events) else events.read()
     with atomic(path) as temporary:
-        _module(named).write(whole, temporary)
+        module.write(whole, temporary)
 
 
 def suffixes() -> tuple[str, ...]:

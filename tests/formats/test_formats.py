@@ -173,3 +173,10 @@ def assert_valid_or_refused(path, strict):
     assert (np.diff(ev.t) >= 0).all()
     assert ((ev.x >= 0) & (ev.x < ev.sensor_size[0]) & (ev.y >= 0) & (ev.y < ev.sensor_size[1])).all()
     assert np.isin(ev.p, (0, 1)).all()
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".text", ".hdf5", ".bs2"])
+def test_every_extension_of_a_format_that_is_written_can_be_written(tmp_path, suffix):
+    ev = Events([100, 200], [1, 2], [3, 4], [0, 1], (34, 34))
+    nvsdata.write(ev, tmp_path / f"a{suffix}")
+    assert nvsdata.read(tmp_path / f"a{suffix}", sensor_size=(34, 34)) == ev
