@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from nvsdata.errors import FormatError
 from nvsdata.kernels.order import never_falls
 
 if TYPE_CHECKING:
@@ -242,13 +243,30 @@ class Recording(ABC):
         """The columns as they are or, if not `strict`, without what no Events can hold."""
         if self.strict:
             return columns
-        t, x, y, p = columns
-        width, height = self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height) & (p <= 1)
-        self._repair("events outside the sensor, dropped", int(t.size - np.count_nonzero(inside)))
-        columns = Columns(*(column[inside] for column in columns))
+        columns = Columns(*self._inside(columns))
         self._repair("steps back in time, sorted", int(np.count_nonzero(columns.t[1:] < columns.t[:-1])))
         return columns
+
+    @property
+    def _limits(self) -> tuple[int, int]:
+        """Width and height that coordinates must stay below."""
+        return self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
+
+    def _inside(self, columns: Sequence[np.ndarray], first: int = 0) -> Sequence[np.ndarray]:
+        """Columns t, x, y, p of any type without events outside the sensor or of other polarity than 0 and 1.
+
+        If `strict`, FormatError for such an event, counted from `first`.
+        """
+        _, x, y, p = columns
+        width, height = self._limits
+        bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
+        if not bad.any():
+            return columns
+        if self.strict:
+            where = f"event {first + int(np.argmax(bad))}"
+            raise FormatError(self.path, None, f"{where}: outside the sensor of {width}x{height}, or no polarity")
+        self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
+        return [column[~bad] for column in columns]
 
     def _repair(self, what: str, count: int) -> None:
         """Note what was left out or put right; `repairs` tells of the last time that it was met."""

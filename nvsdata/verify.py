@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from nvsdata import formats
 from nvsdata.datasets import DATASETS
-from nvsdata.datasets.source import Folder, Listing, Source
+from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store import Store
 from nvsdata.formats.text import looks_like
 
@@ -21,16 +21,23 @@ def problems(root: Path, dataset: str | None = None) -> Iterator[tuple[str, str]
     sensor is that of `dataset` if one is named; its class then says which files are recordings.
     FileNotFoundError if there is nothing at `root`, FormatError for a file that is no store.
     """
+    if not root.exists():
+        raise FileNotFoundError(f"{root}: there is nothing to verify")
     size = None
-    source: Source = Folder(root) if root.is_dir() else Store(root)
+    source: Source
     if dataset is not None:
         found = DATASETS[dataset](root, "all")
         source, names, size = found.source, found.recording_names(), found.opened_with
         yield from ((name, "empty") for name in found.skipped)
-    elif isinstance(source, Store):
+    elif root.is_file():
+        source = Store(root)
         names = source.names
     else:
-        names = list(_recordings(root, source.listing()))
+        source = Folder(root)
+        # lists of splits and labels are text, too
+        texts = (".txt", ".csv")
+        found_names = recordings_in(source.listing())
+        names = [n for n in found_names if not (n.lower().endswith(texts) and _is_list(root / n))]
     if not names:
         raise FileNotFoundError(f"no recordings below {root}")
     for name in tqdm(names, "verifying", unit="rec", disable=None):
@@ -38,15 +45,6 @@ def problems(root: Path, dataset: str | None = None) -> Iterator[tuple[str, str]
             yield name, fault
         if isinstance(source, Store) and source.damaged(name):
             yield name, "its events fail their checksum"
-
-
-def _recordings(root: Path, listing: Listing) -> Iterator[str]:
-    known = formats.suffixes()
-    for folder, files in listing.items():
-        for file in files:
-            name = file if folder == "." else f"{folder}/{file}"
-            if file.lower().endswith(known) and not (file.lower().endswith((".txt", ".csv")) and _is_list(root / name)):
-                yield name
 
 
 def _is_list(path: Path) -> bool:

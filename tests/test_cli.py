@@ -157,7 +157,7 @@ def test_convert_between_formats(tmp_path, capsys):
         (["pack", ".", "--dataset", "mnist", "--out", "a.h5"], "no dataset 'mnist'"),
         (["download", "asl-dvs", "--root", "asl"], "with a browser from https://"),
         (["download", "yupenn-dvs"], "can't be downloaded"),
-        (["verify", "nowhere"], "nowhere"),
+        (["verify", "nowhere"], "nowhere: there is nothing to verify"),
         (["convert", "nowhere", "a.h5"], "nowhere"),
     ],
 )

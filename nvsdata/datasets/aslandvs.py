@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import scipy.io
 
-from nvsdata import formats
 from nvsdata.datasets.base import Archive, Info, numbered_fold
 from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.source import joined, recordings_in
 from nvsdata.events import Recording
 
 CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
@@ -88,16 +88,14 @@ class ASLANDVS(Upright):
 
     def _by_name(self) -> dict[str, str]:
         """Recordings by the name of their file and by the number it ends in."""
-        known = formats.suffixes()
         names = {}
-        for folder, files in self.listing.items():
-            for file in files:
-                if file.lower().endswith(known) and file not in (CSV, VIEW2):
-                    stem = file.rsplit(".", 1)[0]
-                    where = file if folder == "." else f"{folder}/{file}"
-                    names[stem] = where
-                    if number := re.search(r"(\d+)$", stem):
-                        names.setdefault(str(int(number[1])), where)
+        for where in recordings_in(self.listing):
+            file = where.rsplit("/", 1)[-1]
+            if file not in (CSV, VIEW2):
+                stem = file.rsplit(".", 1)[0]
+                names[stem] = where
+                if number := re.search(r"(\d+)$", stem):
+                    names.setdefault(str(int(number[1])), where)
         return names
 
     def _pairs(self) -> Iterator[tuple[int, str, str, int]]:
@@ -113,7 +111,7 @@ class ASLANDVS(Upright):
         folder = next((folder for folder, names in self.listing.items() if VIEW2 in names), None)
         if folder is None:
             raise FileNotFoundError(f"neither {VIEW2} nor {CSV} below {self.root}; ASLAN's page has View 2")
-        pairs = scipy.io.loadmat(io.BytesIO(self.source.data(f"{folder}/{VIEW2}"))).get(VARIABLE)
+        pairs = scipy.io.loadmat(io.BytesIO(self.source.data(joined(folder, VIEW2)))).get(VARIABLE)
         if pairs is None or pairs.ndim != 3 or pairs.shape[1] < 3:
             raise ValueError(f"{VIEW2} holds no {VARIABLE} of [pairs, 5, folds]")
         for fold in range(pairs.shape[2]):

@@ -12,8 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from torch.utils.data import Dataset
 
-from nvsdata import formats
-from nvsdata.datasets.source import Folder, Source
+from nvsdata.datasets.source import Folder, Source, joined, recordings_in
 from nvsdata.datasets.splits import stratified
 from nvsdata.events import Recording
 from nvsdata.views import Slice
@@ -29,9 +28,14 @@ class Sample(NamedTuple):
     window: tuple[int, int] | None = None
 
     @property
+    def file(self) -> str:
+        """The file's name."""
+        return self.name.rsplit("/", 1)[-1]
+
+    @property
     def stem(self) -> str:
         """The file's name without its extension."""
-        return self.name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
+        return self.file.rsplit(".", 1)[0]
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ class Archive:
 
 @dataclass(frozen=True)
 class Info:
-    """Facts about a dataset. `recordings` is how many there are, `folds` how many choices of `fold`."""
+    """Facts about a dataset. `recordings` is how many there are."""
 
     name: str
     sensor_size: tuple[int, int] | None
@@ -136,21 +140,19 @@ class EventDataset(Dataset[tuple[Any, Any]]):
 
     def _found(self) -> list[Sample]:
         """All recordings, by class, then by name: whatever folders they were sorted into."""
-        known = formats.suffixes()
         by_label: dict[int, list[list[Sample]]] = {}
         for folder, names in self.listing.items():
             label = self._label_of(folder)
             if label is None:
                 continue
-            front = "" if folder == "." else folder + "/"
-            files = [front + name for name in names if name.endswith(known) or name.lower().endswith(known)]
+            files = recordings_in({folder: names})
             # by _make, for there may be 100,000
             by_label.setdefault(label, []).append(list(map(Sample._make, zip(files, repeat(label), repeat(None)))))
         found: list[Sample] = []
         for label in sorted(by_label):
             samples = list(chain.from_iterable(by_label[label]))
-            # one folder is in order already
-            found += samples if len(by_label[label]) == 1 else sorted(samples, key=lambda s: (s.stem, s.name))
+            # one folder is in order already: by file name, as several are put
+            found += samples if len(by_label[label]) == 1 else sorted(samples, key=lambda s: (s.file, s.name))
         if self.smallest:
             self.skipped = [sample.name for sample in found if self.source.size(sample.name) < self.smallest]
             dropped = set(self.skipped)
@@ -179,6 +181,10 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         if not chosen:
             raise FileNotFoundError(f"no folder {self.split.capitalize()} below {self.root}; {self._how_to_get()}")
         return chosen
+
+    def _held_out(self, found: list[Sample], for_testing: Callable[[Sample], bool]) -> list[Sample]:
+        """The samples of the split where a rule says which are for testing, and all others are for training."""
+        return [s for s in found if self.split == "all" or for_testing(s) == (self.split == "test")]
 
     def _part_of(self, folder: str) -> str | None:
         for part in folder.lower().split("/"):
@@ -223,8 +229,7 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         """Text of the file of that name, wherever it lies below the root; None if it doesn't."""
         for folder, names in self.listing.items():
             if name in names:
-                where = name if folder == "." else f"{folder}/{name}"
-                return self.source.data(where).decode("utf-8-sig", "replace")
+                return self.source.data(joined(folder, name)).decode("utf-8-sig", "replace")
         return None
 
     def __len__(self) -> int:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Iterator
+from functools import cached_property
 
 from nvsdata.datasets.base import Archive, EventDataset, Info, Sample
+from nvsdata.datasets.source import joined
 
 CLASSES = (
     "hand_clapping",
@@ -49,25 +51,30 @@ class DVS128Gesture(EventDataset):
         """One sample a labelled gesture, by trial."""
         found: list[Sample] = []
         for folder, names in self.listing.items():
-            front = "" if folder == "." else folder + "/"
             for name in names:
                 stem, _, suffix = name.rpartition(".")
                 if suffix.lower() in ("aedat", "aedat3", "h5") and f"{stem}_labels.csv" in names:
-                    labels = self.source.data(f"{front}{stem}_labels.csv").decode("utf-8-sig")
-                    found += [Sample(front + name, label, window) for label, window in _gestures(front + name, labels)]
+                    trial = joined(folder, name)
+                    labels = self.source.data(joined(folder, f"{stem}_labels.csv")).decode("utf-8-sig")
+                    found += [Sample(trial, label, window) for label, window in _gestures(trial, labels)]
         return sorted(found, key=lambda sample: (sample.stem, sample.window))
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         listed = self._side_file(f"trials_to_{self.split}.txt")
         if listed is not None:
             trials = {line.strip().rsplit(".", 1)[0] for line in listed.splitlines() if line.strip()}
-            chosen = [sample for sample in found if sample.stem in trials]
-        else:
-            part = self.split
-            chosen = [s for s in found if part == "all" or (_user(s) >= FIRST_TEST_USER) == (part == "test")]
-        self.users = [_user(sample) for sample in chosen]
-        self.lightings = [sample.stem.split("_", 1)[1] for sample in chosen]
-        return chosen
+            return [sample for sample in found if sample.stem in trials]
+        return self._held_out(found, lambda sample: _user(sample) >= FIRST_TEST_USER)
+
+    @cached_property
+    def users(self) -> list[int]:
+        """Number of the person of each sample."""
+        return [_user(sample) for sample in self.samples]
+
+    @cached_property
+    def lightings(self) -> list[str]:
+        """Lighting of each sample."""
+        return [sample.stem.split("_", 1)[1] for sample in self.samples]
 
 
 def _user(sample: Sample) -> int:

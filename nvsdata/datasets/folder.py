@@ -8,6 +8,7 @@ from typing import Any
 
 from nvsdata import formats
 from nvsdata.datasets.base import EventDataset, Info, Sample
+from nvsdata.datasets.source import recordings_in
 
 
 class EventFolder(EventDataset):
@@ -55,13 +56,12 @@ class EventFolder(EventDataset):
         return sorted(names)
 
     def _found(self) -> list[Sample]:
-        known = formats.suffixes()
         home = "" if self.split == "all" else self.split + "/"
         found = []
         for folder, names in self.listing.items():
             label = self.class_to_idx.get(folder[len(home) :].split("/")[0]) if folder.startswith(home) else None
             if label is not None:
-                found += [Sample(f"{folder}/{name}", label) for name in names if name.lower().endswith(known)]
+                found += [Sample(name, label) for name in recordings_in({folder: names})]
         return sorted(found, key=lambda sample: (sample.label, sample.name))
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
@@ -69,13 +69,7 @@ class EventFolder(EventDataset):
 
     def recording_names(self) -> list[str]:
         # those of all splits: which folders are classes depends on the split
-        known = formats.suffixes()
-        return [
-            f"{folder}/{name}"
-            for folder, names in self.listing.items()
-            for name in names
-            if folder != "." and name.lower().endswith(known)
-        ]
+        return [name for name in recordings_in(self.listing) if "/" in name]
 
     def _how_to_get(self) -> str:
         return f"it needs class folders with recordings ({', '.join(formats.suffixes())})"

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nvsdata.datasets.base import Archive, Info, RandomSplitDataset, Sample
+from nvsdata.datasets.source import joined
 from nvsdata.errors import FormatError
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
@@ -85,7 +86,8 @@ class NCaltech101(RandomSplitDataset):
         wanted = "annotation" + sample.stem.removeprefix("image") + ".bin"
         for folder, names in self.listing.items():
             if self._label_of(folder) == sample.label and wanted in names:
-                return _box(f"{folder}/{wanted}", self.source.data(f"{folder}/{wanted}"))
+                where = joined(folder, wanted)
+                return _box(where, self.source.data(where))
         return None
 
     def _download(self) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.source import Source
+from nvsdata.datasets.source import Source, joined
 from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, VERSION, checksum, crc_of
 from nvsdata.files import atomic
 from nvsdata.formats.hdf5 import STORE, WRITING
@@ -137,12 +137,13 @@ class _Part:
         whole = 0
         for line in lines:
             # the last line may be torn; a recording that has gone makes all after it worthless
-            if not line.endswith(b"\n") or json.loads(line)["name"] not in names:
+            facts = json.loads(line) if line.endswith(b"\n") else {}
+            if facts.get("name") not in names:
                 break
             whole += len(line)
             # what was left out is tried again: it may have been mended meanwhile
-            if "skipped" not in json.loads(line):
-                self._note(json.loads(line))
+            if "skipped" not in facts:
+                self._note(facts)
         if journal.exists():
             os.truncate(journal, whole)
         events = self.report.events
@@ -223,7 +224,7 @@ def _side_files(dataset: EventDataset, part: _Part) -> dict[str, np.ndarray]:
     recordings = part.done
     for folder, files in dataset.listing.items():
         for file in files:
-            name = file if folder == "." else f"{folder}/{file}"
+            name = joined(folder, file)
             if name not in recordings and dataset.source.size(name) <= MOST_SIDE_BYTES:
                 names.append(name)
                 blobs.append(dataset.source.data(name))

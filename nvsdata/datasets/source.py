@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -19,6 +20,18 @@ DEEPEST = 8  # levels of folders, in case links make a circle
 
 Listing = dict[str, list[str]]
 """Folder, relative to the root with slashes, to its sorted file names."""
+
+
+def joined(folder: str, name: str) -> str:
+    """Path of a listed file below the root."""
+    return name if folder == "." else f"{folder}/{name}"
+
+
+def recordings_in(listing: Listing) -> Iterator[str]:
+    """Paths of the listed files whose extension a known format has."""
+    known = formats.suffixes()
+    for folder, names in listing.items():
+        yield from (joined(folder, name) for name in names if name.endswith(known) or name.lower().endswith(known))
 
 
 class Source(Protocol):
@@ -60,7 +73,7 @@ class Folder:
             found[folder] = sorted(name for name in names if not name.startswith("."))
         found = {folder: found[folder] for folder in sorted(found)}
         if sum(map(len, found.values())) >= REMEMBERED:
-            self._remember({"version": VERSION, "made": made, "times": times, "files": found})
+            self._remember(made, times, found)
         return found
 
     def _remembered(self) -> Listing | None:
@@ -78,13 +91,12 @@ class Folder:
             return None
         return files
 
-    def _remember(self, index: dict[str, object]) -> None:
+    def _remember(self, made: int, times: dict[str, int], files: Listing) -> None:
+        index = {"version": VERSION, "made": made, "times": times, "files": files}
         try:
             with atomic(self.root / INDEX) as temporary:
                 temporary.write_text(json.dumps(index))
             # writing it touched the root, which else would seem to have changed
-            times = index["times"]
-            assert isinstance(times, dict)
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:
             pass  # a folder that can't be written to is listed anew each time

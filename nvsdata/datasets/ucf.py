@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import cached_property
 from typing import ClassVar
 
 from nvsdata.datasets.base import Archive, Info, Sample, numbered_fold
@@ -37,13 +38,10 @@ class _UCF(Upright):
 
     smallest: ClassVar[int] = 1024
 
-    def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        chosen = list(self._part(found))
-        self.groups = [group_of(sample) for sample in chosen]
-        return chosen
-
-    def _part(self, found: list[Sample]) -> Iterable[Sample]:
-        raise NotImplementedError
+    @cached_property
+    def groups(self) -> list[int]:
+        """Group of each sample."""
+        return [group_of(sample) for sample in self.samples]
 
 
 class UCF101DVS(_UCF):
@@ -71,7 +69,7 @@ class UCF101DVS(_UCF):
     def _check_fold(self, fold: int | None) -> int:
         return numbered_fold(fold, range(1, 4), 1)
 
-    def _part(self, found: list[Sample]) -> Iterable[Sample]:
+    def _select(self, found: list[Sample]) -> Iterable[Sample]:
         if self.split == "all":
             return found
         name = f"{self.split}list0{self.fold}.txt"
@@ -79,7 +77,7 @@ class UCF101DVS(_UCF):
         if listed is None:
             # what the lists amount to: seven groups are for testing, the next seven in the next split
             held = range(7 * self.fold - 6, 7 * self.fold + 1)
-            return [s for s in found if (group_of(s) in held) == (self.split == "test")]
+            return self._held_out(found, lambda sample: group_of(sample) in held)
         lines = [line.split()[0] for line in listed.splitlines() if line.strip()]
         stems = {line.rsplit("/", 1)[-1].rsplit(".", 1)[0].lower() for line in lines}
         # file names are spelt in more ways than one
@@ -106,8 +104,8 @@ class UCF50DVS(_UCF):
     def _check_fold(self, fold: int | None) -> int:
         return numbered_fold(fold, range(1, 26), 1)
 
-    def _part(self, found: list[Sample]) -> Iterable[Sample]:
-        return [s for s in found if self.split == "all" or (group_of(s) == self.fold) == (self.split == "test")]
+    def _select(self, found: list[Sample]) -> Iterable[Sample]:
+        return self._held_out(found, lambda sample: group_of(sample) == self.fold)
 
 
 def group_of(sample: Sample) -> int:

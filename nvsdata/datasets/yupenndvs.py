@@ -55,4 +55,5 @@ class YUPENNDVS(Upright):
             return found
         if self.fold >= len(found):
             raise ValueError(f"fold must be below the {len(found)} recordings, not {self.fold}")
-        return [s for i, s in enumerate(found) if (i == self.fold) == (self.split == "test")]
+        left_out = found[self.fold]
+        return self._held_out(found, lambda sample: sample is left_out)

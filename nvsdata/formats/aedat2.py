@@ -20,9 +20,8 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile, bytes_of, header_lines, unwrapped_index
+from nvsdata.formats.records import Blocks, RecordFile, bytes_of, check_times_of_32_bits, header_lines, unwrapped_index
 from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode, aedat2_encode
-from nvsdata.kernels.decode import WRAP_US
 
 # camera, as the class name in `# AEChip:` ends: size, layout, the class name that is written
 CHIPS = {
@@ -92,8 +91,7 @@ def write(events: Events, path: Path) -> None:
         raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
     size, layout, name = chips[0]
     t = events.t
-    if t.size and (t[0] < 0 or t[0] >= WRAP_US or np.diff(t).max(initial=0) >= WRAP_US // 2):
-        raise ValueError("AEDAT 2.0 holds a first time below 2^32 µs and gaps below 2^31 µs only")
+    check_times_of_32_bits(t, "AEDAT 2.0")
     lines = ("#!AER-DAT2.0", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {name}")
     header = "".join(f"{line}\r\n" for line in (*lines, "#End Of ASCII Header"))
     raw = aedat2_encode(t, events.x, events.y, events.p, layout, *size)

@@ -23,6 +23,7 @@ from nvsdata.formats.records import bytes_of
 
 MAGIC = 14  # bytes
 EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
+EVENTS = ("t", "x", "y", "on")
 LZ4, ZSTD = (1, 2), (3, 4)
 MOST = 1 << 30  # bytes that a packet may inflate to
 
@@ -95,18 +96,7 @@ class Recording(BaseRecording):
         if not parts:
             return empty_columns()
         events = np.concatenate(parts)
-        width, height = self._size or (1 << 15, 1 << 15)
-        bad = (
-            (events["x"] < 0)
-            | (events["y"] < 0)
-            | (events["x"] >= width)
-            | (events["y"] >= height)
-            | (events["on"] > 1)
-        )
-        if bad.any() and self.strict:
-            reason = f"event {int(np.argmax(bad))}: outside the sensor of {width}x{height}, or no polarity"
-            raise FormatError(self.path, None, reason)
-        return Columns(*(np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")))
+        return Columns(*(np.ascontiguousarray(column) for column in self._inside([events[name] for name in EVENTS])))
 
     def _events_of(self, at: int, packet: memoryview) -> np.ndarray:
         try:

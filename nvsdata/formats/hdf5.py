@@ -96,17 +96,8 @@ class Recording(BaseRecording):
         raw = {name: self._columns[name][lo:hi] for name in TYPES}
         if raw["p"].dtype.kind == "i":
             raw["p"] = np.where(raw["p"] == -1, 0, raw["p"])
-        limit = np.array(self._size or (1 << 15, 1 << 15))
-        outside = (raw["x"] < 0) | (raw["y"] < 0) | (raw["x"] >= limit[0]) | (raw["y"] >= limit[1])
-        bad = outside | (raw["p"] < 0) | (raw["p"] > 1)
-        if bad.any():
-            first = lo + int(np.argmax(bad))
-            if self.strict:
-                where = "the sensor of {}x{}".format(*self._size) if self._size else "any sensor"
-                raise FormatError(self.path, None, f"event {first}: outside {where}, or no polarity")
-            self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
-            raw = {name: column[~bad] for name, column in raw.items()}
-        t, x, y, p = (raw[name].astype(kind, copy=False) for name, kind in TYPES.items())
+        inside = self._inside([raw[name] for name in TYPES], lo)
+        t, x, y, p = (column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True))
         return Columns(t + self._offset if self._offset else t, x, y, p)
 
     def _window(self, start: int, stop: int) -> Columns | None:

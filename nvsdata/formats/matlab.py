@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import MAX_COORDINATE, Columns
+from nvsdata.events import Columns
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.records import bytes_of
 
@@ -53,7 +53,7 @@ class Recording(BaseRecording):
 
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
         t, x, y, p = (self._integers(name, columns[name]) for name in ("t", "x", "y", "p"))
-        width, height = self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
+        width, height = self._limits
         # least and greatest tell whether any event needs a closer look
         (x0, x1), (y0, y1), (p0, p1) = (_range(column) for column in (x, y, p))
         if x0 >= 1 and y0 >= 1 and (x1 == width or y1 == height):
@@ -63,12 +63,7 @@ class Recording(BaseRecording):
             p = np.where(p == -1, 0, p)
             p0 = 0
         if min(x0, y0, p0) < 0 or x1 >= width or y1 >= height or p1 > 1:
-            bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
-            if self.strict:
-                reason = f"event {int(np.argmax(bad))}: outside the sensor of {width}x{height}, or no polarity"
-                raise FormatError(self.path, None, reason)
-            self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
-            t, x, y, p = (column[~bad] for column in (t, x, y, p))
+            t, x, y, p = self._inside((t, x, y, p))
         return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def _integers(self, name: str, column: np.ndarray) -> np.ndarray:

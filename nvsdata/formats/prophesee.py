@@ -14,7 +14,7 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile, header_lines, unwrapped_index
+from nvsdata.formats.records import Blocks, RecordFile, check_times_of_32_bits, header_lines, unwrapped_index
 from nvsdata.kernels.decode import WRAP_US, dat_decode
 
 MAX_ADDRESS = 0x3FFF
@@ -60,8 +60,7 @@ def write(events: Events, path: Path) -> None:
     t = events.t
     if max(width, height) > MAX_ADDRESS + 1:
         raise ValueError("Prophesee .dat holds coordinates up to 16383 only")
-    if t.size and (t[0] < 0 or t[0] >= WRAP_US or np.diff(t).max(initial=0) >= WRAP_US // 2):
-        raise ValueError("Prophesee .dat holds a first time below 2^32 µs and gaps below 2^31 µs only")
+    check_times_of_32_bits(t, "Prophesee .dat")
     words = np.empty((t.size, 2), "<u4")
     words[:, 0] = (t % WRAP_US).astype(np.uint32)
     words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14 | events.p.astype(np.uint32) << 28

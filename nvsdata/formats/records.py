@@ -136,6 +136,12 @@ def unwrapped_index(raw: np.ndarray) -> Blocks:
     return Blocks(times + offsets, offsets)
 
 
+def check_times_of_32_bits(t: np.ndarray, name: str) -> None:
+    """ValueError for times that a reader could not unwrap: a first one beyond 32 bits, or a gap of 2^31 µs."""
+    if t.size and (t[0] < 0 or t[0] >= WRAP_US or np.diff(t).max(initial=0) >= WRAP_US // 2):
+        raise ValueError(f"{name} holds a first time below 2^32 µs and gaps below 2^31 µs only")
+
+
 def header_lines(head: bytes | mmap.mmap, mark: bytes) -> tuple[list[str], int]:
     """The lines at the start that begin with `mark` and are printable, and the byte after them."""
     lines: list[str] = []

@@ -60,10 +60,8 @@ class Recording(BaseRecording):
         if fault:
             raise FormatError(self.path, int(where), FAULTS[fault])
         t, x, y, p = columns[:, :kept]
-        if self.strict and self._size is not None and ((x >= self._size[0]) | (y >= self._size[1])).any():
-            first = int(np.argmax((x >= self._size[0]) | (y >= self._size[1])))
-            width, height = self._size
-            raise FormatError(self.path, None, f"event {first}: coordinates outside the sensor of {width}x{height}")
+        if self._size is not None:
+            t, x, y, p = self._inside((t, x, y, p))
         return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def _window(self, start: int, stop: int) -> Columns | None:

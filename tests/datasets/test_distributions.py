@@ -295,3 +295,14 @@ def test_an_empty_root_says_how_to_get_the_data(tmp_path, name):
         kind(tmp_path / "nowhere")
     with pytest.raises(FileNotFoundError):
         kind(tmp_path)
+
+
+def test_the_order_does_not_depend_on_the_folders(tmp_path):
+    # '-' comes before the dot of an extension, which comes before letters
+    names = ["a", "a-b", "ab", "a#1"]
+    one, two = tmp_path / "one", tmp_path / "two"
+    for k, name in enumerate(names):
+        trees.put(one, {f"cat/{name}.bin": trees.atis(trees.some(k))})
+        trees.put(two, {f"{('train', 'test')[k % 2]}/cat/{name}.bin": trees.atis(trees.some(k))})
+    stems = [[s.stem for s in CIFAR10DVS(root, "all").samples] for root in (one, two)]
+    assert stems[0] == stems[1] == ["a#1", "a-b", "a", "ab"]
