@@ -1,0 +1,5 @@
+"""PIX2NVS: video to events (thesis chapter 3)."""
+
+from nvsdata.emulation.pix2nvs import PRESETS, PIX2NVS
+
+__all__ = ["PIX2NVS", "PRESETS"]

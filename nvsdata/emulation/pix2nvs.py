@@ -1,0 +1,160 @@
+"""PIX2NVS (thesis chapter 3): the settings, and events from videos by them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.sensor import Imperfections
+from nvsdata.emulation.video import Video, frames_of
+from nvsdata.events import Columns, Events
+
+Mode = Literal["LI", "CE", "LICE"]
+Difference = Literal["co-located", "average", "minimum"]
+Timestamps = Literal["interpolated", "random", "linear", "fixed"]
+LEAST_THRESHOLD = 1e-5  # differences are of float32 values up to 100
+
+
+@dataclass(frozen=True)
+class PIX2NVS:
+    """Video to events, by the parameters of Table 3.1; the defaults are the best row of Table 3.3.
+
+    How a pixel's brightness is seen (3.2.1):
+
+    - `hue`: b / (r + g) in place of luminance, 0.299 r + 0.587 g + 0.114 b (black: 0)
+    - `mode` (LICE_mode): "LI" logarithm (3.1), "CE" contrast to the four neighbours (3.2), "LICE" the
+      logarithm of that
+    - `t_log` (T_log): brightness up to which (3.1) is linear; 0 for the plain logarithm
+    - `gamma` (γ): of the perceptual luminance that CE takes
+    - `continuous`: scale the linear part so that it meets the logarithm, q ln(T_log) / T_log; as printed,
+      (3.1) jumps at T_log
+
+    When it fires (3.2.2):
+
+    - `difference` (dif): to the reference at the same place (3.3), or to the average of its four or
+      the minimum of its two diagonal neighbours (3.4), borders replicated
+    - `inhibition` (B): of each B x B block only the largest |d| stays (3.5); 1 for none
+    - `threshold` (T_map): |d| at which a position fires
+    - `max_events` (M_max): most events of a position and frame, out of floor(|d| / T_map) (3.8)
+    - `timestamps` (tstamp): "interpolated", the k-th event at the instant at which the line from 0 to d
+      crosses k T_map; "random", "linear" or "fixed" as (3.7). In the bounds of µs: random ones lie in
+      [F_n-1, F_n), the last of linear ones at F_n
+
+    What the reference remembers (3.2.3):
+
+    - `new` (new): update all positions (True) or only those that fired
+    - `exp` (exp), `alpha` (α): moving average (3.10) or the last frame itself (3.9)
+
+    What real sensors add, off by default:
+
+    - `noise_rate`: background activity in Hz a pixel, half of it ON
+    - `mismatch`: standard deviation of the pixels' thresholds, relative to `threshold`
+    - `hot_pixels`, `hot_rate`: share of pixels that fire ON by themselves, and how often, in Hz
+    - `refractory`: µs for which a pixel is blind after an event
+    - `bandwidth`: events a second that the readout can pass, 0 for any; events wait for their turn, and
+      a pixel whose event still waits is blind
+    - `seed`: of all that is random
+
+    Raises ValueError for settings out of range.
+    """
+
+    hue: bool = False
+    mode: Mode = "LI"
+    t_log: float = 0.0
+    gamma: float = 2.2
+    continuous: bool = False
+    difference: Difference = "co-located"
+    inhibition: int = 1
+    threshold: float = 0.2
+    max_events: int = 3
+    timestamps: Timestamps = "interpolated"
+    new: bool = True
+    exp: bool = True
+    alpha: float = 0.5
+    noise_rate: float = 0.0
+    mismatch: float = 0.0
+    hot_pixels: float = 0.0
+    hot_rate: float = 100.0
+    refractory: int = 0
+    bandwidth: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, choices in (("mode", Mode), ("difference", Difference), ("timestamps", Timestamps)):
+            if getattr(self, name) not in get_args(choices):
+                raise ValueError(f"{name} must be one of {get_args(choices)}, not {getattr(self, name)!r}")
+        _require(self, "threshold", lambda v: v >= LEAST_THRESHOLD, f"at least {LEAST_THRESHOLD}")
+        _require(self, "gamma", lambda v: v > 0, "positive")
+        for name in ("t_log", "noise_rate", "mismatch", "hot_rate", "refractory", "bandwidth"):
+            _require(self, name, lambda v: v >= 0, "not negative")
+        for name in ("inhibition", "max_events"):
+            _require(self, name, lambda v: v >= 1 and v == int(v), "a whole number of at least 1")
+        _require(self, "seed", lambda v: 0 <= v < 2**63 and v == int(v), "a whole number of at least 0")
+        _require(self, "alpha", lambda v: 0 < v <= 1, "in (0, 1]")
+        _require(self, "hot_pixels", lambda v: v <= 1 and v >= 0, "between 0 and 1")
+        if self.continuous and 0 < self.t_log <= 1:
+            raise ValueError(f"continuous needs t_log above 1, where its logarithm is positive, not {self.t_log}")
+
+    def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
+        """All events of a video; times count from its first frame. See `stream`."""
+        parts = list(self.stream(video, fps, size=size))
+        if len(parts) == 1:
+            return parts[0]
+        columns = Columns(*(np.concatenate(column) for column in zip(*(part.columns for part in parts), strict=True)))
+        return Events.trusted(columns, parts[0].sensor_size, 0)
+
+    def stream(
+        self,
+        frames: Video,
+        fps: float | None = None,
+        *,
+        times: Iterable[int] | None = None,
+        size: tuple[int, int] | None = None,
+    ) -> Iterator[Events]:
+        """Events of each frame in turn, those of F_n since F_n-1; constant memory.
+
+        `frames`: a video file, a camera's number, or an iterable of arrays or image files. Arrays are
+        [H, W] grey, [H, W, 3] RGB or [H, W, 4] RGBA; uint8, or uint16 and floats in [0, 1], which are
+        scaled to 255. `fps`: frame n is at n / fps s, whatever the file says (default: the file's own
+        times, a camera's clock, 30 a second for arrays); or `times`, in µs, one a frame, rising. `size`: (width,
+        height) that frames are scaled to. The first piece stands for F_0 and is empty.
+
+        Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames
+        that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.
+        """
+        emulator: Emulator | None = None
+        flaws: Imperfections | None = None
+        for time, frame in frames_of(frames, fps=fps, times=times, size=size):
+            if emulator is None:
+                emulator = Emulator(self, frame)
+                flaws = Imperfections.of(self, emulator.sensor_size)
+                yield Events.empty(emulator.sensor_size, 0)
+                before = time
+                continue
+            events = emulator.step(frame, before, time)
+            yield events if flaws is None else flaws.apply(events, before, time)
+            before = time
+        if emulator is None:
+            raise ValueError(f"no frames in {frames}")
+
+
+def _require(settings: PIX2NVS, name: str, holds: Any, what: str) -> None:
+    value = getattr(settings, name)
+    if not (math.isfinite(value) and holds(value)):
+        raise ValueError(f"{name} must be {what}, not {value}")
+
+
+# rows of Table 3.3 from the worst to the best, and the settings of section 3.4.1
+PRESETS = {
+    "table-3.3-row-1": PIX2NVS(t_log=20, inhibition=2, max_events=1, threshold=0.4, new=False, exp=False),
+    "table-3.3-row-2": PIX2NVS(t_log=0, inhibition=2, max_events=1, threshold=0.2, new=False, exp=False),
+    "table-3.3-row-3": PIX2NVS(t_log=0, inhibition=2, max_events=1, threshold=0.2, new=False, exp=True),
+    "table-3.3-row-4": PIX2NVS(t_log=0, inhibition=2, max_events=1, threshold=0.2, new=True, exp=True),
+    "table-3.3-row-5": PIX2NVS(),
+    "section-3.4.1": PIX2NVS(t_log=20, max_events=1, threshold=0.4, timestamps="fixed", exp=False),
+}

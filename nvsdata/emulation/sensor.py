@@ -1,0 +1,62 @@
+"""What real sensors add to ideal events: noise, hot pixels, blindness after an event, a narrow readout."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nvsdata.events import Columns, Events, in_order
+from nvsdata.kernels.emulate import read_out
+
+if TYPE_CHECKING:
+    from nvsdata.emulation.pix2nvs import PIX2NVS
+
+
+class Imperfections:
+    """State of a sensor's flaws over a recording; see `PIX2NVS` for what the settings mean."""
+
+    def __init__(self, settings: PIX2NVS, sensor_size: tuple[int, int]) -> None:
+        self.settings, self.size = settings, sensor_size
+        self._random = np.random.default_rng((settings.seed, 3))
+        pixels = sensor_size[0] * sensor_size[1]
+        self._hot = self._random.permutation(pixels)[: round(settings.hot_pixels * pixels)]
+        # long before any event
+        self._ready = np.full(pixels, -(2**62), np.int64)
+        self._gap = 1e6 / settings.bandwidth if settings.bandwidth else 0.0
+        self._busy = 0.0
+
+    @classmethod
+    def of(cls, settings: PIX2NVS, sensor_size: tuple[int, int]) -> Imperfections | None:
+        """None for a sensor without flaws."""
+        flawed = settings.noise_rate or settings.hot_pixels or settings.refractory or settings.bandwidth
+        return cls(settings, sensor_size) if flawed else None
+
+    def apply(self, events: Events, before: int, now: int) -> Events:
+        """Events of the time from `before` to `now` (µs) as this sensor would give them.
+
+        Where the readout is slower than they come, some are read after `now`.
+        """
+        settings = self.settings
+        seconds = (now - before) / 1e6
+        pixels = self.size[0] * self.size[1]
+        noisy = self._random.poisson(settings.noise_rate * seconds * pixels)
+        hot = self._random.poisson(settings.hot_rate * seconds * self._hot.size)
+        where = self._random.integers(0, pixels, noisy)
+        if hot:
+            where = np.concatenate((where, self._hot[self._random.integers(0, self._hot.size, hot)]))
+        polarity = np.ones(noisy + hot, np.uint8)
+        polarity[:noisy] = self._random.integers(0, 2, noisy)
+        times = self._random.integers(before, now, noisy + hot)
+        extra = (times, where % self.size[0], where // self.size[0], polarity)
+        columns = Columns(
+            *(np.concatenate((a, b), dtype=a.dtype, casting="unsafe") for a, b in zip(events.columns, extra, strict=True))
+        )
+        columns = in_order(columns)
+        if settings.refractory or settings.bandwidth:
+            times, kept, self._busy = read_out(
+                columns.t, columns.x, columns.y, self.size[0], self._ready, settings.refractory, self._gap, self._busy, before
+            )
+            self._busy -= now - before
+            columns = Columns(times[kept], columns.x[kept], columns.y[kept], columns.p[kept])
+        return Events.trusted(columns, self.size, before)

@@ -1,0 +1,170 @@
+"""Frames and their times, from video files, cameras, image files and arrays."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from nvsdata.errors import FormatError
+
+Video = str | os.PathLike[str] | int | Iterable[Any]
+Frame = tuple[int, np.ndarray]  # µs; [H, W] or [H, W, 3] in b, g, r order: uint8, or float64 from 0 to 255
+USUAL_RATE = 30.0  # frames a second of what has no times of its own
+AHEAD = 4  # frames that are decoded before they are asked for
+
+
+class TruncatedVideo(FormatError):
+    """A video that ended well before the last frame that its container promises."""
+
+
+def frames_of(
+    video: Video, *, fps: float | None = None, times: Iterable[int] | None = None, size: tuple[int, int] | None = None
+) -> Iterator[Frame]:
+    """Time and picture of each frame; see `PIX2NVS.stream`. Times count from the first frame."""
+    if fps is not None and not (fps > 0 and np.isfinite(fps)):
+        raise ValueError(f"fps must be positive, not {fps}")
+    if size is not None and (len(size) != 2 or min(size) < 1):
+        raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
+    if fps is not None and times is not None:
+        raise ValueError("give fps or times, not both")
+    if isinstance(video, str | os.PathLike):
+        found = _file(Path(video), size)
+    elif isinstance(video, int):
+        found = _camera(video, size)
+    else:
+        found = _given(video, size)
+    if times is not None:
+        return _timed(found, times)
+    return found if fps is None else _timed(found, _regular(fps))
+
+
+def _timed(frames: Iterator[Frame], times: Iterable[int]) -> Iterator[Frame]:
+    given = iter(times)
+    for n, (_, frame) in enumerate(frames):
+        moment = next(given, None)
+        if moment is None:
+            raise ValueError(f"frame {n} has no time: fewer times than frames were given")
+        yield int(moment), frame
+
+
+def _regular(fps: float) -> Iterator[int]:
+    n = 0
+    while True:
+        yield round(n * 1_000_000 / fps)
+        n += 1
+
+
+def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
+    """A file's frames, decoded ahead in a thread of their own."""
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such video")
+    if path.is_dir():
+        raise FormatError(path, None, "is a folder, not a video")
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        if not capture.isOpened():
+            raise FormatError(path, None, "holds no video that OpenCV can decode")
+        gap = 1_000_000 / (capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE)
+        promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        count, first, last = 0, 0, 0
+        for stamp, frame in _ahead(lambda: _decode(capture, size)):
+            first = stamp if count == 0 else first
+            # containers without times report the same one for all
+            now = stamp - first if count == 0 or stamp - first > last else last + round(gap)
+            yield now, frame
+            count, last = count + 1, now
+        if count == 0:
+            raise FormatError(path, None, "not one frame can be decoded")
+        # several containers only estimate how many frames they hold
+        if promised - count > max(3, promised // 50):
+            raise TruncatedVideo(path, None, f"ends after {count} of {promised} frames: cut off or damaged")
+    finally:
+        capture.release()
+
+
+def _decode(capture: Any, size: tuple[int, int] | None) -> Frame | None:
+    ok, frame = capture.read()
+    if not ok:
+        return None
+    return round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1000), _scaled(frame, size)
+
+
+def _ahead(read: Callable[[], Frame | None]) -> Iterator[Frame]:
+    """What `read` returns until it returns None, read some calls ahead in a thread."""
+    with ThreadPoolExecutor(1, "nvsdata-decode") as pool:
+        waiting: deque[Future[Frame | None]] = deque(pool.submit(read) for _ in range(AHEAD))
+        try:
+            while (found := waiting.popleft().result()) is not None:
+                waiting.append(pool.submit(read))
+                yield found
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _camera(number: int, size: tuple[int, int] | None) -> Iterator[Frame]:
+    capture = cv2.VideoCapture(number)
+    try:
+        if not capture.isOpened():
+            raise FileNotFoundError(f"no camera {number}")
+        start = time.monotonic_ns()
+        while True:
+            ok, frame = capture.read()
+            if not ok:
+                return
+            yield (time.monotonic_ns() - start) // 1000, _scaled(frame, size)
+    finally:
+        capture.release()
+
+
+def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Frame]:
+    times = _regular(USUAL_RATE)
+    for n, given in enumerate(frames):
+        if isinstance(given, str | os.PathLike):
+            frame = cv2.imread(os.fspath(given), cv2.IMREAD_UNCHANGED)
+            if frame is None:
+                if not Path(given).exists():
+                    raise FileNotFoundError(f"{given}: no such image")
+                raise FormatError(given, None, "holds no image that OpenCV can decode")
+            picture = _picture(frame, n, colours="bgr")
+        else:
+            picture = _picture(np.asarray(given), n, colours="rgb")
+        yield next(times), _scaled(picture, size)
+
+
+def _picture(frame: np.ndarray, n: int, colours: str) -> np.ndarray:
+    """A frame as the emulator takes it; ValueError for shapes and types that mean no picture."""
+    if frame.ndim == 3 and frame.shape[2] == 1:
+        frame = frame[..., 0]
+    if 0 in frame.shape or not (frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (3, 4))):
+        raise ValueError(f"frame {n} has shape {frame.shape}; it must be [H, W], or [H, W, 3] or [H, W, 4]")
+    frame = frame[..., :3] if frame.ndim == 3 else frame
+    if frame.dtype == np.uint16:
+        frame = frame / 257
+    elif frame.dtype == bool:
+        frame = frame.astype(np.uint8) * np.uint8(255)
+    elif frame.dtype.kind == "f":
+        if not (np.isfinite(frame).all() and frame.min() >= 0 and frame.max() <= 1):
+            raise ValueError(f"frame {n}: floats must lie in [0, 1]")
+        frame = frame.astype(np.float64) * 255
+    elif frame.dtype != np.uint8:
+        raise ValueError(f"frame {n} is {frame.dtype}; it must be uint8, uint16, bool or float")
+    if frame.ndim == 3 and colours == "rgb":
+        return cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2BGR) if frame.dtype == np.uint8 else frame[..., ::-1]
+    return frame
+
+
+def _scaled(frame: np.ndarray, size: tuple[int, int] | None) -> np.ndarray:
+    if size is None or size == (frame.shape[1], frame.shape[0]):
+        return np.ascontiguousarray(frame)
+    shrinks = size[0] < frame.shape[1] or size[1] < frame.shape[0]
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(np.ascontiguousarray(frame), size, interpolation=how))
