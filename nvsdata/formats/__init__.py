@@ -1,16 +1,18 @@
 """Files of events: one module a format, found by content first and by extension second.
 
 To add a format, write a module with `Recording` (a subclass of `nvsdata.events.Recording`) and,
-if it can be written, `write(events, path)`, and add its line to `FORMATS`.
+if it can be written, `write(pieces, sensor_size, path)`, and add its line to `FORMATS`.
 """
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 
@@ -82,20 +84,53 @@ def read(
     return open(path, sensor_size=sensor_size, strict=strict).read(start, stop)
 
 
-def write(events: Events | Recording, path: str | os.PathLike[str]) -> None:
+def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike[str]) -> None:
     """Write events in the format that the extension of `path` names; the file appears whole or not at all.
 
-    Raises ValueError for an unknown extension, a format that can't be written, and events that
-    the format can't hold (every format but HDF5 and text has such).
+    An iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream` gives them), is
+    written as it comes, in constant memory; the first piece states the sensor.
+
+    Raises ValueError for an unknown extension, a format that can't be written, events that
+    the format can't hold (every format but HDF5 and text has such), and pieces that are out of
+    order, of different sensors, or none.
     """
+    module = writer_of(path)
+    pieces = [events] if isinstance(events, Events) else [events.read()] if isinstance(events, Recording) else events
+    sensor_size, checked = _in_line(pieces)
+    with atomic(path) as temporary:
+        module.write(checked, sensor_size, temporary)
+
+
+def writer_of(path: str | os.PathLike[str]) -> ModuleType:
+    """The module that writes files of this extension; ValueError if there is none."""
     suffix = Path(path).suffix.lower()
     module = next((f.load() for f in FORMATS if suffix in f.suffixes), None)
     if module is None or not hasattr(module, "write"):
         known = ", ".join(s for f in FORMATS if hasattr(f.load(), "write") for s in f.suffixes)
         raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
-    whole = events if isinstance(events, Events) else events.read()
-    with atomic(path) as temporary:
-        module.write(whole, temporary)
+    return module
+
+
+def _in_line(pieces: Iterable[Events]) -> tuple[tuple[int, int], Iterator[Events]]:
+    """The sensor of the first piece, and the pieces that are not empty, checked as they pass."""
+    waiting = iter(pieces)
+    first = next(waiting, None)
+    if first is None:
+        raise ValueError("can't write no piece of events: not even an empty one states the sensor")
+    return first.sensor_size, _checked(first, waiting)
+
+
+def _checked(first: Events, others: Iterator[Events]) -> Iterator[Events]:
+    last = None
+    for piece in chain((first,), others):
+        if piece.sensor_size != first.sensor_size:
+            raise ValueError(f"pieces of different sensors: {first.sensor_size} and {piece.sensor_size}")
+        if len(piece) == 0:
+            continue
+        if last is not None and piece.t[0] < last:
+            raise ValueError(f"a piece begins at {piece.t[0]} µs, but the one before it ends at {last} µs")
+        last = piece.t[-1]
+        yield piece
 
 
 def suffixes() -> tuple[str, ...]:

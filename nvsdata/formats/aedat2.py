@@ -14,13 +14,14 @@ x is mirrored and y counts from the bottom; both are turned, so that the origin 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile, bytes_of, check_times_of_32_bits, header_lines, unwrapped_index
+from nvsdata.formats.records import Blocks, RecordFile, bytes_of, with_times_of_32_bits, header_lines, unwrapped_index
 from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode, aedat2_encode
 
 # camera, as the class name in `# AEChip:` ends: size, layout, the class name that is written
@@ -79,20 +80,20 @@ class Recording(RecordFile):
         return Columns(t, x, y, p), bad
 
 
-def write(events: Events, path: Path) -> None:
+def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
     """Write AEDAT 2.0 records of the smallest of DVS128, DAVIS240C and DAVIS346 that holds the sensor.
 
     ValueError for a larger sensor, a first time outside [0, 2^32) µs or a gap of 2^31 µs or more:
     a reader could not unwrap the 32-bit times.
     """
-    width, height = events.sensor_size
+    width, height = sensor_size
     chips = [chip for chip in CHIPS.values() if width <= chip[0][0] and height <= chip[0][1]]
     if not chips:
         raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
     size, layout, name = chips[0]
-    t = events.t
-    check_times_of_32_bits(t, "AEDAT 2.0")
     lines = ("#!AER-DAT2.0", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {name}")
     header = "".join(f"{line}\r\n" for line in (*lines, "#End Of ASCII Header"))
-    raw = aedat2_encode(t, events.x, events.y, events.p, layout, *size)
-    path.write_bytes(header.encode() + raw.tobytes())
+    with path.open("wb") as file:
+        file.write(header.encode())
+        for events in with_times_of_32_bits(pieces, "AEDAT 2.0"):
+            file.write(aedat2_encode(*events.columns, layout, *size).tobytes())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -106,17 +107,25 @@ def _size_of(source: str) -> tuple[int, int] | None:
     return next((size for name, size in SENSORS.items() if source.startswith(name)), None)
 
 
-def write(events: Events, path: Path) -> None:
+def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
     """Write AEDAT 3.1 polarity packets. ValueError for times outside [0, 2^62) µs.
 
     The source is named after the sensor where one of its size is known, else `nvsdata-WxH`.
     """
-    width, height = events.sensor_size
-    t = events.t
-    if t.size and (t[0] < 0 or t[-1] >= 1 << 62):
-        raise ValueError("AEDAT 3.1 holds times from 0 to 2^62 - 1 µs only")
+    width, height = sensor_size
     name = next((name for name, size in SENSORS.items() if size == (width, height)), f"nvsdata-{width}x{height}")
     lines = ("#!AER-DAT3.1", "#Format: RAW", f"#Source 1: {name}", "#!END-HEADER")
+    with path.open("wb") as file:
+        file.write("".join(f"{line}\r\n" for line in lines).encode())
+        for events in pieces:
+            for packet in _packets(events):
+                file.write(packet)
+
+
+def _packets(events: Events) -> Iterator[bytes]:
+    t = events.t
+    if t[0] < 0 or t[-1] >= 1 << 62:
+        raise ValueError("AEDAT 3.1 holds times from 0 to 2^62 - 1 µs only")
     records = np.empty((t.size, 2), "<u4")
     records[:, 0] = events.x.astype(np.uint32) << 17 | events.y.astype(np.uint32) << 2
     records[:, 0] |= events.p.astype(np.uint32) << 1 | 1
@@ -125,11 +134,8 @@ def write(events: Events, path: Path) -> None:
     ends = np.unique(
         np.concatenate((np.flatnonzero(np.diff(t >> 31)) + 1, np.arange(PACKET, t.size, PACKET), [t.size]))
     )
-    with path.open("wb") as file:
-        file.write("".join(f"{line}\r\n" for line in lines).encode())
-        for lo, hi in zip(np.concatenate(([0], ends[:-1])), ends, strict=True):
-            if hi > lo:
-                n = hi - lo
-                file.write(np.array([POLARITY_EVENT, 1], "<u2").tobytes())
-                file.write(np.array([8, 4, t[lo] >> 31, n, n, n], "<u4").tobytes())
-                file.write(records[lo:hi].tobytes())
+    for lo, hi in zip(np.concatenate(([0], ends[:-1])), ends, strict=True):
+        n = hi - lo
+        yield np.array([POLARITY_EVENT, 1], "<u2").tobytes()
+        yield np.array([8, 4, t[lo] >> 31, n, n, n], "<u4").tobytes()
+        yield records[lo:hi].tobytes()

@@ -6,6 +6,7 @@ significant first. A record with y = 240 is no event: it adds 2^13 µs to every 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -53,11 +54,14 @@ def looks_like(head: bytes, size: int) -> bool:
     return bool((np.diff(t) >= 0).all() and t[-1] > t[0] and (raw[:, 1] <= ATIS_OVERFLOW_Y).all())
 
 
-def write(events: Events, path: Path) -> None:
+def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
     """Write ATIS records. ValueError for x > 255, y > 239, t < 0 or t >= 2^33 µs."""
-    if len(events):
-        if events.x.max() > 255 or events.y.max() >= ATIS_OVERFLOW_Y:
-            raise ValueError("ATIS .bin holds x up to 255 and y up to 239 only")
-        if events.t[0] < 0 or events.t[-1] >= MAX_WRITTEN_US:
-            raise ValueError(f"ATIS .bin holds times from 0 to {MAX_WRITTEN_US - 1} µs only")
-    path.write_bytes(atis_encode(events.t, events.x, events.y, events.p).tobytes())
+    offset = 0
+    with path.open("wb") as file:
+        for events in pieces:
+            if events.x.max() > 255 or events.y.max() >= ATIS_OVERFLOW_Y:
+                raise ValueError("ATIS .bin holds x up to 255 and y up to 239 only")
+            if events.t[0] < 0 or events.t[-1] >= MAX_WRITTEN_US:
+                raise ValueError(f"ATIS .bin holds times from 0 to {MAX_WRITTEN_US - 1} µs only")
+            raw, offset = atis_encode(*events.columns, offset)
+            file.write(raw.tobytes())

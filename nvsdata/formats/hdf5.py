@@ -1,8 +1,9 @@
 """HDF5: nvsdata's own files, and the layouts of DSEC, of Metavision, and of plain columns.
 
-Our own: `/events/t`, `x`, `y`, `p`, contiguous, so that a window is a slice of a memory map; `/` has
+Our own: `/events/t`, `x`, `y`, `p`, contiguous, so that a window is a slice of a memory map, or in
+chunks of 2^18 events if there are more than 2^21 (they are written as they come); `/` has
 attributes `format` ("nvsdata-events"), `version`, `width`, `height`. t is int64 µs, x and y int16,
-p uint8. Compressed or chunked copies (h5repack) are read too, through h5py.
+p uint8. Compressed copies (h5repack) are read too, through h5py.
 
 Others: columns x, y, t, p below `/events` or `/`, where `/t_offset` is added to t (DSEC), or one
 compound `/CD/events` (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the
@@ -12,7 +13,10 @@ package hdf5plugin, which is used if it is installed.
 from __future__ import annotations
 
 import mmap
+from bisect import bisect_left
 from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +29,8 @@ from nvsdata.events import Recording as BaseRecording
 from nvsdata.kernels.order import never_falls
 
 NAME, VERSION = "nvsdata-events", 1
+CHUNK = 1 << 18  # events of a piece of a long file
+CONTIGUOUS = 8  # pieces up to which a file's columns are kept in memory and written whole
 STORE = "nvsdata-store"
 # the newer layout has checksums, and texts of fixed length need no heap: the library loops on some damaged ones
 WRITING: dict[str, Any] = {"libver": ("v110", "latest")}
@@ -81,13 +87,17 @@ class Recording(BaseRecording):
         dataset = group[name]
         if dataset.ndim != 1 or dataset.dtype.kind not in "iub":
             raise FormatError(self.path, None, f"{dataset.name} is no column of integers")
-        offset = dataset.id.get_offset()
-        if offset is None or dataset.size == 0:
-            return Column(self.path, dataset.name, dataset.size)
-        if offset + dataset.nbytes > len(memory):
-            raise FormatError(self.path, offset, f"truncated within {dataset.name}")
-        kind = np.uint8 if dataset.dtype.kind == "b" else dataset.dtype
-        return Column(self.path, dataset.name, dataset.size, np.frombuffer(memory, kind, dataset.size, offset))
+        if dataset.size == 0:
+            return Column(self.path, dataset.name, 0)
+        places, length = _places(dataset)
+        kind = np.dtype(np.uint8) if dataset.dtype.kind == "b" else dataset.dtype
+        mapped = []
+        for i, place in enumerate(places):
+            size = min(length, dataset.size - i * length)
+            if place + size * kind.itemsize > len(memory):
+                raise FormatError(self.path, place, f"truncated within {dataset.name}")
+            mapped.append(np.frombuffer(memory, kind, size, place))
+        return Column(self.path, dataset.name, dataset.size, mapped)
 
     def _decode(self) -> Columns:
         return self._slice(0, self._columns["t"].size)
@@ -119,17 +129,36 @@ def text_of(file: Any, name: str) -> str:
     return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
 
 
+def _places(dataset: Any) -> tuple[list[int], int]:
+    """Bytes at which a dataset's values lie as they are, and how many lie together; none if it is compressed."""
+    offset = dataset.id.get_offset()
+    if offset is not None:
+        return [offset], dataset.size
+    if dataset.chunks is None or dataset.id.get_create_plist().get_nfilters():
+        return [], 0
+    found: dict[int, int] = {}
+    dataset.id.chunk_iter(lambda chunk: found.update({chunk.chunk_offset[0]: chunk.byte_offset}))
+    length = dataset.chunks[0]
+    wanted = range(0, dataset.size, length)
+    return ([found[first] for first in wanted], length) if set(wanted) <= set(found) else ([], 0)
+
+
 class Column:
-    """A column, in memory where it lies in the file as it is; otherwise h5py reads the slices asked for."""
+    """A column, `mapped` in equally long parts if it lies in the file as it is; else h5py reads what is asked for."""
 
     def __init__(
-        self, path: str, name: str, size: int, mapped: np.ndarray | None = None, field: str | None = None
+        self, path: str, name: str, size: int, mapped: Sequence[np.ndarray] = (), field: str | None = None
     ) -> None:
         self.path, self.name, self.size, self.mapped, self.field = path, name, int(size), mapped, field
 
     def __getitem__(self, which: slice) -> np.ndarray:
-        if self.mapped is not None:
-            return self.mapped[which]
+        if self.mapped:
+            lo, hi, _ = which.indices(self.size)
+            hi, length = max(lo, hi), self.mapped[0].size
+            first = min(lo // length, len(self.mapped) - 1)
+            parts = self.mapped[first : max((hi - 1) // length, first) + 1]
+            cut = [part[max(lo - i * length, 0) : hi - i * length] for i, part in enumerate(parts, first)]
+            return cut[0] if len(cut) == 1 else np.concatenate(cut)
         with suppress(ImportError):
             import hdf5plugin  # noqa: F401  registers its filters
         try:
@@ -142,12 +171,13 @@ class Column:
 
     def bisect(self, value: int) -> int:
         """First index whose value is at least `value`; reads one value a step."""
-        if self.mapped is not None:
-            kind = np.iinfo(self.mapped.dtype)
-            if not kind.min <= value <= kind.max:
-                return 0 if value < kind.min else self.size
+        if self.mapped:
+            kind = self.mapped[0].dtype
+            if not np.iinfo(kind).min <= value <= np.iinfo(kind).max:
+                return 0 if value < np.iinfo(kind).min else self.size
+            part = max(bisect_left(self.mapped, value, key=lambda values: int(values[0])) - 1, 0)
             # of the column's own type, or numpy would convert the whole column
-            return int(self.mapped.searchsorted(self.mapped.dtype.type(value), "left"))
+            return int(part * self.mapped[0].size + self.mapped[part].searchsorted(kind.type(value), "left"))
         lo, hi = 0, self.size
         while lo < hi:
             middle = (lo + hi) // 2
@@ -163,11 +193,46 @@ def _map(path: str) -> mmap.mmap:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def write(events: Events, path: Path) -> None:
-    """Write the four columns, contiguous and uncompressed."""
+def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+    """Write the four columns: contiguous if they are short, else in chunks as they come; never compressed."""
+    chunks = _of_one_size(pieces)
+    waiting = list(islice(chunks, CONTIGUOUS + 1))
     with h5py.File(path, "w", **WRITING) as file:
-        file.attrs.update(
-            format=np.bytes_(NAME), version=VERSION, width=events.sensor_size[0], height=events.sensor_size[1]
-        )
-        for name, column in events.columns._asdict().items():
-            file.create_dataset(f"events/{name}", data=column, dtype=TYPES[name])
+        file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=sensor_size[0], height=sensor_size[1])
+        if len(waiting) <= CONTIGUOUS:
+            for i, (name, kind) in enumerate(TYPES.items()):
+                column = [piece[i] for piece in waiting]
+                file.create_dataset(f"events/{name}", data=np.concatenate([np.empty(0, kind), *column]), dtype=kind)
+            return
+        columns = {
+            name: file.create_dataset(f"events/{name}", (0,), kind, maxshape=(None,), chunks=(CHUNK,), fillvalue=0)
+            for name, kind in TYPES.items()
+        }
+        count = 0
+        for piece in chain(waiting, chunks):
+            for values, dataset in zip(piece, columns.values(), strict=True):
+                dataset.resize((count + values.size,))
+                # past the library's own path, which would copy
+                whole = values if values.size == CHUNK else np.concatenate((values, np.zeros(CHUNK - values.size, values.dtype)))
+                dataset.id.write_direct_chunk((count,), np.ascontiguousarray(whole))
+            count += piece.t.size
+
+
+def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
+    """The same events in pieces of `CHUNK`, only the last one shorter."""
+    waiting: list[Columns] = []
+    size = 0
+    for piece in pieces:
+        waiting.append(piece.columns)
+        size += len(piece)
+        while size >= CHUNK:
+            joined = _join(waiting)
+            yield Columns(*(column[:CHUNK] for column in joined))
+            waiting = [Columns(*(column[CHUNK:] for column in joined))]
+            size -= CHUNK
+    if size:
+        yield _join(waiting)
+
+
+def _join(pieces: list[Columns]) -> Columns:
+    return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))

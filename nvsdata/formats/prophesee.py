@@ -8,13 +8,14 @@ version 1 has x in bits 0-8, y in 9-16, polarity in 17.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile, check_times_of_32_bits, header_lines, unwrapped_index
+from nvsdata.formats.records import Blocks, RecordFile, with_times_of_32_bits, header_lines, unwrapped_index
 from nvsdata.kernels.decode import WRAP_US, dat_decode
 
 MAX_ADDRESS = 0x3FFF
@@ -50,19 +51,21 @@ class Recording(RecordFile):
         return Columns(t, x, y, p), bad
 
 
-def write(events: Events, path: Path) -> None:
+def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
     """Write version 2 records, type 0x0C. ValueError for a pixel beyond 16383 or a time that wraps out of reach.
 
     The first time must lie in [0, 2^32) µs, and no gap may reach 2^31 µs: only so can a reader
     unwrap the 32-bit times.
     """
-    width, height = events.sensor_size
-    t = events.t
+    width, height = sensor_size
     if max(width, height) > MAX_ADDRESS + 1:
         raise ValueError("Prophesee .dat holds coordinates up to 16383 only")
-    check_times_of_32_bits(t, "Prophesee .dat")
-    words = np.empty((t.size, 2), "<u4")
-    words[:, 0] = (t % WRAP_US).astype(np.uint32)
-    words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14 | events.p.astype(np.uint32) << 28
     header = f"% Data file containing CD events.\n% Version 2\n% Width {width}\n% Height {height}\n"
-    path.write_bytes(header.encode() + b"\x0c\x08" + words.tobytes())
+    with path.open("wb") as file:
+        file.write(header.encode() + b"\x0c\x08")
+        for events in with_times_of_32_bits(pieces, "Prophesee .dat"):
+            words = np.empty((len(events), 2), "<u4")
+            words[:, 0] = (events.t % WRAP_US).astype(np.uint32)
+            words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14
+            words[:, 1] |= events.p.astype(np.uint32) << 28
+            file.write(words.tobytes())

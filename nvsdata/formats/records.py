@@ -5,12 +5,13 @@ from __future__ import annotations
 import mmap
 import re
 from abc import abstractmethod
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Recording
+from nvsdata.events import Columns, Events, Recording
 from nvsdata.kernels.decode import WRAP_US
 from nvsdata.kernels.order import never_falls
 
@@ -136,10 +137,17 @@ def unwrapped_index(raw: np.ndarray) -> Blocks:
     return Blocks(times + offsets, offsets)
 
 
-def check_times_of_32_bits(t: np.ndarray, name: str) -> None:
-    """ValueError for times that a reader could not unwrap: a first one beyond 32 bits, or a gap of 2^31 µs."""
-    if t.size and (t[0] < 0 or t[0] >= WRAP_US or np.diff(t).max(initial=0) >= WRAP_US // 2):
-        raise ValueError(f"{name} holds a first time below 2^32 µs and gaps below 2^31 µs only")
+def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Events]:
+    """The pieces; ValueError where a reader could not unwrap times: a first one beyond 32 bits, or a gap of 2^31 µs."""
+    last = None
+    for events in pieces:
+        t = events.t
+        # the first time is bounded as a step from 0 is, but by a whole wrap
+        first = t[:1] - last if last is not None else t[:1] // 2
+        if t[0] < 0 or max(first.max(), np.diff(t).max(initial=0)) >= WRAP_US // 2:
+            raise ValueError(f"{name} holds a first time below 2^32 µs and gaps below 2^31 µs only")
+        last = t[-1]
+        yield events
 
 
 def header_lines(head: bytes | mmap.mmap, mark: bytes) -> tuple[list[str], int]:

@@ -8,6 +8,7 @@ events are sorted, so that a window is found by bisection over the bytes.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -111,12 +112,13 @@ def looks_like(head: bytes, size: int) -> bool:
     return re.fullmatch(rb"\s*-?[\d.]+([ \t,]+-?[\d.]+)([ \t,]+-?[\d.]+[ \t,]+-?[\d.]+)?\s*", line) is not None
 
 
-def write(events: Events, path: Path) -> None:
+def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
     """Write lines `x y t p` under a comment that states sensor and order."""
-    width, height = events.sensor_size
-    table = np.column_stack((events.x, events.y, events.t, events.p))
+    width, height = sensor_size
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write(f"# nvsdata events: x y t p, sorted, sensor {width}x{height}\n")
-        for start in range(0, len(table), 1 << 16):
-            rows = table[start : start + (1 << 16)].tolist()
-            file.write("".join(f"{x} {y} {t} {p}\n" for x, y, t, p in rows))
+        for events in pieces:
+            table = np.column_stack((events.x, events.y, events.t, events.p))
+            for start in range(0, len(table), 1 << 16):
+                rows = table[start : start + (1 << 16)].tolist()
+                file.write("".join(f"{x} {y} {t} {p}\n" for x, y, t, p in rows))

@@ -113,13 +113,16 @@ def atis_decode(raw, lo, hi, offset, width, height):
 
 
 @njit(cache=True, nogil=True)
-def atis_encode(t, x, y, p):
-    """ATIS bytes of sorted events, overflow markers put in as late as they can be. O(N + markers)."""
+def atis_encode(t, x, y, p, offset):
+    """ATIS bytes of sorted events, overflow markers put in as late as they can be. O(N + markers).
+
+    `offset`: µs of the markers written before; the new value is returned, too.
+    """
+    offset = np.int64(offset)
     markers = 0
-    if t.size and t[-1] >= 1 << 23:
-        markers = (t[-1] - (1 << 23)) // ATIS_OVERFLOW_US + 1
+    if t.size and t[-1] - offset >= 1 << 23:
+        markers = (t[-1] - offset - (1 << 23)) // ATIS_OVERFLOW_US + 1
     raw = np.empty(5 * (t.size + markers), np.uint8)
-    offset = np.int64(0)
     j = 0
     for i in range(t.size):
         while t[i] - offset >= 1 << 23:
@@ -136,7 +139,7 @@ def atis_encode(t, x, y, p):
         raw[j + 3] = rest >> 8 & 0xFF
         raw[j + 4] = rest & 0xFF
         j += 5
-    return raw
+    return raw, offset
 
 
 @njit(cache=True, nogil=True)

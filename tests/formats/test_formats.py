@@ -38,6 +38,29 @@ def test_write_then_read_is_identity(tmp_path, suffix, ev):
 
 
 @every_format
+@given(ev=events(), step=st.integers(1, 50))
+def test_pieces_make_the_file_that_the_whole_makes(tmp_path, suffix, ev, step):
+    whole, parts = tmp_path / f"whole{suffix}", tmp_path / f"parts{suffix}"
+    nvsdata.write(ev, whole)
+    nvsdata.write((ev[i : i + step] for i in range(0, max(len(ev), 1), step)), parts)
+    assert nvsdata.read(parts, sensor_size=ev.sensor_size) == ev
+    if suffix not in (".h5", ".aedat3"):  # one has times of its making, the other a packet a piece
+        assert parts.read_bytes() == whole.read_bytes()
+
+
+def test_pieces_that_do_not_follow_each_other(tmp_path):
+    early, late = Events([1], [1], [1], [1], (4, 4)), Events([9], [1], [1], [1], (4, 4))
+    for pieces, says in (
+        ([late, early], "begins at 1 µs, but the one before it ends at 9"),
+        ([early, Events([9], [1], [1], [1], (5, 5))], "different sensors"),
+        ([], "no piece"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            nvsdata.write(iter(pieces), tmp_path / "a.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+@every_format
 @given(ev=events(max_size=3_000, gap=50), start=st.integers(-100, 60_000), length=st.integers(0, 30_000))
 def test_window_equals_slice_of_whole(tmp_path, suffix, ev, start, length):
     path = tmp_path / f"a{suffix}"

@@ -7,6 +7,7 @@ from strategies import events
 
 import nvsdata
 from nvsdata import Events, FormatError
+from nvsdata.formats import hdf5
 
 
 @given(events(max_size=60), st.integers(-(2**62), 2**62 - 200_000))
@@ -86,3 +87,18 @@ def test_the_compound_that_metavision_has(tmp_path):
     recording = nvsdata.open(tmp_path / "a.hdf5", sensor_size=(640, 480))
     assert recording.read() == ev
     assert recording.read(700, 1_400) == ev.window(700, 1_400)
+
+
+@given(events(max_size=90), st.integers(1, 40), st.data())
+def test_a_long_file_in_chunks_reads_as_a_short_one(tmp_path, ev, step, data):
+    pieces = [ev[i : i + step] for i in range(0, max(len(ev), 1), step)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hdf5, "CHUNK", 7)
+        patch.setattr(hdf5, "CONTIGUOUS", 2)
+        nvsdata.write(iter(pieces), tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert (file["events/t"].chunks is None) == (len(ev) <= 14)
+    assert nvsdata.read(tmp_path / "a.h5") == ev
+    start, stop = sorted(data.draw(st.tuples(*[st.integers(-5, int(ev.t.max(initial=0)) + 5)] * 2)))
+    assert nvsdata.read(tmp_path / "a.h5", start, stop) == ev.window(start, stop)
+    assert nvsdata.open(tmp_path / "a.h5").span == ((int(ev.t[0]), int(ev.t[-1])) if len(ev) else (0, 0))
