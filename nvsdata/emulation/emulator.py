@@ -2,35 +2,66 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nvsdata.emulation.threads import DEPTH
 from nvsdata.events import Columns, Events, empty_columns
 from nvsdata.kernels import emulate as kernels
 
 if TYPE_CHECKING:
     from nvsdata.emulation.pix2nvs import PIX2NVS
+    from nvsdata.emulation.video import Frame
 
 METHODS = {"co-located": kernels.CO_LOCATED, "average": kernels.AVERAGE, "minimum": kernels.MINIMUM}
 # linear times need no key: they follow from the raster order
 TIMINGS = {"interpolated": kernels.INTERPOLATED, "random": kernels.RANDOM}
 LONGEST = 2**31  # µs between frames that keys can hold
 LARGEST = 2**15 - 1  # pixels of a side
+KEPT = DEPTH + 3  # frames whose keys may be waiting to be read
+
+
+@dataclass
+class Spikes:
+    """What fired between two frames: keys as `kernels.emulate.fire` makes them, in raster order."""
+
+    keys: np.ndarray
+    before: int
+    now: int
+    timestamps: str
+    sensor_size: tuple[int, int]
+
+    def events(self) -> Events:
+        """As events, sorted by time."""
+        count, keys = self.keys.size, self.keys
+        if count == 0:
+            return Events.empty(self.sensor_size, self.before)
+        columns = Columns(*(np.empty(count, column.dtype) for column in empty_columns()))
+        if self.timestamps in TIMINGS:
+            # the column of times is scratch until it is written
+            keys = kernels.sort_keys(keys, columns.t.view(np.uint64), int(self.now - self.before).bit_length())
+        kernels.unpack(keys, self.before, *columns)
+        if self.timestamps == "fixed":
+            columns.t[:] = self.now
+        elif self.timestamps == "linear":
+            columns.t[:] = self.before + np.arange(1, count + 1) * (self.now - self.before) // count
+        return Events.trusted(columns, self.sensor_size, self.before)
 
 
 class Emulator:
-    """State of an emulation. Frames are bytes in b, g, r order or grey, or float brightness 0 to 255."""
+    """State of an emulation. The last frame is kept, and must not be changed."""
 
-    def __init__(self, settings: PIX2NVS, first: np.ndarray) -> None:
-        height, width = first.shape[:2]
+    def __init__(self, settings: PIX2NVS, first: Frame) -> None:
+        height, width = first.pixels.shape[:2]
         if settings.inhibition > min(height, width):
             raise ValueError(f"inhibition={settings.inhibition} is larger than the frame of {width}x{height}")
         if max(height, width) > LARGEST:
             raise ValueError(f"frames of {width}x{height} are larger than events can address")
         self.settings, self.sensor_size = settings, (width, height)
-        self._kind = (first.shape, first.dtype)
-        self._channels = first.shape[2] if first.ndim == 3 else 1
+        self._channels = first.pixels.shape[2] if first.pixels.ndim == 3 else 1
         tiles = (-(-height // kernels.TILE[0]), -(-width // kernels.TILE[1]))
         self._dirty, self._affected, self._active = (np.ones(tiles, bool) for _ in range(3))
         self._still, self._behind = np.zeros(tiles, bool), np.zeros(tiles, np.int64)
@@ -41,37 +72,36 @@ class Emulator:
         self._sensitivity = _sensitivity(settings, (height, width)).astype(number)
         self._calm = self._threshold / max(number(1), self._sensitivity.max(initial=0))
         self._number = 0
-        self._previous = self._bytes(first).copy()
+        self._last = first
         self._plane = np.empty((height, width), number)
         self._level = self._plane if settings.mode == "LI" else np.empty_like(self._plane)
         self._see(first)
         self._reference = self._level.copy()
         self._difference = np.zeros_like(self._plane)
-        self._keys = np.empty(height * width + 64 * width, np.uint64)
-        self._spare = self._keys[:0]
+        self._keys = deque(np.empty(height * width + 64 * width, np.uint64) for _ in range(KEPT))
 
-    def step(self, frame: np.ndarray, before: int, now: int) -> Events:
-        """Events between the last frame, at `before` µs, and this one, at `now` µs.
+    def none(self, now: int) -> Spikes:
+        """What a frame without events at `now` µs gives."""
+        return Spikes(self._keys[0][:0], now, now, self.settings.timestamps, self.sensor_size)
+
+    def step(self, frame: Frame) -> Spikes:
+        """Spikes between the last frame and this one; read them before `KEPT` more steps.
 
         ValueError for a frame of other size or type than the first, and times that don't rise.
         """
-        if (frame.shape, frame.dtype) != self._kind:
-            now_is, was = (f"{shape[1]}x{shape[0]} {kind}" for shape, kind in ((frame.shape, frame.dtype), self._kind))
-            raise ValueError(f"the frame at {now} µs is {now_is} {frame.shape}, earlier ones were {was}")
+        last, self._last = self._last, frame
+        before, now = last.time, frame.time
+        if _kind(frame) != _kind(last):
+            raise ValueError(f"the frame at {now} µs is {_kind(frame)}, earlier ones were {_kind(last)}")
         if not 0 < now - before < LONGEST:
             raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
         settings = self.settings
         self._number += 1
-        dirty = kernels.find_dirty(
-            self._bytes(frame), self._previous, self._row_items(frame), self.sensor_size[::-1], self._dirty
-        )
-        if dirty == 0 and self._still.all():
-            self._behind += self._falls_behind
-            return Events.empty(self.sensor_size, before)
+        pixel = self._channels * frame.pixels.dtype.itemsize
+        kernels.find_dirty(_bytes(frame), _bytes(last), pixel, self.sensor_size[::-1], self._dirty)
         self._wake()
         kernels.catch_up(self._reference, self._level, self._alpha, self._behind, self._active)
-        if dirty:
-            self._see(frame)
+        self._see(frame)
         method = METHODS[settings.difference]
         kernels.differ(self._level, self._reference, method, self._sensitivity, self._active, self._difference)
         if settings.inhibition > 1:
@@ -90,19 +120,10 @@ class Emulator:
             self._still,
             self._behind,
         )
-        return self._events(count, before, now)
+        return Spikes(self._keys[0][:count], before, now, settings.timestamps, self.sensor_size)
 
-    @property
-    def _falls_behind(self) -> bool:
-        return bool(self.settings.new and self._alpha < 1)
-
-    def _bytes(self, frame: np.ndarray) -> np.ndarray:
-        """The frame's bytes, [H, bytes of a row]."""
-        return np.ascontiguousarray(frame).view(np.uint8).reshape(frame.shape[0], -1)
-
-    def _row_items(self, frame: np.ndarray) -> int:
-        """Bytes of a pixel."""
-        return self._channels * frame.dtype.itemsize
+    def _of_bytes(self, frame: Frame) -> bool:
+        return frame.pixels.dtype == np.uint8 and not self.settings.hue
 
     def _wake(self) -> None:
         """Which tiles have to be looked at: changed ones, restless ones, and neighbours that matter."""
@@ -118,12 +139,13 @@ class Emulator:
             # blocks lie across tiles
             self._active[:] = True
 
-    def _see(self, frame: np.ndarray) -> None:
+    def _see(self, frame: Frame) -> None:
         """Bring `plane` and `level` up to date where the frame changed."""
         settings = self.settings
-        if frame.dtype == np.uint8 and not settings.hue:
-            kernels.luminance(self._previous, self._channels, self._table, self._dirty, self._plane)
-        else:
+        if self._of_bytes(frame):
+            weight = _first_weight(frame)
+            kernels.luminance(_bytes(frame), self._channels, weight, self._table, self._dirty, self._plane)
+        elif self._dirty.any():
             self._plane[:] = tone(settings, brightness(frame, settings.hue))
         if settings.mode != "LI":
             affected = self._affected
@@ -131,50 +153,53 @@ class Emulator:
             kernels.contrast(self._plane, affected, settings.mode == "LICE", settings.t_log, slope, self._level)
 
     def _fire(self, span: int) -> int:
+        """Fill keys row by row, in a larger array where one is full; the number of keys."""
         timing = TIMINGS.get(self.settings.timestamps, kernels.AT_ONCE)
         # of the frame's number, so that frames that are skipped change nothing
         seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
-        count, row, height = 0, 0, self.sensor_size[1]
+        spans = np.array([span], np.float64 if span > 1 << 21 else self._plane.dtype)
+        self._keys.rotate()
+        count, row = 0, 0
         while True:
             count, row = kernels.fire(
                 self._difference,
                 self._active,
                 self._threshold,
                 self.settings.max_events,
-                float(span),
+                spans,
                 timing,
                 seed,
-                self._keys,
+                self._keys[0],
                 count,
                 row,
             )
-            if row == height:
+            if row == self.sensor_size[1]:
                 return int(count)
-            self._keys = np.concatenate((self._keys, np.empty_like(self._keys)))
-
-    def _events(self, count: int, before: int, now: int) -> Events:
-        if count == 0:
-            return Events.empty(self.sensor_size, before)
-        keys, start = self._keys[:count], before
-        if self.settings.timestamps in TIMINGS:
-            if self._spare.size < count:
-                self._spare = np.empty_like(self._keys)
-            keys = kernels.sort_keys(keys, self._spare[:count], int(now - before).bit_length())
-        columns = Columns(*(np.empty(count, column.dtype) for column in empty_columns()))
-        kernels.unpack(keys, start, *columns)
-        if self.settings.timestamps == "fixed":
-            columns.t[:] = now
-        elif self.settings.timestamps == "linear":
-            columns.t[:] = before + np.arange(1, count + 1) * (now - before) // count
-        return Events.trusted(columns, self.sensor_size, before)
+            self._keys[0] = np.concatenate((self._keys[0], np.empty_like(self._keys[0])))
 
 
-def brightness(frame: np.ndarray, hue: bool = False) -> np.ndarray:
-    """Luminance q or hue h (3.2.1), float64 [H, W], of a frame in b, g, r order or grey; black has hue 0."""
-    values = frame.astype(np.float64)
+def _first_weight(frame: Frame) -> int:
+    """Of a pixel's first byte in the luminance, in thousandths."""
+    return 299 if frame.red_first else 114
+
+
+def _bytes(frame: Frame) -> np.ndarray:
+    """The frame's bytes, [H, bytes of a row]."""
+    return frame.pixels.view(np.uint8).reshape(frame.pixels.shape[0], -1)
+
+
+def _kind(frame: Frame) -> str:
+    """What all frames of a video must share, in words."""
+    height, width, *colours = frame.pixels.shape
+    return f"{width}x{height} {'colour' if colours else 'grey'} {frame.pixels.dtype}"
+
+
+def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
+    """Luminance q or hue h (3.2.1), float64 [H, W]; black has hue 0."""
+    values = frame.pixels.astype(np.float64)
     if values.ndim == 2:
         return np.where(values > 0, 0.5, 0.0) if hue else values
-    b, g, r = values[..., 0], values[..., 1], values[..., 2]
+    r, g, b = np.moveaxis(values if frame.red_first else values[..., ::-1], -1, 0)
     if hue:
         return np.divide(b, r + g, out=b.copy(), where=r + g > 0)
     return (299 * r + 587 * g + 114 * b) / 1000

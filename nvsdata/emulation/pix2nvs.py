@@ -9,9 +9,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.sensor import Imperfections
-from nvsdata.emulation.video import Video, frames_of
+from nvsdata.emulation.threads import ahead
+from nvsdata.emulation.video import Frame, Video, frames_of
 from nvsdata.events import Columns, Events
 
 Mode = Literal["LI", "CE", "LICE"]
@@ -127,20 +128,27 @@ class PIX2NVS:
         Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames
         that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.
         """
-        emulator: Emulator | None = None
+        spikes = ahead(self._spikes(frames_of(frames, fps=fps, times=times, size=size)))
+        return ahead(self._events(spikes))
+
+    def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:
+        first = next(frames, None)
+        if first is None:
+            raise ValueError("a video of no frames")
+        emulator = Emulator(self, first)
+        yield emulator.none(first.time)
+        yield from map(emulator.step, frames)
+
+    def _events(self, pieces: Iterator[Spikes]) -> Iterator[Events]:
         flaws: Imperfections | None = None
-        for time, frame in frames_of(frames, fps=fps, times=times, size=size):
-            if emulator is None:
-                emulator = Emulator(self, frame)
-                flaws = Imperfections.of(self, emulator.sensor_size)
-                yield Events.empty(emulator.sensor_size, 0)
-                before = time
-                continue
-            events = emulator.step(frame, before, time)
-            yield events if flaws is None else flaws.apply(events, before, time)
-            before = time
-        if emulator is None:
-            raise ValueError(f"no frames in {frames}")
+        for spikes in pieces:
+            events = spikes.events()
+            flaws = flaws or Imperfections.of(self, events.sensor_size)
+            yield (
+                events
+                if flaws is None or spikes.now == spikes.before
+                else flaws.apply(events, spikes.before, spikes.now)
+            )
 
 
 def _require(settings: PIX2NVS, name: str, holds: Any, what: str) -> None:

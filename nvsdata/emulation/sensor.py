@@ -50,12 +50,23 @@ class Imperfections:
         times = self._random.integers(before, now, noisy + hot)
         extra = (times, where % self.size[0], where // self.size[0], polarity)
         columns = Columns(
-            *(np.concatenate((a, b), dtype=a.dtype, casting="unsafe") for a, b in zip(events.columns, extra, strict=True))
+            *(
+                np.concatenate((a, b), dtype=a.dtype, casting="unsafe")
+                for a, b in zip(events.columns, extra, strict=True)
+            )
         )
         columns = in_order(columns)
         if settings.refractory or settings.bandwidth:
             times, kept, self._busy = read_out(
-                columns.t, columns.x, columns.y, self.size[0], self._ready, settings.refractory, self._gap, self._busy, before
+                columns.t,
+                columns.x,
+                columns.y,
+                self.size[0],
+                self._ready,
+                settings.refractory,
+                self._gap,
+                self._busy,
+                before,
             )
             self._busy -= now - before
             columns = Columns(times[kept], columns.x[kept], columns.y[kept], columns.p[kept])

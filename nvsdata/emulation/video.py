@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import os
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
+from nvsdata.emulation.threads import ahead
 from nvsdata.errors import FormatError
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
-Frame = tuple[int, np.ndarray]  # µs; [H, W] or [H, W, 3] in b, g, r order: uint8, or float64 from 0 to 255
 USUAL_RATE = 30.0  # frames a second of what has no times of its own
-AHEAD = 4  # frames that are decoded before they are asked for
+
+
+class Frame(NamedTuple):
+    """A picture: `time` in µs; `pixels` [H, W] or [H, W, 3], uint8, or float64 from 0 to 255; red or blue first."""
+
+    time: int
+    pixels: np.ndarray
+    red_first: bool = False
 
 
 class TruncatedVideo(FormatError):
@@ -48,11 +53,11 @@ def frames_of(
 
 def _timed(frames: Iterator[Frame], times: Iterable[int]) -> Iterator[Frame]:
     given = iter(times)
-    for n, (_, frame) in enumerate(frames):
+    for n, frame in enumerate(frames):
         moment = next(given, None)
         if moment is None:
             raise ValueError(f"frame {n} has no time: fewer times than frames were given")
-        yield int(moment), frame
+        yield frame._replace(time=int(moment))
 
 
 def _regular(fps: float) -> Iterator[int]:
@@ -75,11 +80,11 @@ def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
         gap = 1_000_000 / (capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE)
         promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         count, first, last = 0, 0, 0
-        for stamp, frame in _ahead(lambda: _decode(capture, size)):
-            first = stamp if count == 0 else first
+        for frame in ahead(_decoded(capture, size)):
+            first = frame.time if count == 0 else first
             # containers without times report the same one for all
-            now = stamp - first if count == 0 or stamp - first > last else last + round(gap)
-            yield now, frame
+            now = frame.time - first if count == 0 or frame.time - first > last else last + round(gap)
+            yield frame._replace(time=now)
             count, last = count + 1, now
         if count == 0:
             raise FormatError(path, None, "not one frame can be decoded")
@@ -90,24 +95,12 @@ def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
         capture.release()
 
 
-def _decode(capture: Any, size: tuple[int, int] | None) -> Frame | None:
-    ok, frame = capture.read()
-    if not ok:
-        return None
-    return round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1000), _scaled(frame, size)
-
-
-def _ahead(read: Callable[[], Frame | None]) -> Iterator[Frame]:
-    """What `read` returns until it returns None, read some calls ahead in a thread."""
-    with ThreadPoolExecutor(1, "nvsdata-decode") as pool:
-        waiting: deque[Future[Frame | None]] = deque(pool.submit(read) for _ in range(AHEAD))
-        try:
-            while (found := waiting.popleft().result()) is not None:
-                waiting.append(pool.submit(read))
-                yield found
-        finally:
-            for future in waiting:
-                future.cancel()
+def _decoded(capture: Any, size: tuple[int, int] | None) -> Iterator[Frame]:
+    while True:
+        ok, frame = capture.read()
+        if not ok:
+            return
+        yield Frame(round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1000), _scaled(frame, size))
 
 
 def _camera(number: int, size: tuple[int, int] | None) -> Iterator[Frame]:
@@ -120,7 +113,7 @@ def _camera(number: int, size: tuple[int, int] | None) -> Iterator[Frame]:
             ok, frame = capture.read()
             if not ok:
                 return
-            yield (time.monotonic_ns() - start) // 1000, _scaled(frame, size)
+            yield Frame((time.monotonic_ns() - start) // 1000, _scaled(frame, size))
     finally:
         capture.release()
 
@@ -134,13 +127,13 @@ def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Fram
                 if not Path(given).exists():
                     raise FileNotFoundError(f"{given}: no such image")
                 raise FormatError(given, None, "holds no image that OpenCV can decode")
-            picture = _picture(frame, n, colours="bgr")
+            yield Frame(next(times), _scaled(_picture(frame, n), size))
         else:
-            picture = _picture(np.asarray(given), n, colours="rgb")
-        yield next(times), _scaled(picture, size)
+            # a copy, for the caller may write the next frame into the same array
+            yield Frame(next(times), _scaled(_picture(np.array(given), n), size), red_first=True)
 
 
-def _picture(frame: np.ndarray, n: int, colours: str) -> np.ndarray:
+def _picture(frame: np.ndarray, n: int) -> np.ndarray:
     """A frame as the emulator takes it; ValueError for shapes and types that mean no picture."""
     if frame.ndim == 3 and frame.shape[2] == 1:
         frame = frame[..., 0]
@@ -157,8 +150,6 @@ def _picture(frame: np.ndarray, n: int, colours: str) -> np.ndarray:
         frame = frame.astype(np.float64) * 255
     elif frame.dtype != np.uint8:
         raise ValueError(f"frame {n} is {frame.dtype}; it must be uint8, uint16, bool or float")
-    if frame.ndim == 3 and colours == "rgb":
-        return cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2BGR) if frame.dtype == np.uint8 else frame[..., ::-1]
     return frame
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile, bytes_of, with_times_of_32_bits, header_lines, unwrapped_index
+from nvsdata.formats.records import Blocks, RecordFile, bytes_of, header_lines, unwrapped_index, with_times_of_32_bits
 from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode, aedat2_encode
 
 # camera, as the class name in `# AEChip:` ends: size, layout, the class name that is written

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import mmap
 from bisect import bisect_left
-from contextlib import suppress
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -213,7 +213,11 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
             for values, dataset in zip(piece, columns.values(), strict=True):
                 dataset.resize((count + values.size,))
                 # past the library's own path, which would copy
-                whole = values if values.size == CHUNK else np.concatenate((values, np.zeros(CHUNK - values.size, values.dtype)))
+                whole = (
+                    values
+                    if values.size == CHUNK
+                    else np.concatenate((values, np.zeros(CHUNK - values.size, values.dtype)))
+                )
                 dataset.id.write_direct_chunk((count,), np.ascontiguousarray(whole))
             count += piece.t.size
 

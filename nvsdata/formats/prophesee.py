@@ -15,7 +15,7 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile, with_times_of_32_bits, header_lines, unwrapped_index
+from nvsdata.formats.records import Blocks, RecordFile, header_lines, unwrapped_index, with_times_of_32_bits
 from nvsdata.kernels.decode import WRAP_US, dat_decode
 
 MAX_ADDRESS = 0x3FFF

@@ -31,7 +31,7 @@ def _bounds(tile, shape):
 
 @njit(cache=True, nogil=True)
 def find_dirty(frame, previous, channels, shape, dirty):
-    """Mark the tiles whose bytes differ and copy them to `previous`; return how many. O(bytes)."""
+    """Mark the tiles whose bytes differ from the `previous` frame's; return how many. O(bytes)."""
     count = 0
     for tile in np.ndindex(dirty.shape):
         y0, y1, x0, x1 = _bounds(tile, shape)
@@ -44,11 +44,7 @@ def find_dirty(frame, previous, channels, shape, dirty):
             if differs:
                 dirty[tile] = True
                 break
-        if dirty[tile]:
-            count += 1
-            for y in range(y0, y1):
-                for c in range(lo, hi):
-                    previous[y, c] = frame[y, c]
+        count += dirty[tile]
     return count
 
 
@@ -85,8 +81,12 @@ def catch_up(reference, level, alpha, behind, tiles):
 
 
 @njit(cache=True, nogil=True)
-def luminance(frame, channels, table, tiles, plane):
-    """`plane` = table[1000 q], q = 0.299 r + 0.587 g + 0.114 b of bytes b, g, r (or one, grey), exactly."""
+def luminance(frame, channels, first_weight, table, tiles, plane):
+    """`plane` = table[1000 q], q = 0.299 r + 0.587 g + 0.114 b of three bytes or one, grey; exactly.
+
+    `first_weight`, in thousandths, is that of a pixel's first byte: 299 for r, g, b, 114 for b, g, r.
+    """
+    weight, other = np.int32(first_weight), np.int32(413 - first_weight)
     scratch = np.empty(TILE[1], np.int32)
     for tile in np.ndindex(tiles.shape):
         if not tiles[tile]:
@@ -98,8 +98,8 @@ def luminance(frame, channels, table, tiles, plane):
             if channels == 3:
                 for i in range(width):
                     c = _U(3) * (first + i)
-                    b, g, r = np.int32(frame[y, c]), np.int32(frame[y, c + _U(1)]), np.int32(frame[y, c + _U(2)])
-                    scratch[i] = np.int32(114) * b + np.int32(587) * g + np.int32(299) * r
+                    a, g, b = np.int32(frame[y, c]), np.int32(frame[y, c + _U(1)]), np.int32(frame[y, c + _U(2)])
+                    scratch[i] = weight * a + np.int32(587) * g + other * b
             else:
                 for i in range(width):
                     scratch[i] = np.int32(1000) * np.int32(frame[y, first + i])
@@ -215,17 +215,19 @@ def update(level, reference, difference, threshold, alpha, everywhere, method, c
 
 @njit(cache=True, nogil=True)
 def fire(difference, active, threshold, most, span, timing, seed, keys, n, row):
-    """Events where |difference| >= threshold, (3.6) and (3.8), in raster order from `row` on.
+    """Events where |difference| >= threshold, (3.6) and (3.8), in raster order, from row `row` on.
 
     An event is a key of 64 bits: µs since the last frame << 32 | y << 17 | x << 1 | ON. Times are
-    k span T / |d| for the k-th of a position (`INTERPOLATED`), random, or left at 0. Returns the number of keys
-    and the row to go on with once `keys` has more room (the height if all is done). O(active pixels).
+    k span T / |d| for the k-th of a position (`INTERPOLATED`), random, or left at 0; the one value of `span`
+    is the µs between the frames. `n` keys are there already. Returns the number of keys and the row to
+    go on with once `keys` has more room, or the height. O(active pixels + events).
     """
     height, width = difference.shape
     mask = np.zeros(TILE[1], np.uint8)
     words = mask.view(np.uint64)
-    x = np.empty(width + 8, np.uint16)
-    ratio, step = np.empty(width + 8, difference.dtype), np.empty(width + 8, np.float64)
+    x, count = np.empty(width + 8, np.uint16), np.empty(width + 8, np.int64)
+    ratio, step = np.empty(width + 8, difference.dtype), np.empty(width + 8, span.dtype)
+    half = span.dtype.type(0.5)
     for y in range(row, height):
         m = 0
         for c in range(active.shape[1]):
@@ -243,29 +245,41 @@ def fire(difference, active, threshold, most, span, timing, seed, keys, n, row):
                     for i in range(_U(8)):
                         x[m] = first + _U(8) * w + i
                         m += np.int64((word >> (_U(8) * i)) & _U(1))
-        if n + m * most + 8 > keys.size:
-            return n, y
+        # a loop for each array, so that each is vectorised
         for j in range(_U(m)):
             ratio[j] = difference[y, _U(x[j])]
         for j in range(_U(m)):
             ratio[j] = ratio[j] / threshold
-            step[j] = span / abs(ratio[j])
         for j in range(_U(m)):
-            key = _U(y) << _U(17) | _U(x[j]) << _U(1) | _U(ratio[j] > 0)
-            count = int(abs(ratio[j]))
-            if timing == INTERPOLATED and most <= 4:
-                for k in range(most):
-                    keys[n + k] = _U(np.int64((k + 1) * step[j] + 0.5)) << _U(32) | key
-                n += min(count, most)
-                continue
-            for k in range(min(count, most)):
+            step[j] = span[0] / abs(ratio[j])
+        total = 3
+        for j in range(_U(m)):
+            count[j] = min(np.int64(abs(ratio[j])), most)
+            total += count[j]
+        if n + total > keys.size:
+            return n, y
+        row_key = _U(y) << _U(17)
+        if timing == INTERPOLATED and most <= 3:
+            for j in range(_U(m)):
+                key = row_key | _U(x[j]) << _U(1) | _U(ratio[j] > 0)
+                # all three are written, the next position overwrites those that don't count
+                time = step[j] + half
+                keys[n] = _U(np.uint32(np.int32(time))) << _U(32) | key
+                time += step[j]
+                keys[n + 1] = _U(np.uint32(np.int32(time))) << _U(32) | key
+                time += step[j]
+                keys[n + 2] = _U(np.uint32(np.int32(time))) << _U(32) | key
+                n += count[j]
+            continue
+        for j in range(_U(m)):
+            key = row_key | _U(x[j]) << _U(1) | _U(ratio[j] > 0)
+            for k in range(count[j]):
+                time = _U(0)
                 if timing == INTERPOLATED:
-                    key_time = _U(np.int64((k + 1) * step[j] + 0.5))
+                    time = _U(np.int64((k + 1) * step[j] + half))
                 elif timing == RANDOM:
-                    key_time = _random(seed, (key << _U(16)) + _U(k)) % _U(span)
-                else:
-                    key_time = _U(0)
-                keys[n] = key_time << _U(32) | key
+                    time = _random(seed, (key << _U(16)) + _U(k)) % _U(span[0])
+                keys[n] = time << _U(32) | key
                 n += 1
     return n, height
 
