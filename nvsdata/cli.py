@@ -11,19 +11,20 @@ from typing import Any
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a subcommand; return the exit code (0 fine, 1 something failed, 130 interrupted)."""
-    args = _parser().parse_args(argv)
+    words = list(sys.argv[1:] if argv is None else argv)
+    args = _parser(words[0] if words else "").parse_args(words)
     try:
         code: int = args.run(args)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, ImportError) as error:
         print(f"nvsdata {args.command}: {error}", file=sys.stderr)
         return 1
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(command: str) -> argparse.ArgumentParser:
     from nvsdata import __version__
 
     parser = argparse.ArgumentParser(prog="nvsdata", description="Datasets, transforms and models for event cameras.")
@@ -67,6 +68,20 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
     convert.set_defaults(run=_convert)
 
+    videos = commands.add_parser("convert-videos", help="videos to events (PIX2NVS), class folder by class folder")
+    videos.add_argument("source", type=Path, metavar="IN", help="a folder of videos, or one video")
+    videos.add_argument("--out", type=Path, metavar="DIR", help="where recordings go (default IN-events)")
+    videos.add_argument("--format", default="hdf5", help="hdf5, aedat2, aedat3 or text (default hdf5)")
+    videos.add_argument("--size", type=_size, metavar="WxH", help="scale frames, for example to 240x180")
+    videos.add_argument("--fps", type=float, help="frames a second, whatever the files say")
+    videos.add_argument("--jobs", type=int, default=1, help="processes (default 1)")
+    videos.add_argument("--scheduler", metavar="ADDRESS", help="have a Dask cluster do it")
+    videos.add_argument("--limit", type=int, metavar="N", help="the first N videos only")
+    videos.add_argument("--dry-run", action="store_true", help="say what would be done")
+    if command == "convert-videos":
+        _add_settings(videos)
+    videos.set_defaults(run=_convert_videos)
+
     verify = commands.add_parser(
         "verify", help="open every recording, report what is wrong; exit code 1 if anything is"
     )
@@ -79,6 +94,29 @@ def _parser() -> argparse.ArgumentParser:
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
     return int(width), int(height)
+
+
+def _add_settings(parser: argparse.ArgumentParser) -> None:
+    """Options for the settings of PIX2NVS; only the command that needs them pays for the import."""
+    from dataclasses import fields
+
+    from nvsdata.emulation import PIX2NVS, PRESETS
+
+    group = parser.add_argument_group("settings of PIX2NVS", "each overrides what the preset says")
+    group.add_argument("--preset", choices=PRESETS, default="table-3.3-row-5", help="default table-3.3-row-5")
+    for field in fields(PIX2NVS):
+        kind = type(field.default)
+        options: dict[str, Any] = {"action": argparse.BooleanOptionalAction} if kind is bool else {"type": kind}
+        group.add_argument(f"--{field.name.replace('_', '-')}", **options, default=argparse.SUPPRESS)
+
+
+def _settings(args: argparse.Namespace) -> Any:
+    from dataclasses import fields, replace
+
+    from nvsdata.emulation import PIX2NVS, PRESETS
+
+    given = {field.name: getattr(args, field.name) for field in fields(PIX2NVS) if hasattr(args, field.name)}
+    return replace(PRESETS[args.preset], **given)
 
 
 def _dataset(name: str) -> Any:
@@ -130,6 +168,27 @@ def _convert(args: argparse.Namespace) -> int:
         print(f"{args.source}: {count} {what}", file=sys.stderr)
     print(f"{len(events):,} events in {args.target}")
     return 0
+
+
+def _convert_videos(args: argparse.Namespace) -> int:
+    from nvsdata.emulation.convert import convert_videos, default_out, plan
+
+    for name in ("jobs", "limit"):
+        if (getattr(args, name) or 1) < 1:
+            raise ValueError(f"--{name} must be at least 1, not {getattr(args, name)}")
+    settings = _settings(args)
+    chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit}
+    if args.dry_run:
+        for job in plan(args.source, args.out, settings, **chosen):
+            print(f"{job.video} -> {job.target}")
+        print(settings)
+        return 0
+    report = convert_videos(args.source, args.out, settings, jobs=args.jobs, scheduler=args.scheduler, **chosen)
+    for name, reason in report.failed.items():
+        print(f"{name}: {reason}", file=sys.stderr)
+    done = f"{report.converted:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
+    print(f"{done}; {report.events:,} events in {args.out or default_out(args.source)}")
+    return 1 if report.failed else 0
 
 
 def _verify(args: argparse.Namespace) -> int:

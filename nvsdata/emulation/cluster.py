@@ -1,0 +1,37 @@
+"""Videos converted by the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nvsdata.emulation.convert import Job
+
+RETRIES = 3  # of a video whose worker was lost
+
+
+def results(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Jobs and their lines of the manifest, as workers finish them; one that is lost is replaced by another.
+
+    ImportError without `nvsdata[distributed]`, OSError if the scheduler doesn't answer or a video cost
+    one worker after the other.
+    """
+    from nvsdata.emulation.convert import convert
+
+    try:
+        from distributed import Client, KilledWorker, as_completed
+    except ImportError:
+        raise ImportError("a scheduler needs Dask: pip install 'nvsdata[distributed]'") from None
+    with Client(scheduler) as client:
+        # not pure: a run that goes on must do anew what an earlier run's results are still kept of
+        futures = client.map(convert, jobs, pure=False, retries=RETRIES)
+        named = {future.key: job for future, job in zip(futures, jobs, strict=True)}
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield named[future.key], future.result()
+                except KilledWorker as error:
+                    raise OSError(f"{named[future.key].name}: {error}") from None
+        finally:
+            client.cancel(futures)

@@ -1,0 +1,209 @@
+"""Folders of videos to folders of recordings that `EventFolder` reads."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import cv2
+from tqdm import tqdm
+
+from nvsdata import formats
+from nvsdata.emulation.manifest import Manifest
+from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.video import TruncatedVideo
+from nvsdata.events import Events
+
+FORMATS = {"hdf5": ".h5", "aedat2": ".aedat", "aedat3": ".aedat3", "text": ".txt"}
+VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
+# of the disk or the folder, not of one video: those after it would fail, too
+FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One video to convert."""
+
+    name: str  # below the folder of videos, with slashes
+    video: Path
+    target: Path
+    settings: PIX2NVS
+    size: tuple[int, int] | None
+    fps: float | None
+
+
+@dataclass
+class Report:
+    """What a run did: videos converted and those that were there already, events made, and what failed, why."""
+
+    converted: int = 0
+    kept: int = 0
+    events: int = 0
+    failed: dict[str, str] = field(default_factory=dict)
+
+
+def convert_videos(
+    source: Path,
+    out: Path | None = None,
+    settings: PIX2NVS | None = None,
+    *,
+    format: str = "hdf5",
+    size: tuple[int, int] | None = None,
+    fps: float | None = None,
+    jobs: int = 1,
+    limit: int | None = None,
+    scheduler: str | None = None,
+) -> Report:
+    """Convert a video, or every video below a folder, to `out` (default: the folder's name and "-events").
+
+    The tree of folders is kept, so class folders stay class folders. `jobs` processes work at once, or
+    those of the Dask cluster at `scheduler` (needs `nvsdata[distributed]`; its workers must see both
+    folders under the same names). `out/manifest.jsonl` has the settings and a line a video; a run that
+    was stopped goes on where it was, and tries again what had failed. A broken video is reported and
+    the rest goes on; of one that is cut off, what there is gets converted, and it counts as failed.
+
+    Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
+    other settings, and OSError if nothing can be written there.
+    """
+    found = plan(source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, limit=limit)
+    target = out or default_out(source)
+    target.mkdir(parents=True, exist_ok=True)
+    sweep(target)
+    report = Report()
+    with Manifest(target, found[0].settings, format=format, size=size, fps=fps) as manifest:
+        waiting = [job for job in found if not manifest.has(job.name, job.video, job.target)]
+        report.kept = len(found) - len(waiting)
+        started = time.monotonic()
+        with (
+            tqdm(total=len(waiting), desc="converting", unit="video", disable=None) as bar,
+            closing(_results(waiting, jobs, scheduler)) as results,
+        ):
+            for job, line in results:
+                manifest.add(line)
+                report.events += line.get("events", 0)
+                if line["status"] == "converted":
+                    report.converted += 1
+                else:
+                    report.failed[job.name] = line["reason"]
+                bar.set_postfix_str(f"{report.events / (time.monotonic() - started):,.0f} events/s", refresh=False)
+                bar.update()
+    sweep(target)
+    return report
+
+
+def default_out(source: Path) -> Path:
+    """Where recordings go if nothing else is said."""
+    whole = source.resolve()
+    return whole.with_name(f"{whole.name if source.is_dir() else whole.stem}-events")
+
+
+def plan(
+    source: Path,
+    out: Path | None,
+    settings: PIX2NVS,
+    *,
+    format: str = "hdf5",
+    size: tuple[int, int] | None = None,
+    fps: float | None = None,
+    limit: int | None = None,
+) -> list[Job]:
+    """The videos that would be converted, and to where; see `convert_videos`."""
+    if format not in FORMATS:
+        raise ValueError(f"format must be one of {', '.join(FORMATS)}, not {format!r}")
+    if not source.exists():
+        raise FileNotFoundError(f"{source}: no such folder or video")
+    root = source if source.is_dir() else source.parent
+    videos = sorted(p for p in source.rglob("*") if p.suffix.lower() in VIDEOS) if source.is_dir() else [source]
+    if not videos:
+        raise FileNotFoundError(f"no videos below {source}; they end in {' '.join(sorted(VIDEOS))}")
+    target = out or default_out(source)
+    stems = Counter(video.relative_to(root).with_suffix("") for video in videos)
+    jobs = []
+    for video in videos[:limit]:
+        name = video.relative_to(root)
+        # a.avi and a.mp4 side by side keep their extensions
+        kept = name if stems[name.with_suffix("")] > 1 else name.with_suffix("")
+        place = target / kept.with_name(kept.name + FORMATS[format])
+        jobs.append(Job(name.as_posix(), video, place, settings, size, fps))
+    return jobs
+
+
+def convert(job: Job) -> dict[str, Any]:
+    """Convert one video; its line of the manifest. Raises OSError only if the disk or folder is to blame."""
+    started = time.monotonic()
+    line: dict[str, Any] = {"video": job.name, "status": "converted"}
+    try:
+        stat = job.video.stat()
+        line |= {"bytes": stat.st_size, "sha256": _hash(job.video)}
+        job.target.parent.mkdir(parents=True, exist_ok=True)
+        pieces = job.settings.stream(job.video, job.fps, size=job.size)
+        formats.write(_counted(pieces, line), job.target)
+        line["recording"] = job.target.stat().st_size
+    except (ValueError, OSError, cv2.error, MemoryError) as error:
+        if isinstance(error, OSError) and _fatal(error, job):
+            raise
+        line |= {"status": "failed", "reason": str(error)}
+    return line | {"seconds": round(time.monotonic() - started, 3)}
+
+
+def _counted(pieces: Iterable[Events], line: dict[str, Any]) -> Iterator[Events]:
+    """The pieces, counted in `line`; a video that is cut off just ends."""
+    line |= {"frames": 0, "events": 0}
+    try:
+        for piece in pieces:
+            line["frames"] += 1
+            line["events"] += len(piece)
+            line["sensor_size"] = piece.sensor_size
+            yield piece
+    except TruncatedVideo as error:
+        line |= {"status": "truncated", "reason": str(error)}
+
+
+def _fatal(error: OSError, job: Job) -> bool:
+    if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(job.video):
+        return False
+    # h5py tells the reason in words only
+    return error.errno in FATAL or any(os.strerror(number) in str(error) for number in FATAL)
+
+
+def _hash(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Jobs and their lines, in the order in which they are done."""
+    if scheduler is not None:
+        from nvsdata.emulation.cluster import results
+
+        yield from results(jobs, scheduler)
+    elif processes == 1 or len(jobs) < 2:
+        yield from ((job, convert(job)) for job in jobs)
+    else:
+        # forking a process that has threads may hang
+        pool = ProcessPoolExecutor(min(processes, len(jobs)), mp_context=get_context("spawn"))
+        try:
+            futures = {pool.submit(convert, job): job for job in jobs}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise OSError("a process that converted was killed (out of memory?); run again to go on") from None
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def sweep(out: Path) -> None:
+    """Remove what killed processes left unfinished."""
+    for part in out.rglob(".*.part"):
+        part.unlink(missing_ok=True)

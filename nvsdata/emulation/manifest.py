@@ -1,0 +1,102 @@
+"""What a folder of converted videos was made of: its settings, and a JSON line a video."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+
+import nvsdata
+from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.files import atomic
+
+NAME = "manifest.jsonl"
+
+
+class Manifest:
+    """`out/manifest.jsonl`, open for adding lines.
+
+    The first line has the settings, their hash and the versions of what made the recordings; each
+    further line a video's name, status, size and sha256, and the frames and events it gave. A video
+    that was tried twice has two lines; the last one holds. ValueError if the folder's first line tells
+    of other settings.
+    """
+
+    def __init__(
+        self, out: Path, settings: PIX2NVS, *, format: str, size: tuple[int, int] | None, fps: float | None
+    ) -> None:
+        self.path = out / NAME
+        made = {"settings": asdict(settings), "format": format, "size": list(size) if size else None, "fps": fps}
+        digest = hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
+        self._lines: dict[str, dict[str, Any]] = {}
+        if self.path.exists():
+            self._read(made, digest)
+        else:
+            head = {"nvsdata-videos": 1, **made, "settings_sha256": digest, "versions": _versions()}
+            with atomic(self.path) as temporary:
+                temporary.write_text(json.dumps(head) + "\n")
+        self._file = self.path.open("a", encoding="utf-8")
+
+    def _read(self, made: dict[str, Any], digest: str) -> None:
+        text = self.path.read_text(encoding="utf-8")
+        lines = text.splitlines()
+        head = _parsed(lines[0]) if lines else None
+        if head is None or "settings_sha256" not in head:
+            raise ValueError(f"{self.path} is no manifest of converted videos: choose another folder")
+        if head["settings_sha256"] != digest:
+            was, now = ({**d["settings"], **{k: d[k] for k in ("format", "size", "fps")}} for d in (head, made))
+            differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
+            raise ValueError(f"{self.path.parent} holds recordings made with {differs}: choose another folder")
+        whole = [line for line in map(_parsed, lines[1:]) if line is not None]
+        self._lines = {line["video"]: line for line in whole}
+        if len(whole) != len(lines) - 1 or not text.endswith("\n"):
+            # a run was killed in the middle of a line
+            with atomic(self.path) as temporary:
+                temporary.write_text("".join(json.dumps(line) + "\n" for line in (head, *whole)))
+
+    def has(self, name: str, video: Path, target: Path) -> bool:
+        """Whether the video, as it is now, has been converted and its recording is there."""
+        line = self._lines.get(name)
+        return (
+            line is not None
+            and line["status"] == "converted"
+            and line["bytes"] == video.stat().st_size
+            and target.exists()
+            and target.stat().st_size == line["recording"]
+        )
+
+    def add(self, line: dict[str, Any]) -> None:
+        """Add a video's line; it is on its way to the disk when this returns."""
+        self._file.write(json.dumps(line) + "\n")
+        self._file.flush()
+
+    def __enter__(self) -> Manifest:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+
+def _parsed(line: str) -> dict[str, Any] | None:
+    try:
+        found = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "nvsdata": nvsdata.__version__,
+        "python": platform.python_version(),
+        "opencv": cv2.__version__,
+        "numpy": np.__version__,
+        "h5py": h5py.__version__,
+    }

@@ -1,0 +1,32 @@
+"""Small videos that tests make for themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+
+def moving_square(length: int = 12, size: tuple[int, int] = (64, 48), seed: int = 0) -> list[np.ndarray]:
+    """Frames [H, W, 3] of a bright square that moves over a dim, textured ground."""
+    rng = np.random.default_rng(seed)
+    ground = rng.integers(40, 60, (size[1], size[0], 3), dtype=np.uint8)
+    frames = []
+    for n in range(length):
+        frame = ground.copy()
+        x = (3 * n + seed) % (size[0] - 10)
+        frame[10:20, x : x + 10] = 220
+        frames.append(frame)
+    return frames
+
+
+def write_video(path: Path, frames: list[np.ndarray] | None = None, fps: float = 25) -> Path:
+    """An AVI of JPEG pictures."""
+    frames = moving_square() if frames is None else frames
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, frames[0].shape[1::-1])
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+    return path

@@ -1,0 +1,239 @@
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from clips import moving_square, write_video
+
+import nvsdata
+from nvsdata import EventFolder
+from nvsdata.cli import main
+from nvsdata.emulation import PIX2NVS, convert
+from nvsdata.emulation.convert import convert_videos
+from nvsdata.formats import hdf5
+
+
+@pytest.fixture
+def videos(tmp_path):
+    for i, name in enumerate(("run/a", "run/b", "walk/c", "walk/deep/d")):
+        write_video(tmp_path / f"videos/{name}.avi", moving_square(seed=i))
+    (tmp_path / "videos/readme.txt").write_text("no video")
+    return tmp_path / "videos"
+
+
+def lines(out):
+    return [json.loads(line) for line in (out / "manifest.jsonl").read_text().splitlines()]
+
+
+def test_a_folder_of_videos_becomes_a_dataset(videos):
+    report = convert_videos(videos)
+    out = videos.with_name("videos-events")
+    assert (report.converted, report.kept, report.failed) == (4, 0, {})
+    dataset = EventFolder(out)
+    assert dataset.classes == ["run", "walk"]
+    assert len(dataset) == 4
+    events, label = dataset[1]
+    assert label == 0
+    assert events == PIX2NVS().emulate(videos / "run/b.avi")
+    head, *rest = lines(out)
+    assert head["settings"]["threshold"] == 0.2
+    assert set(head["versions"]) >= {"nvsdata", "opencv"}
+    assert [line["video"] for line in rest] == ["run/a.avi", "run/b.avi", "walk/c.avi", "walk/deep/d.avi"]
+    assert rest[1]["events"] == len(events)
+    assert rest[1]["frames"] == 12
+    assert len(rest[0]["sha256"]) == 64
+    assert report.events == sum(line["events"] for line in rest)
+
+
+@pytest.mark.parametrize("format", convert.FORMATS)
+def test_every_format_holds_the_same_events(videos, format):
+    convert_videos(videos / "run/a.avi", videos / "out", format=format)
+    expected = PIX2NVS().emulate(videos / "run/a.avi")
+    found = nvsdata.read(videos / f"out/a{convert.FORMATS[format]}")
+    assert (found.t == expected.t).all()
+    assert (found.x == expected.x).all()
+
+
+def test_a_second_run_does_only_what_is_missing(videos, tmp_path):
+    out = tmp_path / "out"
+    assert convert_videos(videos, out, limit=2).converted == 2
+    assert convert_videos(videos, out).converted == 2
+    (out / "run/a.h5").unlink()
+    write_video(videos / "run/b.avi", moving_square(20))
+    report = convert_videos(videos, out)
+    assert (report.converted, report.kept) == (2, 2)
+    assert len(nvsdata.read(out / "run/b.h5")) == len(PIX2NVS().emulate(videos / "run/b.avi"))
+    with pytest.raises(ValueError, match=r"made with threshold 0\.2, not 0\.3: choose another folder"):
+        convert_videos(videos, out, PIX2NVS(threshold=0.3))
+    with pytest.raises(ValueError, match="made with format hdf5, not text"):
+        convert_videos(videos, out, format="text")
+
+
+def test_after_a_run_was_killed(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out, limit=2)
+    manifest = out / "manifest.jsonl"
+    manifest.write_bytes(manifest.read_bytes()[:-30])
+    (out / "run/.c.h5.x7.part").write_bytes(b"half")
+    report = convert_videos(videos, out)
+    assert (report.converted, report.kept) == (3, 1)
+    assert not list(out.rglob(".*.part"))
+    assert len(lines(out)) == 5
+
+
+def test_a_killed_process_leaves_nothing_half_written(videos, tmp_path):
+    """SIGKILL in the middle of a long video: the next run starts with the video in hand."""
+    write_video(videos / "run/b.avi", moving_square(1500, (320, 240)))
+    out = tmp_path / "out"
+    process = subprocess.Popen([sys.executable, "-m", "nvsdata", "convert-videos", videos, "--out", out])
+    deadline = time.monotonic() + 60
+    while not (out / "manifest.jsonl").exists() or len(lines(out)) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    for path in out.rglob("*.h5"):
+        if not path.name.startswith("."):
+            nvsdata.read(path)
+    report = convert_videos(videos, out)
+    assert report.converted + report.kept == 4
+    assert report.kept >= 1
+
+
+def test_broken_videos_are_reported_and_the_rest_goes_on(videos, tmp_path, capfd):
+    (videos / "run/a.avi").write_bytes(b"garbage")
+    whole = write_video(videos / "run/b.avi", moving_square(60)).read_bytes()
+    (videos / "run/b.avi").write_bytes(whole[: len(whole) // 2])
+    write_video(videos / "walk/c.avi", moving_square(1))
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out")]) == 1
+    out, err = capfd.readouterr()
+    assert "2 converted, 0 were there, 2 failed" in out
+    assert "run/a.avi: " in err
+    assert "holds no video" in err
+    assert "of 60 frames" in err
+    status = {line["video"]: line["status"] for line in lines(tmp_path / "out")[1:]}
+    assert status == {
+        "run/a.avi": "failed",
+        "run/b.avi": "truncated",
+        "walk/c.avi": "converted",
+        "walk/deep/d.avi": "converted",
+    }
+    # what there is of the one that is cut off
+    assert len(nvsdata.read(tmp_path / "out/run/b.h5")) > 0
+    assert len(nvsdata.read(tmp_path / "out/walk/c.h5")) == 0
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, "No space left on device"), OSError("errno = 28, 'No space left on device'")]
+)
+def test_a_full_disk_stops_the_run_and_loses_nothing(videos, tmp_path, monkeypatch, error):
+    out = tmp_path / "out"
+    write, count = hdf5.write, iter(range(9))
+
+    def fills_up(pieces, size, path):
+        if next(count) == 2:
+            path.write_bytes(b"half")
+            raise error
+        write(pieces, size, path)
+
+    monkeypatch.setattr(hdf5, "write", fills_up)
+    with pytest.raises(OSError, match="No space left"):
+        convert_videos(videos, out)
+    assert not list(out.rglob(".*.part"))
+    monkeypatch.undo()
+    report = convert_videos(videos, out)
+    assert (report.converted, report.kept) == (2, 2)
+
+
+def test_an_interrupted_run_goes_on(videos, tmp_path, monkeypatch):
+    out, real = tmp_path / "out", convert.convert
+
+    def interrupted(job):
+        if job.name.startswith("walk"):
+            raise KeyboardInterrupt
+        return real(job)
+
+    monkeypatch.setattr(convert, "convert", interrupted)
+    assert main(["convert-videos", str(videos), "--out", str(out)]) == 130
+    monkeypatch.undo()
+    assert convert_videos(videos, out).kept == 2
+
+
+def test_two_processes_do_as_one(videos, tmp_path):
+    convert_videos(videos, tmp_path / "one")
+    convert_videos(videos, tmp_path / "two", jobs=2)
+    assert sorted_lines(tmp_path / "one") == sorted_lines(tmp_path / "two")
+    for path in (tmp_path / "one").rglob("*.h5"):
+        other = tmp_path / "two" / path.relative_to(tmp_path / "one")
+        assert nvsdata.read(path) == nvsdata.read(other)
+
+
+def sorted_lines(out):
+    kept = ("video", "status", "sha256", "events", "frames", "recording")
+    return sorted([line.get(name) for name in kept] for line in lines(out)[1:])
+
+
+def test_names_that_differ_by_extension_only(tmp_path):
+    write_video(tmp_path / "v/a/x.avi")
+    (tmp_path / "v/a/x.mp4").write_bytes((tmp_path / "v/a/x.avi").read_bytes())
+    convert_videos(tmp_path / "v", tmp_path / "out")
+    assert sorted(p.name for p in (tmp_path / "out/a").iterdir()) == ["x.avi.h5", "x.mp4.h5"]
+
+
+def test_wrong_arguments(videos, tmp_path, capsys):
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        convert_videos(tmp_path / "none")
+    with pytest.raises(FileNotFoundError, match="no videos below"):
+        (tmp_path / "empty").mkdir()
+        convert_videos(tmp_path / "empty")
+    with pytest.raises(ValueError, match="format must be one of hdf5"):
+        convert_videos(videos, format="h5")
+    (tmp_path / "file").touch()
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "file")]) == 1
+    assert str(tmp_path / "file") in capsys.readouterr().err
+    assert main(["convert-videos", str(videos), "--threshold", "0"]) == 1
+    assert "threshold must be at least" in capsys.readouterr().err
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/manifest.jsonl").write_text("[]\n")
+    with pytest.raises(ValueError, match="no manifest of converted videos"):
+        convert_videos(videos, tmp_path / "out")
+
+
+def test_a_dry_run_writes_nothing_and_settings_have_their_names(videos, tmp_path, capsys):
+    words = "--preset table-3.3-row-1 --max-events 5 --new --seed 3 --dry-run --limit 1".split()
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), *words]) == 0
+    out = capsys.readouterr().out
+    assert "a.avi -> " in out
+    assert "b.avi" not in out
+    for setting in ("t_log=20", "max_events=5", "new=True", "seed=3"):
+        assert setting in out
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    for i in range(8):
+        write_video(tmp_path / f"v/{'ab'[i % 2]}/{i}.avi", moving_square(40, (160, 120), i))
+    convert_videos(tmp_path / "v", tmp_path / "one")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        victim = cluster.workers[0].pid
+        seen = []
+        real = convert._results
+
+        def kills_one(*arguments):
+            for found in real(*arguments):
+                if not seen:
+                    os.kill(victim, signal.SIGKILL)
+                seen.append(found)
+                yield found
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(convert, "_results", kills_one)
+            report = convert_videos(tmp_path / "v", tmp_path / "many", scheduler=cluster.scheduler_address)
+    assert (report.converted, report.failed) == (8, {})
+    assert sorted_lines(tmp_path / "one") == sorted_lines(tmp_path / "many")
+    assert not list((tmp_path / "many").rglob(".*.part"))
