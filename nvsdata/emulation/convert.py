@@ -7,7 +7,7 @@ import hashlib
 import os
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -182,7 +182,7 @@ def _hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Iterator[tuple[Job, dict[str, Any]]]:
+def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generator[tuple[Job, dict[str, Any]]]:
     """Jobs and their lines, in the order in which they are done."""
     if scheduler is not None:
         from nvsdata.emulation.cluster import results

@@ -196,13 +196,13 @@ def _kind(frame: Frame) -> str:
 
 def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
     """Luminance q or hue h (3.2.1), float64 [H, W]; black has hue 0."""
-    values = frame.pixels.astype(np.float64)
+    values: np.ndarray = frame.pixels.astype(np.float64)
     if values.ndim == 2:
         return np.where(values > 0, 0.5, 0.0) if hue else values
     r, g, b = np.moveaxis(values if frame.red_first else values[..., ::-1], -1, 0)
     if hue:
-        return np.divide(b, r + g, out=b.copy(), where=r + g > 0)
-    return (299 * r + 587 * g + 114 * b) / 1000
+        return np.asarray(np.divide(b, r + g, out=b.copy(), where=r + g > 0))
+    return np.asarray((299 * r + 587 * g + 114 * b) / 1000)
 
 
 def tone(settings: PIX2NVS, q: np.ndarray) -> np.ndarray:

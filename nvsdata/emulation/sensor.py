@@ -48,14 +48,9 @@ class Imperfections:
         polarity = np.ones(noisy + hot, np.uint8)
         polarity[:noisy] = self._random.integers(0, 2, noisy)
         times = self._random.integers(before, now, noisy + hot)
-        extra = (times, where % self.size[0], where // self.size[0], polarity)
-        columns = Columns(
-            *(
-                np.concatenate((a, b), dtype=a.dtype, casting="unsafe")
-                for a, b in zip(events.columns, extra, strict=True)
-            )
-        )
-        columns = in_order(columns)
+        extra = Columns(times, where % self.size[0], where // self.size[0], polarity)
+        joined = [np.concatenate((ours, more.astype(ours.dtype))) for ours, more in zip(events.columns, extra, strict=True)]
+        columns = in_order(Columns(*joined))
         if settings.refractory or settings.bandwidth:
             times, kept, self._busy = read_out(
                 columns.t,

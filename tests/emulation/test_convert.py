@@ -187,8 +187,8 @@ def test_names_that_differ_by_extension_only(tmp_path):
 def test_wrong_arguments(videos, tmp_path, capsys):
     with pytest.raises(FileNotFoundError, match="no such folder"):
         convert_videos(tmp_path / "none")
+    (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match="no videos below"):
-        (tmp_path / "empty").mkdir()
         convert_videos(tmp_path / "empty")
     with pytest.raises(ValueError, match="format must be one of hdf5"):
         convert_videos(videos, format="h5")

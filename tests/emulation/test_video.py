@@ -61,8 +61,7 @@ def test_a_video_that_is_cut_off_says_so_after_its_last_frame(tmp_path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     found = []
     with pytest.raises(TruncatedVideo, match=r"a\.avi: ends after \d+ of 60 frames"):
-        for frame in frames_of(path):
-            found.append(frame)
+        found.extend(frames_of(path))
     assert 20 < len(found) < 40
 
 
