@@ -49,7 +49,9 @@ class Imperfections:
         polarity[:noisy] = self._random.integers(0, 2, noisy)
         times = self._random.integers(before, now, noisy + hot)
         extra = Columns(times, where % self.size[0], where // self.size[0], polarity)
-        joined = [np.concatenate((ours, more.astype(ours.dtype))) for ours, more in zip(events.columns, extra, strict=True)]
+        joined = [
+            np.concatenate((ours, more.astype(ours.dtype))) for ours, more in zip(events.columns, extra, strict=True)
+        ]
         columns = in_order(Columns(*joined))
         if settings.refractory or settings.bandwidth:
             times, kept, self._busy = read_out(

@@ -1,0 +1,155 @@
+"""Spikes of a frame on the pixel lattice, and the nearest of others to each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+MARGIN = 6  # pixels around a map, and up to which neighbours are looked up one by one
+CELL = 16  # pixels of the cells that are searched beyond that
+SPARSE = 64  # pixels a spike from which on cells are searched at once
+
+_U = np.uint64
+
+
+@njit(cache=True, nogil=True)
+def sum_polarity(x, y, p, sums, touched):
+    """P_sigma: +1 for ON and -1 for OFF summed at each position, (3.18), into `sums` [H, W], zero before.
+
+    Fills `touched` int64 [N] with their places, y W + x, and returns how many; some may be there twice.
+    """
+    width = sums.shape[1]
+    flat = sums.reshape(-1)
+    count = 0
+    for i in range(_U(x.size)):
+        place = np.int64(y[i]) * width + x[i]
+        if flat[place] == 0:
+            touched[count] = place
+            count += 1
+        flat[place] += 2 * np.int64(p[i]) - 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def spikes(sums, touched, count):
+    """Positions and sums that are not zero, in raster order; `sums` is zeroed. O(count log count)."""
+    flat = sums.reshape(-1)
+    places = np.sort(touched[:count])
+    x, y, total = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    n = 0
+    for place in places:
+        if flat[place] != 0:
+            x[n], y[n], total[n] = place % sums.shape[1], place // sums.shape[1], flat[place]
+            flat[place] = 0
+            n += 1
+    return x[:n], y[:n], total[:n]
+
+
+@njit(cache=True, nogil=True)
+def offsets(stride):
+    """Neighbours within `MARGIN` in order of distance: steps in a map of that stride, and squared distances."""
+    side = 2 * MARGIN + 1
+    squares = np.empty(side * side, np.int64)
+    for i in range(squares.size):
+        dy, dx = i // side - MARGIN, i % side - MARGIN
+        squares[i] = dx * dx + dy * dy
+    order = np.argsort(squares, kind="mergesort")
+    order = order[: np.searchsorted(squares[order], MARGIN * MARGIN, "right")]
+    steps = (order // side - MARGIN) * stride + order % side - MARGIN
+    return steps, squares[order].astype(np.float64)
+
+
+@njit(cache=True, nogil=True)
+def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
+    """For each of N spikes the least dx² + dy² + weight (value - value')² to one of M others, if M > 0.
+
+    Values are not zero. Costs beyond `limit` (squared pixels) all come out as something beyond it.
+    Others are looked up in a map, outward from the pixel, until the distance alone exceeds the best;
+    where it is empty around, cells of `CELL` pixels follow, outward, empty ones unseen. O(N + M + H W).
+    """
+    height, width = shape
+    best = np.full(x.size, limit + 1)
+    if bx.size * SPARSE < height * width:
+        _search_cells(x, y, value, bx, by, bvalue, shape, weight, -1, best)
+        return best
+    stride = width + 2 * MARGIN
+    # nothing is infinitely far: so no branch asks whether a pixel is empty, which none could foretell
+    lattice = np.full((height + 2 * MARGIN) * stride, np.float32(np.inf))
+    for j in range(_U(bx.size)):
+        lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = bvalue[j]
+    steps, squares = offsets(stride)
+    lonely = 0
+    for i in range(_U(x.size)):
+        home = (y[i] + MARGIN) * stride + x[i] + MARGIN
+        least = best[i]
+        own = float(value[i])
+        for k in range(_U(steps.size)):
+            if squares[k] >= least:
+                break
+            apart = own - lattice[_U(home + steps[k])]
+            least = min(least, squares[k] + weight * apart * apart)
+        best[i] = least
+        lonely += least > MARGIN * MARGIN
+    if lonely and limit > MARGIN * MARGIN:
+        _search_cells(x, y, value, bx, by, bvalue, shape, weight, MARGIN * MARGIN, best)
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _search_cells(x, y, value, bx, by, bvalue, shape, weight, settled, best):
+    """Lower `best` where it is above `settled`."""
+    rows, columns = (shape[0] + CELL - 1) // CELL, (shape[1] + CELL - 1) // CELL
+    ends = np.zeros(rows * columns + 1, np.int64)
+    for j in range(bx.size):
+        ends[by[j] // CELL * columns + bx[j] // CELL + 1] += 1
+    ends = np.cumsum(ends)
+    order, place = np.empty(bx.size, np.int64), ends[:-1].copy()
+    for j in range(bx.size):
+        cell = by[j] // CELL * columns + bx[j] // CELL
+        order[place[cell]] = j
+        place[cell] += 1
+    for i in range(x.size):
+        if best[i] <= settled:
+            continue
+        row, column = y[i] // CELL, x[i] // CELL
+        least = best[i]
+        for ring in range(max(rows, columns)):
+            # what lies in this ring of cells is at least this far
+            gap = float(max(ring - 1, 0) * CELL + (ring > 0))
+            if gap * gap >= least:
+                break
+            for r in range(max(row - ring, 0), min(row + ring + 1, rows)):
+                edge = r in (row - ring, row + ring)
+                for c in range(column - ring, column + ring + 1, 1 if edge or ring == 0 else 2 * ring):
+                    if c < 0 or c >= columns:
+                        continue
+                    cell = r * columns + c
+                    for k in range(ends[cell], ends[cell + 1]):
+                        j = order[k]
+                        dx, dy, apart = float(x[i] - bx[j]), float(y[i] - by[j]), float(value[i] - bvalue[j])
+                        least = min(least, dx * dx + dy * dy + weight * apart * apart)
+        best[i] = least
+
+
+@njit(cache=True, nogil=True)
+def cancel(place_a, a, place_b, b):
+    """Mass that lies at the same place on both sides stays there; returns what is left of `a` and `b`.
+
+    `place_a` and `place_b` rise. By the triangle inequality some best plan moves none of it. O(N + M).
+    """
+    a, b = a.copy(), b.copy()
+    i = j = 0
+    while i < a.size and j < b.size:
+        if place_a[i] < place_b[j]:
+            i += 1
+        elif place_a[i] > place_b[j]:
+            j += 1
+        else:
+            same = min(a[i], b[j])
+            a[i] -= same
+            b[j] -= same
+            i += 1
+            j += 1
+    return a, b

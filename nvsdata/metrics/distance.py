@@ -1,0 +1,212 @@
+"""Chamfer distance, epsilon repeatability and earth mover's distance (thesis 3.3.1 to 3.3.3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nvsdata.events import Events, Recording, as_events
+from nvsdata.kernels.distances import cancel, nearest
+from nvsdata.kernels.transport import least_work
+from nvsdata.metrics.spikes import Spikes, frame_edges, spikes_of_frames
+
+LAMBDA = math.sqrt(3)
+EPSILON = 3.5
+BLOCKS = 16
+Measure = Callable[[Spikes, Spikes, tuple[int, int]], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Distance:
+    """A distance for a sequence.
+
+    - `value`: the mean over frames that have spikes on both sides; NaN if none has
+    - `frames` float64 [frames]: of each frame, NaN where a side is empty
+    - `used`, `empty_emulated`, `empty_real`: how many frames count, and how many have no spike on a side
+    """
+
+    value: float
+    frames: np.ndarray
+    used: int
+    empty_emulated: int
+    empty_real: int
+
+    def __float__(self) -> float:
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The three distances of two sequences; see `compare`."""
+
+    chamfer: Distance
+    repeatability: Distance
+    emd: Distance
+
+    @property
+    def values(self) -> tuple[float, float, float]:
+        """1 - repeatability, Chamfer, EMD: what `score` takes, all the smaller the better."""
+        return 1 - self.repeatability.value, self.chamfer.value, self.emd.value
+
+
+def chamfer(
+    emulated: Events | Recording,
+    real: Events | Recording,
+    *,
+    fps: float | None = None,
+    offset: int = 0,
+    weight: float = LAMBDA,
+) -> Distance:
+    """Mean distance in (x, y, lambda P_sigma) from each emulated spike to the nearest real one, (3.11), (3.12).
+
+    Frames, `offset` and what is raised are those of `compare`; `weight` is lambda.
+    """
+    return _measure(emulated, real, fps, offset, [_chamfer(weight)])[0]
+
+
+def epsilon_repeatability(
+    emulated: Events | Recording,
+    real: Events | Recording,
+    *,
+    fps: float | None = None,
+    offset: int = 0,
+    epsilon: float = EPSILON,
+) -> Distance:
+    """Share of emulated spikes with a real one of the same sign within `epsilon` pixels, (3.13), (3.14).
+
+    Frames, `offset` and what is raised are those of `compare`. The larger, the closer.
+    """
+    return _measure(emulated, real, fps, offset, [_repeatability(epsilon)])[0]
+
+
+def emd(
+    emulated: Events | Recording,
+    real: Events | Recording,
+    *,
+    fps: float | None = None,
+    offset: int = 0,
+    blocks: int = BLOCKS,
+) -> Distance:
+    """Earth mover's distance of |P_sigma|, exactly, summed over a grid of K = `blocks` blocks, (3.15) to (3.17).
+
+    What one side has too much of stays (partial matching); a block that is empty on a side adds 0.
+    `blocks` is a square number. Frames, `offset` and what is raised are those of `compare`.
+    """
+    return _measure(emulated, real, fps, offset, [_emd(blocks)])[0]
+
+
+def compare(
+    emulated: Events | Recording,
+    real: Events | Recording,
+    fps: float | None = 30.0,
+    *,
+    offset: int = 0,
+    weight: float = LAMBDA,
+    epsilon: float = EPSILON,
+    blocks: int = BLOCKS,
+) -> Comparison:
+    """All three distances between two sequences, cut into frames of 1 / `fps` s (None: all is one frame).
+
+    Each stream's time counts from its `start` (its first event, unless it was cut or emulated);
+    `offset` µs are added to the real stream's. Polarity is summed at each position and frame, and
+    sums of 0 are no spikes.
+
+    Raises ValueError for different sensors and settings out of range.
+    """
+    measures = [_chamfer(weight), _repeatability(epsilon), _emd(blocks)]
+    return Comparison(*_measure(emulated, real, fps, offset, measures))
+
+
+def _measure(
+    emulated: Events | Recording, real: Events | Recording, fps: float | None, offset: int, measures: list[Measure]
+) -> list[Distance]:
+    a, b = as_events(emulated), as_events(real)
+    if a.sensor_size != b.sensor_size:
+        raise ValueError(f"events of different sensors can't be compared: {a.sensor_size} and {b.sensor_size}")
+    if fps is not None and not (fps > 0 and math.isfinite(fps)):
+        raise ValueError(f"fps must be positive, not {fps}")
+    ends = [int(events.t[-1]) - origin for events, origin in ((a, a.start), (b, b.start - offset)) if len(events)]
+    edges = frame_edges(max(*ends, 0, 0), fps)
+    pairs = zip(spikes_of_frames(a, a.start, edges), spikes_of_frames(b, b.start - offset, edges), strict=True)
+    found = np.full((len(measures), edges.size - 1), np.nan)
+    empty = np.zeros(2, int)
+    for n, (ours, theirs) in enumerate(pairs):
+        empty += (len(ours) == 0, len(theirs) == 0)
+        if len(ours) and len(theirs):
+            found[:, n] = [measure(ours, theirs, a.sensor_size) for measure in measures]
+    used = ~np.isnan(found[0])
+    return [
+        Distance(
+            float(row[used].mean()) if used.any() else math.nan, row, int(used.sum()), int(empty[0]), int(empty[1])
+        )
+        for row in found
+    ]
+
+
+def _chamfer(weight: float) -> Measure:
+    _at_least_0("weight", weight)
+
+    def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> float:
+        return float(np.sqrt(nearest(*a, *b, size[::-1], weight * weight, np.inf)).mean())
+
+    return measure
+
+
+def _repeatability(epsilon: float) -> Measure:
+    _at_least_0("epsilon", epsilon)
+    squared = epsilon * epsilon
+
+    def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> float:
+        # signs that differ are never within reach
+        costs = nearest(
+            a.x, a.y, np.sign(a.total), b.x, b.y, np.sign(b.total), size[::-1], 4 * float(sum(size)) ** 2, squared
+        )
+        return float(np.mean(costs <= squared))
+
+    return measure
+
+
+def _emd(blocks: int) -> Measure:
+    side = math.isqrt(max(int(blocks), 0))
+    if side < 1 or side * side != blocks:
+        raise ValueError(f"blocks must be a square number of at least 1, not {blocks}")
+
+    def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> float:
+        blocks_a, blocks_b = (_block(spikes, size, side) for spikes in (a, b))
+        total = 0.0
+        for block in np.intersect1d(blocks_a, blocks_b):
+            total += _emd_of(
+                *(Spikes(*(c[at == block] for c in s)) for s, at in ((a, blocks_a), (b, blocks_b))), size[0]
+            )
+        return total
+
+    return measure
+
+
+def _block(spikes: Spikes, size: tuple[int, int], side: int) -> np.ndarray:
+    """Which of side x side blocks each spike lies in."""
+    return spikes.y * side // size[1] * side + spikes.x * side // size[0]
+
+
+def _emd_of(a: Spikes, b: Spikes, width: int) -> float:
+    """(3.16) of spikes on both sides."""
+    mass_a, mass_b = np.abs(a.total), np.abs(b.total)
+    flow = min(mass_a.sum(), mass_b.sum())
+    left_a, left_b = cancel(a.y * width + a.x, mass_a, b.y * width + b.x, mass_b)
+    some_a, some_b = left_a > 0, left_b > 0
+    if not (some_a.any() and some_b.any()):
+        return 0.0
+    points = (
+        column
+        for spikes, left, some in ((a, left_a, some_a), (b, left_b, some_b))
+        for column in (spikes.x[some].astype(float), spikes.y[some].astype(float), left[some])
+    )
+    return float(least_work(*points) / flow)
+
+
+def _at_least_0(name: str, value: float) -> None:
+    if not (value >= 0 and math.isfinite(value)):
+        raise ValueError(f"{name} must not be negative, not {value}")

@@ -1,0 +1,21 @@
+"""One number for each of several settings (thesis 3.3.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+
+def score(distances: npt.ArrayLike) -> np.ndarray:
+    """Weighted score of each setting, float64 [settings]: each distance L2-normalised over the settings, then their mean.
+
+    `distances` [settings, distances], all the smaller the better (`Comparison.values` has them). A
+    distance that is 0 for all settings adds 0; NaN stands for a setting without a result, gives NaN,
+    and is left out of the norms.
+    """
+    table = np.asarray(distances, np.float64)
+    if table.ndim != 2:
+        raise ValueError(f"distances must be [settings, distances], not {table.shape}")
+    norms = np.sqrt(np.nansum(table * table, axis=0))
+    normalised = np.divide(table, norms, out=np.zeros_like(table), where=norms > 0)
+    return np.asarray(np.where(np.isnan(table).any(1), np.nan, normalised.mean(1)))
