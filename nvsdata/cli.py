@@ -82,6 +82,35 @@ def _parser(command: str) -> argparse.ArgumentParser:
         _add_settings(videos)
     videos.set_defaults(run=_convert_videos)
 
+    compare = commands.add_parser("compare", help="how far events are from others: Chamfer, repeatability, EMD")
+    compare.add_argument("emulated", type=Path, metavar="A", help="a recording; distances go from it to B")
+    compare.add_argument("real", type=Path, metavar="B", help="what it is held to")
+    compare.add_argument(
+        "--fps", type=float, default=30.0, help="frames a second that events are summed in (default 30)"
+    )
+    compare.add_argument("--offset", type=int, default=0, metavar="US", help="µs to add to the times of B")
+    compare.add_argument("--sensor-size", type=_size, metavar="WxH", help="where the files don't state it")
+    compare.add_argument("--picture", type=Path, default=Path("compare.png"), help="where both are drawn side by side")
+    compare.set_defaults(run=_compare)
+
+    tune = commands.add_parser(
+        "tune",
+        help="search for settings of PIX2NVS that come closest to a real recording",
+        description="Settings that are given are held, the others searched.",
+    )
+    tune.add_argument("--real", type=Path, required=True, metavar="REC", help="what a camera saw of the video")
+    tune.add_argument("--video", type=Path, required=True, metavar="VID")
+    tune.add_argument("--out", type=Path, default=Path("tuning"), metavar="DIR", help="default ./tuning")
+    tune.add_argument("--trials", type=int, default=100, help="default 100")
+    tune.add_argument("--seconds", type=float, help="compare the first seconds only")
+    tune.add_argument("--fps", type=float, help="frames a second, whatever the video says")
+    tune.add_argument("--offset", type=int, default=0, metavar="US", help="µs to add to the recording's times")
+    tune.add_argument("--jobs", type=int, default=1, help="trials at once (default 1)")
+    if command == "tune":
+        _add_settings(tune, skip=("seed",))
+    tune.add_argument("--seed", type=int, default=0, help="of the search")
+    tune.set_defaults(run=_tune)
+
     verify = commands.add_parser(
         "verify", help="open every recording, report what is wrong; exit code 1 if anything is"
     )
@@ -96,7 +125,7 @@ def _size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def _add_settings(parser: argparse.ArgumentParser) -> None:
+def _add_settings(parser: argparse.ArgumentParser, skip: Sequence[str] = ()) -> None:
     """Options for the settings of PIX2NVS; only the command that needs them pays for the import."""
     from dataclasses import fields
 
@@ -104,7 +133,7 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
 
     group = parser.add_argument_group("settings of PIX2NVS", "each overrides what the preset says")
     group.add_argument("--preset", choices=PRESETS, default="table-3.3-row-5", help="default table-3.3-row-5")
-    for field in fields(PIX2NVS):
+    for field in (field for field in fields(PIX2NVS) if field.name not in skip):
         kind = type(field.default)
         options: dict[str, Any] = {"action": argparse.BooleanOptionalAction} if kind is bool else {"type": kind}
         group.add_argument(f"--{field.name.replace('_', '-')}", **options, default=argparse.SUPPRESS)
@@ -149,8 +178,7 @@ def _download(args: argparse.Namespace) -> int:
 def _pack(args: argparse.Namespace) -> int:
     from nvsdata.datasets.pack import pack
 
-    if args.jobs < 1:
-        raise ValueError(f"--jobs must be at least 1, not {args.jobs}")
+    _at_least_1(args, "jobs")
     report = pack(_dataset(args.dataset)(args.root, args.split), args.out, jobs=args.jobs, compress=args.compress)
     for name, reason in report.skipped.items():
         print(f"left out {name}: {reason}", file=sys.stderr)
@@ -173,9 +201,7 @@ def _convert(args: argparse.Namespace) -> int:
 def _convert_videos(args: argparse.Namespace) -> int:
     from nvsdata.emulation.convert import convert_videos, default_out, plan
 
-    for name in ("jobs", "limit"):
-        if (getattr(args, name) or 1) < 1:
-            raise ValueError(f"--{name} must be at least 1, not {getattr(args, name)}")
+    _at_least_1(args, "jobs", "limit")
     settings = _settings(args)
     chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit}
     if args.dry_run:
@@ -189,6 +215,31 @@ def _convert_videos(args: argparse.Namespace) -> int:
     done = f"{report.converted:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
     print(f"{done}; {report.events:,} events in {args.out or default_out(args.source)}")
     return 1 if report.failed else 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from nvsdata.comparison import compare_files
+
+    options = {"fps": args.fps, "offset": args.offset, "size": args.sensor_size}
+    print(compare_files(args.emulated, args.real, args.picture, **options))
+    return 0
+
+
+def _tune(args: argparse.Namespace) -> int:
+    from nvsdata.comparison import tune_files
+
+    _at_least_1(args, "jobs", "trials")
+    seed = vars(args).pop("seed")
+    options = {name: getattr(args, name) for name in ("trials", "fps", "seconds", "offset", "jobs")}
+    print(tune_files(args.real, args.video, args.out, _settings(args), held=vars(args), seed=seed, **options))
+    return 0
+
+
+def _at_least_1(args: argparse.Namespace, *names: str) -> None:
+    for name in names:
+        value = getattr(args, name)
+        if value is not None and value < 1:
+            raise ValueError(f"--{name} must be at least 1, not {value}")
 
 
 def _verify(args: argparse.Namespace) -> int:

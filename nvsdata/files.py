@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 @contextmanager
@@ -35,3 +37,20 @@ def _settle(temporary: Path) -> None:
     os.chmod(temporary, 0o666 & ~umask)
     with temporary.open("rb+") as file:
         os.fsync(file.fileno())
+
+
+def json_lines(path: Path) -> tuple[list[dict[str, Any]], bool]:
+    """The objects of a file of JSON lines, and whether a line was torn, as by a kill, and is left out."""
+    text = path.read_text(encoding="utf-8")
+    found = []
+    torn = bool(text) and not text.endswith("\n")
+    for line in text.splitlines():
+        try:
+            value = json.loads(line)
+        except json.JSONDecodeError:
+            value = None
+        if isinstance(value, dict):
+            found.append(value)
+        else:
+            torn = True
+    return found, torn

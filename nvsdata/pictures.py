@@ -41,9 +41,13 @@ def contact_sheet(rows: Sequence[tuple[str, Sequence[np.ndarray]]], gap: int = 8
 
 
 def curves(
-    lines: Sequence[tuple[str, Sequence[float]]], title: str, xlabel: str, size: tuple[int, int] = (720, 420)
+    lines: Sequence[tuple[str, Sequence[float]]],
+    title: str,
+    xlabel: str,
+    size: tuple[int, int] = (720, 420),
+    highest: float = 1.0,
 ) -> np.ndarray:
-    """Values between 0 and 1 against 1, 2, 3...: uint8 [H, W, 3], BGR."""
+    """Values between 0 and `highest` against 1, 2, 3...: uint8 [H, W, 3], BGR."""
     width, height = size
     left, right, top, bottom = 60, 24, 44, 52
     picture = np.full((height, width, 3), 255, np.uint8)
@@ -51,12 +55,12 @@ def curves(
 
     def place(i: float, value: float) -> tuple[int, int]:
         x = left + (width - left - right) * i / (longest - 1)
-        return round(x), round(height - bottom - (height - top - bottom) * value)
+        return round(x), round(height - bottom - (height - top - bottom) * value / highest)
 
     for tick in range(0, 11, 2):
-        x, y = place(0, tick / 10)
+        x, y = place(0, highest * tick / 10)
         cv2.line(picture, (x, y), (width - right, y), FAINT, 1)
-        cv2.putText(picture, f"{tick / 10:.1f}", (18, y + 5), FONT, 0.45, INK, 1, cv2.LINE_AA)
+        cv2.putText(picture, f"{highest * tick / 10:.2g}", (18, y + 5), FONT, 0.45, INK, 1, cv2.LINE_AA)
     for i in sorted({0, (longest - 1) // 2, longest - 1}):
         x, y = place(i, 0)
         cv2.putText(picture, str(i + 1), (x - 6, y + 20), FONT, 0.45, INK, 1, cv2.LINE_AA)
@@ -65,7 +69,7 @@ def curves(
     for (name, values), colour, row in zip(lines, (OFF, ON, BOTH), range(3), strict=False):
         points = np.array([place(i, v) for i, v in enumerate(values)], np.int32)
         cv2.polylines(picture, [points], False, colour, 2, cv2.LINE_AA)
-        y = height - bottom - 16 - 20 * row
+        y = 16 + 16 * row
         cv2.line(picture, (width - 190, y - 4), (width - 165, y - 4), colour, 2, cv2.LINE_AA)
         cv2.putText(picture, name, (width - 158, y), FONT, 0.45, INK, 1, cv2.LINE_AA)
     return picture

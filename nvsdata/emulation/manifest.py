@@ -15,7 +15,7 @@ import numpy as np
 
 import nvsdata
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.files import atomic
+from nvsdata.files import atomic, json_lines
 
 NAME = "manifest.jsonl"
 
@@ -45,21 +45,18 @@ class Manifest:
         self._file = self.path.open("a", encoding="utf-8")
 
     def _read(self, made: dict[str, Any], digest: str) -> None:
-        text = self.path.read_text(encoding="utf-8")
-        lines = text.splitlines()
-        head = _parsed(lines[0]) if lines else None
-        if head is None or "settings_sha256" not in head:
+        lines, torn = json_lines(self.path)
+        head = lines[0] if lines else {}
+        if "settings_sha256" not in head:
             raise ValueError(f"{self.path} is no manifest of converted videos: choose another folder")
         if head["settings_sha256"] != digest:
             was, now = ({**d["settings"], **{k: d[k] for k in ("format", "size", "fps")}} for d in (head, made))
             differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
             raise ValueError(f"{self.path.parent} holds recordings made with {differs}: choose another folder")
-        whole = [line for line in map(_parsed, lines[1:]) if line is not None]
-        self._lines = {line["video"]: line for line in whole}
-        if len(whole) != len(lines) - 1 or not text.endswith("\n"):
-            # a run was killed in the middle of a line
+        self._lines = {line["video"]: line for line in lines[1:]}
+        if torn:
             with atomic(self.path) as temporary:
-                temporary.write_text("".join(json.dumps(line) + "\n" for line in (head, *whole)))
+                temporary.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
     def has(self, name: str, video: Path, target: Path) -> bool:
         """Whether the video, as it is now, has been converted and its recording is there."""
@@ -82,14 +79,6 @@ class Manifest:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
-
-
-def _parsed(line: str) -> dict[str, Any] | None:
-    try:
-        found = json.loads(line)
-    except json.JSONDecodeError:
-        return None
-    return found if isinstance(found, dict) else None
 
 
 def _versions() -> dict[str, str]:

@@ -121,7 +121,9 @@ def _camera(number: int, size: tuple[int, int] | None) -> Iterator[Frame]:
 def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Frame]:
     times = _regular(USUAL_RATE)
     for n, given in enumerate(frames):
-        if isinstance(given, str | os.PathLike):
+        if isinstance(given, Frame):
+            yield given._replace(pixels=_scaled(given.pixels, size))
+        elif isinstance(given, str | os.PathLike):
             frame = cv2.imread(os.fspath(given), cv2.IMREAD_UNCHANGED)
             if frame is None:
                 if not Path(given).exists():

@@ -178,9 +178,8 @@ def _emd(blocks: int) -> Measure:
         blocks_a, blocks_b = (_block(spikes, size, side) for spikes in (a, b))
         total = 0.0
         for block in np.intersect1d(blocks_a, blocks_b):
-            total += _emd_of(
-                *(Spikes(*(c[at == block] for c in s)) for s, at in ((a, blocks_a), (b, blocks_b))), size[0]
-            )
+            ours, theirs = _where(a, blocks_a == block), _where(b, blocks_b == block)
+            total += _emd_of(ours, theirs, size[0])
         return total
 
     return measure
@@ -188,7 +187,11 @@ def _emd(blocks: int) -> Measure:
 
 def _block(spikes: Spikes, size: tuple[int, int], side: int) -> np.ndarray:
     """Which of side x side blocks each spike lies in."""
-    return spikes.y * side // size[1] * side + spikes.x * side // size[0]
+    return np.asarray(spikes.y * side // size[1] * side + spikes.x * side // size[0])
+
+
+def _where(spikes: Spikes, mask: np.ndarray) -> Spikes:
+    return Spikes(spikes.x[mask], spikes.y[mask], spikes.total[mask])
 
 
 def _emd_of(a: Spikes, b: Spikes, width: int) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,6 @@ def spikes_of_frames(events: Events, origin: int, edges: np.ndarray) -> Iterator
     sums = np.zeros(events.sensor_size[::-1], np.int32)
     bounds = np.searchsorted(events.t, origin + edges)
     touched = np.empty(int(np.diff(bounds).max(initial=0)), np.int64)
-    for lo, hi in zip(bounds[:-1], bounds[1:], strict=True):
+    for lo, hi in pairwise(bounds):
         count = sum_polarity(events.x[lo:hi], events.y[lo:hi], events.p[lo:hi], sums, touched)
         yield Spikes(*gather(sums, touched, count))

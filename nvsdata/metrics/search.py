@@ -1,0 +1,209 @@
+"""Adaptive random search for the settings of PIX2NVS that come closest to a real recording (thesis 3.4.3)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from nvsdata.emulation import PIX2NVS
+from nvsdata.files import atomic, json_lines
+from nvsdata.metrics.score import score
+
+BATCH = 4  # trials proposed at once, whatever the number of jobs: so the search doesn't depend on it
+ANYWHERE = 1  # of each batch, that the search may leave a valley that is not the deepest
+FIRST = 16  # trials anywhere, before the search narrows
+SHRINK = 0.85  # of the radius, after a batch that found nothing better
+LEAST_RADIUS = 0.02
+MOVED = 0.3  # probability that a proposal changes a setting: few at a time are told apart more easily
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers from `low` to `high`, both included; `whole` numbers, or drawn by their logarithm if `log`."""
+
+    low: float
+    high: float
+    log: bool = False
+    whole: bool = False
+
+    def at(self, share: float) -> float:
+        """The number at a share, 0 to 1, of the way."""
+        if self.whole:
+            return min(int(self.low + share * (self.high - self.low + 1)), int(self.high))
+        if self.log:
+            return math.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low)))
+        return self.low + share * (self.high - self.low)
+
+
+Space = Mapping[str, Range | Sequence[Any]]
+
+# what Table 3.3 varies, and the rate of the moving average
+SPACE: Space = {
+    "t_log": (0.0, 20.0),
+    "inhibition": Range(1, 3, whole=True),
+    "max_events": Range(1, 5, whole=True),
+    "threshold": Range(0.05, 0.8, log=True),
+    "new": (True, False),
+    "exp": (True, False),
+    "alpha": Range(0.1, 0.9),
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Settings and their distances: 1 - repeatability, Chamfer, EMD; NaN if no frame had spikes on both sides."""
+
+    settings: PIX2NVS
+    distances: tuple[float, float, float]
+
+
+@dataclass
+class Search:
+    """Trials in the order in which they were made."""
+
+    trials: list[Trial] = field(default_factory=list)
+
+    @property
+    def scores(self) -> np.ndarray:
+        """Of each trial, over all of them; inf where there is none."""
+        return np.nan_to_num(score([trial.distances for trial in self.trials]), nan=np.inf)
+
+    @property
+    def best(self) -> Trial:
+        """The trial of the least score."""
+        return self.trials[int(np.argmin(self.scores))]
+
+
+def search(
+    measure: Callable[[PIX2NVS], tuple[float, float, float]],
+    *,
+    space: Space = SPACE,
+    base: PIX2NVS | None = None,
+    trials: int = 100,
+    seed: int = 0,
+    jobs: int = 1,
+    journal: Path | None = None,
+    note: Mapping[str, Any] | None = None,
+) -> Search:
+    """Look for settings with a small score: first anywhere in `space`, then in a shrinking sphere around the best.
+
+    Settings outside the space are those of `base`. `measure` gives a setting's distances (`measure_by`
+    makes one); `jobs` of them run at once, in threads. With a `journal`, a file of JSON lines, a search that
+    was stopped goes on: the same seed proposes the same trials. `note` is kept in the journal's first
+    line, and must be the same when the search goes on.
+
+    Raises ValueError for a journal of another search, and a space that isn't of PIX2NVS.
+    """
+    base = base or PIX2NVS()
+    for name, choices in space.items():
+        if not hasattr(base, name):
+            raise ValueError(f"PIX2NVS has no setting {name!r}")
+        if not isinstance(choices, Range) and not choices:
+            raise ValueError(f"no choices for {name}")
+    head = {"nvsdata-search": 1, "seed": seed, "base": asdict(base), "space": _plain(space), **(note or {})}
+    done = _Journal(journal, head)
+    rng = np.random.default_rng(seed)
+    result = Search()
+    centre: np.ndarray | None = None
+    radius = 1.0
+    places: list[np.ndarray] = []
+    with ThreadPoolExecutor(jobs) as pool, tqdm(total=trials, desc="searching", unit="trial", disable=None) as bar:
+        while len(result.trials) < trials:
+            count = min(BATCH, trials - len(result.trials))
+            wide = centre is None or len(result.trials) < FIRST
+            # drawn for a whole batch, so that a search that was shorter goes on as a longer one would
+            drawn = [_near(rng, len(space), None if wide or i < ANYWHERE else centre, radius) for i in range(BATCH)][
+                :count
+            ]
+            proposed = [_settings(base, space, place) for place in drawn]
+            known = [done.get(len(result.trials) + i, settings) for i, settings in enumerate(proposed)]
+            futures = [pool.submit(measure, s) if k is None else None for s, k in zip(proposed, known, strict=True)]
+            for settings, found, future in zip(proposed, known, futures, strict=True):
+                trial = found or Trial(settings, _three(future.result() if future else ()))
+                if found is None:
+                    done.add(len(result.trials), trial)
+                result.trials.append(trial)
+                bar.update()
+            places += drawn
+            scores = result.scores
+            best = int(np.argmin(scores))
+            if not wide and best < len(scores) - count:
+                radius = max(radius * SHRINK, LEAST_RADIUS)
+            centre = places[best]
+            bar.set_postfix_str(f"score {scores[best]:.4f}", refresh=False)
+    done.close()
+    return result
+
+
+def _near(rng: np.random.Generator, dimensions: int, centre: np.ndarray | None, radius: float) -> np.ndarray:
+    """A place in the unit cube: anywhere, or within a sphere, reflected where it sticks out."""
+    anywhere = rng.random(dimensions)
+    direction = rng.normal(size=dimensions) * (rng.random(dimensions) < MOVED)
+    length = radius * rng.random() ** (1 / dimensions)
+    if centre is None:
+        return anywhere
+    place = centre + direction / max(float(np.linalg.norm(direction)), 1e-9) * length
+    return np.asarray(np.clip(np.where(place < 0, -place, np.where(place > 1, 2 - place, place)), 0, 1))
+
+
+def _settings(base: PIX2NVS, space: Space, place: np.ndarray) -> PIX2NVS:
+    """The settings at a place of the unit cube."""
+    chosen: dict[str, Any] = {}
+    for (name, choices), share in zip(space.items(), place.tolist(), strict=True):
+        if isinstance(choices, Range):
+            chosen[name] = choices.at(share)
+        else:
+            chosen[name] = choices[min(int(share * len(choices)), len(choices) - 1)]
+    return replace(base, **chosen)
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    a, b, c = (float(value) for value in values)
+    return a, b, c
+
+
+def _plain(space: Space) -> dict[str, Any]:
+    return {k: asdict(v) if isinstance(v, Range) else list(v) for k, v in space.items()}
+
+
+class _Journal:
+    """Trials on disk, a JSON line each, after a first line that says of which search."""
+
+    def __init__(self, path: Path | None, head: Mapping[str, Any]) -> None:
+        self._known: dict[int, Trial] = {}
+        self._file = None
+        if path is None:
+            return
+        head = json.loads(json.dumps(head))
+        lines, torn = json_lines(path) if path.exists() else ([head], True)
+        if lines[:1] != [head]:
+            raise ValueError(f"{path} is of another search: give the same settings, or another file")
+        for line in lines[1:]:
+            self._known[line["trial"]] = Trial(PIX2NVS(**line["settings"]), _three(line["distances"]))
+        if torn:
+            with atomic(path) as temporary:
+                temporary.write_text("".join(json.dumps(line) + "\n" for line in lines))
+        self._file = path.open("a", encoding="utf-8")
+
+    def get(self, number: int, settings: PIX2NVS) -> Trial | None:
+        """The trial of that number, if it was of these settings."""
+        found = self._known.get(number)
+        return found if found is not None and found.settings == settings else None
+
+    def add(self, number: int, trial: Trial) -> None:
+        if self._file is not None:
+            line = {"trial": number, "distances": trial.distances, "settings": asdict(trial.settings)}
+            self._file.write(json.dumps(line) + "\n")
+            self._file.flush()
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()

@@ -1,0 +1,87 @@
+"""Tuning PIX2NVS to a real recording of what a video shows, and what to show of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import takewhile
+
+import numpy as np
+
+from nvsdata.emulation import PIX2NVS
+from nvsdata.emulation.video import Frame, Video, frames_of
+from nvsdata.events import Events, Recording
+from nvsdata.metrics.distance import compare
+from nvsdata.metrics.search import Search
+
+SHOWN = ("t_log", "inhibition", "max_events", "threshold", "new", "exp", "alpha")
+HEADINGS = ("T_log", "B", "M_max", "T_map", "new", "exp", "alpha", "Inv. e-rep", "Chamfer", "EMD", "Score")
+
+
+class Pair:
+    """A real recording and the frames of the video it shows, scaled to its sensor; calling it measures settings.
+
+    Only the first `seconds` count if they are given. The frame rate of the comparison is the video's.
+    `offset` µs are added to the recording's times, which count from its start. The frames are kept in
+    memory. ValueError if fewer than two frames fall within the time.
+    """
+
+    def __init__(
+        self,
+        real: Events | Recording,
+        video: Video,
+        *,
+        fps: float | None = None,
+        seconds: float | None = None,
+        offset: int = 0,
+    ) -> None:
+        end = np.inf if seconds is None else seconds * 1e6
+        size = real.sensor_size
+        self.frames: list[Frame] = list(takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size)))
+        if len(self.frames) < 2:
+            raise ValueError(f"{video}: {len(self.frames)} frames in the time that counts, it takes two")
+        last = self.frames[-1].time
+        self.fps = (len(self.frames) - 1) * 1e6 / last
+        self.offset = offset
+        if isinstance(real, Recording):
+            first = real.span[0]
+            self.real = real.read(first, first + max(last - offset, 1))
+        else:
+            self.real = real.window(real.start, real.start + max(last - offset, 1))
+
+    def emulate(self, settings: PIX2NVS) -> Events:
+        """The video by these settings."""
+        return settings.emulate(self.frames)
+
+    def __call__(self, settings: PIX2NVS) -> tuple[float, float, float]:
+        """1 - repeatability, Chamfer, EMD of these settings.
+
+        NaN if more than half of the frames with real spikes have no emulated one: the distances look from
+        emulated spikes to real ones only, and settings that hardly ever fire would win.
+        """
+        found = compare(self.emulate(settings), self.real, self.fps, offset=self.offset)
+        real = found.emd.frames.size - found.emd.empty_real
+        return found.values if 2 * found.emd.used >= max(real, 1) else (math.nan, math.nan, math.nan)
+
+
+def table(search: Search, rows: int = 5) -> str:
+    """Some trials from the worst to the best, evenly ranked, in the columns of Table 3.3."""
+    scores = search.scores
+    ranked = [i for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
+    chosen = [ranked[round(i)] for i in np.linspace(0, len(ranked) - 1, min(rows, len(ranked)))]
+    lines: list[tuple[str, ...]] = [HEADINGS]
+    for i in chosen:
+        trial = search.trials[i]
+        values = [_short(getattr(trial.settings, name)) for name in SHOWN]
+        lines.append((*values, *(f"{value:.3f}" for value in (*trial.distances, scores[i]))))
+    return aligned(lines)
+
+
+def aligned(lines: Sequence[Sequence[str]]) -> str:
+    """Rows of texts as a table."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)) for row in lines)
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
