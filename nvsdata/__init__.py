@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nvsdata import datasets, formats, models, transforms
+    from nvsdata import datasets, emulation, formats, metrics, models, transforms
     from nvsdata.batching import collate
     from nvsdata.datasets import (
         ASLANDVS,
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     )
     from nvsdata.datasets.cache import cache
     from nvsdata.datasets.pack import pack
+    from nvsdata.emulation import PIX2NVS
     from nvsdata.errors import FormatError
     from nvsdata.events import Events, Recording
     from nvsdata.formats import open, read, write
@@ -60,8 +61,9 @@ _HOMES = {
     "collate": "batching",
     "cache": "datasets.cache",
     "pack": "datasets.pack",
+    "PIX2NVS": "emulation",
 }
-_MODULES = ("datasets", "formats", "models", "transforms")
+_MODULES = ("datasets", "emulation", "formats", "metrics", "models", "transforms")
 
 __all__ = [
     "ASLANDVS",
@@ -71,6 +73,7 @@ __all__ = [
     "MNISTDVS",
     "NCARS",
     "NMNIST",
+    "PIX2NVS",
     "UCF50DVS",
     "UCF101DVS",
     "YUPENNDVS",
@@ -85,7 +88,9 @@ __all__ = [
     "cache",
     "collate",
     "datasets",
+    "emulation",
     "formats",
+    "metrics",
     "models",
     "open",
     "pack",

@@ -13,6 +13,7 @@ import numpy as np
 
 from nvsdata.emulation.threads import ahead
 from nvsdata.errors import FormatError
+from nvsdata.frames import MICROSECONDS, check_rate
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
 USUAL_RATE = 30.0  # frames a second of what has no times of its own
@@ -34,8 +35,8 @@ def frames_of(
     video: Video, *, fps: float | None = None, times: Iterable[int] | None = None, size: tuple[int, int] | None = None
 ) -> Iterator[Frame]:
     """Time and picture of each frame; see `PIX2NVS.stream`. Times count from the first frame."""
-    if fps is not None and not (fps > 0 and np.isfinite(fps)):
-        raise ValueError(f"fps must be positive, not {fps}")
+    if fps is not None:
+        check_rate(fps)
     if size is not None and (len(size) != 2 or min(size) < 1):
         raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
     if fps is not None and times is not None:
@@ -63,7 +64,7 @@ def _timed(frames: Iterator[Frame], times: Iterable[int]) -> Iterator[Frame]:
 def _regular(fps: float) -> Iterator[int]:
     n = 0
     while True:
-        yield round(n * 1_000_000 / fps)
+        yield round(n * MICROSECONDS / fps)
         n += 1
 
 
@@ -77,7 +78,7 @@ def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
     try:
         if not capture.isOpened():
             raise FormatError(path, None, "holds no video that OpenCV can decode")
-        gap = 1_000_000 / (capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE)
+        gap = MICROSECONDS / (capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE)
         promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         count, first, last = 0, 0, 0
         for frame in ahead(_decoded(capture, size)):

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from nvsdata.events import Events, Recording, as_events
+from nvsdata.frames import check_rate, frame_edges
 from nvsdata.kernels.distances import cancel, nearest
 from nvsdata.kernels.transport import least_work
-from nvsdata.metrics.spikes import Spikes, frame_edges, spikes_of_frames
+from nvsdata.metrics.spikes import Spikes, spikes_of_frames
 
 LAMBDA = math.sqrt(3)
 EPSILON = 3.5
@@ -126,8 +127,8 @@ def _measure(
     a, b = as_events(emulated), as_events(real)
     if a.sensor_size != b.sensor_size:
         raise ValueError(f"events of different sensors can't be compared: {a.sensor_size} and {b.sensor_size}")
-    if fps is not None and not (fps > 0 and math.isfinite(fps)):
-        raise ValueError(f"fps must be positive, not {fps}")
+    if fps is not None:
+        check_rate(fps)
     ends = [int(events.t[-1]) - origin for events, origin in ((a, a.start), (b, b.start - offset)) if len(events)]
     edges = frame_edges(max(*ends, 0, 0), fps)
     pairs = zip(spikes_of_frames(a, a.start, edges), spikes_of_frames(b, b.start - offset, edges), strict=True)

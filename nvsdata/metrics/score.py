@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 
 def score(distances: npt.ArrayLike) -> np.ndarray:
-    """Weighted score of each setting, float64 [settings]: each distance L2-normalised over the settings, then their mean.
+    """Weighted score of each setting, float64 [settings]: the mean of its distances, L2-normalised over the settings.
 
     `distances` [settings, distances], all the smaller the better (`Comparison.values` has them). A
     distance that is 0 for all settings adds 0; NaN stands for a setting without a result, gives NaN,

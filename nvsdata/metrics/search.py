@@ -74,7 +74,7 @@ class Search:
     @property
     def scores(self) -> np.ndarray:
         """Of each trial, over all of them; inf where there is none."""
-        return np.nan_to_num(score([trial.distances for trial in self.trials]), nan=np.inf)
+        return np.asarray(np.nan_to_num(score([trial.distances for trial in self.trials]), nan=np.inf))
 
     @property
     def best(self) -> Trial:

@@ -17,12 +17,29 @@ from nvsdata.transforms.augment import (
     shift,
 )
 from nvsdata.transforms.compose import Compose
+from nvsdata.transforms.frames import (
+    FourCrops,
+    MedianDenoise,
+    MotionCrop,
+    RandomVolume,
+    Stacks,
+    SumFrames,
+    four_crops,
+    median_denoise,
+    motion_crop,
+    stacks,
+    sum_frames,
+    volume,
+)
 from nvsdata.transforms.graph import RadiusGraph, radius_graph
 from nvsdata.transforms.sample import NonUniformSample, RandomDrop, drop, nonuniform_sample
 from nvsdata.transforms.window import RandomWindow, Window, random_window, window
 
 __all__ = [
     "Compose",
+    "FourCrops",
+    "MedianDenoise",
+    "MotionCrop",
     "NonUniformSample",
     "RadiusGraph",
     "RandomAffine",
@@ -31,16 +48,25 @@ __all__ = [
     "RandomRotate",
     "RandomScale",
     "RandomShift",
+    "RandomVolume",
     "RandomWindow",
+    "Stacks",
+    "SumFrames",
     "Window",
     "affine",
     "drop",
     "flip",
+    "four_crops",
+    "median_denoise",
+    "motion_crop",
     "nonuniform_sample",
     "radius_graph",
     "random_window",
     "rotate",
     "scale",
     "shift",
+    "stacks",
+    "sum_frames",
+    "volume",
     "window",
 ]

@@ -35,10 +35,10 @@ def streams(draw, size=(40, 30), most=60):
 
 def slow_frames(events, fps, duration):
     """Of each frame a dictionary from position to summed polarity, without zeros."""
-    count = 1 if fps is None else int(duration * fps // 1_000_000) + 1
+    count = 1 if fps is None else max(math.ceil(duration * fps / 1_000_000), 1)
     frames = [{} for _ in range(count)]
     for t, x, y, p in zip(*(c.tolist() for c in events.columns), strict=True):
-        frame = frames[0 if fps is None else int((t - events.start) * fps // 1_000_000)]
+        frame = frames[0 if fps is None else max(math.ceil((t - events.start) * fps / 1_000_000) - 1, 0)]
         frame[x, y] = frame.get((x, y), 0) + 2 * p - 1
     return [{place: total for place, total in frame.items() if total} for frame in frames]
 

@@ -27,6 +27,12 @@ ALL = [
     T.RandomFlip(0),
     T.RandomRotate(),
     T.RandomShift(),
+    T.SumFrames(fps=25, factor=8),
+    T.RandomVolume(160),
+    T.Stacks(3),
+    T.MotionCrop(24),
+    T.FourCrops(24),
+    T.MedianDenoise(),
 ]
 
 

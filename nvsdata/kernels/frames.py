@@ -1,0 +1,26 @@
+"""Events summed to frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def sum_frames(x, y, p, bounds, sensor_size, factor):
+    """Mean over cells of the polarity, +1 or -1, summed at their pixels: float32 [frames, H, W]. O(N + output).
+
+    Frame n has the events from `bounds[n]` to `bounds[n + 1]`.
+    """
+    width, height = sensor_size
+    columns, rows = (width + factor - 1) // factor, (height + factor - 1) // factor
+    out = np.zeros((bounds.size - 1, rows, columns), np.float32)
+    for n in range(bounds.size - 1):
+        for i in range(np.uint64(bounds[n]), np.uint64(bounds[n + 1])):
+            out[n, y[i] // factor, x[i] // factor] += np.float32(2) * p[i] - np.float32(1)
+        if factor > 1:
+            for r in range(rows):
+                tall = min(factor, height - r * factor)
+                for c in range(columns):
+                    out[n, r, c] /= np.float32(tall * min(factor, width - c * factor))
+    return out

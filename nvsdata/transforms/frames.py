@@ -1,0 +1,167 @@
+"""Frames of summed polarity and what convolutional networks are given of them (thesis 3.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch.nn import functional as F
+
+from nvsdata.events import Events, Recording, as_events
+from nvsdata.frames import check_rate, frame_bounds, frame_edges
+from nvsdata.kernels.frames import sum_frames as kernel
+from nvsdata.transforms.checks import below, positive
+
+
+@dataclass(frozen=True)
+class SumFrames:
+    """Polarity summed at each pixel over frames of 1 / `fps` s, (3.18), averaged over `factor` x `factor` pixels.
+
+    Gives float32 [frames, H, W], ON +1 and OFF -1, as many frames as the events last, at least one.
+    Pixels that are over at the right and below make smaller cells. The thesis downsamples by 8.
+    """
+
+    fps: float = 30.0
+    factor: int = 1
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_rate(self.fps)
+        positive("factor", self.factor)
+
+    def __call__(self, sample: Events | Recording) -> torch.Tensor:
+        return sum_frames(sample, self.fps, self.factor)
+
+
+@dataclass(frozen=True)
+class RandomVolume:
+    """`length` frames in a row from a random place (thesis: 160): [frames, H, W] to [length, H, W].
+
+    Frames without events follow where there are fewer. With a length of 3: the stack that takes the
+    place of red, green and blue.
+    """
+
+    length: int = 160
+
+    def __post_init__(self) -> None:
+        positive("length", self.length)
+
+    def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        return volume(frames, below(max(frames.shape[0] - self.length, 0) + 1), self.length)
+
+
+@dataclass(frozen=True)
+class Stacks:
+    """Every `length` frames in a row (thesis: 3): [frames, H, W] to [frames - length + 1, length, H, W], a view."""
+
+    length: int = 3
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        positive("length", self.length)
+
+    def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        return stacks(frames, self.length)
+
+
+@dataclass(frozen=True)
+class MotionCrop:
+    """The `size` x `size` pixels with the most activity, the sum of |f| over all frames; the first of equals.
+
+    [..., H, W] to [..., size, size].
+    """
+
+    size: int = 24
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        positive("size", self.size)
+
+    def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        return motion_crop(frames, self.size)
+
+
+@dataclass(frozen=True)
+class FourCrops:
+    """The crops that the thesis tests with: most active and centre, each as it is and mirrored.
+
+    [..., H, W] to [4, ..., size, size].
+    """
+
+    size: int = 24
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        positive("size", self.size)
+
+    def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        return four_crops(frames, self.size)
+
+
+@dataclass(frozen=True)
+class MedianDenoise:
+    """Median of each pixel and those right of, below and diagonally below it, borders replicated; [..., H, W].
+
+    Of the four, the mean of the two in the middle: a spike on its own goes.
+    """
+
+    deterministic: ClassVar[bool] = True
+
+    def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        return median_denoise(frames)
+
+
+def sum_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -> torch.Tensor:
+    """Frames of summed polarity; see `SumFrames`."""
+    events = as_events(sample)
+    edges = frame_edges(int(events.t[-1]) - events.start if len(events) else 0, fps)
+    bounds = frame_bounds(events, events.start, edges)
+    return torch.from_numpy(kernel(events.x, events.y, events.p, bounds, events.sensor_size, factor))
+
+
+def volume(frames: torch.Tensor, start: int, length: int) -> torch.Tensor:
+    """`length` frames from `start` on, padded with zeros behind; see `RandomVolume`."""
+    cut = frames[start : start + length]
+    return F.pad(cut, (0, 0) * (cut.ndim - 1) + (0, length - cut.shape[0]))
+
+
+def stacks(frames: torch.Tensor, length: int = 3) -> torch.Tensor:
+    """Every `length` frames in a row; ValueError if there are fewer. See `Stacks`."""
+    if frames.shape[0] < length:
+        raise ValueError(f"{frames.shape[0]} frames make no stack of {length}")
+    return frames.unfold(0, length, 1).movedim(-1, 1)
+
+
+def motion_crop(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
+    """The most active square; ValueError for frames smaller than it. See `MotionCrop`."""
+    _fits(frames, size)
+    activity = frames.abs().reshape(-1, *frames.shape[-2:]).sum(0, dtype=torch.float64)
+    # sums of all squares by an integral image
+    whole = F.pad(activity.cumsum(0).cumsum(1), (1, 0, 1, 0))
+    squares = whole[size:, size:] - whole[:-size, size:] - whole[size:, :-size] + whole[:-size, :-size]
+    # rounding must not tell equals apart
+    best = int((squares >= squares.max() - 1e-9 * max(float(whole[-1, -1]), 1.0)).flatten().to(torch.uint8).argmax())
+    y, x = divmod(best, squares.shape[1])
+    return frames[..., y : y + size, x : x + size]
+
+
+def four_crops(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
+    """Most active and centre square, each also mirrored; see `FourCrops`."""
+    active = motion_crop(frames, size)
+    y, x = ((side - size) // 2 for side in frames.shape[-2:])
+    centre = frames[..., y : y + size, x : x + size]
+    return torch.stack((active, active.flip(-1), centre, centre.flip(-1)))
+
+
+def median_denoise(frames: torch.Tensor) -> torch.Tensor:
+    """Median of 2 x 2 pixels; see `MedianDenoise`."""
+    right = torch.cat((frames[..., 1:], frames[..., -1:]), -1)
+    pairs = torch.stack((frames, right))
+    four = torch.cat((pairs, torch.cat((pairs[..., 1:, :], pairs[..., -1:, :]), -2)))
+    return four.sort(0).values[1:3].mean(0)
+
+
+def _fits(frames: torch.Tensor, size: int) -> None:
+    if min(frames.shape[-2:]) < size:
+        raise ValueError(f"frames of {frames.shape[-1]}x{frames.shape[-2]} hold no square of {size}")

@@ -1,0 +1,56 @@
+"""Which settings of PIX2NVS come closest to a real camera: the experiment of Table 3.3, on any pair.
+
+    python recipes/tune_pix2nvs.py --real recording.aedat --video shown.avi --out tuning
+
+The five rows of the table are emulated and held to the recording, then a search looks for better
+ones. Scores are relative to the settings they are computed over, so all are scored together.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import nvsdata
+from nvsdata import metrics, pictures
+from nvsdata.comparison import score_curve, side_by_side
+from nvsdata.emulation import PRESETS
+from nvsdata.metrics.search import Search, Trial, search
+from nvsdata.metrics.tune import Pair, table
+
+ROWS = [name for name in PRESETS if name.startswith("table-3.3")]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--real", type=Path, required=True, help="what the camera saw")
+    parser.add_argument("--video", type=Path, required=True, help="what was shown to it")
+    parser.add_argument("--out", type=Path, default=Path("tuning"))
+    parser.add_argument("--seconds", type=float, help="hold the first seconds only")
+    parser.add_argument("--offset", type=int, default=0, help="µs to add to the recording's times")
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+
+    pair = Pair(nvsdata.open(args.real), args.video, seconds=args.seconds, offset=args.offset)
+    args.out.mkdir(parents=True, exist_ok=True)
+    rows = [Trial(PRESETS[name], pair(PRESETS[name])) for name in ROWS]
+    note = {"real": str(args.real), "video": str(args.video), "seconds": args.seconds, "offset": args.offset}
+    journal = args.out / "trials.jsonl"
+    found = search(pair, trials=args.trials, seed=args.seed, jobs=args.jobs, journal=journal, note=note)
+
+    together = Search([*rows, *found.trials])
+    thesis, best = Search(rows), together.best
+    text = f"Settings of Table 3.3, scored among themselves\n{table(thesis)}\n\n"
+    text += f"From the worst to the best of these and {args.trials} trials\n{table(together, rows=8)}\n\n"
+    share = metrics.score([best.distances, rows[-1].distances])
+    text += f"best: {best.settings!r}\nits score is {share[0] / share[1]:.3f} times that of the table's best row\n"
+    print(text)
+    (args.out / "table.txt").write_text(text, encoding="utf-8")
+    pictures.save(score_curve(found), args.out / "score.png")
+    pictures.save(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
+
+
+if __name__ == "__main__":
+    main()

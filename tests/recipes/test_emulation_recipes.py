@@ -1,0 +1,79 @@
+"""The recipes on emulation, run as a user would, on a small video."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import nvsdata
+from nvsdata import PIX2NVS
+
+RECIPES = Path(__file__).parents[2] / "recipes"
+
+
+def write(path, pictures):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, pictures[0].shape[1::-1])
+    for picture in pictures:
+        writer.write(np.ascontiguousarray(picture))
+    writer.release()
+    return path
+
+
+@pytest.fixture(scope="module")
+def squares(tmp_path_factory):
+    """Squares that move over a still ground."""
+    ground = np.random.default_rng(0).integers(50, 70, (48, 64, 3), dtype=np.uint8)
+    pictures = []
+    for n in range(12):
+        picture = ground.copy()
+        picture[8:18, 2 * n : 2 * n + 10], picture[30:40, 50 - 3 * n : 58 - 3 * n] = 200, 10
+        pictures.append(picture)
+    return write(tmp_path_factory.mktemp("video") / "squares.avi", pictures)
+
+
+@pytest.fixture(scope="module")
+def ground(tmp_path_factory):
+    """A camera that passes over a blotchy ground."""
+    rng = np.random.default_rng(0)
+    ground = cv2.GaussianBlur(rng.uniform(0, 255, (100, 130, 3)), (0, 0), 3)
+    ground = np.interp(ground, (ground.min(), ground.max()), (5, 250)).astype(np.uint8)
+    pictures = [ground[n : n + 48, 2 * n : 2 * n + 64] for n in range(12)]
+    return write(tmp_path_factory.mktemp("video") / "ground.avi", pictures)
+
+
+def run(recipe, *arguments):
+    command = [sys.executable, str(RECIPES / recipe), *map(str, arguments)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_the_distances_move_as_in_table_3_2(squares, tmp_path):
+    out = run("validate_metrics.py", "--video", squares, "--size", "64x48", "--out", tmp_path / "a.json")
+    rows = {row["events"]: row for row in json.loads((tmp_path / "a.json").read_text())}
+    assert list(rows) == [
+        "original",
+        *("SD 32x24", "SD 21x16", "SD 16x12"),
+        *("TD fps/2", "TD fps/3"),
+        *("AN 1%", "AN 3%", "AN 5%", "AN 7%"),
+    ]
+    original = rows.pop("original")
+    for name, row in rows.items():
+        assert name in out
+        assert row["chamfer"] > original["chamfer"]
+        assert row["repeatability"] <= original["repeatability"]
+        assert row["emd"] > original["emd"]
+
+
+def test_the_search_beats_the_rows_of_table_3_3(ground, tmp_path):
+    nvsdata.write(PIX2NVS(threshold=0.3, noise_rate=2, mismatch=0.1).emulate(ground), tmp_path / "real.h5")
+    out = run("tune_pix2nvs.py", "--real", tmp_path / "real.h5", "--video", ground, "--trials", 40, "--out", tmp_path)
+    table = out.split("\n\n")[0].splitlines()[2:]
+    assert len(table) == 5
+    assert float(out.rstrip().split(" times that")[0].split()[-1]) < 1
+    for name in ("table.txt", "score.png", "best.png", "trials.jsonl"):
+        assert (tmp_path / name).stat().st_size > 0
