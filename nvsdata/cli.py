@@ -202,6 +202,8 @@ def _convert_videos(args: argparse.Namespace) -> int:
     from nvsdata.emulation.convert import convert_videos, default_out, plan
 
     _at_least_1(args, "jobs", "limit")
+    # threads that decode, emulate and write pass Python's lock on in less than a frame's time
+    sys.setswitchinterval(0.0005)
     settings = _settings(args)
     chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit}
     if args.dry_run:

@@ -8,7 +8,10 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
+
+FLUSH_EVERY = 0.03  # s
 
 
 @contextmanager
@@ -28,6 +31,32 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def flushed_early(path: Path) -> Iterator[None]:
+    """While the block writes to `path`, have the disk begin: little is left for the end.
+
+    Where the system can't flush a file's content alone, nothing is done.
+    """
+    if not hasattr(os, "fdatasync"):
+        yield
+        return
+    done = Event()
+    handle = os.open(path, os.O_RDWR)
+
+    def flush() -> None:
+        while not done.wait(FLUSH_EVERY):
+            os.fdatasync(handle)
+
+    thread = Thread(target=flush, name="nvsdata-flush", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+        os.close(handle)
 
 
 def _settle(temporary: Path) -> None:

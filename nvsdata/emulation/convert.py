@@ -22,6 +22,7 @@ from tqdm import tqdm
 from nvsdata import formats
 from nvsdata.emulation.manifest import Manifest
 from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.threads import stay_in_one_thread
 from nvsdata.emulation.video import TruncatedVideo
 from nvsdata.events import Events
 
@@ -192,7 +193,8 @@ def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generato
         yield from ((job, convert(job)) for job in jobs)
     else:
         # forking a process that has threads may hang
-        pool = ProcessPoolExecutor(min(processes, len(jobs)), mp_context=get_context("spawn"))
+        count = min(processes, len(jobs))
+        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=stay_in_one_thread)
         try:
             futures = {pool.submit(convert, job): job for job in jobs}
             for future in as_completed(futures):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +22,7 @@ METHODS = {"co-located": kernels.CO_LOCATED, "average": kernels.AVERAGE, "minimu
 TIMINGS = {"interpolated": kernels.INTERPOLATED, "random": kernels.RANDOM}
 LONGEST = 2**31  # µs between frames that keys can hold
 LARGEST = 2**15 - 1  # pixels of a side
-KEPT = DEPTH + 3  # frames whose keys may be waiting to be read
+KEPT = 2 * DEPTH + 3  # frames whose keys may be waiting to be read
 
 
 @dataclass
@@ -51,10 +52,19 @@ class Spikes:
         return Events.trusted(columns, self.sensor_size, self.before)
 
 
+@cache
+def _keep_freed_memory() -> None:
+    """Have glibc keep what is freed: with each frame's arrays it would go back to the system, and fresh pages cost more
+    than the work on them. Freeing a large array raises the size from which it gives memory back.
+    """
+    np.empty(31 << 20, np.uint8)
+
+
 class Emulator:
     """State of an emulation. The last frame is kept, and must not be changed."""
 
     def __init__(self, settings: PIX2NVS, first: Frame) -> None:
+        _keep_freed_memory()
         height, width = first.pixels.shape[:2]
         if settings.inhibition > min(height, width):
             raise ValueError(f"inhibition={settings.inhibition} is larger than the frame of {width}x{height}")
@@ -66,11 +76,12 @@ class Emulator:
         self._dirty, self._affected, self._active = (np.ones(tiles, bool) for _ in range(3))
         self._still, self._behind = np.zeros(tiles, bool), np.zeros(tiles, np.int64)
         number = _precision(settings)
-        self._table = tone(settings, np.arange(kernels.TABLE_SIZE) / 1000).astype(number)
+        self._table = _tone_table(settings, number)
         self._threshold = number(settings.threshold)
         self._alpha = number(settings.alpha if settings.exp else 1)
         self._sensitivity = _sensitivity(settings, (height, width)).astype(number)
         self._calm = self._threshold / max(number(1), self._sensitivity.max(initial=0))
+        self._follows = settings.new and self._alpha < 1  # does a reference move where its pixel is still?
         self._number = 0
         self._last = first
         self._plane = np.empty((height, width), number)
@@ -97,8 +108,9 @@ class Emulator:
             raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
         settings = self.settings
         self._number += 1
-        pixel = self._channels * frame.pixels.dtype.itemsize
-        kernels.find_dirty(_bytes(frame), _bytes(last), pixel, self.sensor_size[::-1], self._dirty)
+        if self._compare(last, frame) == 0 and self._still.all():
+            self._behind += self._follows
+            return Spikes(self._keys[0][:0], before, now, settings.timestamps, self.sensor_size)
         self._wake()
         kernels.catch_up(self._reference, self._level, self._alpha, self._behind, self._active)
         self._see(frame)
@@ -121,6 +133,14 @@ class Emulator:
             self._behind,
         )
         return Spikes(self._keys[0][:count], before, now, settings.timestamps, self.sensor_size)
+
+    def _compare(self, last: Frame, frame: Frame) -> int:
+        """Mark dirty tiles; how many there are."""
+        old, new = _bytes(last), _bytes(frame)
+        items = kernels.TILE[1] * self._channels * frame.pixels.dtype.itemsize
+        if new.shape[1] % 8 == 0:
+            old, new, items = old.view(np.uint64), new.view(np.uint64), items // 8
+        return int(kernels.find_dirty(new, old, items, self._dirty))
 
     def _of_bytes(self, frame: Frame) -> bool:
         return frame.pixels.dtype == np.uint8 and not self.settings.hue
@@ -155,8 +175,10 @@ class Emulator:
     def _fire(self, span: int) -> int:
         """Fill keys row by row, in a larger array where one is full; the number of keys."""
         timing = TIMINGS.get(self.settings.timestamps, kernels.AT_ONCE)
-        # of the frame's number, so that frames that are skipped change nothing
-        seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
+        seed = np.uint64(0)
+        if timing == kernels.RANDOM:
+            # of the frame's number, so that frames that are skipped change nothing
+            seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
         spans = np.array([span], np.float64 if span > 1 << 21 else self._plane.dtype)
         self._keys.rotate()
         count, row = 0, 0
@@ -211,6 +233,12 @@ def tone(settings: PIX2NVS, q: np.ndarray) -> np.ndarray:
         return 100 * np.sqrt((q / 255) ** settings.gamma)
     with np.errstate(divide="ignore"):
         return np.where(q > settings.t_log, np.log(q), q * _slope(settings))
+
+
+@lru_cache(8)
+def _tone_table(settings: PIX2NVS, number: Any) -> np.ndarray:
+    """`tone` of luminance in thousandths; kept, for a folder has many videos."""
+    return tone(settings, np.arange(kernels.TABLE_SIZE) / 1000).astype(number)
 
 
 def _slope(settings: PIX2NVS) -> float:

@@ -129,7 +129,7 @@ class PIX2NVS:
         that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.
         """
         spikes = ahead(self._spikes(frames_of(frames, fps=fps, times=times, size=size)))
-        return ahead(self._events(spikes))
+        return self._events(spikes)
 
     def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:
         first = next(frames, None)

@@ -4,25 +4,99 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from threading import Condition, Thread
+from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
-DEPTH = 3  # items that are made before they are asked for
+DEPTH = 8  # items that are made before they are asked for
+PATIENCE = 0.005  # s to wait for more than one
 
 
-def ahead(items: Iterator[Item], depth: int = DEPTH) -> Iterator[Item]:
-    """The same items, made up to `depth` ahead in a thread of their own; errors come where their item would."""
-    end = object()
-    with ThreadPoolExecutor(1, "nvsdata-ahead") as pool:
-        waiting: deque[Future[Item | object]] = deque(pool.submit(next, items, end) for _ in range(depth))
+_alone = False
+
+
+def stay_in_one_thread() -> None:
+    """Do without threads from now on, in a process whose siblings keep the other cores busy."""
+    global _alone
+    _alone = True
+
+
+def in_one_thread() -> bool:
+    """Whether `stay_in_one_thread` was called."""
+    return _alone
+
+
+def ahead(items: Iterator[Item]) -> Iterator[Item]:
+    """The same items, made up to `DEPTH` ahead in a thread of their own; an error comes where its item would.
+
+    Closing the generator stops the thread and closes `items`.
+    """
+    if _alone:
+        yield from items
+        return
+    line = _Line(items)
+    thread = Thread(target=line.fill, name="nvsdata-ahead", daemon=True)
+    thread.start()
+    try:
+        while found := line.take():
+            yield from found
+    finally:
+        line.stop()
+        thread.join()
+        if hasattr(items, "close"):
+            items.close()
+
+
+class _Line(Generic[Item]):
+    """Items on their way from one thread to another.
+
+    Waking a thread takes longer than many an item, so both sides sleep until it is worth it: the maker until
+    the line is empty, the taker until it is half full or some time has passed.
+    """
+
+    def __init__(self, items: Iterator[Item]) -> None:
+        self._items = items
+        self._made: deque[Item] = deque()
+        self._change = Condition()
+        self._error: BaseException | None = None
+        self._ended = self._stopped = self._starving = False
+
+    def fill(self) -> None:
+        """Make items until there are no more, or nobody wants them."""
         try:
-            while (item := waiting.popleft().result()) is not end:
-                waiting.append(pool.submit(next, items, end))
-                yield item  # type: ignore[misc]
+            for item in self._items:
+                with self._change:
+                    self._made.append(item)
+                    if len(self._made) >= DEPTH // 2 or self._starving:
+                        self._change.notify()
+                    if len(self._made) >= DEPTH:
+                        self._change.wait_for(lambda: not self._made or self._stopped)
+                    if self._stopped:
+                        return
+        except BaseException as error:
+            self._error = error
         finally:
-            for future in waiting:
-                future.cancel()
-            pool.shutdown()
-            if hasattr(items, "close"):
-                items.close()
+            with self._change:
+                self._ended = True
+                self._change.notify()
+
+    def take(self) -> list[Item]:
+        """What has been made, some of it at least; nothing at the end. Raises what making the next raised."""
+        with self._change:
+            # a camera's frames come slowly: then each is taken as it is
+            self._change.wait_for(lambda: len(self._made) >= DEPTH // 2 or self._ended, PATIENCE)
+            self._starving = True
+            self._change.wait_for(lambda: bool(self._made) or self._ended)
+            self._starving = False
+            found = list(self._made)
+            self._made.clear()
+            self._change.notify()
+        if not found and self._error is not None:
+            raise self._error
+        return found
+
+    def stop(self) -> None:
+        """Have the maker stop after the item in hand."""
+        with self._change:
+            self._stopped = True
+            self._change.notify()

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from nvsdata.emulation.threads import ahead
+from nvsdata.emulation.threads import ahead, in_one_thread
 from nvsdata.errors import FormatError
 from nvsdata.frames import MICROSECONDS, check_rate
 
@@ -74,7 +74,8 @@ def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
         raise FileNotFoundError(f"{path}: no such video")
     if path.is_dir():
         raise FormatError(path, None, "is a folder, not a video")
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    options = [cv2.CAP_PROP_N_THREADS, 1] if in_one_thread() else []
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options)
     try:
         if not capture.isOpened():
             raise FormatError(path, None, "holds no video that OpenCV can decode")

@@ -15,7 +15,7 @@ from __future__ import annotations
 import mmap
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ import numpy as np
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events, check_sensor_size
 from nvsdata.events import Recording as BaseRecording
+from nvsdata.files import flushed_early
 from nvsdata.kernels.order import never_falls
 
 NAME, VERSION = "nvsdata-events", 1
@@ -197,7 +198,7 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
     """Write the four columns: contiguous if they are short, else in chunks as they come; never compressed."""
     chunks = _of_one_size(pieces)
     waiting = list(islice(chunks, CONTIGUOUS + 1))
-    with h5py.File(path, "w", **WRITING) as file:
+    with h5py.File(path, "w", **WRITING) as file, ExitStack() as early:
         file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=sensor_size[0], height=sensor_size[1])
         if len(waiting) <= CONTIGUOUS:
             for i, (name, kind) in enumerate(TYPES.items()):
@@ -209,6 +210,7 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
             for name, kind in TYPES.items()
         }
         count = 0
+        early.enter_context(flushed_early(path))
         for piece in chain(waiting, chunks):
             for values, dataset in zip(piece, columns.values(), strict=True):
                 dataset.resize((count + values.size,))

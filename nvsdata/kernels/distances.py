@@ -83,11 +83,14 @@ def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
         home = (y[i] + MARGIN) * stride + x[i] + MARGIN
         least = best[i]
         own = float(value[i])
-        for k in range(_U(steps.size)):
+        apart = own - lattice[_U(home)]
+        least = min(least, weight * apart * apart)
+        # all but the middle come in pairs of one distance
+        for k in range(_U(1), _U(steps.size), _U(2)):
             if squares[k] >= least:
                 break
-            apart = own - lattice[_U(home + steps[k])]
-            least = min(least, squares[k] + weight * apart * apart)
+            one, two = own - lattice[_U(home + steps[k])], own - lattice[_U(home + steps[k + _U(1)])]
+            least = min(least, squares[k] + weight * min(one * one, two * two))
         best[i] = least
         lonely += least > MARGIN * MARGIN
     if lonely and limit > MARGIN * MARGIN:

@@ -30,21 +30,24 @@ def _bounds(tile, shape):
 
 
 @njit(cache=True, nogil=True)
-def find_dirty(frame, previous, channels, shape, dirty):
-    """Mark the tiles whose bytes differ from the `previous` frame's; return how many. O(bytes)."""
+def find_dirty(frame, previous, tile_items, dirty):
+    """Mark the tiles that differ from the `previous` frame's; return how many. O(bytes).
+
+    Frames are [H, items] of bytes or, three times as fast, words of 8 of them; `tile_items` make a tile's row.
+    """
+    height, row_items = frame.shape
     count = 0
-    for tile in np.ndindex(dirty.shape):
-        y0, y1, x0, x1 = _bounds(tile, shape)
-        lo, hi = _U(x0 * channels), _U(x1 * channels)
-        dirty[tile] = False
-        for y in range(y0, y1):
-            differs = np.uint8(0)
-            for c in range(lo, hi):
-                differs |= frame[y, c] ^ previous[y, c]
+    for r, c in np.ndindex(dirty.shape):
+        lo, hi = _U(c * tile_items), _U(min((c + 1) * tile_items, row_items))
+        dirty[r, c] = False
+        for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
+            differs = frame[0, 0] ^ frame[0, 0]
+            for i in range(lo, hi):
+                differs |= frame[y, i] ^ previous[y, i]
             if differs:
-                dirty[tile] = True
+                dirty[r, c] = True
                 break
-        count += dirty[tile]
+        count += dirty[r, c]
     return count
 
 
@@ -227,11 +230,16 @@ def fire(difference, active, threshold, most, span, timing, seed, keys, n, row):
     words = mask.view(np.uint64)
     x, count = np.empty(width + 8, np.uint16), np.empty(width + 8, np.int64)
     ratio, step = np.empty(width + 8, difference.dtype), np.empty(width + 8, span.dtype)
-    half = span.dtype.type(0.5)
+    half, none = span.dtype.type(0.5), False
     for y in range(row, height):
+        tiles = active[y // TILE[0]]
+        if y % TILE[0] == 0:
+            none = not tiles.any()
+        if none:
+            continue
         m = 0
-        for c in range(active.shape[1]):
-            if not active[y // TILE[0], c]:
+        for c in range(tiles.size):
+            if not tiles[c]:
                 continue
             x0, x1 = c * TILE[1], min((c + 1) * TILE[1], width)
             first = _U(x0)

@@ -171,7 +171,7 @@ def test_skipping_still_tiles_changes_no_bit(s, seed, shape):
     assert skipping == plain
 
 
-def all_dirty(frame, previous, channels, shape, dirty):
+def all_dirty(frame, previous, items, dirty):
     dirty[:] = True
     return dirty.size
 

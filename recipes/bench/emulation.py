@@ -1,0 +1,301 @@
+"""Speed and accuracy of PIX2NVS and of the metrics.
+
+    python recipes/bench/emulation.py --video bikes.mp4 --out emulation.json
+
+Times are medians over rounds in which ours and what it is held to take turns. Recordings are written
+to --scratch (default: the system's temporary folder) and flushed before each round, so that one
+round's writing doesn't slow the next. POT is raced where it is installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+import nvsdata
+from nvsdata import PIX2NVS
+from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.video import Frame
+from nvsdata.kernels.distances import nearest
+from nvsdata.kernels.transport import least_work
+
+ROUNDS = 7
+Row = dict[str, Any]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--video", type=Path, required=True)
+    parser.add_argument("--scratch", type=Path, help="folder that recordings are written to")
+    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    args = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory(dir=args.scratch) as home:
+        place = Path(home)
+        parts = (
+            lambda: converting("the video", args.video, place),
+            lambda: converting("a clip in which under 2% fire", sparse_clip(place / "sparse.avi"), place),
+            lambda: emulating(args.video),
+            lambda: still_scene(),
+            lambda: jobs(args.video, place),
+            lambda: memory(args.video, place),
+            lambda: nearest_spikes(),
+            lambda: transport(),
+        )
+        for row in (row for part in parts for row in part()):
+            print("  ".join(f"{key} {value}" for key, value in row.items()), flush=True)
+            rows.append(row)
+    if args.out:
+        args.out.write_text(json.dumps(rows, indent=1))
+
+
+def decode(video: Path) -> int:
+    """Bare decoding by OpenCV; how many frames."""
+    capture, count = cv2.VideoCapture(str(video)), 0
+    while capture.read()[0]:
+        count += 1
+    return count
+
+
+def converting(name: str, video: Path, home: Path) -> list[Row]:
+    """To HDF5, flushed to the disk as always, beside bare decoding."""
+    target = home / "events.h5"
+
+    def convert() -> None:
+        nvsdata.write(PIX2NVS().stream(video), target)
+
+    def settle() -> None:
+        target.unlink(missing_ok=True)
+        os.sync()
+
+    times = race({"decode": lambda: decode(video), "convert": convert}, settle)
+    convert()
+    events, frames = nvsdata.read(target), decode(video)
+    per_pixel = len(set_pixels(events)) / frames / (events.sensor_size[0] * events.sensor_size[1])
+    return [
+        {"what": f"convert {name}", "events": len(events), "MB": round(target.stat().st_size / 1e6, 1)}
+        | {"share_of_pixels_that_fire": round(per_pixel, 4)}
+        | {f"{key}_s": round(value, 3) for key, value in times.items()}
+        | {"ratio": round(times["convert"] / times["decode"], 2)}
+    ]
+
+
+def set_pixels(events: nvsdata.Events) -> np.ndarray:
+    """Distinct pairs of pixel and frame of 40 ms."""
+    frame = np.maximum(events.t - 1, 0) // 40_000
+    return np.unique((frame << 32) | (events.y.astype(np.int64) << 16) | events.x)
+
+
+def sparse_clip(path: Path) -> Path:
+    """A small object over a still, textured ground."""
+    rng = np.random.default_rng(0)
+    ground = cv2.GaussianBlur(rng.integers(30, 220, (272, 640, 3), dtype=np.uint8), (0, 0), 2)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25, (640, 272))
+    for n in range(250):
+        frame = ground.copy()
+        cv2.circle(frame, (20 + 2 * n, 130 + round(60 * np.sin(n / 20))), 14, (250, 250, 250), -1)
+        writer.write(frame)
+    writer.release()
+    return path
+
+
+def emulating(video: Path) -> list[Row]:
+    """Frames in memory to events: on one core step by step, and as `stream` overlaps its stages."""
+    frames = decoded(video)
+    pixels = frames[0].pixels[..., 0].size * (len(frames) - 1)
+
+    def steps() -> None:
+        emulator = Emulator(PIX2NVS(), frames[0])
+        for frame in frames[1:]:
+            emulator.step(frame).events()
+
+    def stream() -> None:
+        for _ in PIX2NVS().stream(frames):
+            pass
+
+    times = race({"one_core": steps, "stream": stream})
+    return [{"what": "emulate the video"} | {f"{k}_ns_a_pixel": round(v / pixels * 1e9, 2) for k, v in times.items()}]
+
+
+def decoded(video: Path) -> list[Frame]:
+    """All frames."""
+    from nvsdata.emulation.video import frames_of
+
+    return list(frames_of(video))
+
+
+def still_scene() -> list[Row]:
+    """Frames of 640 x 480 in which all moves, in which a small object moves, and in which nothing does."""
+    rng = np.random.default_rng(0)
+    ground = cv2.GaussianBlur(rng.integers(0, 255, (520, 680, 3), dtype=np.uint8), (0, 0), 2)
+    ground = np.interp(ground, (ground.min(), ground.max()), (5, 250)).astype(np.uint8)
+    moving = [Frame(40_000 * n, np.ascontiguousarray(ground[n : n + 480, n : n + 640])) for n in range(30)]
+    still = [Frame(40_000 * n, moving[0].pixels.copy()) for n in range(30)]
+    object_ = [Frame(f.time, f.pixels.copy()) for f in still]
+    for n, frame in enumerate(object_):
+        frame.pixels[200:216, 100 + 4 * n : 116 + 4 * n] = 250
+
+    def run(frames: list[Frame]) -> Callable[[], None]:
+        def steps() -> None:
+            emulator = Emulator(PIX2NVS(), frames[0])
+            for frame in frames[1:]:
+                emulator.step(frame).events()
+
+        return steps
+
+    times = race(
+        {"all_moves": run(moving), "object_moves": run(object_), "still": run(still), "start": run(moving[:1])}
+    )
+    costs = {k: (v - times["start"]) / 29 for k, v in times.items() if k != "start"}
+    return [
+        {"what": "a frame of 640x480"}
+        | {f"{k}_ms": round(v * 1e3, 3) for k, v in costs.items()}
+        | {f"{k}_times_cheaper": round(costs["all_moves"] / v, 1) for k, v in costs.items() if k != "all_moves"}
+    ]
+
+
+def jobs(video: Path, home: Path) -> list[Row]:
+    """40 clips cut from the video, by one process and by two."""
+    clips = home / "clips"
+    frames = decoded(video)
+    for i in range(40):
+        (clips / "ab"[i % 2]).mkdir(parents=True, exist_ok=True)
+        path = clips / "ab"[i % 2] / f"{i}.avi"
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (320, 240))
+        for frame in frames[i : i + 100]:
+            writer.write(cv2.resize(frame.pixels, (320, 240)))
+        writer.release()
+    spent = {}
+    for count in (1, 2):
+        os.sync()
+        command = [sys.executable, "-m", "nvsdata", "convert-videos", str(clips), "--out", str(home / f"j{count}")]
+        # a threshold at which no disk is the bottleneck
+        start = time.perf_counter()
+        subprocess.run([*command, "--jobs", str(count), "--threshold", "0.5"], check=True, capture_output=True)
+        spent[count] = time.perf_counter() - start
+    return [
+        {"what": "40 clips of 100 frames"}
+        | {f"jobs_{k}_s": round(v, 2) for k, v in spent.items()}
+        | {"ratio": round(spent[1] / spent[2], 2)}
+    ]
+
+
+def memory(video: Path, home: Path) -> list[Row]:
+    """Peak resident memory of a process that converts the video once, and four times as many frames."""
+    script = (
+        "import sys, itertools, nvsdata\n"
+        "from nvsdata.emulation.video import frames_of\n"
+        "times = int(sys.argv[2])\n"
+        "frames = itertools.chain.from_iterable(frames_of(sys.argv[1]) for _ in range(times))\n"
+        "nvsdata.write(nvsdata.PIX2NVS().stream(frames, 25), sys.argv[3])\n"
+        "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')))\n"
+    )
+    peaks = {}
+    for times in (1, 4):
+        command = [sys.executable, "-c", script, str(video), str(times), str(home / "m.h5")]
+        peaks[times] = int(subprocess.run(command, check=True, capture_output=True, text=True).stdout) / 1024
+    return [{"what": "peak memory", "once_MB": round(peaks[1]), "four_times_MB": round(peaks[4])}]
+
+
+def nearest_spikes() -> list[Row]:
+    """Chamfer and repeatability of a frame of 60,000 spikes a side, beside cKDTree's query alone."""
+    rng = np.random.default_rng(0)
+    height, width = 272, 640
+
+    def side() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        where = np.sort(rng.choice(width * height, 60_000, replace=False))
+        return where % width, where // width, rng.choice([-3, -2, -1, 1, 2, 3], where.size)
+
+    a, b = side(), side()
+    scale = np.array([1, 1, 3**0.5])
+    tree, points = cKDTree(np.stack(b, 1) * scale), np.stack(a, 1) * scale
+    signs = [(x, y, np.sign(p)) for x, y, p in (a, b)]
+    found: dict[str, Any] = {}
+
+    def ours() -> None:
+        found["ours"] = np.sqrt(nearest(*a, *b, (height, width), 3.0, np.inf))
+
+    def within() -> None:
+        nearest(*signs[0], *signs[1], (height, width), 1e7, 3.5**2)
+
+    def theirs() -> None:
+        found["tree"] = tree.query(points)[0]
+
+    times = race({"chamfer": ours, "repeatability": within, "tree_query": theirs})
+    error = float(np.abs(found["ours"] - found["tree"]).max())
+    return [
+        {"what": "nearest of 60,000 spikes to each of 60,000"}
+        | {f"{k}_ms": round(v * 1e3, 2) for k, v in times.items()}
+        | {f"{k}_ratio": round(times["tree_query"] / times[k], 1) for k in ("chamfer", "repeatability")}
+        | {"greatest_difference": error}
+    ]
+
+
+def transport() -> list[Row]:
+    """EMD of a block beside POT's, which is given its matrix of distances."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for n, m in ((300, 350), (1000, 1100)):
+        sides = []
+        for count in (n, m):
+            where = rng.choice(160 * 68, count, replace=False)
+            sides.append(((where % 160).astype(float), (where // 160).astype(float), rng.integers(1, 4, count)))
+        (ax, ay, am), (bx, by, bm) = sides
+        values: dict[str, float] = {}
+
+        def ours(sides: Any = sides, values: dict[str, float] = values) -> None:
+            values["ours"] = least_work(*sides[0], *sides[1])
+
+        runs = {"ours": ours}
+        with suppress(ImportError):
+            import ot
+
+            a, b, costs = am.astype(float), bm.astype(float), np.hypot(ax[:, None] - bx, ay[:, None] - by)
+            surplus = a.sum() - b.sum()
+            if surplus > 0:
+                b, costs = np.append(b, surplus), np.pad(costs, ((0, 0), (0, 1)))
+            elif surplus < 0:
+                a, costs = np.append(a, -surplus), np.pad(costs, ((0, 1), (0, 0)))
+
+            def pot(a: Any = a, b: Any = b, costs: Any = costs, values: dict[str, float] = values) -> None:
+                values["pot"] = float(ot.emd2(a, b, costs, numItermax=10**7))
+
+            runs["pot"] = pot
+        times = race(runs)
+        row: Row = {"what": f"EMD of {n} x {m} spikes"} | {f"{k}_ms": round(v * 1e3, 2) for k, v in times.items()}
+        if "pot" in times:
+            row |= {"ratio": round(times["pot"] / times["ours"], 2), "difference": values["ours"] - values["pot"]}
+        rows.append(row)
+    return rows
+
+
+def race(runs: dict[str, Callable[[], Any]], before: Callable[[], Any] = lambda: None) -> dict[str, float]:
+    """Median seconds of each, in turns; `before` each, not timed."""
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for run in runs.values():
+        run()
+    for _ in range(ROUNDS):
+        for name, run in runs.items():
+            before()
+            start = time.perf_counter()
+            run()
+            times[name].append(time.perf_counter() - start)
+    return {name: statistics.median(spent) for name, spent in times.items()}
+
+
+if __name__ == "__main__":
+    main()
