@@ -5,14 +5,15 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import signal
 import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
 
@@ -80,9 +81,8 @@ def convert_videos(
     found = plan(source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, limit=limit)
     target = out or default_out(source)
     target.mkdir(parents=True, exist_ok=True)
-    sweep(target)
     report = Report()
-    with Manifest(target, found[0].settings, format=format, size=size, fps=fps) as manifest:
+    with _swept(target), Manifest(target, found[0].settings, format=format, size=size, fps=fps) as manifest:
         waiting = [job for job in found if not manifest.has(job.name, job.video, job.target)]
         report.kept = len(found) - len(waiting)
         started = time.monotonic()
@@ -99,7 +99,6 @@ def convert_videos(
                     report.failed[job.name] = line["reason"]
                 bar.set_postfix_str(f"{report.events / (time.monotonic() - started):,.0f} events/s", refresh=False)
                 bar.update()
-    sweep(target)
     return report
 
 
@@ -192,20 +191,42 @@ def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generato
     elif processes == 1 or len(jobs) < 2:
         yield from ((job, convert(job)) for job in jobs)
     else:
-        # forking a process that has threads may hang
-        count = min(processes, len(jobs))
-        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=stay_in_one_thread)
+        yield from _by_processes(jobs, min(processes, len(jobs)))
+
+
+def _by_processes(jobs: list[Job], count: int) -> Iterator[tuple[Job, dict[str, Any]]]:
+    # forking a process that has threads may hang
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_prepare) as pool:
         try:
             futures = {pool.submit(convert, job): job for job in jobs}
             for future in as_completed(futures):
                 yield futures[future], future.result()
         except BrokenProcessPool:
             raise OSError("a process that converted was killed (out of memory?); run again to go on") from None
-        finally:
-            pool.shutdown(cancel_futures=True)
+        except BaseException:
+            # what is in hand may take minutes; the next run does it again
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
+            raise
 
 
-def sweep(out: Path) -> None:
-    """Remove what killed processes left unfinished."""
+def _prepare() -> None:
+    """A process of several: Ctrl-C is for the one that started it, and the other cores are taken."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stay_in_one_thread()
+
+
+@contextmanager
+def _swept(out: Path) -> Iterator[None]:
+    """Before and after the block, remove what killed processes left unfinished in `out`."""
+    _sweep(out)
+    try:
+        yield
+    finally:
+        _sweep(out)
+
+
+def _sweep(out: Path) -> None:
     for part in out.rglob(".*.part"):
         part.unlink(missing_ok=True)

@@ -237,3 +237,35 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
     assert (report.converted, report.failed) == (8, {})
     assert sorted_lines(tmp_path / "one") == sorted_lines(tmp_path / "many")
     assert not list((tmp_path / "many").rglob(".*.part"))
+
+
+def test_ctrl_c_ends_all_processes_at_once(videos, tmp_path):
+    """As a terminal sends it: to the whole group. What is in hand is given up, not half-written."""
+    for i in range(4):
+        write_video(videos / f"long/{i}.avi", moving_square(1200, (320, 240), i))
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "nvsdata", "convert-videos", videos, "--out", out, "--jobs", "2"]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(out.rglob(".*.part")):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert not list(out.rglob(".*.part"))
+    for path in out.rglob("*.h5"):
+        nvsdata.read(path)
+
+
+def die(job):
+    os._exit(9)
+
+
+def test_a_process_that_is_killed_ends_the_run_with_a_word(videos, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(convert, "convert", die)
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 1
+    assert "was killed (out of memory?); run again to go on" in capsys.readouterr().err
+    monkeypatch.undo()
+    assert convert_videos(videos, tmp_path / "out").converted == 4
