@@ -16,6 +16,7 @@ from nvsdata.errors import FormatError
 from nvsdata.frames import MICROSECONDS, check_rate
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
+SMALL = 1 << 20  # pixels of a frame
 USUAL_RATE = 30.0  # frames a second of what has no times of its own
 
 
@@ -74,11 +75,8 @@ def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
         raise FileNotFoundError(f"{path}: no such video")
     if path.is_dir():
         raise FormatError(path, None, "is a folder, not a video")
-    options = [cv2.CAP_PROP_N_THREADS, 1] if in_one_thread() else []
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options)
+    capture = _open(path)
     try:
-        if not capture.isOpened():
-            raise FormatError(path, None, "holds no video that OpenCV can decode")
         gap = MICROSECONDS / (capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE)
         promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         count, first, last = 0, 0, 0
@@ -95,6 +93,17 @@ def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
             raise TruncatedVideo(path, None, f"ends after {count} of {promised} frames: cut off or damaged")
     finally:
         capture.release()
+
+
+def _open(path: Path) -> Any:
+    """OpenCV's reader. Small frames are decoded in one thread: several would only wait for each other."""
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    if not capture.isOpened() or (pixels > SMALL and not in_one_thread()):
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not capture.isOpened():
+        raise FormatError(path, None, "holds no video that OpenCV can decode")
+    return capture
 
 
 def _decoded(capture: Any, size: tuple[int, int] | None) -> Iterator[Frame]:

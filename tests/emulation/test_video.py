@@ -35,6 +35,8 @@ class FakeCapture:
     def get(self, what):
         return {
             cv2.CAP_PROP_FPS: 25.0,
+            cv2.CAP_PROP_FRAME_WIDTH: 6.0,
+            cv2.CAP_PROP_FRAME_HEIGHT: 4.0,
             cv2.CAP_PROP_FRAME_COUNT: float(len(self.stamps)),
             cv2.CAP_PROP_POS_MSEC: self.stamps[min(self.n, len(self.stamps) - 1)],
         }[what]
