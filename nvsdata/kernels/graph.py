@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.neighbours import radius_edges
+from nvsdata.kernels.neighbours import nearest_edges, radius_edges
 
 
 @njit(cache=True, nogil=True)
@@ -14,8 +14,18 @@ def event_graph(t, x, y, p, start, radius, alpha, beta, max_degree, reach):
 
     See `radius_edges` for the edges; `reach` is a pair of numbers.
     """
+    return _with_nodes(t, x, y, p, start, radius_edges(t, x, y, radius, alpha, beta, max_degree), reach)
+
+
+@njit(cache=True, nogil=True)
+def nearest_event_graph(t, x, y, p, start, alpha, beta, reach):
+    """The same of the graph that joins each event with its nearest; see `nearest_edges`."""
+    return _with_nodes(t, x, y, p, start, nearest_edges(t, x, y, alpha, beta), reach)
+
+
+@njit(cache=True, nogil=True)
+def _with_nodes(t, x, y, p, start, edges, reach):
     n = t.size
-    edges = radius_edges(t, x, y, radius, alpha, beta, max_degree)
     feature = np.empty((n, 1), np.float32)
     pos = np.empty((n, 2), np.float32)
     for i in range(n):

@@ -129,6 +129,40 @@ def _insert(t, x, y, alpha, beta, later, earlier, degree, source, worst):
 
 
 @njit(cache=True, nogil=True)
+def nearest_edges(t, x, y, alpha, beta):
+    """From its nearest event to each event: int64 [2, N], or [2, 0] for fewer than two. `t` int64, sorted.
+
+    Nearest by alpha (dx² + dy²) + beta dt², then by index. Each looks outward in time until that alone is
+    further: O(N x events within that time).
+    """
+    n = t.size
+    edges = np.empty((2, n if n > 1 else 0), np.int64)
+    for i in range(edges.shape[1]):
+        best, nearest = np.inf, -1
+        before, after = i - 1, i + 1
+        while before >= 0 or after < n:
+            if before >= 0:
+                if beta * float(t[i] - t[before]) ** 2 > best:
+                    before = -1
+                else:
+                    far = _distance(t, x, y, i, before, alpha, beta)
+                    # the smaller index of equals, and these only get smaller
+                    if far <= best:
+                        best, nearest = far, before
+                    before -= 1
+            if after < n:
+                if beta * float(t[after] - t[i]) ** 2 > best:
+                    after = n
+                else:
+                    far = _distance(t, x, y, i, after, alpha, beta)
+                    if far < best:
+                        best, nearest = far, after
+                    after += 1
+        edges[0, i], edges[1, i] = nearest, i
+    return edges
+
+
+@njit(cache=True, nogil=True)
 def _distance(t, x, y, i, j, alpha, beta):
     """Squared distance of eq. 4.2; differences are taken in integers."""
     dx = np.float64(np.int32(x[i]) - np.int32(x[j]))

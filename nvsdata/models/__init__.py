@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.rgcnn import GCNN, RGCNN
 from nvsdata.models.spline import SplineConv
 
-__all__ = ["CONFIGURATIONS", "GCNN", "RGCNN", "BatchNorm", "GraphPool", "SplineConv", "gcnn", "rgcnn"]
+__all__ = ["CONFIGURATIONS", "GCNN", "RGCNN", "BatchNorm", "Graph2Grid", "GraphPool", "SplineConv", "gcnn", "rgcnn"]
 
 _SMALL: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((2, 2), (4, 4), (7, 7)), "hidden": 128}
 _WIDE: dict[str, Any] = {"channels": (64, 128, 256, 512), "hidden": 1024}

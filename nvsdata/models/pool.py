@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -10,6 +9,7 @@ import torch
 from torch import nn
 
 from nvsdata.graph import GraphBatch, Reach, grouped, pseudo
+from nvsdata.grid import cells, grid_shape
 from nvsdata.kernels import pool as kernel
 
 
@@ -65,24 +65,12 @@ class GraphPool(nn.Module):
         return f"cluster={self.cluster}, mode={self.mode!r}"
 
 
-def grid_shape(sensor_size: tuple[int, int], cluster: tuple[int, int]) -> tuple[int, int]:
-    """Columns and rows of clusters that cover the sensor: the ceilings of section 4.2.3."""
-    return math.ceil(sensor_size[0] / cluster[0]), math.ceil(sensor_size[1] / cluster[1])
-
-
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
     """How far apart, along x and y, the centres of two joined clusters can be.
 
     A pixel is at most (side - 1) / 2 from the centre of its cluster, and an edge at most `reach` long.
     """
     return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1
-
-
-def cells(pos: torch.Tensor, cluster: tuple[int, int], grid: tuple[int, int]) -> torch.Tensor:
-    """Cell of each node, row * columns + column: int64 [N]; what lies outside counts to the border."""
-    column = (pos[:, 0] / cluster[0]).floor().clamp(0, grid[0] - 1).long()
-    row = (pos[:, 1] / cluster[1]).floor().clamp(0, grid[1] - 1).long()
-    return row * grid[0] + column
 
 
 Structure = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]

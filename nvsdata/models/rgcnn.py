@@ -14,8 +14,9 @@ import torch
 from torch import nn
 
 from nvsdata.graph import Graph, GraphBatch
+from nvsdata.grid import cells, grid_shape
 from nvsdata.models.norm import BatchNorm
-from nvsdata.models.pool import GraphPool, cells, grid_shape
+from nvsdata.models.pool import GraphPool
 from nvsdata.models.spline import SplineConv, add_self_loops
 
 Size = tuple[int, int]

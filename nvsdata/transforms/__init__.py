@@ -16,7 +16,7 @@ from nvsdata.transforms.augment import (
     scale,
     shift,
 )
-from nvsdata.transforms.compose import Compose
+from nvsdata.transforms.compose import Compose, Each
 from nvsdata.transforms.frames import (
     FourCrops,
     MedianDenoise,
@@ -31,15 +31,19 @@ from nvsdata.transforms.frames import (
     sum_frames,
     volume,
 )
-from nvsdata.transforms.graph import RadiusGraph, radius_graph
+from nvsdata.transforms.graph import NearestGraph, RadiusGraph, nearest_graph, radius_graph
+from nvsdata.transforms.grid import Graph2Grid, graph2grid
 from nvsdata.transforms.sample import NonUniformSample, RandomDrop, drop, nonuniform_sample
-from nvsdata.transforms.window import RandomWindow, Window, random_window, window
+from nvsdata.transforms.window import RandomWindow, Volumes, Window, random_window, volumes, window
 
 __all__ = [
     "Compose",
+    "Each",
     "FourCrops",
+    "Graph2Grid",
     "MedianDenoise",
     "MotionCrop",
+    "NearestGraph",
     "NonUniformSample",
     "RadiusGraph",
     "RandomAffine",
@@ -52,13 +56,16 @@ __all__ = [
     "RandomWindow",
     "Stacks",
     "SumFrames",
+    "Volumes",
     "Window",
     "affine",
     "drop",
     "flip",
     "four_crops",
+    "graph2grid",
     "median_denoise",
     "motion_crop",
+    "nearest_graph",
     "nonuniform_sample",
     "radius_graph",
     "random_window",
@@ -68,5 +75,6 @@ __all__ = [
     "stacks",
     "sum_frames",
     "volume",
+    "volumes",
     "window",
 ]

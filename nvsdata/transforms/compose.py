@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+
+@dataclass(frozen=True)
+class Each:
+    """Call a transform on each of a sequence, such as the windows that `Volumes` gives: a list of results."""
+
+    transform: Callable[[Any], Any]
+
+    def __post_init__(self) -> None:
+        if not callable(self.transform):
+            raise TypeError(f"a transform must be callable, not {self.transform!r}")
+
+    def __call__(self, samples: Iterable[Any]) -> list[Any]:
+        return [self.transform(sample) for sample in samples]
 
 
 @dataclass(frozen=True, repr=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 from nvsdata.events import Events, Recording, check_window
@@ -42,6 +43,36 @@ class RandomWindow:
 
     def __call__(self, sample: Events | Recording) -> Events:
         return random_window(sample, self.duration, within=self.within)
+
+
+@dataclass(frozen=True)
+class Volumes:
+    """`count` windows of `duration` µs, one at a random place of each of as many equal parts (thesis 5.2.1).
+
+    The thesis's S is 8 or 16, its T_vol 1/30 s. Of a Recording only these windows are decoded. A list of Events; where a part is shorter than the
+    window, the window begins with the part.
+    """
+
+    count: int = 8
+    duration: int = 33_333
+
+    def __post_init__(self) -> None:
+        positive("count", self.count)
+        positive("duration", self.duration)
+
+    def __call__(self, sample: Events | Recording) -> list[Events]:
+        return volumes(sample, self.count, self.duration)
+
+
+def volumes(sample: Events | Recording, count: int = 8, duration: int = 33_333) -> list[Events]:
+    """A window from each of `count` equal parts of the recording; see `Volumes`."""
+    first, last = _span(sample)
+    edges = [first + (last + 1 - first) * n // count for n in range(count + 1)]
+    windows = []
+    for start, stop in pairwise(edges):
+        at = start + below(max(stop - start - duration, 0) + 1)
+        windows.append(_cut(sample, at, at + duration))
+    return windows
 
 
 def window(sample: Events | Recording, start: int, stop: int) -> Events:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -89,6 +89,7 @@ def program(ours, theirs):
     return linprog(costs.ravel(), limits, masses, np.ones((1, costs.size)), [flow], method="highs").fun
 
 
+@settings(max_examples=40)
 @given(streams(), streams(), st.sampled_from([None, 30.0, 23.976]), st.sampled_from([1, 4, 16]))
 def test_all_three_are_those_of_the_equations(a, b, fps, blocks):
     found = metrics.compare(a, b, fps, epsilon=2.5, blocks=blocks)

@@ -1,0 +1,41 @@
+"""Graphs to grids, so that a dataset can hand back frames (thesis 5.2.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+
+from nvsdata.graph import Graph, GraphBatch
+from nvsdata.grid import grid_shape, to_grid
+
+
+@dataclass(frozen=True)
+class Graph2Grid:
+    """A graph, or a sequence of S, to float32 [C, S, H, W], C features a node, (5.1).
+
+    A node's features go to the cell of `cluster` = (width, height) pixels that it lies in; those of nodes in one
+    cell add up. As many cells as cover the sensor, which the graphs must know.
+    """
+
+    cluster: tuple[int, int] = (1, 1)
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if min(self.cluster) < 1:
+            raise ValueError(f"cluster must be (width, height) of at least 1 pixel, not {self.cluster}")
+
+    def __call__(self, graphs: Graph | Sequence[Graph]) -> torch.Tensor:
+        return graph2grid(graphs, self.cluster)
+
+
+def graph2grid(graphs: Graph | Sequence[Graph], cluster: tuple[int, int] = (1, 1)) -> torch.Tensor:
+    """Frames [C, S, H, W]; ValueError for no graph, or one without `sensor_size`. See `Graph2Grid`."""
+    sequence = [graphs] if isinstance(graphs, Graph) else list(graphs)
+    batch = GraphBatch.from_graphs(sequence, volumes=len(sequence))
+    if batch.sensor_size is None:
+        raise ValueError("a graph without sensor_size has no grid")
+    grid = grid_shape(batch.sensor_size, cluster)
+    return to_grid(batch.x, batch.pos, batch.batch, len(sequence), len(sequence), cluster, grid)[0]
