@@ -1,19 +1,34 @@
 """The model zoo.
 
-`rgcnn(name)` and `gcnn(name)` build the thesis's configurations (section 4.4.2) by dataset name.
+`rgcnn(name)` and `gcnn(name)` build the thesis's configurations for single graphs (section 4.4.2) by dataset name,
+`rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.rgcnn import GCNN, RGCNN
+from nvsdata.models.rgcnn3d import RGCNN3D
 from nvsdata.models.spline import SplineConv
 
-__all__ = ["CONFIGURATIONS", "GCNN", "RGCNN", "BatchNorm", "Graph2Grid", "GraphPool", "SplineConv", "gcnn", "rgcnn"]
+__all__ = [
+    "CONFIGURATIONS",
+    "CONFIGURATIONS_3D",
+    "GCNN",
+    "RGCNN",
+    "RGCNN3D",
+    "BatchNorm",
+    "Graph2Grid",
+    "GraphPool",
+    "SplineConv",
+    "gcnn",
+    "rgcnn",
+    "rgcnn3d",
+]
 
 _SMALL: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((2, 2), (4, 4), (7, 7)), "hidden": 128}
 _WIDE: dict[str, Any] = {"channels": (64, 128, 256, 512), "hidden": 1024}
@@ -30,24 +45,49 @@ CONFIGURATIONS: dict[str, dict[str, Any]] = {
 }
 
 
+# section 5.3.1
+_ACTIONS240: dict[str, Any] = {
+    "sensor_size": (240, 180),
+    "channels": (32, 64, 128),
+    "clusters": ((2, 2), (4, 3), (8, 6)),
+}
+_ACTIONS128: dict[str, Any] = {"sensor_size": (128, 128), "channels": (64, 128), "clusters": ((2, 2), (4, 4))}
+
+CONFIGURATIONS_3D: dict[str, dict[str, Any]] = {
+    "dvs128-gesture": {**_ACTIONS128, "num_classes": 11},
+    "ucf101-dvs": {**_ACTIONS240, "num_classes": 101},
+    "hmdb51-dvs": {**_ACTIONS240, "num_classes": 51},
+}
+
+
+def rgcnn3d(
+    name: str, temporal: Literal["plain", "inception", "residual"] = "residual", num_classes: int | None = None
+) -> RGCNN3D:
+    """The thesis's network for sequences of graphs, for a dataset ("dvs128-gesture", "ucf101-dvs", "hmdb51-dvs").
+
+    `num_classes` replaces the dataset's own. ValueError for an unknown name or `temporal`.
+    """
+    return RGCNN3D(temporal=temporal, **_configuration(CONFIGURATIONS_3D, name, num_classes))
+
+
 def rgcnn(name: str, num_classes: int | None = None) -> RGCNN:
     """The residual graph CNN of the thesis for a dataset ("n-mnist", "asl-dvs", ...).
 
     `num_classes` replaces the dataset's own, for other data of the same sensor. ValueError for an
     unknown name.
     """
-    return RGCNN(**_configuration(name, num_classes))
+    return RGCNN(**_configuration(CONFIGURATIONS, name, num_classes))
 
 
 def gcnn(name: str, num_classes: int | None = None) -> GCNN:
     """The plain graph CNN for a dataset; see `rgcnn`."""
-    return GCNN(**_configuration(name, num_classes))
+    return GCNN(**_configuration(CONFIGURATIONS, name, num_classes))
 
 
-def _configuration(name: str, num_classes: int | None) -> dict[str, Any]:
-    if name not in CONFIGURATIONS:
-        raise ValueError(f"no configuration {name!r}; there are {', '.join(CONFIGURATIONS)}")
-    chosen = dict(CONFIGURATIONS[name])
+def _configuration(known: dict[str, dict[str, Any]], name: str, num_classes: int | None) -> dict[str, Any]:
+    if name not in known:
+        raise ValueError(f"no configuration {name!r}; there are {', '.join(known)}")
+    chosen = dict(known[name])
     if num_classes is not None:
         chosen["num_classes"] = num_classes
     return chosen

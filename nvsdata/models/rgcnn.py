@@ -67,6 +67,17 @@ class Activation(nn.Module):
         return replace(batch, x=torch.relu(batch.x))
 
 
+def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int) -> None:
+    """ValueError for graphs of a larger sensor than a network is for, or with another number of features."""
+    if batch.sensor_size is not None and (
+        batch.sensor_size[0] > sensor_size[0] or batch.sensor_size[1] > sensor_size[1]
+    ):
+        given, expected = ("x".join(map(str, size)) for size in (batch.sensor_size, sensor_size))
+        raise ValueError(f"graphs of a sensor of {given}, but the network is for {expected}")
+    if batch.x.shape[1] != in_channels:
+        raise ValueError(f"nodes have {batch.x.shape[1]} features, but the network takes {in_channels}")
+
+
 class _GraphCNN(nn.Module):
     """Conv -> MaxP -> (block -> MaxP) x L -> FC -> FC."""
 
@@ -87,6 +98,7 @@ class _GraphCNN(nn.Module):
         super().__init__()
         if len(channels) != len(clusters) or not channels:
             raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
+        self.sensor_size, self.in_channels = sensor_size, in_channels
         layers: list[nn.Module] = []
         previous = in_channels
         for depth, (width, cluster) in enumerate(zip(channels, clusters, strict=True)):
@@ -100,12 +112,17 @@ class _GraphCNN(nn.Module):
         self.classify = nn.Linear(hidden, num_classes)
 
     def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
-        """Class scores (logits) [B, num_classes] of a batch of graphs, or of one graph (B = 1)."""
-        batch = self.features(GraphBatch.of(graphs))
+        """Class scores (logits) [B, num_classes] of a batch of graphs, or of one graph (B = 1).
+
+        ValueError for graphs of a larger sensor, or with another number of features.
+        """
+        batch = GraphBatch.of(graphs)
+        check_input(batch, self.sensor_size, self.in_channels)
+        batch = self.features(batch)
         # a weight for each cell and channel (eq. 4.10); a cell without a node adds nothing
         total = self.grid[0] * self.grid[1]
         place = batch.batch * total + cells(batch.pos, self.cluster, self.grid)
-        flat = batch.x.new_zeros(batch.num_graphs * total, batch.x.shape[1]).index_copy(0, place, batch.x)
+        flat = batch.x.new_zeros(batch.num_graphs * total, batch.x.shape[1]).index_copy_(0, place, batch.x)
         x = torch.relu(self.hidden(flat.view(batch.num_graphs, -1)))
         scores: torch.Tensor = self.classify(self.dropout(x))
         return scores

@@ -49,8 +49,8 @@ class RandomWindow:
 class Volumes:
     """`count` windows of `duration` µs, one at a random place of each of as many equal parts (thesis 5.2.1).
 
-    The thesis's S is 8 or 16, its T_vol 1/30 s. Of a Recording only these windows are decoded. A list of Events; where a part is shorter than the
-    window, the window begins with the part.
+    The thesis's S is 8 or 16, its T_vol 1/30 s. Of a Recording only these windows are decoded. A list of
+    Events; where a part is shorter than the window, the window begins with the part.
     """
 
     count: int = 8

@@ -1,0 +1,64 @@
+"""Residual graph CNNs on sequences of graphs, with a 3D CNN on their grids (thesis 5.2 and 5.3.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from torch import nn
+
+from nvsdata.graph import Graph, GraphBatch
+from nvsdata.models.grid import Graph2Grid
+from nvsdata.models.pool import GraphPool
+from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input
+from nvsdata.models.temporal import temporal_network
+
+
+class RGCNN3D(nn.Module):
+    """(Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> global average -> FC(num_classes).
+
+    `channels` and `clusters` (width, height in pixels) have L entries; the grid has the cells of the last cluster.
+    `temporal` names the 3D CNN of section 5.3.1. Takes a `GraphBatch` with `volumes` = S, as `collate` makes
+    of sequences of S graphs, `x` [N, in_channels]. Defaults are those for 240x180.
+    """
+
+    def __init__(
+        self,
+        num_classes: int,
+        *,
+        temporal: Literal["plain", "inception", "residual"] = "residual",
+        sensor_size: Size = (240, 180),
+        channels: Sequence[int] = (32, 64, 128),
+        clusters: Sequence[Size] = ((2, 2), (4, 3), (8, 6)),
+        kernel_size: int = 5,
+        in_channels: int = 1,
+    ) -> None:
+        super().__init__()
+        if len(channels) != len(clusters) or not channels:
+            raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
+        self.sensor_size, self.in_channels = sensor_size, in_channels
+        layers: list[nn.Module] = []
+        previous = in_channels
+        for width, cluster in zip(channels, clusters, strict=True):
+            layers += [ResidualBlock(previous, width, kernel_size), GraphPool(cluster, sensor_size), Activation()]
+            previous = width
+        self.spatial = nn.Sequential(*layers)
+        self.grid = Graph2Grid(clusters[-1], sensor_size)
+        self.temporal, width = temporal_network(temporal, previous)
+        self.classify = nn.Linear(width, num_classes)
+
+    def features(self, graphs: Graph | GraphBatch) -> torch.Tensor:
+        """What the last pooling gives: [B, C, T', H', W']."""
+        batch = GraphBatch.of(graphs)
+        check_input(batch, self.sensor_size, self.in_channels)
+        maps: torch.Tensor = self.temporal(self.grid(self.spatial(batch)))
+        return maps
+
+    def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
+        """Class scores (logits) [B, num_classes] of B sequences of S graphs.
+
+        ValueError for graphs of a larger sensor, or with another number of features.
+        """
+        scores: torch.Tensor = self.classify(self.features(graphs).mean((2, 3, 4)))
+        return scores

@@ -1,0 +1,101 @@
+"""3D CNNs on sequences of grids (thesis 5.2.4 and 5.3.1): plain, inception, residual."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import nn
+
+Pair = tuple[int, int]
+
+
+class Conv3D(nn.Sequential):
+    """Convolution, batch normalisation and ReLU; [B, in, T, H, W] to [B, out, T, H, W]."""
+
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int = 3) -> None:
+        super().__init__(
+            nn.Conv3d(in_channels, out_channels, kernel_size, padding=kernel_size // 2, bias=False),
+            nn.BatchNorm3d(out_channels),
+            nn.ReLU(inplace=True),
+        )
+
+
+class Inception3D(nn.Module):
+    """I3D's block: four streams side by side. `streams` are the widths, as section 5.3.1 gives them.
+
+    1x1x1; 1x1x1 and 3x3x3; the same again; maximum of 3x3x3 and 1x1x1.
+    """
+
+    def __init__(self, in_channels: int, streams: tuple[int, Pair, Pair, int]) -> None:
+        super().__init__()
+        one, (two, two_out), (three, three_out), four = streams
+        self.streams = nn.ModuleList(
+            [
+                Conv3D(in_channels, one, 1),
+                nn.Sequential(Conv3D(in_channels, two, 1), Conv3D(two, two_out)),
+                nn.Sequential(Conv3D(in_channels, three, 1), Conv3D(three, three_out)),
+                nn.Sequential(nn.MaxPool3d(3, 1, padding=1), Conv3D(in_channels, four, 1)),
+            ]
+        )
+        self.out_channels = one + two_out + three_out + four
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """[B, in, T, H, W] to [B, sum of the streams, T, H, W]."""
+        return torch.cat([stream(x) for stream in self.streams], 1)
+
+
+class Residual3D(nn.Module):
+    """Res(c_in, c_inter, c_out): two convolutions, and a shortcut of 1x1x1, normalised and added before the ReLU."""
+
+    def __init__(self, in_channels: int, inter_channels: int, out_channels: int) -> None:
+        super().__init__()
+        self.first = Conv3D(in_channels, inter_channels)
+        self.second = nn.Sequential(
+            nn.Conv3d(inter_channels, out_channels, 3, padding=1, bias=False), nn.BatchNorm3d(out_channels)
+        )
+        self.shortcut = nn.Sequential(nn.Conv3d(in_channels, out_channels, 1, bias=False), nn.BatchNorm3d(out_channels))
+        self.out_channels = out_channels
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """[B, in, T, H, W] to [B, out, T, H, W]."""
+        return torch.relu(self.second(self.first(x)) + self.shortcut(x))
+
+
+# Inc_1 to Inc_4
+INCEPTION: Sequence[tuple[int, Pair, Pair, int]] = (
+    (128, (128, 192), (32, 96), 64),
+    (192, (96, 208), (16, 48), 64),
+    (160, (112, 224), (24, 64), 64),
+    (128, (128, 256), (24, 64), 64),
+)
+TEMPORAL = ("plain", "inception", "residual")
+
+
+def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, int]:
+    """The layers up to the last pooling, and how many channels they give. ValueError for an unknown kind.
+
+    A pooling of 2 x 2 x 2 follows each block, of stride 2 but in time after the first, where it is 1. What is over at an
+    edge is pooled by itself (8 grids would not last for four poolings otherwise).
+    """
+    blocks: list[nn.Module] = []
+    width = in_channels
+    if kind == "plain":
+        for out in (128, 256, 512, 512):
+            blocks.append(Conv3D(width, out))
+            width = out
+    elif kind == "inception":
+        for streams in INCEPTION:
+            blocks.append(Inception3D(width, streams))
+            width = streams[0] + streams[1][1] + streams[2][1] + streams[3]
+    elif kind == "residual":
+        for inter, out in ((256, 512), (512, 1024)):
+            blocks.append(Residual3D(width, inter, out))
+            width = out
+    else:
+        raise ValueError(f"temporal must be one of {TEMPORAL}, not {kind!r}")
+    layers: list[nn.Module] = []
+    for n, block in enumerate(blocks):
+        # [T, H, W]
+        layers += [block, nn.MaxPool3d(2, (2 if n else 1, 2, 2), ceil_mode=True)]
+    return nn.Sequential(*layers), width
