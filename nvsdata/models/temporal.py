@@ -75,8 +75,8 @@ TEMPORAL = ("plain", "inception", "residual")
 def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, int]:
     """The layers up to the last pooling, and how many channels they give. ValueError for an unknown kind.
 
-    A pooling of 2 x 2 x 2 follows each block, of stride 2 but in time after the first, where it is 1. What is over at an
-    edge is pooled by itself (8 grids would not last for four poolings otherwise).
+    A pooling of 2 x 2 x 2 follows each block, of stride 2, but in time of 1 after the first. What is over at an
+    edge is pooled by itself: 8 grids would not last for four poolings otherwise.
     """
     blocks: list[nn.Module] = []
     width = in_channels
