@@ -79,9 +79,9 @@ def rgcnn(name: str, num_classes: int | None = None) -> RGCNN:
     return RGCNN(**_configuration(CONFIGURATIONS, name, num_classes))
 
 
-def gcnn(name: str, num_classes: int | None = None) -> GCNN:
-    """The plain graph CNN for a dataset; see `rgcnn`."""
-    return GCNN(**_configuration(CONFIGURATIONS, name, num_classes))
+def gcnn(name: str, num_classes: int | None = None, *, convolution: str = "spline") -> GCNN:
+    """The plain graph CNN for a dataset; see `rgcnn`, and `GCNN` for `convolution`."""
+    return GCNN(**_configuration(CONFIGURATIONS, name, num_classes), convolution=convolution)
 
 
 def _configuration(known: dict[str, dict[str, Any]], name: str, num_classes: int | None) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from torch import nn
 
 from nvsdata.graph import Graph, GraphBatch
 from nvsdata.grid import cells, grid_shape
+from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.spline import SplineConv, add_self_loops
@@ -23,16 +24,27 @@ Size = tuple[int, int]
 
 
 class ConvBlock(nn.Module):
-    """Graph convolution and batch normalisation (thesis eqs. 4.6, 4.7), before their activation."""
+    """Graph convolution and batch normalisation (thesis eqs. 4.6, 4.7), before their activation.
 
-    def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
+    `convolution` is "spline" or one of `conv.CONVOLUTIONS`, which have their own way with the node itself.
+    """
+
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int, convolution: str = "spline") -> None:
         super().__init__()
-        self.conv = SplineConv(in_channels, out_channels, kernel_size, root_weight=True)
+        self.loops = convolution == "spline"
+        if self.loops:
+            self.conv: nn.Module = SplineConv(in_channels, out_channels, kernel_size, root_weight=True)
+        elif convolution in CONVOLUTIONS:
+            self.conv = CONVOLUTIONS[convolution](in_channels, out_channels, kernel_size)
+        else:
+            raise ValueError(f"convolution must be one of {('spline', *CONVOLUTIONS)}, not {convolution!r}")
         self.norm = BatchNorm(out_channels)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
-        edges = add_self_loops(batch.edge_index, batch.edge_attr, batch.num_nodes)
+        edges = batch.edge_index, batch.edge_attr
+        if self.loops:
+            edges = add_self_loops(*edges, batch.num_nodes)
         return replace(batch, x=self.norm(self.conv(batch.x, *edges)))
 
 
@@ -81,7 +93,7 @@ def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int) -> None:
 class _GraphCNN(nn.Module):
     """Conv -> MaxP -> (block -> MaxP) x L -> FC -> FC."""
 
-    block: type[ConvBlock] | type[ResidualBlock]
+    residual: bool
 
     def __init__(
         self,
@@ -94,16 +106,24 @@ class _GraphCNN(nn.Module):
         kernel_size: int = 5,
         in_channels: int = 1,
         dropout: float = 0.5,
+        convolution: str = "spline",
     ) -> None:
         super().__init__()
+        if self.residual and convolution != "spline":
+            raise ValueError(f"residual blocks are of B-spline convolutions, not of {convolution!r}")
         if len(channels) != len(clusters) or not channels:
             raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
         self.sensor_size, self.in_channels = sensor_size, in_channels
         layers: list[nn.Module] = []
         previous = in_channels
         for depth, (width, cluster) in enumerate(zip(channels, clusters, strict=True)):
-            block = self.block if depth else ConvBlock
-            layers += [block(previous, width, kernel_size), GraphPool(cluster, sensor_size), Activation()]
+            residual = self.residual and depth > 0
+            block = (
+                ResidualBlock(previous, width, kernel_size)
+                if residual
+                else ConvBlock(previous, width, kernel_size, convolution)
+            )
+            layers += [block, GraphPool(cluster, sensor_size), Activation()]
             previous = width
         self.features = nn.Sequential(*layers)
         self.cluster, self.grid = clusters[-1], grid_shape(sensor_size, clusters[-1])
@@ -135,10 +155,13 @@ class RGCNN(_GraphCNN):
     Takes `Graph` or `GraphBatch` with `x` [N, in_channels].
     """
 
-    block = ResidualBlock
+    residual = True
 
 
 class GCNN(_GraphCNN):
-    """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block."""
+    """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block.
 
-    block = ConvBlock
+    `convolution` is "spline", or another to compare it with (Table 4.8): "gcn", "cheb", "monet" or "gin".
+    """
+
+    residual = False

@@ -1,0 +1,122 @@
+"""Other graph convolutions, to compare the B-spline one with (thesis Table 4.8).
+
+Each takes `x` [N, in_channels], `edge_index` int64 [2, E] (source, target) without loops, and
+pseudo-coordinates [E, 2], which only MoNet looks at, and gives [N, out_channels]. A node without
+neighbours hears nothing but itself. Plain torch, for any device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import nn
+
+
+class GCNConv(nn.Module):
+    """D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts the edges that arrive, the loop included."""
+
+    def __init__(self, in_channels: int, out_channels: int) -> None:
+        super().__init__()
+        self.linear = nn.Linear(in_channels, out_channels, bias=False)
+        self.bias = nn.Parameter(torch.zeros(out_channels))
+
+    def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+        """Features after the convolution."""
+        source, target = edge_index
+        scale = (_degree(target, x) + 1).rsqrt().unsqueeze(1)
+        scaled = self.linear(x) * scale
+        return _gather(scaled, source, target, scaled) * scale + self.bias
+
+
+class ChebConv(nn.Module):
+    """Chebyshev polynomials up to degree K - 1 of the normalised Laplacian (Defferrard et al. 2016).
+
+    With lambda_max = 2 it is -D^-1/2 A D^-1/2; D counts the edges that leave.
+    """
+
+    def __init__(self, in_channels: int, out_channels: int, size: int = 3) -> None:
+        super().__init__()
+        if size < 1:
+            raise ValueError(f"size must be at least 1, not {size}")
+        self.linears = nn.ModuleList(nn.Linear(in_channels, out_channels, bias=False) for _ in range(size))
+        self.bias = nn.Parameter(torch.zeros(out_channels))
+
+    def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+        """Features after the convolution."""
+        source, target = edge_index
+        degree = _degree(source, x)
+        scale = torch.where(degree > 0, degree.clamp(min=1).rsqrt(), 0).unsqueeze(1)
+
+        def laplacian(values: torch.Tensor) -> torch.Tensor:
+            return -_gather(values * scale, source, target, torch.zeros_like(values)) * scale
+
+        before, now = x, x
+        out = self.bias
+        for k, linear in enumerate(self.linears):
+            if k == 1:
+                before, now = now, laplacian(now)
+            elif k > 1:
+                before, now = now, 2 * laplacian(now) - before
+            out = out + linear(now)
+        return out
+
+
+class GMMConv(nn.Module):
+    """MoNet (Monti et al. 2017): K Gaussians of the pseudo-coordinates weigh neighbours; mean, and a root weight."""
+
+    def __init__(self, in_channels: int, out_channels: int, kernels: int = 25) -> None:
+        super().__init__()
+        self.kernels, self.out_channels = kernels, out_channels
+        self.linear = nn.Linear(in_channels, out_channels * kernels, bias=False)
+        self.root = nn.Linear(in_channels, out_channels)
+        self.mean = nn.Parameter(torch.rand(kernels, 2))
+        self.deviation = nn.Parameter(torch.full((kernels, 2), 0.5))
+
+    def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+        """Features after the convolution."""
+        source, target = edge_index
+        apart = (u.unsqueeze(1) - self.mean) / (self.deviation**2 + 1e-15).sqrt()
+        weights = torch.exp(-0.5 * (apart * apart).sum(2))
+        # summed per node and kernel first: one product with the weights does the rest
+        spread = x.new_zeros(x.shape[0], self.kernels, x.shape[1])
+        spread.index_add_(0, target, weights.unsqueeze(2) * x[source].unsqueeze(1))
+        matrix = self.linear.weight.view(self.kernels, self.out_channels, -1)
+        heard = torch.einsum("nki,koi->no", spread, matrix) / _degree(target, x).clamp(min=1).unsqueeze(1)
+        out: torch.Tensor = heard + self.root(x)
+        return out
+
+
+class GINConv(nn.Module):
+    """MLP((1 + eps) x + sum of neighbours) (Xu et al. 2019); the MLP has one hidden layer, eps is learnt from 0."""
+
+    def __init__(self, in_channels: int, out_channels: int) -> None:
+        super().__init__()
+        self.mlp = nn.Sequential(nn.Linear(in_channels, out_channels), nn.ReLU(), nn.Linear(out_channels, out_channels))
+        self.eps = nn.Parameter(torch.zeros(()))
+
+    def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+        """Features after the convolution."""
+        source, target = edge_index
+        out: torch.Tensor = self.mlp(_gather(x, source, target, (1 + self.eps) * x))
+        return out
+
+
+# by name, from channels and the kernel size of the B-spline layer in whose place they stand: as many
+# polynomials along the kernel, and as many Gaussians as it has cells
+CONVOLUTIONS: dict[str, Callable[[int, int, int], nn.Module]] = {
+    "gcn": lambda a, b, size: GCNConv(a, b),
+    "cheb": lambda a, b, size: ChebConv(a, b, size),
+    "monet": lambda a, b, size: GMMConv(a, b, size * size),
+    "gin": lambda a, b, size: GINConv(a, b),
+}
+
+
+def _degree(ends: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    """How many edges have each node at this end, in the type of `x`: [N]."""
+    return torch.bincount(ends, minlength=x.shape[0]).to(x.dtype)
+
+
+def _gather(x: torch.Tensor, source: torch.Tensor, target: torch.Tensor, start: torch.Tensor) -> torch.Tensor:
+    """`start` plus, for each node, the sum of `x` at the sources of its edges."""
+    return start.index_add(0, target, x[source])
