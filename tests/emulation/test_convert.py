@@ -87,7 +87,7 @@ def test_after_a_run_was_killed(videos, tmp_path):
 
 def test_a_killed_process_leaves_nothing_half_written(videos, tmp_path):
     """SIGKILL in the middle of a long video: the next run starts with the video in hand."""
-    write_video(videos / "run/b.avi", moving_square(1500, (320, 240)))
+    write_video(videos / "run/b.avi", moving_square(800, (320, 240)))
     out = tmp_path / "out"
     process = subprocess.Popen([sys.executable, "-m", "nvsdata", "convert-videos", videos, "--out", out])
     deadline = time.monotonic() + 60
@@ -241,8 +241,8 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
 
 def test_ctrl_c_ends_all_processes_at_once(videos, tmp_path):
     """As a terminal sends it: to the whole group. What is in hand is given up, not half-written."""
-    for i in range(4):
-        write_video(videos / f"long/{i}.avi", moving_square(1200, (320, 240), i))
+    for i in range(2):
+        write_video(videos / f"long/{i}.avi", moving_square(800, (320, 240), i))
     out = tmp_path / "out"
     command = [sys.executable, "-m", "nvsdata", "convert-videos", videos, "--out", out, "--jobs", "2"]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
