@@ -78,12 +78,13 @@ class GMMConv(nn.Module):
         source, target = edge_index
         apart = (u.unsqueeze(1) - self.mean) / (self.deviation**2 + 1e-15).sqrt()
         weights = torch.exp(-0.5 * (apart * apart).sum(2))
-        # summed per node and kernel first: one product with the weights does the rest
-        spread = x.new_zeros(x.shape[0], self.kernels, x.shape[1])
-        spread.index_add_(0, target, weights.unsqueeze(2) * x[source].unsqueeze(1))
-        matrix = self.linear.weight.view(self.kernels, self.out_channels, -1)
-        heard = torch.einsum("nki,koi->no", spread, matrix) / _degree(target, x).clamp(min=1).unsqueeze(1)
-        out: torch.Tensor = heard + self.root(x)
+        heard, neighbours = self.root(x), x[source]
+        count = _degree(target, x).clamp(min=1).unsqueeze(1)
+        # one kernel at a time: all at once would take E x K x C numbers
+        for weight, matrix in zip(weights.T, self.linear.weight.view(self.kernels, self.out_channels, -1), strict=True):
+            summed = torch.zeros_like(x).index_add(0, target, weight.unsqueeze(1) * neighbours)
+            heard = heard + summed / count @ matrix.T
+        out: torch.Tensor = heard
         return out
 
 
