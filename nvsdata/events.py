@@ -300,6 +300,11 @@ def empty_columns() -> Columns:
     return Columns(np.empty(0, np.int64), np.empty(0, np.int16), np.empty(0, np.int16), np.empty(0, np.uint8))
 
 
+def joined(pieces: Sequence[Columns]) -> Columns:
+    """The events of all pieces, one after the other; of one piece, itself."""
+    return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
+
+
 def extent(columns: Columns) -> tuple[int, int]:
     """The smallest (width, height) that holds the events; (1, 1) for none."""
     return (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)

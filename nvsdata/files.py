@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
+from typing import IO, Any, Self
 
 FLUSH_EVERY = 0.03  # s
 
@@ -68,18 +68,48 @@ def _settle(temporary: Path) -> None:
         os.fsync(file.fileno())
 
 
-def json_lines(path: Path) -> tuple[list[dict[str, Any]], bool]:
-    """The objects of a file of JSON lines, and whether a line was torn, as by a kill, and is left out."""
-    text = path.read_text(encoding="utf-8")
-    found = []
-    torn = bool(text) and not text.endswith("\n")
-    for line in text.splitlines():
-        try:
-            value = json.loads(line)
-        except json.JSONDecodeError:
-            value = None
-        if isinstance(value, dict):
-            found.append(value)
-        else:
-            torn = True
-    return found, torn
+class Journal:
+    """A file of JSON lines, open for adding: the first says what it belongs to, the others are what was done.
+
+    `head`, `lines`: what the file holds, or held before; a line that was torn, as by a kill, is left out
+    and mended. A file that isn't there is begun with `head`.
+    """
+
+    def __init__(self, path: Path, head: dict[str, Any]) -> None:
+        self.path = path
+        torn = not path.exists()
+        found = [head] if torn else []
+        if not torn:
+            text = path.read_text(encoding="utf-8")
+            parsed = [_parsed(line) for line in text.splitlines()]
+            found = [line for line in parsed if line is not None]
+            torn = len(found) < len(parsed) or bool(text and not text.endswith("\n"))
+        self.head: dict[str, Any] = found[0] if found else {}
+        self.lines = found[1:]
+        self._torn = torn
+        self._file: IO[str] | None = None
+
+    def __enter__(self) -> Self:
+        if self._torn:
+            with atomic(self.path) as temporary:
+                temporary.write_text("".join(json.dumps(line) + "\n" for line in (self.head, *self.lines)))
+        self._file = self.path.open("a", encoding="utf-8")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def add(self, line: dict[str, Any]) -> None:
+        """Add a line; it is on its way to the disk when this returns."""
+        assert self._file is not None, "a journal is added to within its block"
+        self._file.write(json.dumps(line) + "\n")
+        self._file.flush()
+
+
+def _parsed(line: str) -> dict[str, Any] | None:
+    try:
+        value = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    return value if isinstance(value, dict) else None

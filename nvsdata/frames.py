@@ -11,12 +11,6 @@ from nvsdata.events import Events
 MICROSECONDS = 1_000_000
 
 
-def check_rate(fps: float) -> None:
-    """ValueError unless `fps` is positive and finite."""
-    if not (fps > 0 and math.isfinite(fps)):
-        raise ValueError(f"fps must be positive, not {fps}")
-
-
 def frame_edges(duration: int, fps: float | None) -> np.ndarray:
     """µs at which frames of 1 / `fps` s begin and end that cover 0 to `duration`: int64 [frames + 1].
 

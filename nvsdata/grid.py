@@ -9,6 +9,12 @@ import torch
 Size = tuple[int, int]
 
 
+def check_cluster(cluster: Size) -> None:
+    """ValueError for clusters of less than a pixel."""
+    if min(cluster) < 1:
+        raise ValueError(f"cluster must be (width, height) of at least 1 pixel, not {cluster}")
+
+
 def grid_shape(sensor_size: Size, cluster: Size) -> Size:
     """Columns and rows of clusters that cover the sensor: the ceilings of section 4.2.3."""
     return math.ceil(sensor_size[0] / cluster[0]), math.ceil(sensor_size[1] / cluster[1])

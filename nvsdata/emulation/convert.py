@@ -27,7 +27,8 @@ from nvsdata.emulation.threads import stay_in_one_thread
 from nvsdata.emulation.video import TruncatedVideo
 from nvsdata.events import Events
 
-FORMATS = {"hdf5": ".h5", "aedat2": ".aedat", "aedat3": ".aedat3", "text": ".txt"}
+# what recordings are written as, and the extension that says so
+FORMATS = {f.name: f.suffixes[0] for f in formats.FORMATS if f.name in ("hdf5", "aedat2", "aedat3", "text")}
 VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
 # of the disk or the folder, not of one video: those after it would fail, too
 FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)

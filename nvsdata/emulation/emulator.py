@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nvsdata.emulation.threads import DEPTH
-from nvsdata.events import Columns, Events, empty_columns
+from nvsdata.events import MAX_COORDINATE, Columns, Events, empty_columns
 from nvsdata.kernels import emulate as kernels
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ METHODS = {"co-located": kernels.CO_LOCATED, "average": kernels.AVERAGE, "minimu
 # linear times need no key: they follow from the raster order
 TIMINGS = {"interpolated": kernels.INTERPOLATED, "random": kernels.RANDOM}
 LONGEST = 2**31  # µs between frames that keys can hold
-LARGEST = 2**15 - 1  # pixels of a side
 KEPT = 2 * DEPTH + 3  # frames whose keys may be waiting to be read
 
 
@@ -68,7 +67,7 @@ class Emulator:
         height, width = first.pixels.shape[:2]
         if settings.inhibition > min(height, width):
             raise ValueError(f"inhibition={settings.inhibition} is larger than the frame of {width}x{height}")
-        if max(height, width) > LARGEST:
+        if max(height, width) > MAX_COORDINATE + 1:
             raise ValueError(f"frames of {width}x{height} are larger than events can address")
         self.settings, self.sensor_size = settings, (width, height)
         self._channels = first.pixels.shape[2] if first.pixels.ndim == 3 else 1

@@ -15,12 +15,12 @@ import numpy as np
 
 import nvsdata
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.files import atomic, json_lines
+from nvsdata.files import Journal
 
 NAME = "manifest.jsonl"
 
 
-class Manifest:
+class Manifest(Journal):
     """`out/manifest.jsonl`, open for adding lines.
 
     The first line has the settings, their hash and the versions of what made the recordings; each
@@ -32,35 +32,25 @@ class Manifest:
     def __init__(
         self, out: Path, settings: PIX2NVS, *, format: str, size: tuple[int, int] | None, fps: float | None
     ) -> None:
-        self.path = out / NAME
-        made = {"settings": asdict(settings), "format": format, "size": list(size) if size else None, "fps": fps}
+        made: dict[str, Any] = {
+            "settings": asdict(settings),
+            "format": format,
+            "size": list(size) if size else None,
+            "fps": fps,
+        }
         digest = hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
-        self._lines: dict[str, dict[str, Any]] = {}
-        if self.path.exists():
-            self._read(made, digest)
-        else:
-            head = {"nvsdata-videos": 1, **made, "settings_sha256": digest, "versions": _versions()}
-            with atomic(self.path) as temporary:
-                temporary.write_text(json.dumps(head) + "\n")
-        self._file = self.path.open("a", encoding="utf-8")
-
-    def _read(self, made: dict[str, Any], digest: str) -> None:
-        lines, torn = json_lines(self.path)
-        head = lines[0] if lines else {}
-        if "settings_sha256" not in head:
+        super().__init__(out / NAME, {"nvsdata-videos": 1, **made, "settings_sha256": digest, "versions": _versions()})
+        if "settings_sha256" not in self.head:
             raise ValueError(f"{self.path} is no manifest of converted videos: choose another folder")
-        if head["settings_sha256"] != digest:
-            was, now = ({**d["settings"], **{k: d[k] for k in ("format", "size", "fps")}} for d in (head, made))
+        if self.head["settings_sha256"] != digest:
+            was, now = ({**d["settings"], **{k: d[k] for k in ("format", "size", "fps")}} for d in (self.head, made))
             differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
-            raise ValueError(f"{self.path.parent} holds recordings made with {differs}: choose another folder")
-        self._lines = {line["video"]: line for line in lines[1:]}
-        if torn:
-            with atomic(self.path) as temporary:
-                temporary.write_text("".join(json.dumps(line) + "\n" for line in lines))
+            raise ValueError(f"{out} holds recordings made with {differs}: choose another folder")
+        self._videos = {line["video"]: line for line in self.lines}
 
     def has(self, name: str, video: Path, target: Path) -> bool:
         """Whether the video, as it is now, has been converted and its recording is there."""
-        line = self._lines.get(name)
+        line = self._videos.get(name)
         return (
             line is not None
             and line["status"] == "converted"
@@ -68,17 +58,6 @@ class Manifest:
             and target.exists()
             and target.stat().st_size == line["recording"]
         )
-
-    def add(self, line: dict[str, Any]) -> None:
-        """Add a video's line; it is on its way to the disk when this returns."""
-        self._file.write(json.dumps(line) + "\n")
-        self._file.flush()
-
-    def __enter__(self) -> Manifest:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
 
 
 def _versions() -> dict[str, str]:

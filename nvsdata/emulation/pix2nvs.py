@@ -7,13 +7,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-import numpy as np
-
 from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.sensor import Imperfections
 from nvsdata.emulation.threads import ahead
 from nvsdata.emulation.video import Frame, Video, frames_of
-from nvsdata.events import Columns, Events
+from nvsdata.events import Events, joined
 
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]
@@ -104,10 +102,7 @@ class PIX2NVS:
     def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
         """All events of a video; times count from its first frame. See `stream`."""
         parts = list(self.stream(video, fps, size=size))
-        if len(parts) == 1:
-            return parts[0]
-        columns = Columns(*(np.concatenate(column) for column in zip(*(part.columns for part in parts), strict=True)))
-        return Events.trusted(columns, parts[0].sensor_size, 0)
+        return Events.trusted(joined([part.columns for part in parts]), parts[0].sensor_size, 0)
 
     def stream(
         self,

@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from nvsdata.checks import positive
 from nvsdata.emulation.threads import ahead, in_one_thread
 from nvsdata.errors import FormatError
-from nvsdata.frames import MICROSECONDS, check_rate
+from nvsdata.frames import MICROSECONDS
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
 SMALL = 1 << 20  # pixels of a frame
@@ -37,7 +38,7 @@ def frames_of(
 ) -> Iterator[Frame]:
     """Time and picture of each frame; see `PIX2NVS.stream`. Times count from the first frame."""
     if fps is not None:
-        check_rate(fps)
+        positive("fps", fps)
     if size is not None and (len(size) != 2 or min(size) < 1):
         raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
     if fps is not None and times is not None:

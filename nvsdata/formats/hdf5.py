@@ -24,7 +24,7 @@ import h5py
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events, check_sensor_size
+from nvsdata.events import Columns, Events, check_sensor_size, empty_columns, joined
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.files import flushed_early
 from nvsdata.kernels.order import never_falls
@@ -201,18 +201,18 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
     with h5py.File(path, "w", **WRITING) as file, ExitStack() as early:
         file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=sensor_size[0], height=sensor_size[1])
         if len(waiting) <= CONTIGUOUS:
-            for i, (name, kind) in enumerate(TYPES.items()):
-                column = [piece[i] for piece in waiting]
-                file.create_dataset(f"events/{name}", data=np.concatenate([np.empty(0, kind), *column]), dtype=kind)
+            columns = joined(waiting or [empty_columns()])
+            for (name, kind), column in zip(TYPES.items(), columns, strict=True):
+                file.create_dataset(f"events/{name}", data=column, dtype=kind)
             return
-        columns = {
+        datasets = {
             name: file.create_dataset(f"events/{name}", (0,), kind, maxshape=(None,), chunks=(CHUNK,), fillvalue=0)
             for name, kind in TYPES.items()
         }
         count = 0
         early.enter_context(flushed_early(path))
         for piece in chain(waiting, chunks):
-            for values, dataset in zip(piece, columns.values(), strict=True):
+            for values, dataset in zip(piece, datasets.values(), strict=True):
                 dataset.resize((count + values.size,))
                 # past the library's own path, which would copy
                 whole = (
@@ -232,13 +232,9 @@ def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
         waiting.append(piece.columns)
         size += len(piece)
         while size >= CHUNK:
-            joined = _join(waiting)
-            yield Columns(*(column[:CHUNK] for column in joined))
-            waiting = [Columns(*(column[CHUNK:] for column in joined))]
+            together = joined(waiting)
+            yield Columns(*(column[:CHUNK] for column in together))
+            waiting = [Columns(*(column[CHUNK:] for column in together))]
             size -= CHUNK
     if size:
-        yield _join(waiting)
-
-
-def _join(pieces: list[Columns]) -> Columns:
-    return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
+        yield joined(waiting)

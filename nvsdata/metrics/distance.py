@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nvsdata.checks import not_negative, positive
 from nvsdata.events import Events, Recording, as_events
-from nvsdata.frames import check_rate, frame_edges
+from nvsdata.frames import frame_edges
 from nvsdata.kernels.distances import cancel, nearest
 from nvsdata.kernels.transport import least_work
 from nvsdata.metrics.spikes import Spikes, spikes_of_frames
@@ -128,7 +129,7 @@ def _measure(
     if a.sensor_size != b.sensor_size:
         raise ValueError(f"events of different sensors can't be compared: {a.sensor_size} and {b.sensor_size}")
     if fps is not None:
-        check_rate(fps)
+        positive("fps", fps)
     ends = [int(events.t[-1]) - origin for events, origin in ((a, a.start), (b, b.start - offset)) if len(events)]
     edges = frame_edges(max(*ends, 0, 0), fps)
     pairs = zip(spikes_of_frames(a, a.start, edges), spikes_of_frames(b, b.start - offset, edges), strict=True)
@@ -148,7 +149,7 @@ def _measure(
 
 
 def _chamfer(weight: float) -> Measure:
-    _at_least_0("weight", weight)
+    not_negative("weight", weight)
 
     def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> float:
         return float(np.sqrt(nearest(*a, *b, size[::-1], weight * weight, np.inf)).mean())
@@ -157,7 +158,7 @@ def _chamfer(weight: float) -> Measure:
 
 
 def _repeatability(epsilon: float) -> Measure:
-    _at_least_0("epsilon", epsilon)
+    not_negative("epsilon", epsilon)
     squared = epsilon * epsilon
 
     def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> float:
@@ -209,8 +210,3 @@ def _emd_of(a: Spikes, b: Spikes, width: int) -> float:
         for column in (spikes.x[some].astype(float), spikes.y[some].astype(float), left[some])
     )
     return float(least_work(*points) / flow)
-
-
-def _at_least_0(name: str, value: float) -> None:
-    if not (value >= 0 and math.isfinite(value)):
-        raise ValueError(f"{name} must not be negative, not {value}")

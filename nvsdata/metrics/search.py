@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from nvsdata.emulation import PIX2NVS
-from nvsdata.files import atomic, json_lines
+from nvsdata.files import Journal
 from nvsdata.metrics.score import score
 
 BATCH = 4  # trials proposed at once, whatever the number of jobs: so the search doesn't depend on it
@@ -95,8 +96,8 @@ def search(
 ) -> Search:
     """Look for settings with a small score: first anywhere in `space`, then in a shrinking sphere around the best.
 
-    Settings outside the space are those of `base`. `measure` gives a setting's distances (`measure_by`
-    makes one); `jobs` of them run at once, in threads. With a `journal`, a file of JSON lines, a search that
+    Settings outside the space are those of `base`. `measure` gives a setting's distances (a
+    `tune.Pair` does); `jobs` of them run at once, in threads. With a `journal`, a file of JSON lines, a search that
     was stopped goes on: the same seed proposes the same trials. `note` is kept in the journal's first
     line, and must be the same when the search goes on.
 
@@ -109,13 +110,16 @@ def search(
         if not isinstance(choices, Range) and not choices:
             raise ValueError(f"no choices for {name}")
     head = {"nvsdata-search": 1, "seed": seed, "base": asdict(base), "space": _plain(space), **(note or {})}
-    done = _Journal(journal, head)
     rng = np.random.default_rng(seed)
     result = Search()
     centre: np.ndarray | None = None
     radius = 1.0
     places: list[np.ndarray] = []
-    with ThreadPoolExecutor(jobs) as pool, tqdm(total=trials, desc="searching", unit="trial", disable=None) as bar:
+    with (
+        _Trials(journal, head) if journal else nullcontext() as done,
+        ThreadPoolExecutor(jobs) as pool,
+        tqdm(total=trials, desc="searching", unit="trial", disable=None) as bar,
+    ):
         while len(result.trials) < trials:
             count = min(BATCH, trials - len(result.trials))
             wide = centre is None or len(result.trials) < FIRST
@@ -124,12 +128,13 @@ def search(
                 :count
             ]
             proposed = [_settings(base, space, place) for place in drawn]
-            known = [done.get(len(result.trials) + i, settings) for i, settings in enumerate(proposed)]
+            first = len(result.trials)
+            known = [done.get(first + i, settings) if done else None for i, settings in enumerate(proposed)]
             futures = [pool.submit(measure, s) if k is None else None for s, k in zip(proposed, known, strict=True)]
             for settings, found, future in zip(proposed, known, futures, strict=True):
                 trial = found or Trial(settings, _three(future.result() if future else ()))
-                if found is None:
-                    done.add(len(result.trials), trial)
+                if found is None and done:
+                    done.note(len(result.trials), trial)
                 result.trials.append(trial)
                 bar.update()
             places += drawn
@@ -139,7 +144,6 @@ def search(
                 radius = max(radius * SHRINK, LEAST_RADIUS)
             centre = places[best]
             bar.set_postfix_str(f"score {scores[best]:.4f}", refresh=False)
-    done.close()
     return result
 
 
@@ -174,36 +178,23 @@ def _plain(space: Space) -> dict[str, Any]:
     return {k: asdict(v) if isinstance(v, Range) else list(v) for k, v in space.items()}
 
 
-class _Journal:
+class _Trials(Journal):
     """Trials on disk, a JSON line each, after a first line that says of which search."""
 
-    def __init__(self, path: Path | None, head: Mapping[str, Any]) -> None:
-        self._known: dict[int, Trial] = {}
-        self._file = None
-        if path is None:
-            return
-        head = json.loads(json.dumps(head))
-        lines, torn = json_lines(path) if path.exists() else ([head], True)
-        if lines[:1] != [head]:
+    def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
+        plain = json.loads(json.dumps(head))
+        super().__init__(path, plain)
+        if self.head != plain:
             raise ValueError(f"{path} is of another search: give the same settings, or another file")
-        for line in lines[1:]:
-            self._known[line["trial"]] = Trial(PIX2NVS(**line["settings"]), _three(line["distances"]))
-        if torn:
-            with atomic(path) as temporary:
-                temporary.write_text("".join(json.dumps(line) + "\n" for line in lines))
-        self._file = path.open("a", encoding="utf-8")
+        self._known = {
+            line["trial"]: Trial(PIX2NVS(**line["settings"]), _three(line["distances"])) for line in self.lines
+        }
 
     def get(self, number: int, settings: PIX2NVS) -> Trial | None:
         """The trial of that number, if it was of these settings."""
         found = self._known.get(number)
         return found if found is not None and found.settings == settings else None
 
-    def add(self, number: int, trial: Trial) -> None:
-        if self._file is not None:
-            line = {"trial": number, "distances": trial.distances, "settings": asdict(trial.settings)}
-            self._file.write(json.dumps(line) + "\n")
-            self._file.flush()
-
-    def close(self) -> None:
-        if self._file is not None:
-            self._file.close()
+    def note(self, number: int, trial: Trial) -> None:
+        """Add a trial."""
+        self.add({"trial": number, "distances": trial.distances, "settings": asdict(trial.settings)})

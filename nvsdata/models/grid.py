@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from nvsdata.graph import Graph, GraphBatch
-from nvsdata.grid import grid_shape, to_grid
+from nvsdata.grid import check_cluster, grid_shape, to_grid
 
 
 class Graph2Grid(nn.Module):
@@ -19,8 +19,7 @@ class Graph2Grid(nn.Module):
 
     def __init__(self, cluster: tuple[int, int], sensor_size: tuple[int, int]) -> None:
         super().__init__()
-        if min(cluster) < 1:
-            raise ValueError(f"cluster must be (width, height) of at least 1 pixel, not {cluster}")
+        check_cluster(cluster)
         self.cluster = cluster
         self.grid = grid_shape(sensor_size, cluster)
 

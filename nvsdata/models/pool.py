@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from nvsdata.graph import GraphBatch, Reach, grouped, pseudo
-from nvsdata.grid import cells, grid_shape
+from nvsdata.grid import cells, check_cluster, grid_shape
 from nvsdata.kernels import pool as kernel
 
 
@@ -27,8 +27,7 @@ class GraphPool(nn.Module):
         self, cluster: tuple[int, int], sensor_size: tuple[int, int], mode: Literal["max", "mean"] = "max"
     ) -> None:
         super().__init__()
-        if min(cluster) < 1:
-            raise ValueError(f"cluster must be (width, height) of at least 1 pixel, not {cluster}")
+        check_cluster(cluster)
         if mode not in ("max", "mean"):
             raise ValueError(f"mode must be 'max' or 'mean', not {mode!r}")
         self.cluster, self.mode = cluster, mode

@@ -79,6 +79,12 @@ class Activation(nn.Module):
         return replace(batch, x=torch.relu(batch.x))
 
 
+def check_pairs(channels: Sequence[int], clusters: Sequence[Size]) -> None:
+    """ValueError unless there is a cluster for each number of channels, and one at least."""
+    if len(channels) != len(clusters) or not channels:
+        raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
+
+
 def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int) -> None:
     """ValueError for graphs of a larger sensor than a network is for, or with another number of features."""
     if batch.sensor_size is not None and (
@@ -111,8 +117,7 @@ class _GraphCNN(nn.Module):
         super().__init__()
         if self.residual and convolution != "spline":
             raise ValueError(f"residual blocks are of B-spline convolutions, not of {convolution!r}")
-        if len(channels) != len(clusters) or not channels:
-            raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
+        check_pairs(channels, clusters)
         self.sensor_size, self.in_channels = sensor_size, in_channels
         layers: list[nn.Module] = []
         previous = in_channels

@@ -11,7 +11,7 @@ from torch import nn
 from nvsdata.graph import Graph, GraphBatch
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.pool import GraphPool
-from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input
+from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input, check_pairs
 from nvsdata.models.temporal import temporal_network
 
 
@@ -35,8 +35,7 @@ class RGCNN3D(nn.Module):
         in_channels: int = 1,
     ) -> None:
         super().__init__()
-        if len(channels) != len(clusters) or not channels:
-            raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
+        check_pairs(channels, clusters)
         self.sensor_size, self.in_channels = sensor_size, in_channels
         layers: list[nn.Module] = []
         previous = in_channels

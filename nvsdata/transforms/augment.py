@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from nvsdata.checks import not_negative, positive, probability
 from nvsdata.events import Columns, Events, Recording, as_events
 from nvsdata.graph import Graph
-from nvsdata.transforms.checks import not_negative, positive, probability, uniform
+from nvsdata.transforms.draws import uniform
 
 
 @dataclass(frozen=True)

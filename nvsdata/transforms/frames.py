@@ -8,10 +8,11 @@ from typing import ClassVar
 import torch
 from torch.nn import functional as F
 
+from nvsdata.checks import positive
 from nvsdata.events import Events, Recording, as_events
-from nvsdata.frames import check_rate, frame_bounds, frame_edges
+from nvsdata.frames import frame_bounds, frame_edges
 from nvsdata.kernels.frames import sum_frames as kernel
-from nvsdata.transforms.checks import below, positive
+from nvsdata.transforms.draws import below
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class SumFrames:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_rate(self.fps)
+        positive("fps", self.fps)
         positive("factor", self.factor)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:

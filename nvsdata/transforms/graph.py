@@ -8,10 +8,10 @@ from typing import ClassVar
 
 import torch
 
+from nvsdata.checks import not_negative, positive
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.graph import Graph
 from nvsdata.kernels.graph import event_graph, nearest_event_graph
-from nvsdata.transforms.checks import not_negative, positive
 
 
 @dataclass(frozen=True)

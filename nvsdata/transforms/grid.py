@@ -9,7 +9,7 @@ from typing import ClassVar
 import torch
 
 from nvsdata.graph import Graph, GraphBatch
-from nvsdata.grid import grid_shape, to_grid
+from nvsdata.grid import check_cluster, grid_shape, to_grid
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,7 @@ class Graph2Grid:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if min(self.cluster) < 1:
-            raise ValueError(f"cluster must be (width, height) of at least 1 pixel, not {self.cluster}")
+        check_cluster(self.cluster)
 
     def __call__(self, graphs: Graph | Sequence[Graph]) -> torch.Tensor:
         return graph2grid(graphs, self.cluster)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import torch
 
+from nvsdata.checks import not_negative, positive, probability
 from nvsdata.events import Columns, Events, Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
-from nvsdata.transforms.checks import below, not_negative, positive, probability, uniform
+from nvsdata.transforms.draws import below, uniform
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
+from nvsdata.checks import positive
 from nvsdata.events import Events, Recording, check_window
-from nvsdata.transforms.checks import below, positive
+from nvsdata.transforms.draws import below
 
 
 @dataclass(frozen=True)

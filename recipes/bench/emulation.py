@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from racing import race
 from scipy.spatial import cKDTree
 
 import nvsdata
@@ -33,7 +33,6 @@ from nvsdata.emulation.video import Frame
 from nvsdata.kernels.distances import nearest
 from nvsdata.kernels.transport import least_work
 
-ROUNDS = 7
 Row = dict[str, Any]
 
 
@@ -82,7 +81,7 @@ def converting(name: str, video: Path, home: Path) -> list[Row]:
         target.unlink(missing_ok=True)
         os.sync()
 
-    times = race({"decode": lambda: decode(video), "convert": convert}, settle)
+    times = race({"decode": lambda: decode(video), "convert": convert}, before=settle)
     convert()
     events, frames = nvsdata.read(target), decode(video)
     per_pixel = len(set_pixels(events)) / frames / (events.sensor_size[0] * events.sensor_size[1])
@@ -118,17 +117,23 @@ def emulating(video: Path) -> list[Row]:
     frames = decoded(video)
     pixels = frames[0].pixels[..., 0].size * (len(frames) - 1)
 
+    def stream() -> None:
+        for _ in PIX2NVS().stream(frames):
+            pass
+
+    times = race({"one_core": one_core(frames), "stream": stream})
+    return [{"what": "emulate the video"} | {f"{k}_ns_a_pixel": round(v / pixels * 1e9, 2) for k, v in times.items()}]
+
+
+def one_core(frames: list[Frame]) -> Callable[[], None]:
+    """A run that emulates the frames step by step."""
+
     def steps() -> None:
         emulator = Emulator(PIX2NVS(), frames[0])
         for frame in frames[1:]:
             emulator.step(frame).events()
 
-    def stream() -> None:
-        for _ in PIX2NVS().stream(frames):
-            pass
-
-    times = race({"one_core": steps, "stream": stream})
-    return [{"what": "emulate the video"} | {f"{k}_ns_a_pixel": round(v / pixels * 1e9, 2) for k, v in times.items()}]
+    return steps
 
 
 def decoded(video: Path) -> list[Frame]:
@@ -149,16 +154,13 @@ def still_scene() -> list[Row]:
     for n, frame in enumerate(object_):
         frame.pixels[200:216, 100 + 4 * n : 116 + 4 * n] = 250
 
-    def run(frames: list[Frame]) -> Callable[[], None]:
-        def steps() -> None:
-            emulator = Emulator(PIX2NVS(), frames[0])
-            for frame in frames[1:]:
-                emulator.step(frame).events()
-
-        return steps
-
     times = race(
-        {"all_moves": run(moving), "object_moves": run(object_), "still": run(still), "start": run(moving[:1])}
+        {
+            "all_moves": one_core(moving),
+            "object_moves": one_core(object_),
+            "still": one_core(still),
+            "start": one_core(moving[:1]),
+        }
     )
     costs = {k: (v - times["start"]) / 29 for k, v in times.items() if k != "start"}
     return [
@@ -281,20 +283,6 @@ def transport() -> list[Row]:
             row |= {"ratio": round(times["pot"] / times["ours"], 2), "difference": values["ours"] - values["pot"]}
         rows.append(row)
     return rows
-
-
-def race(runs: dict[str, Callable[[], Any]], before: Callable[[], Any] = lambda: None) -> dict[str, float]:
-    """Median seconds of each, in turns; `before` each, not timed."""
-    times: dict[str, list[float]] = {name: [] for name in runs}
-    for run in runs.values():
-        run()
-    for _ in range(ROUNDS):
-        for name, run in runs.items():
-            before()
-            start = time.perf_counter()
-            run()
-            times[name].append(time.perf_counter() - start)
-    return {name: statistics.median(spent) for name, spent in times.items()}
 
 
 if __name__ == "__main__":

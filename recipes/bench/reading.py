@@ -27,6 +27,7 @@ import h5py
 import numpy as np
 import scipy.io
 import torch
+from racing import race
 
 import nvsdata
 from nvsdata import ASLDVS, Events
@@ -35,7 +36,6 @@ from nvsdata.datasets.source import INDEX, Folder
 from nvsdata.formats import matlab
 
 MILLION = 1_000_000
-ROUNDS = 7
 Row = dict[str, Any]
 
 
@@ -256,20 +256,6 @@ def listing(home: Path, files: int) -> list[Row]:
             "index": (root / INDEX).exists(),
         }
     ]
-
-
-def race(runs: dict[str, Callable[[], Any]], inner: int = 1) -> dict[str, float]:
-    """Median seconds of each, in turns."""
-    times: dict[str, list[float]] = {name: [] for name in runs}
-    for run in runs.values():
-        run()
-    for _ in range(ROUNDS):
-        for name, run in runs.items():
-            start = time.perf_counter()
-            for _ in range(inner):
-                run()
-            times[name].append((time.perf_counter() - start) / inner)
-    return {name: statistics.median(spent) for name, spent in times.items()}
 
 
 if __name__ == "__main__":

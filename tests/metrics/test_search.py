@@ -4,6 +4,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from clips import write_video
 
 import nvsdata
 from nvsdata import Events, metrics
@@ -115,11 +116,6 @@ def test_the_table_has_the_columns_of_table_3_3():
 
 @pytest.fixture
 def files(tmp_path, frames):
-    import sys
-
-    sys.path.insert(0, str(tmp_path))
-    from emulation.clips import write_video
-
     video = write_video(tmp_path / "v.avi", [np.dstack([frame] * 3) for frame in frames])
     nvsdata.write(PIX2NVS(noise_rate=1).emulate(video), tmp_path / "real.h5")
     nvsdata.write(PIX2NVS(threshold=0.1).emulate(video), tmp_path / "emulated.h5")

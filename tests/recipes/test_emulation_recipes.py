@@ -8,19 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from clips import write_video
 
 import nvsdata
 from nvsdata import PIX2NVS
 
 RECIPES = Path(__file__).parents[2] / "recipes"
-
-
-def write(path, pictures):
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, pictures[0].shape[1::-1])
-    for picture in pictures:
-        writer.write(np.ascontiguousarray(picture))
-    writer.release()
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +25,7 @@ def squares(tmp_path_factory):
         picture = ground.copy()
         picture[8:18, 2 * n : 2 * n + 10], picture[30:40, 50 - 3 * n : 58 - 3 * n] = 200, 10
         pictures.append(picture)
-    return write(tmp_path_factory.mktemp("video") / "squares.avi", pictures)
+    return write_video(tmp_path_factory.mktemp("video") / "squares.avi", pictures)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +35,7 @@ def ground(tmp_path_factory):
     ground = cv2.GaussianBlur(rng.uniform(0, 255, (100, 130, 3)), (0, 0), 3)
     ground = np.interp(ground, (ground.min(), ground.max()), (5, 250)).astype(np.uint8)
     pictures = [ground[n : n + 48, 2 * n : 2 * n + 64] for n in range(12)]
-    return write(tmp_path_factory.mktemp("video") / "ground.avi", pictures)
+    return write_video(tmp_path_factory.mktemp("video") / "ground.avi", pictures)
 
 
 def run(recipe, *arguments):

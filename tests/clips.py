@@ -27,6 +27,6 @@ def write_video(path: Path, frames: list[np.ndarray] | None = None, fps: float =
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, frames[0].shape[1::-1])
     for frame in frames:
-        writer.write(frame)
+        writer.write(np.ascontiguousarray(frame))
     writer.release()
     return path
