@@ -1,4 +1,4 @@
-"""Batch normalisation that survives tiny batches and short trainings."""
+"""Batch normalisation that survives tiny batches, short trainings and several processes."""
 
 from __future__ import annotations
 
@@ -6,24 +6,50 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from nvsdata.models.shared import processes, total
 
-class BatchNorm(nn.BatchNorm1d):
-    """Batch normalisation over nodes (thesis eq. 4.7).
 
-    With fewer than two nodes in a batch there is no variance: then the running statistics serve,
+class BatchNorm(nn.modules.batchnorm._BatchNorm):
+    """Batch normalisation (thesis eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all but the channels.
+
+    With fewer than two values a channel there is no variance: then the running statistics serve,
     and stay as they are. The first batches count equally in the running statistics, until
     `momentum` takes over: so they don't remember the values they were set to at the start.
+    Processes that train together (torch.distributed) share the statistics of the whole batch.
     """
 
     num_batches_tracked: torch.Tensor
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Normalise `x` [N, C]."""
-        learn = self.training and x.shape[0] > 1
-        factor = 0.0
-        if learn:
-            self.num_batches_tracked += 1
-            factor = max(self.momentum or 0.0, 1 / int(self.num_batches_tracked))
+        """Normalise `x` [N, C, ...]."""
+        if not self.training:
+            return self._normalised(x, learn=False)
+        here = x.numel() // self.num_features
+        count = here if processes() == 1 else int(total(torch.tensor(float(here), device=x.device)))
+        if count < 2:
+            return self._normalised(x, learn=False)
+        self.num_batches_tracked += 1
+        factor = max(self.momentum or 0.0, 1 / int(self.num_batches_tracked))
+        return self._normalised(x, learn=True, factor=factor) if processes() == 1 else self._shared(x, count, factor)
+
+    def _normalised(self, x: torch.Tensor, *, learn: bool, factor: float = 0.0) -> torch.Tensor:
         return functional.batch_norm(
             x, self.running_mean, self.running_var, self.weight, self.bias, learn, factor, self.eps
         )
+
+    def _shared(self, x: torch.Tensor, count: int, factor: float) -> torch.Tensor:
+        """By the statistics of all processes' values."""
+        over, shape = [0, *range(2, x.ndim)], [1, -1] + [1] * (x.ndim - 2)
+        mean = total(x.sum(over)) / count
+        centred = x - mean.view(shape)
+        variance = total(centred.square().sum(over)) / count
+        assert self.running_mean is not None
+        assert self.running_var is not None
+        with torch.no_grad():
+            self.running_mean.lerp_(mean, factor)
+            self.running_var.lerp_(variance * (count / (count - 1)), factor)
+        scale = (self.weight * (variance + self.eps).rsqrt()).view(shape)
+        return centred * scale + self.bias.view(shape)
+
+    def _check_input_dim(self, x: torch.Tensor) -> None:
+        pass

@@ -18,7 +18,9 @@ from nvsdata.grid import cells, grid_shape
 from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
+from nvsdata.models.shared import Dropout
 from nvsdata.models.spline import SplineConv, add_self_loops
+from nvsdata.models.zoo import network
 
 Size = tuple[int, int]
 
@@ -133,7 +135,7 @@ class _GraphCNN(nn.Module):
         self.features = nn.Sequential(*layers)
         self.cluster, self.grid = clusters[-1], grid_shape(sensor_size, clusters[-1])
         self.hidden = nn.Linear(self.grid[0] * self.grid[1] * previous, hidden)
-        self.dropout = nn.Dropout(dropout)
+        self.dropout = Dropout(dropout)
         self.classify = nn.Linear(hidden, num_classes)
 
     def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
@@ -153,6 +155,7 @@ class _GraphCNN(nn.Module):
         return scores
 
 
+@network("rgcnn")
 class RGCNN(_GraphCNN):
     """Residual graph CNN (thesis 4.2.5): Conv -> MaxP -> (Res_g -> MaxP) x L -> FC(hidden) -> FC(num_classes).
 
@@ -163,6 +166,7 @@ class RGCNN(_GraphCNN):
     residual = True
 
 
+@network("gcnn")
 class GCNN(_GraphCNN):
     """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block.
 

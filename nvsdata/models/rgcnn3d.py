@@ -13,8 +13,10 @@ from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input, check_pairs
 from nvsdata.models.temporal import temporal_network
+from nvsdata.models.zoo import network
 
 
+@network("rgcnn3d")
 class RGCNN3D(nn.Module):
     """(Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> global average -> FC(num_classes).
 

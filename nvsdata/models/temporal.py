@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import torch
 from torch import nn
 
+from nvsdata.models.norm import BatchNorm
+
 Pair = tuple[int, int]
 
 
@@ -16,7 +18,7 @@ class Conv3D(nn.Sequential):
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int = 3) -> None:
         super().__init__(
             nn.Conv3d(in_channels, out_channels, kernel_size, padding=kernel_size // 2, bias=False),
-            nn.BatchNorm3d(out_channels),
+            BatchNorm(out_channels),
             nn.ReLU(inplace=True),
         )
 
@@ -52,9 +54,9 @@ class Residual3D(nn.Module):
         super().__init__()
         self.first = Conv3D(in_channels, inter_channels)
         self.second = nn.Sequential(
-            nn.Conv3d(inter_channels, out_channels, 3, padding=1, bias=False), nn.BatchNorm3d(out_channels)
+            nn.Conv3d(inter_channels, out_channels, 3, padding=1, bias=False), BatchNorm(out_channels)
         )
-        self.shortcut = nn.Sequential(nn.Conv3d(in_channels, out_channels, 1, bias=False), nn.BatchNorm3d(out_channels))
+        self.shortcut = nn.Sequential(nn.Conv3d(in_channels, out_channels, 1, bias=False), BatchNorm(out_channels))
         self.out_channels = out_channels
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
