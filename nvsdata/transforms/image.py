@@ -1,0 +1,146 @@
+"""Event images for convolutional networks: counts of events, scaled, cropped, mirrored, normalised (thesis 4.4.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch.nn.functional import interpolate
+
+from nvsdata.checks import positive, probability
+from nvsdata.events import Events, Recording, as_events
+from nvsdata.transforms.draws import below, uniform
+
+
+@dataclass(frozen=True)
+class EventImage:
+    """ON and OFF events counted at each pixel: float32 [2, H, W], ON first (thesis 4.4.4).
+
+    A sequence of S (of `Volumes`) gives [2, S, H, W], as 3D CNNs take it (5.3.1).
+    """
+
+    deterministic: ClassVar[bool] = True
+
+    def __call__(self, sample: Events | Recording | Sequence[Events]) -> torch.Tensor:
+        return event_image(sample)
+
+
+@dataclass(frozen=True)
+class Resize:
+    """Scale so that the smaller side has `size` pixels, bilinear, aspect kept (thesis: 256); [..., H, W]."""
+
+    size: int = 256
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        positive("size", self.size)
+
+    def __call__(self, image: torch.Tensor) -> torch.Tensor:
+        return resize(image, self.size)
+
+
+@dataclass(frozen=True)
+class RandomCrop:
+    """A square at a random place, of `size` times a factor drawn from `scales`, scaled to `size`; [..., H, W].
+
+    Section 4.4.4: 224 pixels, as they are. Section 3.5: multi-scale, (0.5, 0.667, 0.833, 1.0).
+    ValueError for images that hold no such square.
+    """
+
+    size: int = 224
+    scales: tuple[float, ...] = (1.0,)
+
+    def __post_init__(self) -> None:
+        positive("size", self.size)
+        if not self.scales:
+            raise ValueError("scales must hold one number at least")
+        for scale in self.scales:
+            positive("scales", scale)
+
+    def __call__(self, image: torch.Tensor) -> torch.Tensor:
+        side = max(1, round(self.size * self.scales[below(len(self.scales))]))
+        height, width = _holds(image, side)
+        cut = crop(image, below(width - side + 1), below(height - side + 1), side)
+        return cut if side == self.size else resize(cut, self.size)
+
+
+@dataclass(frozen=True)
+class CentreCrop:
+    """The square of `size` pixels in the middle; [..., H, W]. ValueError for images that hold none."""
+
+    size: int = 224
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        positive("size", self.size)
+
+    def __call__(self, image: torch.Tensor) -> torch.Tensor:
+        height, width = _holds(image, self.size)
+        return crop(image, (width - self.size) // 2, (height - self.size) // 2, self.size)
+
+
+@dataclass(frozen=True)
+class RandomMirror:
+    """Left and right changed with probability `p`; [..., H, W]."""
+
+    p: float = 0.5
+
+    def __post_init__(self) -> None:
+        probability("p", self.p)
+
+    def __call__(self, image: torch.Tensor) -> torch.Tensor:
+        return image.flip(-1) if uniform(0, 1) < self.p else image
+
+
+@dataclass(frozen=True)
+class Normalise:
+    """Subtract the mean of all values and divide by their deviation (thesis 3.5.1); what is constant becomes 0."""
+
+    deterministic: ClassVar[bool] = True
+
+    def __call__(self, image: torch.Tensor) -> torch.Tensor:
+        return normalise(image)
+
+
+def event_image(sample: Events | Recording | Sequence[Events]) -> torch.Tensor:
+    """Counts of ON and OFF events; see `EventImage`. ValueError for an empty sequence, or sensors that differ."""
+    if not isinstance(sample, Events | Recording):
+        images = [event_image(events) for events in sample]
+        if not images or any(image.shape != images[0].shape for image in images):
+            raise ValueError(f"can't stack images of {sorted({tuple(image.shape) for image in images})}")
+        return torch.stack(images, 1)
+    events = as_events(sample)
+    width, height = events.sensor_size
+    pixel, off = torch.from_numpy(events.y).long() * width + torch.from_numpy(events.x), torch.from_numpy(events.p) == 0
+    counts = torch.bincount(pixel + off * (width * height), minlength=2 * width * height)
+    return counts.view(2, height, width).float()
+
+
+def resize(image: torch.Tensor, size: int) -> torch.Tensor:
+    """Scale the smaller side to `size`; see `Resize`."""
+    height, width = image.shape[-2:]
+    smaller = min(height, width)
+    shape = round(height * size / smaller), round(width * size / smaller)
+    scaled = interpolate(image.reshape(1, -1, height, width), shape, mode="bilinear", antialias=True)
+    return scaled.view(*image.shape[:-2], *shape)
+
+
+def crop(image: torch.Tensor, x: int, y: int, size: int) -> torch.Tensor:
+    """The square of `size` pixels whose upper left one is (x, y)."""
+    return image[..., y : y + size, x : x + size]
+
+
+def normalise(image: torch.Tensor) -> torch.Tensor:
+    """Mean 0 and deviation 1 over all values; see `Normalise`."""
+    centred = image - image.mean()
+    deviation = centred.square().mean().sqrt()
+    return centred / deviation if deviation > 0 else centred
+
+
+def _holds(image: torch.Tensor, side: int) -> tuple[int, int]:
+    height, width = image.shape[-2:]
+    if min(height, width) < side:
+        raise ValueError(f"an image of {width}x{height} holds no square of {side}")
+    return height, width

@@ -1,0 +1,44 @@
+"""Transforms from their reprs, without running code."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any
+
+
+def from_repr(text: str) -> Any:
+    """The transform whose repr `text` is: calls of nvsdata's transforms with literals, and nothing else.
+
+    ValueError for anything else.
+    """
+    try:
+        return _value(ast.parse(text.strip(), mode="eval").body)
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise ValueError(f"not the repr of a transform: {text[:200]!r} ({error})") from None
+
+
+def _value(node: ast.expr) -> Any:
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        options = {}
+        for keyword in node.keywords:
+            if keyword.arg is None:
+                raise ValueError("a repr holds no **")
+            options[keyword.arg] = _value(keyword.value)
+        return _transform(node.func.id)(*map(_value, node.args), **options)
+    if isinstance(node, ast.List):
+        return [_value(item) for item in node.elts]
+    if isinstance(node, ast.Tuple):
+        return tuple(map(_value, node.elts))
+    try:
+        return ast.literal_eval(node)
+    except ValueError:
+        raise ValueError(f"not the repr of a transform: {ast.unparse(node)[:200]!r}") from None
+
+
+def _transform(name: str) -> Any:
+    from nvsdata import transforms
+
+    kind = getattr(transforms, name, None) if name in transforms.__all__ else None
+    if not isinstance(kind, type):
+        raise ValueError(f"there is no transform {name!r}")
+    return kind

@@ -1,0 +1,43 @@
+"""Events as points, for PointNet and LSTMs (thesis Table 5.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from nvsdata.checks import positive
+from nvsdata.events import Events, Recording, as_events
+
+
+@dataclass(frozen=True)
+class Points:
+    """`count` events drawn at random, in order of time: float32 [count, 4] of x, y, t in [0, 1] and polarity ±1.
+
+    t is 0 at the first event and 1 at the last. Events are drawn once each if there are enough; of no events, zeros.
+    """
+
+    count: int = 1024
+
+    def __post_init__(self) -> None:
+        positive("count", self.count)
+
+    def __call__(self, sample: Events | Recording) -> torch.Tensor:
+        events = as_events(sample)
+        if not len(events):
+            return torch.zeros(self.count, 4)
+        if len(events) >= self.count:
+            drawn = torch.randperm(len(events))[: self.count]
+        else:
+            drawn = torch.randint(len(events), (self.count,))
+        return points(events, drawn.sort().values)
+
+
+def points(events: Events, index: torch.Tensor) -> torch.Tensor:
+    """The events at `index` as [N, 4]; see `Points`."""
+    width, height = events.sensor_size
+    t = torch.from_numpy(events.t)
+    # differences are taken in integers: absolute times don't fit float32
+    since = (t[index] - t[0]).double() / max(int(t[-1] - t[0]), 1)
+    x, y, p = (torch.from_numpy(column)[index].double() for column in (events.x, events.y, events.p))
+    return torch.stack((x / max(width - 1, 1), y / max(height - 1, 1), since, 2 * p - 1), 1).float()

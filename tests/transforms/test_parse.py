@@ -1,0 +1,26 @@
+import pytest
+
+from nvsdata import transforms as T
+from nvsdata.transforms import from_repr
+
+
+@pytest.mark.parametrize(
+    "transform",
+    [
+        T.RandomWindow(30_000, (0.0, 0.2)),
+        T.Compose([T.Volumes(8, 33_333), T.Each(T.Compose([T.NonUniformSample(8), T.NearestGraph()]))]),
+        T.Compose([T.SumFrames(25.0, 8), T.RandomVolume(160), T.RandomCrop(24, (0.5, 1.0)), T.Normalise()]),
+        T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=-0.0),
+    ],
+    ids=repr,
+)
+def test_a_repr_builds_the_transform(transform):
+    assert from_repr(repr(transform)) == transform
+
+
+@pytest.mark.parametrize(
+    "text", ["", "Window(", "Nothing()", "collate([])", "window(1, 2)", "1 + x", "Window(0, eval('5'))", "(" * 5000]
+)
+def test_nothing_else_is_built(text):
+    with pytest.raises(ValueError, match=r"repr|transform"):
+        from_repr(text)
