@@ -1,33 +1,45 @@
 """The model zoo.
 
 `rgcnn(name)` and `gcnn(name)` build the thesis's configurations for single graphs (section 4.4.2) by dataset name,
-`rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1).
+`rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1). `reference` has the networks that they are compared
+with, `NETWORKS` all of them by name; `save` and `load` keep trained ones, `complexity` counts operations and weights.
 """
 
 from __future__ import annotations
 
 from typing import Any, Literal
 
+from nvsdata.models import reference
+from nvsdata.models.checkpoint import Trained, load, save
+from nvsdata.models.complexity import Complexity, complexity
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.rgcnn import GCNN, RGCNN
 from nvsdata.models.rgcnn3d import RGCNN3D
 from nvsdata.models.spline import SplineConv
+from nvsdata.models.zoo import NETWORKS
 
 __all__ = [
     "CONFIGURATIONS",
     "CONFIGURATIONS_3D",
     "GCNN",
+    "NETWORKS",
     "RGCNN",
     "RGCNN3D",
     "BatchNorm",
+    "Complexity",
     "Graph2Grid",
     "GraphPool",
     "SplineConv",
+    "Trained",
+    "complexity",
     "gcnn",
+    "load",
+    "reference",
     "rgcnn",
     "rgcnn3d",
+    "save",
 ]
 
 _SMALL: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((2, 2), (4, 4), (7, 7)), "hidden": 128}

@@ -1,0 +1,181 @@
+"""How many operations and weights a network takes: by the thesis's formulas, and as it runs (thesis 4.4.4, 5.3.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
+
+from nvsdata.kernels.spline import spline_shares
+from nvsdata.models.conv import ChebConv, GCNConv, GINConv, GMMConv
+from nvsdata.models.rgcnn import GCNN, RGCNN
+from nvsdata.models.spline import SplineConv
+
+BASES = 4  # (m + 1)^d for degree m = 1 in d = 2 dimensions
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer's name and class, FLOPs and number of parameters by the thesis's formulas."""
+
+    name: str
+    kind: str
+    flops: int
+    parameters: int
+
+
+@dataclass(frozen=True)
+class Complexity:
+    """What `complexity` found. `str()` is a table.
+
+    `layers` by the thesis's formulas; `executed`, FLOPs of all matrix products, convolutions and B-spline sums that
+    were carried out, an addition and a multiplication counting as two; `weights`, all parameters of the network.
+    """
+
+    layers: tuple[Layer, ...]
+    executed: int
+    weights: int
+
+    @property
+    def flops(self) -> int:
+        """By the thesis's formulas."""
+        return sum(layer.flops for layer in self.layers)
+
+    @property
+    def parameters(self) -> int:
+        """By the thesis's formulas."""
+        return sum(layer.parameters for layer in self.layers)
+
+    @property
+    def size(self) -> float:
+        """MiB that `parameters` take as float32: the sizes of Tables 4.4, 4.5 and, of graph networks, 4.10."""
+        return self.parameters * 4 / 2**20
+
+    def __str__(self) -> str:
+        wide = max([len(layer.name) for layer in self.layers] + [8])
+        rows = [f"{'layer':{wide}}  {'class':14} {'MFLOPs':>12} {'parameters':>12}"]
+        rows += [
+            f"{layer.name:{wide}}  {layer.kind:14} {layer.flops / 1e6:12.3f} {layer.parameters:12,}"
+            for layer in self.layers
+        ]
+        rows.append(f"{'formulas':{wide}}  {'':14} {self.flops / 1e6:12.3f} {self.parameters:12,}  {self.size:.2f} MiB")
+        rows.append(f"{'executed':{wide}}  {'':14} {self.executed / 1e6:12.3f} {self.weights:12,}")
+        return "\n".join(rows)
+
+
+def complexity(model: nn.Module, sample: Any) -> Complexity:
+    """Operations and parameters of `model` for `sample`, what it takes (a batch counts as a whole).
+
+    The formulas: a convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs, (4.11) and its like in three dimensions,
+    HWT its places of output; a graph convolution (4.12), the edges being the graph's; a fully connected layer
+    (2I - 1) O. Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers (C_in + 1) C_out, and for a
+    graph network's first one C_in are channels, not channels times cells. Batch normalisation, root weights and
+    what else the formulas don't name count only in `weights` and `executed`. Layers that the thesis has no formula
+    for (other graph convolutions, LSTM) count as they are.
+
+    The model is run once as in evaluation, and left as it was.
+    """
+    counted: dict[str, list[int]] = {}
+    sums = [0]
+    hooks = []
+    for name, module in _units(model).items():
+        counted[name] = [0, _parameters(model, name, module)]
+
+        def note(module: nn.Module, inputs: Any, output: Any, name: str = name) -> None:
+            counted[name][0] += _flops(module, inputs, output)
+            if isinstance(module, SplineConv):
+                sums[0] += 2 * _entries(module, *inputs) * module.in_channels
+
+        hooks.append(module.register_forward_hook(note))
+    training = model.training
+    model.eval()
+    try:
+        with FlopCounterMode(display=False, custom_mapping=MORE) as counter, torch.no_grad():
+            model(sample)
+    finally:
+        model.train(training)
+        for hook in hooks:
+            hook.remove()
+    by_module = counter.get_flop_counts()
+    layers = []
+    for name, module in _units(model).items():
+        flops, parameters = counted[name]
+        if isinstance(module, AS_THEY_ARE):
+            flops = sum(by_module.get(f"{type(model).__name__}.{name}", {}).values())
+        layers.append(Layer(name, type(module).__name__, flops, parameters))
+    weights = sum(p.numel() for p in model.parameters())
+    return Complexity(tuple(layers), counter.get_total_flops() + sums[0], weights)
+
+
+AS_THEY_ARE = (GCNConv, ChebConv, GMMConv, GINConv, nn.LSTM)
+
+
+def _units(model: nn.Module) -> dict[str, nn.Module]:
+    """The layers that are counted, by name."""
+    units: dict[str, nn.Module] = {}
+    for name, module in model.named_modules():
+        within = any(name.startswith(unit + ".") for unit in units)
+        if not within and isinstance(module, (SplineConv, nn.Conv2d, nn.Conv3d, nn.Linear, *AS_THEY_ARE)):
+            units[name] = module
+    return units
+
+
+def _parameters(model: nn.Module, name: str, module: nn.Module) -> int:
+    if isinstance(module, SplineConv):
+        return (module.in_channels * module.kernel_size**2 + 1) * module.out_channels
+    if isinstance(module, nn.Conv2d | nn.Conv3d):
+        return (module.in_channels // module.groups * math.prod(module.kernel_size) + 1) * module.out_channels
+    if isinstance(module, nn.Linear):
+        channels = module.in_features
+        if isinstance(model, GCNN | RGCNN) and name == "hidden":
+            # Table 4.4 has 512 channels enter FC(1024) at all depths, also where the last layer gives 256
+            channels = max(channels // (model.grid[0] * model.grid[1]), module.out_features // 2)
+        return (channels + 1) * module.out_features
+    return sum(p.numel() for p in module.parameters())
+
+
+def _flops(module: nn.Module, inputs: Any, output: Any) -> int:
+    if isinstance(module, SplineConv):
+        edges, nodes = _edges(inputs[1]), inputs[0].shape[0]
+        per_edge = BASES * (3 * module.in_channels * module.out_channels + 7 * 2)
+        return int(edges * per_edge + (edges + nodes) * module.out_channels)
+    if isinstance(module, nn.Conv2d | nn.Conv3d):
+        places = output.numel() // module.out_channels
+        inner = module.in_channels // module.groups * math.prod(module.kernel_size) + 1
+        return int(2 * places * inner * module.out_channels)
+    if isinstance(module, nn.Linear):
+        return int(output.numel()) * (2 * module.in_features - 1)
+    return 0
+
+
+def _edges(edge_index: torch.Tensor) -> int:
+    """Edges of the graph: the loops are the networks' own."""
+    return int((edge_index[0] != edge_index[1]).sum())
+
+
+def _entries(module: SplineConv, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> int:
+    """How many (edge, cell) pairs have a share in the sums."""
+    arrays = edge_index[0].cpu().numpy(), edge_index[1].cpu().numpy(), u.cpu().numpy()
+    return len(spline_shares(*arrays, module.kernel_size, x.shape[0])[0])
+
+
+def _product(_: Any, a: Any, b: Any, *args: Any, **options: Any) -> int:
+    return 2 * int(a[0]) * int(a[1]) * int(b[1])
+
+
+def _lstm(x: Any, *arguments: Any, **options: Any) -> int:
+    # [T, B, in] and weights [4 h, in], [4 h, h]
+    (time, batch, _), into, again = x, arguments[0], arguments[1]
+    return 2 * int(time) * int(batch) * int(into[0]) * (int(into[1]) + int(again[1]))
+
+
+# what torch's own counter leaves out
+MORE: dict[Any, Callable[..., int]] = {
+    torch.ops.aten.addmm_: _product,
+    torch.ops.aten.mkldnn_rnn_layer: _lstm,
+}

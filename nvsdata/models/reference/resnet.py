@@ -1,0 +1,127 @@
+"""Residual networks in two and three dimensions.
+
+ResNet (He et al. 2016), 3D ResNet and ResNeXt (Hara et al. 2018) and R(2+1)D (Tran et al. 2018): thesis
+appendices A and B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from torch import nn
+
+from nvsdata.models.norm import BatchNorm
+from nvsdata.models.reference.layers import Classifier, Residual, conv, convolution
+from nvsdata.models.zoo import network
+
+WIDTHS = (64, 128, 256, 512)
+
+Block = Callable[[int, int, int], tuple[nn.Module, int]]
+
+
+def bottleneck(
+    dimensions: int, in_channels: int, width: int, stride: int, *, expansion: int = 4, groups: int = 1
+) -> tuple[nn.Module, int]:
+    """1, 3, 1 convolutions; the first one has the stride, or with groups the second. The block and its channels."""
+    out = width * expansion
+    first, second = (stride, 1) if groups == 1 else (1, stride)
+    body = nn.Sequential(
+        conv(dimensions, in_channels, width, 1, first),
+        conv(dimensions, width, width, 3, second, 1, groups=groups),
+        conv(dimensions, width, out, 1, relu=False),
+    )
+    return Residual(body, _shortcut(dimensions, in_channels, out, stride)), out
+
+
+def basic3d(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]:
+    """Two 3x3x3 convolutions."""
+    body = nn.Sequential(conv(3, in_channels, width, 3, stride, 1), conv(3, width, width, 3, 1, 1, relu=False))
+    return Residual(body, _shortcut(3, in_channels, width, stride)), width
+
+
+def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]:
+    """Two (2+1)D convolutions."""
+    body = nn.Sequential(
+        *two_plus_one(in_channels, width, stride), nn.ReLU(inplace=True), *two_plus_one(width, width, 1)
+    )
+    return Residual(body, _shortcut(3, in_channels, width, stride)), width
+
+
+def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.Module, ...]:
+    """Space, then time: 1x3x3, batch normalisation and ReLU, 3x1x1 and batch normalisation.
+
+    As many channels between them as give the number of weights of a 3x3x3 convolution (Tran et al. 2018, 3.5).
+    """
+    between = 27 * in_channels * out_channels // (9 * in_channels + 3 * out_channels)
+    return (
+        conv(3, in_channels, between, (1, 3, 3), (1, stride, stride), (0, 1, 1)),
+        convolution(3, between, out_channels, (3, 1, 1), (stride, 1, 1), (1, 0, 0), bias=False),
+        BatchNorm(out_channels),
+    )
+
+
+def stages(block: Block, in_channels: int, depths: Sequence[int], widths: Sequence[int]) -> tuple[nn.Sequential, int]:
+    """Blocks in stages; all but the first stage halve the size. Also how many channels they give."""
+    layers: list[nn.Module] = []
+    for stage, (depth, width) in enumerate(zip(depths, widths, strict=True)):
+        for n in range(depth):
+            layer, in_channels = block(in_channels, width, 2 if stage and not n else 1)
+            layers.append(layer)
+    return nn.Sequential(*layers), in_channels
+
+
+def _shortcut(dimensions: int, in_channels: int, out_channels: int, stride: int) -> nn.Module | None:
+    if stride == 1 and in_channels == out_channels:
+        return None
+    return conv(dimensions, in_channels, out_channels, 1, stride, relu=False)
+
+
+@network("resnet")
+class ResNet(Classifier):
+    """ResNet-50 (thesis Table A.1); `depths` are the blocks of its four stages. Takes [B, in_channels, H, W]."""
+
+    def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:
+        stem = nn.Sequential(conv(2, in_channels, 64, 7, 2, 3), nn.MaxPool2d(3, 2, 1))
+        body, width = stages(partial(bottleneck, 2), 64, depths, WIDTHS)
+        super().__init__(nn.Sequential(stem, body), nn.Linear(width, num_classes), 2, in_channels)
+
+
+def _stem3d(in_channels: int) -> nn.Sequential:
+    return nn.Sequential(conv(3, in_channels, 64, 7, (1, 2, 2), 3), nn.MaxPool3d(3, 2, 1))
+
+
+@network("resnet3d")
+class ResNet3D(Classifier):
+    """3D ResNet of 34 layers (thesis Table B.1). Takes [B, in_channels, T, H, W]."""
+
+    def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:
+        body, width = stages(basic3d, 64, depths, WIDTHS)
+        super().__init__(nn.Sequential(_stem3d(in_channels), body), nn.Linear(width, num_classes), 3, in_channels)
+
+
+@network("resnext3d")
+class ResNeXt3D(Classifier):
+    """3D ResNeXt of 50 layers (thesis fig. B.2): wider bottlenecks, in `groups`. Takes [B, in_channels, T, H, W]."""
+
+    def __init__(
+        self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), groups: int = 32, in_channels: int = 2
+    ) -> None:
+        block = partial(bottleneck, 3, expansion=2, groups=groups)
+        body, width = stages(block, 64, depths, [2 * width for width in WIDTHS])
+        super().__init__(nn.Sequential(_stem3d(in_channels), body), nn.Linear(width, num_classes), 3, in_channels)
+
+
+@network("r2plus1d")
+class R2Plus1D(Classifier):
+    """R(2+1)D: every 3D convolution as one in space and one in time. Takes [B, in_channels, T, H, W].
+
+    The thesis's 36 layers count both: they are 18 otherwise, as the 33 million parameters of its Table 5.3 say.
+    """
+
+    def __init__(self, num_classes: int, *, depths: Sequence[int] = (2, 2, 2, 2), in_channels: int = 2) -> None:
+        stem = nn.Sequential(
+            conv(3, in_channels, 45, (1, 7, 7), (1, 2, 2), (0, 3, 3)), conv(3, 45, 64, (3, 1, 1), 1, (1, 0, 0))
+        )
+        body, width = stages(factored, 64, depths, WIDTHS)
+        super().__init__(nn.Sequential(stem, body), nn.Linear(width, num_classes), 3, in_channels)

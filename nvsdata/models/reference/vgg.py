@@ -1,0 +1,45 @@
+"""VGG (Simonyan and Zisserman 2015), on event images (thesis 4.4.4, appendix A; three frames: 3.5.2)."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from nvsdata.models.reference.layers import Classifier, convolution, full
+from nvsdata.models.zoo import network
+
+# convolutions before each maximum pooling, by their number of weight layers
+DEPTHS = {16: (2, 2, 3, 3, 3), 19: (2, 2, 4, 4, 4)}
+WIDTHS = (64, 128, 256, 512, 512)
+
+
+@network("vgg")
+class VGG(Classifier):
+    """3x3 convolutions with ReLU, five maximum poolings, three fully connected layers.
+
+    `layers` is 16 or 19. Takes [B, in_channels, H, W]; images of another size than 224x224 are averaged to
+    the 7x7 that the fully connected layers take. Section 4.4.4 gives it two channels, ON and OFF counts,
+    and 3.5.2 (VGG-16) three consecutive frames of summed polarity, with a dropout of 0.8.
+    ValueError for another number of layers.
+    """
+
+    def __init__(
+        self, num_classes: int, *, layers: int = 19, in_channels: int = 2, hidden: int = 4096, dropout: float = 0.5
+    ) -> None:
+        if layers not in DEPTHS:
+            raise ValueError(f"layers must be one of {tuple(DEPTHS)}, not {layers}")
+        maps: list[nn.Module] = []
+        before = in_channels
+        for depth, width in zip(DEPTHS[layers], WIDTHS, strict=True):
+            for _ in range(depth):
+                maps += [convolution(2, before, width, 3, padding=1), nn.ReLU(inplace=True)]
+                before = width
+            maps.append(nn.MaxPool2d(2))
+        classify = full(before * 49, hidden, hidden, num_classes, dropout=dropout)
+        super().__init__(nn.Sequential(*maps), classify, 2, in_channels)
+        self.pool = nn.AdaptiveAvgPool2d(7)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Class scores (logits) [B, num_classes]."""
+        scores: torch.Tensor = self.classify(self.pool(self.features(x)).flatten(1))
+        return scores
