@@ -46,8 +46,9 @@ def curves(
     xlabel: str,
     size: tuple[int, int] = (720, 420),
     highest: float = 1.0,
+    ends: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Values between 0 and `highest` against 1, 2, 3...: uint8 [H, W, 3], BGR."""
+    """Values between 0 and `highest` against 1, 2, 3..., or evenly from one of `ends` to the other: uint8, BGR."""
     width, height = size
     left, right, top, bottom = 60, 24, 44, 52
     picture = np.full((height, width, 3), 255, np.uint8)
@@ -63,7 +64,8 @@ def curves(
         cv2.putText(picture, f"{highest * tick / 10:.2g}", (18, y + 5), FONT, 0.45, INK, 1, cv2.LINE_AA)
     for i in sorted({0, (longest - 1) // 2, longest - 1}):
         x, y = place(i, 0)
-        cv2.putText(picture, str(i + 1), (x - 6, y + 20), FONT, 0.45, INK, 1, cv2.LINE_AA)
+        name = str(i + 1) if ends is None else f"{ends[0] + (ends[1] - ends[0]) * i / (longest - 1):.3g}"
+        cv2.putText(picture, name, (x - 6, y + 20), FONT, 0.45, INK, 1, cv2.LINE_AA)
     cv2.putText(picture, title, (left, 26), FONT, 0.55, INK, 1, cv2.LINE_AA)
     cv2.putText(picture, xlabel, (width // 2 - 24, height - 10), FONT, 0.45, INK, 1, cv2.LINE_AA)
     for (name, values), colour, row in zip(lines, (OFF, ON, BOTH), range(3), strict=False):

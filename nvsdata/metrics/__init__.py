@@ -1,4 +1,4 @@
-"""How far emulated events are from real ones (thesis 3.3)."""
+"""How far emulated events are from real ones (thesis 3.3), and how alike two feature vectors are (5.3.2)."""
 
 from nvsdata.metrics.distance import (
     Comparison,
@@ -9,5 +9,17 @@ from nvsdata.metrics.distance import (
     epsilon_repeatability,
 )
 from nvsdata.metrics.score import score
+from nvsdata.metrics.similarity import area_under_roc, roc, similarities
 
-__all__ = ["Comparison", "Distance", "chamfer", "compare", "emd", "epsilon_repeatability", "score"]
+__all__ = [
+    "Comparison",
+    "Distance",
+    "area_under_roc",
+    "chamfer",
+    "compare",
+    "emd",
+    "epsilon_repeatability",
+    "roc",
+    "score",
+    "similarities",
+]
