@@ -1,198 +1,138 @@
-"""Train and evaluate a residual graph CNN on event recordings (thesis section 4.4.2).
+"""Train and evaluate a network on recordings of objects (thesis section 4.4).
 
     python recipes/train_objects.py --dataset n-mnist --root N-MNIST --out runs/n-mnist
+    torchrun --nproc-per-node 4 recipes/train_objects.py ...
 
 One random 30 ms window a sample, non-uniform sampling, radius graph, augmentation, Adam with
 learning rate 1e-3 decayed tenfold at 60/150 and 110/150 of the epochs, batches of 64. Where the
-data has no test split, a fifth of each class is held back. OUT receives `log.jsonl` (a line an
-epoch) and `checkpoint.pt`; a run that was stopped goes on with --resume, as if it hadn't been.
+data has no test split, a fifth of each class is held back. --k, --radius, --window, --depth and
+--kernel-size are the ablations of Tables 4.1 to 4.5, --convolution that of Table 4.8, and --network
+takes the reference networks of 4.4.4, on event images of --image-size pixels (Table 4.6), by gradient descent.
+
+OUT receives `log.jsonl` (a line an epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
+`nvsdata.models.load`; a run that was stopped goes on with --resume, as if it hadn't been.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch.nn.functional import cross_entropy
-from torch.utils.data import ConcatDataset, DataLoader, Subset
-from tqdm import tqdm
+from torch.utils.data import ConcatDataset
 
-from nvsdata import collate, models
+from nvsdata import models
 from nvsdata import transforms as T
-from nvsdata.datasets import DATASETS, SeededBatches, SeededDataset, stratified
-from nvsdata.files import atomic
+from nvsdata.datasets import DATASETS
+from nvsdata.training import Halves, Trainer, accuracies, adam, loader, sgd, team
 
-BATCH = 64
-WORKERS = max(1, min(4, (os.cpu_count() or 2) // 2))  # they and torch's threads share the cores
 THESIS_EPOCHS = 150
 # below this many steps 150 epochs are too few to converge: a small dataset is passed more often
 LEAST_STEPS = 9_000
+IMAGE_NETWORKS = {
+    "vgg19": models.reference.VGG,
+    "inception-v4": models.reference.InceptionV4,
+    "resnet50": models.reference.ResNet,
+}
 
 
 def main() -> None:
     args = arguments()
     torch.manual_seed(args.seed)
-    torch.set_num_threads(max(1, (os.cpu_count() or 2) - WORKERS))
-    train_set, test_on, classes, sensor_size = datasets(args)
-    steps = -(-len(train_set) // BATCH)
-    epochs = args.epochs or max(THESIS_EPOCHS, -(-LEAST_STEPS // steps))
-    model = network(args.dataset, sensor_size, len(classes)).to(args.device)
-    optimizer = torch.optim.Adam(model.parameters(), lr=1e-3, fused=True)
-    milestones = [round(epochs * 60 / 150), round(epochs * 110 / 150)]
-    schedule = torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones)
-    parts = {"model": model, "optimizer": optimizer, "schedule": schedule}
-    args.out.mkdir(parents=True, exist_ok=True)
-    first = resume(args, parts, epochs)
-    batches = iter(loader(train_set, args.seed, first, epochs, shuffle=True))
-    test_set = test_on((0.0, 1.0))
-    test_batches = loader(test_set, args.seed)
-    print(f"{len(train_set)} recordings to train on, {len(test_set)} to test on, epochs {first + 1} to {epochs}")
-    for epoch in range(first, epochs):
-        start = time.perf_counter()
-        line: dict[str, Any] = {"epoch": epoch + 1, "learning_rate": schedule.get_last_lr()[0]}
-        # what dropout draws depends on the epoch alone, so that a resumed run draws the same
-        torch.manual_seed(args.seed * 1_000_003 + epoch)
-        line |= train(model, optimizer, batches, steps, args.device, f"epoch {epoch + 1}/{epochs}")
-        schedule.step()
-        line["seconds"] = round(time.perf_counter() - start, 2)
-        if epoch + 1 < epochs:
-            line["test_accuracy"] = accuracies(model, test_batches, 1, args.device)[0]
+    with team(args.device) as here:
+        halves = Halves(args.dataset, args.root, seed=args.seed)
+        train_set = halves.train(pipeline(args, training=True))
+        steps = -(-len(train_set) // args.batch)
+        epochs = args.epochs or max(THESIS_EPOCHS, -(-LEAST_STEPS // steps))
+        model = network(args, halves.sensor_size, len(halves.classes)).to(here.device)
+        if args.network in IMAGE_NETWORKS:
+            # every 10,000 iterations
+            optimizer, schedule = sgd(model, 1e-3, max(1, 10_000 // steps), epochs, decay=1e-5)
         else:
-            windows = loader(test_set, args.seed, last=args.votes)
-            line["test_accuracy"] = accuracies(model, windows, args.votes, args.device)[0]
+            optimizer, schedule = adam(model, epochs, (60, 110))
+        run = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
+        trainer = Trainer(model, optimizer, schedule, args.out, **run)
+
+        def test_on(low: float = 0.0, high: float = 1.0) -> Any:
+            return halves.test(pipeline(args, training=False, within=(low, high)))
+
+        load = partial(loader, batch=args.batch, team=here, seed=args.seed)
+        test_batches = load(test_on())
+
+        def evaluate(epoch: int) -> dict[str, float]:
+            if epoch < epochs:
+                return {"test_accuracy": accuracies(model, test_batches, 1, here)[0]}
+            single = accuracies(model, load(test_on(), last=args.votes), args.votes, here)[0]
             # voters spread over the recording know more than voters that may stand together
-            shares = [test_on((v / args.votes, (v + 1) / args.votes)) for v in range(args.votes)]
-            spread = loader(ConcatDataset(shares), args.seed)
-            line["test_accuracy_votes"] = accuracies(model, spread, args.votes, args.device)[1]
-        save(args, parts, epoch + 1, epochs, line)
-        print(json.dumps(line))
+            shares = [test_on(v / args.votes, (v + 1) / args.votes) for v in range(args.votes)]
+            votes = accuracies(model, load(ConcatDataset(shares)), args.votes, here)[1]
+            return {"test_accuracy": single, "test_accuracy_votes": votes}
+
+        sizes = f"{len(train_set)} recordings to train on, {len(test_on())} to test on"
+        here.say(f"{sizes}, epochs {trainer.done + 1} to {epochs}")
+        metrics = trainer.fit(train_set, evaluate)
+        trainer.publish(halves.classes, pipeline(args, training=False), metrics)
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings"
-    )
-    parser.add_argument("--root", required=True, type=Path, help="where the recordings are")
-    parser.add_argument("--out", required=True, type=Path, help="where log and checkpoint go")
-    parser.add_argument("--epochs", type=int, help=f"default: {THESIS_EPOCHS}, or {LEAST_STEPS} steps if that is more")
-    parser.add_argument("--window", type=int, default=30_000, help="µs of a window (default 30000)")
-    parser.add_argument("--votes", type=int, default=5, help="windows that vote in the last evaluation (default 5)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in OUT")
-    return parser.parse_args()
+    add = parser.add_argument
+    add("--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings")
+    add("--root", required=True, type=Path, help="where the recordings are")
+    add("--out", required=True, type=Path, help="where log, checkpoint and model go")
+    add("--epochs", type=int, help=f"default: {THESIS_EPOCHS}, or {LEAST_STEPS} steps if that is more")
+    add("--batch", type=int, default=64, help="samples a step, over all processes (default 64)")
+    add("--window", type=int, default=30_000, help="µs of a window (default 30000; Table 4.3)")
+    add("--votes", type=int, default=5, help="windows that vote in the last evaluation (default 5)")
+    add("--seed", type=int, default=0)
+    add("--device", help="default: a GPU if there is one, else cpu")
+    add("--resume", action="store_true", help="go on from the checkpoint in OUT")
+    add("--network", choices=("rgcnn", "gcnn", *IMAGE_NETWORKS), default="rgcnn")
+    add("--convolution", choices=("spline", *models.CONVOLUTIONS), default="spline", help="of gcnn (Table 4.8)")
+    add("--k", type=int, help="events a sampling box, 1 for no sampling (default 8, n-mnist 1; Table 4.1)")
+    add("--radius", type=float, default=3.0, help="of the graph, in pixels (default 3; Table 4.2)")
+    add("--depth", type=int, choices=sorted(models.DEPTHS), help="convolutions, for 240x180 (Table 4.4)")
+    add("--kernel-size", type=int, default=5, help="cells of a kernel along an axis (default 5; Table 4.5)")
+    add("--image-size", type=int, default=224, help="of event images (default 224; Table 4.6)")
+    args = parser.parse_args()
+    if args.k is None:
+        # a digit is small: it needs every event
+        args.k = 1 if args.dataset == "n-mnist" else 8
+    return args
 
 
 def pipeline(args: argparse.Namespace, *, training: bool, within: tuple[float, float] = (0.0, 1.0)) -> T.Compose:
-    """From a recording to a graph, augmented for training."""
-    window, graph = T.RandomWindow(args.window, within), T.RadiusGraph()
+    """From a recording to what the network takes, augmented for training."""
+    window = T.RandomWindow(args.window, within)
+    if args.network in IMAGE_NETWORKS:
+        scaled = T.Resize(round(args.image_size * 256 / 224))
+        crops = [T.RandomCrop(args.image_size), T.RandomMirror()] if training else [T.CentreCrop(args.image_size)]
+        return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalise()])
+    sample = [T.NonUniformSample(args.k)] if args.k > 1 else []
+    graph = T.RadiusGraph(args.radius)
     if args.dataset == "n-mnist":
-        # a digit is small: it needs every event, and its mirror image is no digit
+        # a digit's mirror image is no digit
         augment = [T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2)] if training else []
-        return T.Compose([window, *augment, graph])
+        return T.Compose([window, *augment, *sample, graph])
     augment_graph = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()] if training else []
-    return T.Compose([window, T.NonUniformSample(8), graph, *augment_graph])
+    return T.Compose([window, *sample, graph, *augment_graph])
 
 
-def datasets(args: argparse.Namespace) -> tuple[Any, Callable[..., Any], list[str], tuple[int, int]]:
-    """Training set, test set for a share of the windows, class names and sensor size."""
-    kind: Any = DATASETS[args.dataset]
-    try:
-        train = kind(args.root, "train", transform=pipeline(args, training=True))
-        split, kept, held = kind(args.root, "test").split, None, None
-    except FileNotFoundError:
-        split = "all" if args.dataset == "folder" else "train"
-        train = kind(args.root, split, transform=pipeline(args, training=True))
-        kept, held = stratified(train.targets, 0.2, seed=args.seed)
-
-    def test_on(within: tuple[float, float]) -> Any:
-        test = kind(args.root, split, transform=pipeline(args, training=False, within=within))
-        return test if held is None else Subset(test, held)
-
-    kept_of_train = train if kept is None else Subset(train, kept)
-    return kept_of_train, test_on, train.classes, train.sensor_size or (240, 180)
-
-
-def network(dataset: str, sensor_size: tuple[int, int], classes: int) -> models.RGCNN:
-    """The thesis's network for the dataset, or for the smallest sensor of its that holds this one."""
-    if dataset in models.CONFIGURATIONS:
-        return models.rgcnn(dataset, classes)
+def network(args: argparse.Namespace, sensor_size: tuple[int, int], classes: int) -> Any:
+    """The network asked for; of the thesis's, that for the dataset, or for the smallest sensor that holds this one."""
+    if args.network in IMAGE_NETWORKS:
+        return IMAGE_NETWORKS[args.network](classes)
     side = max(sensor_size)
-    return models.rgcnn("n-mnist" if side <= 34 else "cifar10-dvs" if side <= 128 else "asl-dvs", classes)
-
-
-def loader(dataset: Any, seed: int, first: int = 0, last: int = 1, *, shuffle: bool = False) -> DataLoader[Any]:
-    """Seeded batches of the epochs first..last."""
-    seeded = SeededDataset(dataset, seed)
-    seeded[0, 0]  # compiles the kernels once, before workers are forked
-    batches = SeededBatches(len(dataset), BATCH, first=first, last=last, shuffle=shuffle, seed=seed)
-    return DataLoader(seeded, batch_sampler=batches, num_workers=WORKERS, collate_fn=collate, persistent_workers=True)
-
-
-def train(model: Any, optimizer: Any, batches: Any, steps: int, device: str, title: str) -> dict[str, float]:
-    """One pass over the training set: mean loss and accuracy."""
-    model.train()
-    loss_sum = right = seen = 0.0
-    for _ in tqdm(range(steps), title, leave=False, disable=None):
-        graphs, targets = next(batches)
-        targets = targets.to(device)
-        scores = model(graphs.to(device))
-        loss = cross_entropy(scores, targets)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        loss_sum += loss.item() * len(targets)
-        right += (scores.argmax(1) == targets).sum().item()
-        seen += len(targets)
-    return {"loss": loss_sum / seen, "train_accuracy": right / seen}
-
-
-@torch.no_grad()
-def accuracies(model: Any, batches: DataLoader[Any], windows: int, device: str) -> tuple[float, float]:
-    """Accuracy of one window (mean over all), and of the `windows` windows of a recording together.
-
-    A vote adds up log-probabilities. The batches hold every recording once, then again, and so on.
-    """
-    model.eval()
-    outputs = [(model(graphs.to(device)).log_softmax(1).cpu(), targets) for graphs, targets in batches]
-    scores = torch.stack(torch.cat([score for score, _ in outputs]).chunk(windows))
-    targets = torch.cat([target for _, target in outputs]).chunk(windows)[0]
-    single = (scores.argmax(2) == targets).double().mean().item()
-    return single, (scores.sum(0).argmax(1) == targets).double().mean().item()
-
-
-def resume(args: argparse.Namespace, parts: dict[str, Any], epochs: int) -> int:
-    """Load the checkpoint if asked to, and cut the log to it; the number of epochs done."""
-    log, checkpoint = args.out / "log.jsonl", args.out / "checkpoint.pt"
-    done = 0
-    if args.resume and checkpoint.exists():
-        state = torch.load(checkpoint, map_location=args.device, weights_only=True)
-        if state["epochs"] != epochs:
-            raise SystemExit(f"{checkpoint} belongs to a run of {state['epochs']} epochs, not {epochs}")
-        for name, part in parts.items():
-            part.load_state_dict(state[name])
-        done = state["epoch"]
-    kept = log.read_text().splitlines(keepends=True)[:done] if done else []
-    with atomic(log) as temporary:
-        temporary.write_text("".join(kept))
-    return done
-
-
-def save(args: argparse.Namespace, parts: dict[str, Any], epoch: int, epochs: int, line: dict[str, Any]) -> None:
-    """Write the epoch's line and its checkpoint."""
-    with (args.out / "log.jsonl").open("a") as log:
-        log.write(json.dumps(line) + "\n")
-    with atomic(args.out / "checkpoint.pt") as temporary:
-        torch.save(
-            {"epoch": epoch, "epochs": epochs, **{name: part.state_dict() for name, part in parts.items()}}, temporary
-        )
+    nearest = "n-mnist" if side <= 34 else "cifar10-dvs" if side <= 128 else "asl-dvs"
+    name = args.dataset if args.dataset in models.CONFIGURATIONS else nearest
+    settings = dict(models.CONFIGURATIONS[name]) | {"num_classes": classes, "kernel_size": args.kernel_size}
+    if args.depth:
+        settings |= {"sensor_size": (240, 180), "hidden": 1024} | models.DEPTHS[args.depth]
+    if args.network == "rgcnn":
+        return models.RGCNN(**settings)
+    return models.GCNN(**settings, convolution=args.convolution)
 
 
 if __name__ == "__main__":

@@ -124,8 +124,11 @@ class ASLANDVS(Upright):
     def recordings(self, index: int) -> tuple[Recording, Recording]:
         """The two recordings of a pair, opened but not decoded."""
         pair: Any = self.samples[index]
-        a, b = (self._view(self.source.open(name, self.sensor_size)) for name in (pair.a, pair.b))
-        return a, b
+        return self.named(pair.a), self.named(pair.b)
+
+    def named(self, name: str) -> Recording:
+        """A recording by its path below the root, opened but not decoded."""
+        return self._view(self.source.open(name, self.sensor_size))
 
     def __getitem__(self, index: int) -> tuple[Any, Any]:
         change = self.transform or Recording.read

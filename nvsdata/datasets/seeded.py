@@ -40,19 +40,35 @@ class SeededBatches(Sampler[list[Key]]):
     `size` is the number of samples; with `shuffle`, each epoch has its own order, drawn from
     `seed`. The last batch of an epoch may be smaller. As epochs follow without a break, workers
     fetch the next one while this one ends.
+
+    `part` is (rank, count): of each batch, this process of so many has its share, in order of rank. A process for
+    which nothing is left of a last batch has no such batch.
     """
 
     def __init__(
-        self, size: int, batch_size: int, *, first: int = 0, last: int = 1, shuffle: bool = False, seed: int = 0
+        self,
+        size: int,
+        batch_size: int,
+        *,
+        first: int = 0,
+        last: int = 1,
+        shuffle: bool = False,
+        seed: int = 0,
+        part: tuple[int, int] = (0, 1),
     ) -> None:
         self.size, self.batch_size = size, batch_size
         self.first, self.last = first, last
         self.shuffle, self.seed = shuffle, seed
+        self.rank, self.count = part
 
     @property
     def batches(self) -> int:
         """Batches an epoch."""
-        return -(-self.size // self.batch_size)
+        shares = self._share(torch.arange(self.batch_size)), self._share(torch.arange(self.size % self.batch_size))
+        return (self.size // self.batch_size) * bool(len(shares[0])) + bool(len(shares[1]))
+
+    def _share(self, batch: torch.Tensor) -> torch.Tensor:
+        return batch.tensor_split(self.count)[self.rank]
 
     def __len__(self) -> int:
         return self.batches * (self.last - self.first)
@@ -62,4 +78,5 @@ class SeededBatches(Sampler[list[Key]]):
             generator = torch.Generator().manual_seed(self.seed * 1_000_003 + epoch)
             order = torch.randperm(self.size, generator=generator) if self.shuffle else torch.arange(self.size)
             for batch in torch.split(order, self.batch_size):
-                yield [(epoch, index) for index in batch.tolist()]
+                if share := self._share(batch).tolist():
+                    yield [(epoch, index) for index in share]

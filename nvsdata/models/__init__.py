@@ -12,21 +12,26 @@ from typing import Any, Literal
 from nvsdata.models import reference
 from nvsdata.models.checkpoint import Trained, load, save
 from nvsdata.models.complexity import Complexity, complexity
+from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.rgcnn import GCNN, RGCNN
 from nvsdata.models.rgcnn3d import RGCNN3D
 from nvsdata.models.spline import SplineConv
+from nvsdata.models.temporal import TEMPORAL
 from nvsdata.models.zoo import NETWORKS
 
 __all__ = [
     "CONFIGURATIONS",
     "CONFIGURATIONS_3D",
+    "CONVOLUTIONS",
+    "DEPTHS",
     "GCNN",
     "NETWORKS",
     "RGCNN",
     "RGCNN3D",
+    "TEMPORAL",
     "BatchNorm",
     "Complexity",
     "Graph2Grid",
@@ -56,6 +61,15 @@ CONFIGURATIONS: dict[str, dict[str, Any]] = {
     "asl-dvs": {**_DAVIS240, "num_classes": 24},
 }
 
+
+# Table 4.4, for 240x180 and FC(1024)
+DEPTHS: dict[int, dict[str, Any]] = {
+    2: {"channels": (128, 256), "clusters": ((16, 12), (60, 45))},
+    3: {"channels": (64, 128, 256), "clusters": ((8, 6), (16, 12), (60, 45))},
+    4: {"channels": (64, 128, 256, 512), "clusters": ((4, 3), (16, 12), (30, 23), (60, 45))},
+    5: {"channels": (64, 128, 256, 512, 512), "clusters": ((4, 3), (8, 6), (16, 12), (30, 23), (60, 45))},
+    6: {"channels": (64, 128, 256, 512, 512, 512), "clusters": ((2, 2), (4, 3), (8, 6), (16, 12), (30, 23), (60, 45))},
+}
 
 # section 5.3.1
 _ACTIONS240: dict[str, Any] = {

@@ -1,14 +1,16 @@
 """Augmentation of graphs (thesis 4.4.2) and, before there is a graph, of events.
 
 Of a graph, node positions move, edges stay and pseudo-coordinates follow; nodes may leave the
-sensor, and pooling counts them to the cells of its border. Events move to whole pixels, and those
-that leave the sensor are dropped.
+sensor, and pooling counts them to the cells of its border. A sequence of graphs moves as one. Events
+move to whole pixels, and those that leave the sensor are dropped.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -17,6 +19,8 @@ from nvsdata.checks import not_negative, positive, probability
 from nvsdata.events import Columns, Events, Recording, as_events
 from nvsdata.graph import Graph
 from nvsdata.transforms.draws import uniform
+
+Graphs = TypeVar("Graphs", Graph, Sequence[Graph])
 
 
 @dataclass(frozen=True)
@@ -32,8 +36,10 @@ class RandomScale:
         if self.high < self.low:
             raise ValueError(f"high must be at least low, not {self.high} < {self.low}")
 
-    def __call__(self, graph: Graph) -> Graph:
-        return scale(graph, uniform(self.low, self.high))
+    def __call__(self, graphs: Graphs) -> Graphs:
+        factor = uniform(self.low, self.high)
+        moved: Graphs = alike(graphs, lambda graph: scale(graph, factor))
+        return moved
 
 
 @dataclass(frozen=True)
@@ -48,8 +54,9 @@ class RandomFlip:
             raise ValueError(f"axis must be 0 or 1, not {self.axis}")
         probability("p", self.p)
 
-    def __call__(self, graph: Graph) -> Graph:
-        return flip(graph, self.axis) if uniform(0, 1) < self.p else graph
+    def __call__(self, graphs: Graphs) -> Graphs:
+        mirrored: Graphs = alike(graphs, lambda graph: flip(graph, self.axis)) if uniform(0, 1) < self.p else graphs
+        return mirrored
 
 
 @dataclass(frozen=True)
@@ -61,8 +68,10 @@ class RandomRotate:
     def __post_init__(self) -> None:
         not_negative("degrees", self.degrees)
 
-    def __call__(self, graph: Graph) -> Graph:
-        return rotate(graph, uniform(-self.degrees, self.degrees))
+    def __call__(self, graphs: Graphs) -> Graphs:
+        degrees = uniform(-self.degrees, self.degrees)
+        moved: Graphs = alike(graphs, lambda graph: rotate(graph, degrees))
+        return moved
 
 
 @dataclass(frozen=True)
@@ -74,8 +83,10 @@ class RandomShift:
     def __post_init__(self) -> None:
         not_negative("pixels", self.pixels)
 
-    def __call__(self, graph: Graph) -> Graph:
-        return shift(graph, uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels))
+    def __call__(self, graphs: Graphs) -> Graphs:
+        dx, dy = uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels)
+        moved: Graphs = alike(graphs, lambda graph: shift(graph, dx, dy))
+        return moved
 
 
 @dataclass(frozen=True)
@@ -114,6 +125,11 @@ def affine(
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])
     return Events.trusted(columns, events.sensor_size, events.start)
+
+
+def alike(graphs: Any, change: Callable[[Graph], Graph]) -> Any:
+    """`change` of a graph, or of each of a sequence of graphs."""
+    return change(graphs) if isinstance(graphs, Graph) else [change(graph) for graph in graphs]
 
 
 def scale(graph: Graph, factor: float) -> Graph:

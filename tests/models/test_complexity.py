@@ -9,13 +9,6 @@ from nvsdata import transforms as T
 from nvsdata.models import GCNN, RGCNN, SplineConv, complexity
 
 D240 = {"sensor_size": (240, 180), "hidden": 1024}
-DEPTHS = {
-    2: ((128, 256), ((16, 12), (60, 45)), 5.53),
-    3: ((64, 128, 256), ((8, 6), (16, 12), (60, 45)), 6.31),
-    4: ((64, 128, 256, 512), ((4, 3), (16, 12), (30, 23), (60, 45)), 18.81),
-    5: ((64, 128, 256, 512, 512), ((4, 3), (8, 6), (16, 12), (30, 23), (60, 45)), 43.81),
-    6: ((64, 128, 256, 512, 512, 512), ((2, 2), (4, 3), (8, 6), (16, 12), (30, 23), (60, 45)), 68.81),
-}
 
 
 def graph(sensor_size=(240, 180)):
@@ -24,17 +17,16 @@ def graph(sensor_size=(240, 180)):
     return T.radius_graph(Events([0, 100, 200, 300, 400], x, [20] * 5, [0, 1, 1, 0, 1], sensor_size))
 
 
-@pytest.mark.parametrize("depth", DEPTHS)
-def test_sizes_of_table_4_4(depth):
-    channels, clusters, size = DEPTHS[depth]
-    model = GCNN(101, channels=channels, clusters=clusters, **D240)
+@pytest.mark.parametrize(("depth", "size"), [(2, 5.53), (3, 6.31), (4, 18.81), (5, 43.81), (6, 68.81)])
+def test_sizes_of_table_4_4(depth, size):
+    model = GCNN(101, **models.DEPTHS[depth], **D240)
+    assert len(models.DEPTHS[depth]["channels"]) == depth
     assert complexity(model, graph()).size == pytest.approx(size, abs=0.03)
 
 
 @pytest.mark.parametrize(("kernel_size", "size"), [(2, 5.02), (3, 8.30), (4, 12.90), (5, 18.81), (6, 26.02)])
 def test_sizes_of_table_4_5(kernel_size, size):
-    channels, clusters, _ = DEPTHS[4]
-    model = GCNN(101, channels=channels, clusters=clusters, kernel_size=kernel_size, **D240)
+    model = GCNN(101, **models.DEPTHS[4], kernel_size=kernel_size, **D240)
     assert complexity(model, graph()).size == pytest.approx(size, abs=0.03)
 
 

@@ -45,6 +45,8 @@ class C3D(Classifier):
 class MotionVector3D(Classifier):
     """The 3D CNN of section 3.5.1, for long volumes of few pixels: [B, in_channels, frames, size, size], 160 x 24 x 24.
 
+    Of one channel, [B, frames, size, size] will do.
+
     Convolutions of 3x3x3 with a pooling of 2x2x2 each, two hidden layers with dropout, parametric ReLUs throughout. The
     thesis refers to the paper for the widths; those here are ours, of the order of weights that it states, a
     third of an optical-flow network's. ValueError for volumes of another size.
@@ -81,6 +83,8 @@ class MotionVector3D(Classifier):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Class scores (logits) [B, num_classes]."""
+        if x.ndim == 4 and self.in_channels == 1:
+            x = x.unsqueeze(1)
         if x.shape[2:] != self.shape:
             raise ValueError(f"the network takes volumes of {list(self.shape)} (T, H, W), not {list(x.shape[2:])}")
         scores: torch.Tensor = self.classify(self.features(x).flatten(1))

@@ -1,0 +1,118 @@
+"""How networks learn actions and scenes (thesis section 5.3.1): their input, their settings, their optimisation."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from torch import nn
+
+from nvsdata import models
+from nvsdata import transforms as T
+from nvsdata.training import Team, Trainer, adam, sgd
+
+T_VOL = 33_333  # µs, 1/30 s
+# 3D CNNs take frames whose smaller side has so many pixels, of which a square of so many
+FRAME_NETWORKS: dict[str, tuple[type[nn.Module], int, int]] = {
+    "c3d": (models.reference.C3D, 128, 112),
+    "i3d": (models.reference.I3D, 256, 224),
+    "resnet3d": (models.reference.ResNet3D, 128, 112),
+    "p3d": (models.reference.P3D, 178, 160),
+    "r2plus1d": (models.reference.R2Plus1D, 128, 112),
+    "resnext3d": (models.reference.ResNeXt3D, 128, 112),
+}
+POINT_NETWORKS: dict[str, type[nn.Module]] = {
+    "pointnet": models.reference.PointNet,
+    "pointnet++": models.reference.PointNet2,
+    "lstm": models.reference.LSTM,
+}
+NETWORKS = ("rgcnn3d", *FRAME_NETWORKS, *POINT_NETWORKS)
+
+
+@dataclass(frozen=True)
+class Actions:
+    """The protocol of section 5.3.1 for one of `NETWORKS`.
+
+    `graphs` is S, the number of graphs or frames a sample, 8 or 16; `duration` µs of each recording serve, all of it if
+    None; `events` is how many a sample of PointNet, PointNet++ and LSTM has; `flip`, whether
+    left-right flips augment. ValueError for an unknown network.
+    """
+
+    network: str = "rgcnn3d"
+    temporal: str = "residual"
+    graphs: int = 8
+    duration: int | None = None
+    events: int = 1024
+    flip: bool = True
+
+    def __post_init__(self) -> None:
+        if self.network not in NETWORKS:
+            raise ValueError(f"network must be one of {NETWORKS}, not {self.network!r}")
+
+    @staticmethod
+    def flags(parser: argparse.ArgumentParser) -> None:
+        """Add the flags that say what is trained, and how."""
+        add = parser.add_argument
+        add("--network", choices=NETWORKS, default="rgcnn3d")
+        add("--temporal", choices=models.TEMPORAL, default="residual", help="3D CNN of rgcnn3d")
+        add("--graphs", type=int, choices=(8, 16), default=8, help="S: graphs, or frames, a sample (default 8)")
+        add("--duration", type=int, help="µs of a recording, at a random place (default: all of it)")
+        add("--events", type=int, default=1024, help="events a sample of pointnet, pointnet++ and lstm (default 1024)")
+        add("--epochs", type=int, default=150)
+        add("--batch", type=int, help="samples a step, over all processes (default 32 for 8 graphs, 16 for 16)")
+        add("--seed", type=int, default=0)
+        add("--device", help="default: a GPU if there is one, else cpu")
+        add("--resume", action="store_true", help="go on from what is in OUT")
+
+    @classmethod
+    def of(cls, args: argparse.Namespace, *, flip: bool = True) -> Self:
+        """As the flags say; sets the default batch in `args`."""
+        args.batch = args.batch or {8: 32, 16: 16}[args.graphs]
+        return cls(args.network, args.temporal, args.graphs, args.duration, args.events, flip)
+
+    def pipeline(self, *, training: bool) -> T.Compose:
+        """From a recording to what the network takes, augmented for training.
+
+        S windows of 1/30 s of S equal parts, and of each a graph in which every node hears its nearest, scaled by a
+        factor from (0.8, 1); or a frame of ON and OFF counts, scaled and cropped.
+        """
+        cut = [T.RandomWindow(self.duration)] if self.duration else []
+        if self.network in POINT_NETWORKS:
+            return T.Compose([*cut, T.Points(self.events)])
+        flip = training and self.flip
+        volumes = T.Volumes(self.graphs, T_VOL)
+        if self.network in FRAME_NETWORKS:
+            _, side, square = FRAME_NETWORKS[self.network]
+            crop = T.RandomCrop(square) if training else T.CentreCrop(square)
+            mirror = [T.RandomMirror()] if flip else []
+            return T.Compose([*cut, volumes, T.EventImage(), T.Normalise(), T.Resize(side), crop, *mirror])
+        graphs = T.Each(T.Compose([T.NonUniformSample(8), T.NearestGraph()]))
+        augment = [T.RandomScale(0.8, 1.0)] if training else []
+        return T.Compose([*cut, volumes, graphs, *augment, *([T.RandomFlip(0)] if flip else [])])
+
+    def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
+        """The network; RG-CNN in the configuration for 128x128 if that holds the sensor, else for 240x180."""
+        if self.network in FRAME_NETWORKS:
+            return FRAME_NETWORKS[self.network][0](classes)
+        if self.network in POINT_NETWORKS:
+            return POINT_NETWORKS[self.network](classes)
+        name = "dvs128-gesture" if max(sensor_size) <= 128 else "ucf101-dvs"
+        return models.RGCNN3D(**models.CONFIGURATIONS_3D[name] | {"temporal": self.temporal, "num_classes": classes})
+
+    def trainer(
+        self, args: argparse.Namespace, sensor_size: tuple[int, int], classes: int, here: Team, out: Path
+    ) -> Trainer:
+        """A network, and what trains it as the flags say, in `out`."""
+        model = self.build(sensor_size, classes).to(here.device)
+        optimisation = self.optimisation(model, args.epochs)
+        run = {"epochs": args.epochs, "batch": args.batch, "seed": args.seed, "resume": args.resume}
+        return Trainer(model, *optimisation, out, team=here, **run)
+
+    def optimisation(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
+        """Optimizer and schedule: Adam, or for 3D CNNs gradient descent from 0.01, tenfold less every 50 epochs.
+
+        The thesis says nothing of networks of points; they are trained by Adam too.
+        """
+        return sgd(model, 0.01, 50, epochs) if self.network in FRAME_NETWORKS else adam(model, epochs, (60, 100))

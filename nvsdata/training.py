@@ -1,0 +1,295 @@
+"""What the training recipes share: epochs that log, checkpoint and resume, alone or in several processes.
+
+Every draw depends on the seed, the epoch and the sample, so a resumed run is the same as one that wasn't
+stopped, and processes that share the batches (torchrun) train as one process does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import distributed, nn
+from torch.nn.functional import cross_entropy
+from torch.nn.parallel import DistributedDataParallel
+from torch.utils.data import DataLoader, Subset
+from tqdm import tqdm
+
+from nvsdata import models
+from nvsdata.batching import collate
+from nvsdata.datasets import DATASETS, SeededBatches, SeededDataset, stratified
+from nvsdata.files import atomic
+from nvsdata.models.shared import total
+
+
+@dataclass(frozen=True)
+class Team:
+    """The processes that train together, seen from one of them. Rank 0 writes and prints."""
+
+    device: torch.device
+    rank: int = 0
+    count: int = 1
+
+    @property
+    def workers(self) -> int:
+        """Processes that prepare samples; they and torch's threads share the cores."""
+        return max(1, min(4, (os.cpu_count() or 2) // (2 * self.count)))
+
+    def say(self, text: str) -> None:
+        """Print, once for all."""
+        if self.rank == 0:
+            print(text, flush=True)
+
+
+@contextmanager
+def team(device: str | None = None) -> Iterator[Team]:
+    """Join the processes that torchrun started, or be alone. Without `device` a GPU if there is one, else the CPU."""
+    name = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    count = int(os.environ.get("WORLD_SIZE", "1"))
+    if count == 1:
+        alone = Team(torch.device(name))
+        torch.set_num_threads(max(1, (os.cpu_count() or 2) - alone.workers))
+        yield alone
+        return
+    if name == "cuda":
+        name = f"cuda:{os.environ.get('LOCAL_RANK', '0')}"
+        torch.cuda.set_device(name)
+    distributed.init_process_group("nccl" if name.startswith("cuda") else "gloo")
+    try:
+        yield Team(torch.device(name), distributed.get_rank(), count)
+    finally:
+        distributed.destroy_process_group()
+
+
+def loader(
+    dataset: Any,
+    batch: int,
+    team: Team,
+    *,
+    seed: int = 0,
+    first: int = 0,
+    last: int = 1,
+    shuffle: bool = False,
+) -> DataLoader[Any]:
+    """This process's share of the seeded batches of the epochs first..last (excluded)."""
+    seeded = SeededDataset(dataset, seed)
+    seeded[0, 0]  # compiles the kernels once, before workers are forked
+    part = team.rank, team.count
+    batches = SeededBatches(len(dataset), batch, first=first, last=last, shuffle=shuffle, seed=seed, part=part)
+    return DataLoader(
+        seeded, batch_sampler=batches, num_workers=team.workers, collate_fn=collate, persistent_workers=True
+    )
+
+
+class Halves:
+    """A dataset's recordings for training and for testing.
+
+    By its own split; where it has none, a fifth of each class is held back, by `seed`.
+    """
+
+    def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0) -> None:
+        kind: Any = DATASETS[name]
+        self._build = partial(kind, root, fold=fold)
+        self._names = ("train", "test")
+        self._kept: list[int] | None = None
+        self._held: list[int] | None = None
+        try:
+            whole = self._build("train")
+            self._build("test")
+        except FileNotFoundError:
+            split = "all" if name == "folder" else "train"
+            whole = self._build(split)
+            self._names = (split, split)
+            self._kept, self._held = stratified(whole.targets, 0.2, seed=seed)
+        self.classes: list[str] = whole.classes
+        self.sensor_size: tuple[int, int] = whole.sensor_size or (240, 180)
+
+    def train(self, transform: Any) -> Any:
+        """The dataset to train on."""
+        whole = self._build(self._names[0], transform=transform)
+        return whole if self._kept is None else Subset(whole, self._kept)
+
+    def test(self, transform: Any) -> Any:
+        """The dataset to test on."""
+        whole = self._build(self._names[1], transform=transform)
+        return whole if self._held is None else Subset(whole, self._held)
+
+
+class Trainer:
+    """Trains a classifier by cross entropy, a JSON line an epoch in `out/log.jsonl` and its state in `checkpoint.pt`.
+
+    `schedule` steps once an epoch. `batch` counts over all processes. With `resume` it goes on from the checkpoint,
+    if there is one; `done` is the number of epochs so far. ValueError for a checkpoint of a run of other length.
+    """
+
+    def __init__(
+        self,
+        model: nn.Module,
+        optimizer: torch.optim.Optimizer,
+        schedule: Any,
+        out: Path,
+        *,
+        epochs: int,
+        batch: int,
+        team: Team,
+        seed: int = 0,
+        resume: bool = False,
+    ) -> None:
+        self.model, self.optimizer, self.schedule = model, optimizer, schedule
+        self.out, self.epochs, self.batch, self.seed, self.team = out, epochs, batch, seed, team
+        self.done = 0
+        out.mkdir(parents=True, exist_ok=True)
+        if resume and (out / "checkpoint.pt").exists():
+            self._restore(out / "checkpoint.pt")
+        if team.rank == 0:
+            self._cut_log()
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """What a checkpoint holds the state of."""
+        return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
+
+    def fit(self, train_set: Any, evaluate: Callable[[int], dict[str, Any]]) -> dict[str, Any]:
+        """Train on `train_set`, whose samples are `(input, target)`; the last epoch's line.
+
+        `evaluate` is given the number of epochs done, after each, and what it says goes into the line.
+        ValueError if the last batch of an epoch has fewer samples than there are processes.
+        """
+        left = len(train_set) % self.batch
+        if 0 < left < self.team.count or self.batch < self.team.count:
+            raise ValueError(f"the last batch has {left or self.batch} samples for {self.team.count} processes")
+        steps = -(-len(train_set) // self.batch)
+        batches: Iterator[Any] = iter(())
+        if self.done < self.epochs:
+            shared = loader(
+                train_set, self.batch, self.team, seed=self.seed, first=self.done, last=self.epochs, shuffle=True
+            )
+            batches = iter(shared)
+        model: nn.Module = self.model
+        if self.team.count > 1:
+            model = DistributedDataParallel(self.model, broadcast_buffers=False)
+        line = self._logged()
+        for epoch in range(self.done, self.epochs):
+            start = time.perf_counter()
+            line = {"epoch": epoch + 1, "learning_rate": self.schedule.get_last_lr()[0]}
+            # what dropout draws depends on the epoch alone, so that a resumed run draws the same
+            torch.manual_seed(self.seed * 1_000_003 + epoch)
+            line |= self._epoch(model, batches, steps, f"epoch {epoch + 1}/{self.epochs}")
+            self.schedule.step()
+            line["seconds"] = round(time.perf_counter() - start, 2)
+            line |= evaluate(epoch + 1)
+            self._save(epoch + 1, line)
+        return line
+
+    def publish(self, classes: list[str], transform: Any, metrics: dict[str, Any]) -> None:
+        """Keep the network in `out/model.safetensors`, for `models.load`."""
+        if self.team.rank == 0:
+            models.save(
+                self.model, self.out / "model.safetensors", classes=classes, transform=transform, metrics=metrics
+            )
+
+    def _epoch(self, model: nn.Module, batches: Iterator[Any], steps: int, title: str) -> dict[str, float]:
+        """One pass over the training set: mean loss and accuracy."""
+        model.train()
+        device = self.team.device
+        sums = torch.zeros(3, dtype=torch.float64, device=device)  # loss, right, seen
+        for _ in tqdm(range(steps), title, leave=False, disable=True if self.team.rank else None):
+            inputs, targets = next(batches)
+            inputs, targets = inputs.to(device), targets.to(device)
+            scores = model(inputs)
+            loss = cross_entropy(scores, targets, reduction="sum")
+            # gradients are averaged over the processes: of a sum, times their number, over the whole batch
+            count = total(torch.tensor(float(len(targets)), device=device))
+            self.optimizer.zero_grad()
+            (loss * (self.team.count / count)).backward()  # type: ignore[no-untyped-call]
+            self.optimizer.step()
+            right = (scores.argmax(1) == targets).sum()
+            sums += torch.stack((loss.detach().double(), right.double(), sums.new_tensor(len(targets))))
+        loss_sum, right, seen = total(sums).tolist()
+        return {"loss": loss_sum / seen, "train_accuracy": right / seen}
+
+    def _restore(self, checkpoint: Path) -> None:
+        state = torch.load(checkpoint, map_location=self.team.device, weights_only=True)
+        if state["epochs"] != self.epochs:
+            raise ValueError(f"{checkpoint} belongs to a run of {state['epochs']} epochs, not {self.epochs}")
+        for name, part in self.parts.items():
+            part.load_state_dict(state[name])
+        self.done = state["epoch"]
+
+    def _cut_log(self) -> None:
+        """Keep the lines of the epochs done: a run that was killed may have written one more."""
+        log = self.out / "log.jsonl"
+        kept = log.read_text().splitlines(keepends=True)[: self.done] if self.done else []
+        with atomic(log) as temporary:
+            temporary.write_text("".join(kept))
+
+    def _logged(self) -> dict[str, Any]:
+        """The last line of the log."""
+        lines = (self.out / "log.jsonl").read_text().splitlines() if self.done else []
+        return dict(json.loads(lines[self.done - 1])) if lines else {}
+
+    def _save(self, epoch: int, line: dict[str, Any]) -> None:
+        """Write and print the epoch's line, and its checkpoint."""
+        if self.team.rank:
+            return
+        with (self.out / "log.jsonl").open("a") as log:
+            log.write(json.dumps(line) + "\n")
+        with atomic(self.out / "checkpoint.pt") as temporary:
+            states = {name: part.state_dict() for name, part in self.parts.items()}
+            torch.save({"epoch": epoch, "epochs": self.epochs, **states}, temporary)
+        self.team.say(json.dumps(line))
+
+
+@torch.no_grad()
+def outputs(
+    model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], team: Team
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """What a model gives for all batches, in order: [N, ...] and targets [N], the same in all processes."""
+    if isinstance(model, nn.Module):
+        model.eval()
+    mine = [(model(inputs.to(team.device)).cpu(), targets) for inputs, targets in batches]
+    everyone: list[Any] = [mine]
+    if team.count > 1:
+        everyone = [None] * team.count
+        distributed.all_gather_object(everyone, mine)
+    # a batch's shares lie in order of rank; the last batch may have none for some
+    pairs = [pair for shares in zip_longest(*everyone) for pair in shares if pair is not None]
+    return torch.cat([given for given, _ in pairs]), torch.cat([targets for _, targets in pairs])
+
+
+def accuracies(
+    model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team
+) -> tuple[float, float]:
+    """Accuracy of one window (mean over all), and of the `windows` windows of a recording together.
+
+    A vote adds up log-probabilities. The batches hold every recording once, then again, and so on.
+    """
+    scores, targets = outputs(model, batches, team)
+    voters = torch.stack(scores.log_softmax(1).chunk(windows))
+    wanted = targets.chunk(windows)[0]
+    single = (voters.argmax(2) == wanted).double().mean().item()
+    return single, (voters.sum(0).argmax(1) == wanted).double().mean().item()
+
+
+def sgd(
+    model: nn.Module, rate: float, every: int, epochs: int, *, decay: float = 0.0
+) -> tuple[torch.optim.Optimizer, Any]:
+    """Gradient descent with momentum 0.9, its rate decayed tenfold `every` so many epochs, and weight decay."""
+    optimizer = torch.optim.SGD(model.parameters(), lr=rate, momentum=0.9, weight_decay=decay)
+    return optimizer, torch.optim.lr_scheduler.MultiStepLR(optimizer, list(range(every, epochs, every)))
+
+
+def adam(model: nn.Module, epochs: int, milestones: tuple[int, int]) -> tuple[torch.optim.Optimizer, Any]:
+    """Adam with a rate of 1e-3, decayed tenfold at `milestones` out of 150, stretched to `epochs`."""
+    optimizer = torch.optim.Adam(model.parameters(), lr=1e-3, fused=True)
+    at = [round(epochs * milestone / 150) for milestone in milestones]
+    return optimizer, torch.optim.lr_scheduler.MultiStepLR(optimizer, at)

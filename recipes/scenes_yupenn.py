@@ -1,0 +1,90 @@
+"""Recognise scenes, each recording by a network trained on all others (thesis section 5.3.3, Table 5.6).
+
+    python recipes/scenes_yupenn.py --root YUPENN-DVS --out runs/yupenn
+
+Leave one out: as many trainings as there are recordings (420 of YUPENN-DVS), by the protocol of `train_actions.py`.
+--folds FIRST LAST does recordings FIRST to LAST - 1 only, so that several machines can share the work. OUT receives a
+line a recording in `log.jsonl` and a folder with the log of each training; --resume goes on where it was
+stopped. Printed at the end: the accuracy, and the variance of the scenes' accuracies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from nvsdata.actions import Actions
+from nvsdata.datasets import YUPENNDVS
+from nvsdata.files import Journal
+from nvsdata.training import Team, loader, outputs, team
+
+
+def main() -> None:
+    args = arguments()
+    protocol = Actions.of(args)
+    everything = YUPENNDVS(args.root, "all")
+    first, last = args.folds or (0, len(everything))
+    args.out.mkdir(parents=True, exist_ok=True)
+    log = args.out / "log.jsonl"
+    if not args.resume:
+        log.unlink(missing_ok=True)
+    with team(args.device) as here, Journal(log, {"protocol": repr(protocol), "epochs": args.epochs}) as journal:
+        if journal.head.get("protocol") != repr(protocol):
+            raise SystemExit(f"{log} belongs to a run of {journal.head.get('protocol')}")
+        lines = list(journal.lines)
+        done = {line["fold"] for line in lines}
+        for fold in range(first, min(last, len(everything))):
+            if fold not in done:
+                lines.append(left_out(args, protocol, fold, here))
+                here.say(json.dumps(lines[-1]))
+                if here.rank == 0:
+                    journal.add(lines[-1])
+        here.say(json.dumps(summary(lines)))
+
+
+def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team) -> dict[str, Any]:
+    """Train on all recordings but one, and name the scene of that one."""
+    torch.manual_seed(args.seed)
+    train_set = YUPENNDVS(args.root, "train", fold=fold, transform=protocol.pipeline(training=True))
+    test_set = YUPENNDVS(args.root, "test", fold=fold, transform=protocol.pipeline(training=False))
+    trainer = protocol.trainer(args, (240, 180), len(train_set.classes), here, args.out / f"fold-{fold:03d}")
+    trainer.fit(train_set, lambda epoch: {})
+    scores, targets = outputs(trainer.model, loader(test_set, 1, here, seed=args.seed, last=args.votes), here)
+    named = int(scores.log_softmax(1).sum(0).argmax())
+    return {"fold": fold, "scene": train_set.classes[int(targets[0])], "named": train_set.classes[named]}
+
+
+def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
+    """Accuracy over all recordings; mean and variance of the scenes' accuracies."""
+    right = defaultdict(list)
+    for line in lines:
+        right[line["scene"]].append(line["scene"] == line["named"])
+    shares = [statistics.fmean(answers) for answers in right.values()]
+    return {
+        "recordings": len(lines),
+        "accuracy": statistics.fmean(line["scene"] == line["named"] for line in lines) if lines else None,
+        "mean_of_scenes": statistics.fmean(shares) if shares else None,
+        "variance_of_scenes": statistics.pvariance(shares) if shares else None,
+        "scenes": {scene: statistics.fmean(answers) for scene, answers in sorted(right.items())},
+    }
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("--root", required=True, type=Path, help="YUPENN-DVS, or what `nvsdata pack` made of it")
+    add("--out", required=True, type=Path, help="where logs and checkpoints go")
+    add("--folds", type=int, nargs=2, metavar=("FIRST", "LAST"), help="recordings to leave out (default: each)")
+    add("--votes", type=int, default=1, help="draws of the recording left out that vote (default 1)")
+    Actions.flags(parser)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
