@@ -187,9 +187,10 @@ class _SparseSplineConv(torch.autograd.Function):
         sums = x.new_zeros(row_node.size, x.shape[1])
         kernel.add_shares(sums.numpy(), entry_row, x.detach().contiguous().numpy(), entry_source, share)
         buffer = _buffer(x, starts, weight.shape[2])
+        onto, products = out.numpy(), buffer.numpy()
         for cell, a, b in _occupied(starts):
-            products = torch.mm(sums[a:b], weight[cell], out=buffer[: b - a])
-            kernel.add_rows(out.numpy(), row_node[a:b], products.numpy())
+            torch.mm(sums[a:b], weight[cell], out=buffer[: b - a])
+            kernel.add_rows(onto, row_node[a:b], products[: b - a])
         ctx.mark_dirty(out)
         ctx.save_for_backward(sums, weight)
         ctx.plan = plan
