@@ -69,8 +69,12 @@ class SplineConv(nn.Module):
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor) -> torch.Tensor:
         """Convolve `x` [N, in_channels] over `edge_index` int64 [2, E] with `edge_attr` [E, 2] in [0, 1].
 
-        Returns [N, out_channels]. `edge_attr` gets no gradient.
+        Returns [N, out_channels]. `edge_attr` gets no gradient. On the CPU autocast leaves it in its own precision.
         """
+        if x.device.type == "cpu" and torch.is_autocast_enabled("cpu"):
+            # numba knows no bfloat16
+            with torch.autocast("cpu", enabled=False):
+                return self.forward(x.to(self.weight.dtype), edge_index, edge_attr)
         out = _local(x, self.root, self.bias, self.out_channels)
         return spline_conv(out, x, edge_index, edge_attr, self.weight, self.kernel_size)
 
@@ -93,7 +97,7 @@ def spline_conv(
     weight: torch.Tensor,
     kernel_size: int,
 ) -> torch.Tensor:
-    """Add the sum of `SplineConv` to `out` [N, out_channels], in place; numba on the CPU, else torch."""
+    """`out` [N, out_channels] and the sum of `SplineConv`; numba, and in place, on the CPU, else torch."""
     if x.device.type != "cpu":
         return spline_conv_torch(out, x, edge_index, edge_attr, weight, kernel_size)
     dense = kernel_size == 1 or kernel_size**2 * x.shape[1] <= DENSE
@@ -125,7 +129,7 @@ def spline_conv_torch(
             share = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
             cell = lower[:, 0] + a + size * (lower[:, 1] + b)
             sums = sums.index_add(0, target * size**2 + cell, share.unsqueeze(1) * gathered)
-    return out.addmm_(sums.view(nodes, size**2 * x.shape[1]), weight.reshape(-1, weight.shape[2]))
+    return torch.addmm(out, sums.view(nodes, size**2 * x.shape[1]), weight.reshape(-1, weight.shape[2]))
 
 
 class _DenseSplineConv(torch.autograd.Function):

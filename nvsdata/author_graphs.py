@@ -1,0 +1,65 @@
+"""Graphs as the thesis's author released them, in MATLAB files."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import scipy.io
+import torch
+
+from nvsdata.errors import FormatError
+from nvsdata.graph import Graph, grouped, pseudo
+
+# sensor and reach: of CIFAR10-DVS, radius graphs; of UCF101-DVS, nearest neighbours as `T.NearestGraph` has them
+RADIUS, NEAREST = ((128, 128), (3.0, 3.0)), ((240, 180), (8.0, 8.0))
+
+
+def read_author_graphs(path: str | os.PathLike[str]) -> list[Graph]:
+    """The graph of a CIFAR10-DVS file, or the S graphs of a UCF101-DVS file, as a list.
+
+    The former have `feature` [N, 1], `pseudo` [N, 2] (pixels), `edge` [2, E] and `label`, which becomes `y`; the
+    latter a struct `graph` [1, S] of `feature` [N, 2], `pos` [N, 2] counted from 1, and `edge` [2, N]. The first
+    row of edges is the node that hears, the second the one that is heard. There are no times: `t` is 0.
+
+    FormatError for a file that is neither.
+    """
+    try:
+        found = scipy.io.loadmat(path)
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # scipy raises whatever a damaged file leads it to
+        raise FormatError(path, None, f"can't be read as MATLAB v5: {error!r}") from None
+    if {"feature", "pseudo", "edge"} <= found.keys():
+        label = int(found["label"].ravel()[0]) if "label" in found else None
+        return [_graph(path, found["feature"], found["pseudo"], found["edge"], *RADIUS, y=label)]
+    if "graph" in found and {"feature", "pos", "edge"} <= set(found["graph"].dtype.names or ()):
+        each = found["graph"].ravel()
+        return [_graph(path, g["feature"], g["pos"].astype(np.float32) - 1, g["edge"], *NEAREST) for g in each]
+    names = [name for name in found if not name.startswith("__")]
+    raise FormatError(path, None, f"holds neither feature, pseudo and edge nor such a graph, but {names}")
+
+
+def _graph(
+    path: Any,
+    feature: Any,
+    pos: Any,
+    edge: Any,
+    sensor_size: tuple[int, int],
+    reach: tuple[float, float],
+    y: Any = None,
+) -> Graph:
+    if feature.ndim != 2 or pos.shape != (len(feature), 2) or edge.ndim != 2 or len(edge) != 2:
+        shapes = f"feature {feature.shape}, positions {pos.shape} and edges {edge.shape}"
+        raise FormatError(path, None, f"has {shapes}, not [N, F], [N, 2] and [2, E]")
+    places = torch.from_numpy(pos.astype(np.float32))
+    heard = torch.from_numpy(edge[::-1].astype(np.int64))
+    try:
+        source, target, _ = grouped(heard, torch.zeros(heard.shape[1], 2), len(pos))
+    except ValueError as error:
+        raise FormatError(path, None, str(error)) from None
+    edges = torch.stack((source, target))
+    x = torch.from_numpy(feature.astype(np.float32))
+    t = torch.zeros(len(x), dtype=torch.int64)
+    return Graph(x, places, t, edges, pseudo(places, edges, reach), y, sensor_size, reach)

@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+import scipy.io
+import torch
+from conftest import SHARED
+from torch.nn.functional import cross_entropy
+
+from nvsdata import FormatError, GraphBatch, models
+from nvsdata.author_graphs import read_author_graphs
+
+FOLDER = SHARED / "author_graphs"
+
+
+def released(path, **variables):
+    scipy.io.savemat(path, variables)
+    return path
+
+
+def test_a_radius_graph(tmp_path):
+    path = released(
+        tmp_path / "a.mat",
+        feature=np.array([[1], [-1], [1]], np.float32),
+        pseudo=np.array([[0, 0], [2, 1], [127, 127]], np.float32),
+        edge=np.array([[1, 0], [0, 1]], np.uint16),
+        label=np.uint8([[7]]),
+    )
+    (graph,) = read_author_graphs(path)
+    assert graph.x.flatten().tolist() == [1, -1, 1]
+    assert graph.pos.tolist() == [[0, 0], [2, 1], [127, 127]]
+    assert graph.edge_index.tolist() == [[1, 0], [0, 1]]
+    assert torch.allclose(graph.edge_attr, torch.tensor([[2 / 3, 1 / 3]] * 2))
+    assert (graph.y, graph.sensor_size) == (7, (128, 128))
+
+
+def test_a_sequence_of_nearest_neighbours(tmp_path):
+    graphs = np.empty((1, 2), [("feature", "O"), ("pos", "O"), ("edge", "O")])
+    for n in range(2):
+        # the third node hears the first
+        graphs[0, n] = (
+            np.ones((3, 2)),
+            np.array([[1, 1], [3, 2], [240, 180]]),
+            np.array([[2, 0, 1], [0, 1, 0]], np.uint8),
+        )
+    first, second = read_author_graphs(released(tmp_path / "a.mat", graph=graphs, No=2))
+    assert first.pos.tolist() == [[0, 0], [2, 1], [239, 179]]
+    assert first.edge_index.tolist() == [[1, 0, 0], [0, 1, 2]]
+    assert first.sensor_size == second.sensor_size == (240, 180)
+
+
+def test_what_is_no_such_file_is_refused(tmp_path):
+    with pytest.raises(FormatError, match="but \\['events'\\]"):
+        read_author_graphs(released(tmp_path / "a.mat", events=np.zeros(3)))
+    good = {"feature": np.ones((2, 1)), "pseudo": np.ones((2, 2)), "edge": np.array([[0, 1], [1, 0]])}
+    with pytest.raises(FormatError, match="names nodes from 0 to 5; there are 2"):
+        read_author_graphs(released(tmp_path / "b.mat", **good | {"edge": np.array([[0, 5], [1, 0]])}))
+    with pytest.raises(FormatError, match=r"not \[N, F\]"):
+        read_author_graphs(released(tmp_path / "c.mat", **good | {"pseudo": np.ones((3, 2))}))
+    whole = released(tmp_path / "d.mat", **good).read_bytes()
+    (tmp_path / "e.mat").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FormatError, match=r"e\.mat"):
+        read_author_graphs(tmp_path / "e.mat")
+
+
+def overfitted(model, batch, targets, steps):
+    """Share of the training samples that are told right in the end."""
+    optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
+    model.train()
+    for _ in range(steps):
+        loss = cross_entropy(model(batch), targets)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    return loss.item(), (model.eval()(batch).argmax(1) == targets).double().mean().item()
+
+
+@pytest.mark.skipif(not FOLDER.is_dir(), reason="no released graphs here")
+def test_released_graphs_of_objects_can_be_learnt():
+    graphs = [read_author_graphs(path)[0] for path in sorted((FOLDER / "cifar10-dvs").glob("*.mat"))]
+    assert all(g.num_nodes > 100 and g.pos.max() < 128 and g.edge_attr.max() <= 1 for g in graphs)
+    model = models.rgcnn("cifar10-dvs")
+    model.dropout.p = 0.0
+    targets = torch.tensor([g.y for g in graphs])
+    loss, right = overfitted(model, GraphBatch.from_graphs(graphs), targets, 12)
+    assert right == 1
+    assert loss < 0.1
+
+
+@pytest.mark.skipif(not FOLDER.is_dir(), reason="no released graphs here")
+def test_released_graphs_of_actions_can_be_learnt():
+    recordings = [read_author_graphs(path) for path in sorted((FOLDER / "ucf101-dvs").glob("*.mat"))]
+    assert all(g.x.shape[1] == 2 and g.pos.min() >= 0 for graphs in recordings for g in graphs)
+    sequences = [[graphs[n * len(graphs) // 8] for n in range(8)] for graphs in recordings]
+    batch = GraphBatch.from_graphs([graph for sequence in sequences for graph in sequence], volumes=8)
+    # all are of one class: the network is to tell the recordings apart
+    small = {"channels": (8, 16, 32), "clusters": ((4, 3), (12, 9), (48, 36))}
+    loss, right = overfitted(models.RGCNN3D(3, in_channels=2, **small), batch, torch.arange(3), 9)
+    assert right == 1
+    assert loss < 0.1
