@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import runpy
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import torch
 from hypothesis import HealthCheck, settings
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
+RECIPES = Path(__file__).parents[1] / "recipes"
 
 settings.register_profile(
     "suite",
@@ -74,3 +77,15 @@ def atis_bytes(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> by
     for ti, xi, yi, pi in zip(t.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True):
         out += bytes([xi, yi, pi << 7 | ti >> 16, ti >> 8 & 0xFF, ti & 0xFF])
     return bytes(out)
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Runs a recipe in this process, which saves starting torch anew, and gives what it printed."""
+
+    def run(recipe, *arguments):
+        monkeypatch.setattr(sys, "argv", [recipe, *map(str, arguments)])
+        runpy.run_path(str(RECIPES / recipe), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
