@@ -242,12 +242,12 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
 def test_ctrl_c_ends_all_processes_at_once(videos, tmp_path):
     """As a terminal sends it: to the whole group. What is in hand is given up, not half-written."""
     for i in range(2):
-        write_video(videos / f"long/{i}.avi", moving_square(800, (320, 240), i))
+        write_video(videos / f"long/{i}.avi", moving_square(1200, (320, 240), i))
     out = tmp_path / "out"
     command = [sys.executable, "-m", "nvsdata", "convert-videos", videos, "--out", out, "--jobs", "2"]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not list(out.rglob(".*.part")):
+    while not list((out / "long").rglob(".*.part")):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)

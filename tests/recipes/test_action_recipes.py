@@ -42,10 +42,10 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
         "--temporal",
         "plain",
     )
-    common = (*common, "--device", "cpu", "--epochs", 2)
+    common = (*common, "--device", "cpu", "--epochs", 1)
     assert "3 recordings to train on, 3 to test on" in run("train_actions.py", *common, "--out", tmp_path / "a")
     log = lines(tmp_path / "a")
-    assert [line["epoch"] for line in log] == [1, 2]
+    assert [line["epoch"] for line in log] == [1]
     assert 0 <= log[-1]["test_accuracy_votes"] <= 1
 
     trained = models.load(tmp_path / "a" / "model.safetensors")
@@ -59,7 +59,7 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
     before = timeless(log)
     run("train_actions.py", *common, "--out", tmp_path / "a", "--resume")
     assert timeless(lines(tmp_path / "a")) == before
-    with pytest.raises(ValueError, match="belongs to a run of 2 epochs, not 3"):
+    with pytest.raises(ValueError, match="belongs to a run of 1 epochs, not 3"):
         run("train_actions.py", *common[:-1], 3, "--out", tmp_path / "a", "--resume")
 
 
@@ -72,7 +72,8 @@ def test_reference_networks_are_trained(run, gestures, tmp_path, network):
 
 def test_scenes_are_left_out_one_by_one(run, tmp_path):
     root = trees.put(tmp_path / "yupenn", trees.yupenndvs())
-    common = ("--root", root, "--out", tmp_path / "out", "--temporal", "plain", "--epochs", 1, "--device", "cpu")
+    common = ("--root", root, "--out", tmp_path / "out", "--network", "pointnet", "--events", 32, "--epochs", 1)
+    common = (*common, "--device", "cpu")
     run("scenes_yupenn.py", *common, "--folds", 0, 1)
     out = run("scenes_yupenn.py", *common, "--folds", 0, 2, "--resume")
     summary = json.loads(out.splitlines()[-1])

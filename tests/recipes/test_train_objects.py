@@ -1,20 +1,14 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+import torch
+from conftest import RECIPES
 
 from nvsdata import models
 
-RECIPE = Path(__file__).parents[2] / "recipes" / "train_objects.py"
-
-
-def recipe(*arguments, ok=True):
-    command = [sys.executable, str(RECIPE), "--device", "cpu", *map(str, arguments)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert (result.returncode == 0) == ok, result.stderr
-    return result
+RECIPE = RECIPES / "train_objects.py"
 
 
 def lines(out):
@@ -25,36 +19,35 @@ def timeless(log):
     return [{k: v for k, v in line.items() if k != "seconds"} for line in log]
 
 
-def test_trains_resumes_exactly_and_votes(fake_nmnist, tmp_path):
-    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 4, "--votes", 2, "--seed", 3)
-    recipe(*common, "--out", tmp_path / "whole")
+def test_trains_resumes_exactly_and_votes(run, fake_nmnist, tmp_path):
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--epochs", 3, "--votes", 2, "--seed", 3)
+    common = (*common, "--device", "cpu")
+    run("train_objects.py", *common, "--out", tmp_path / "whole")
     log = lines(tmp_path / "whole")
-    assert [line["epoch"] for line in log] == [1, 2, 3, 4]
+    assert [line["epoch"] for line in log] == [1, 2, 3]
     assert 0 <= log[-1]["test_accuracy"] <= 1
     assert 0 <= log[-1]["test_accuracy_votes"] <= 1
 
-    # a run that was killed after writing the third line, before its checkpoint
-    import torch
-
+    # a run that was killed after writing the second line, before its checkpoint
     state = torch.load(tmp_path / "whole" / "checkpoint.pt", weights_only=True)
-    assert state["epoch"] == 4
+    assert state["epoch"] == 3
     killed = STOPPED.format(recipe=str(RECIPE))
-    arguments = [*map(str, common), "--out", str(tmp_path / "killed"), "--device", "cpu"]
+    arguments = [*map(str, common), "--out", str(tmp_path / "killed")]
     assert subprocess.run([sys.executable, "-c", killed, *arguments], capture_output=True, check=False).returncode == 9
-    assert torch.load(tmp_path / "killed" / "checkpoint.pt", weights_only=True)["epoch"] == 2
-    assert len(lines(tmp_path / "killed")) == 3
-    recipe(*common, "--out", tmp_path / "killed", "--resume")
+    assert torch.load(tmp_path / "killed" / "checkpoint.pt", weights_only=True)["epoch"] == 1
+    assert len(lines(tmp_path / "killed")) == 2
+    run("train_objects.py", *common, "--out", tmp_path / "killed", "--resume")
     assert timeless(lines(tmp_path / "killed")) == timeless(log)
     assert not list((tmp_path / "whole").glob(".*"))
 
 
-# os._exit in place of the third checkpoint, as a power cut would
+# os._exit in place of the second checkpoint, as a power cut would
 STOPPED = """
 import os, runpy, sys, torch
 save, calls = torch.save, []
 def dying(*args):
     calls.append(1)
-    if len(calls) == 3:
+    if len(calls) == 2:
         os._exit(9)
     save(*args)
 torch.save = dying
@@ -63,17 +56,22 @@ runpy.run_path({recipe!r}, run_name="__main__")
 """
 
 
-def test_a_folder_without_splits_is_split(fake_nmnist, tmp_path):
-    recipe("--dataset", "folder", "--root", fake_nmnist / "Train", "--out", tmp_path / "out", "--epochs", 1)
+def test_a_folder_without_splits_is_split(run, fake_nmnist, tmp_path):
+    common = ("--dataset", "folder", "--root", fake_nmnist / "Train", "--out", tmp_path / "out", "--epochs", 1)
+    assert "32 recordings to train on, 8 to test on" in run("train_objects.py", *common, "--device", "cpu")
     assert len(lines(tmp_path / "out")) == 1
 
 
-def test_a_wrong_root_is_said_plainly(tmp_path):
-    assert "no folder" in recipe("--dataset", "n-mnist", "--root", tmp_path / "no", "--out", tmp_path, ok=False).stderr
+def test_a_wrong_root_is_said_plainly(run, tmp_path):
+    with pytest.raises(FileNotFoundError, match="no folder"):
+        run("train_objects.py", "--dataset", "n-mnist", "--root", tmp_path / "no", "--out", tmp_path)
 
 
-def test_the_flags():
-    told = recipe("--help").stdout
+def test_the_flags(run, capsys):
+    with pytest.raises(SystemExit) as ended:
+        run("train_objects.py", "--help")
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
     for flag in ("--dataset", "--root", "--out", "--epochs", "--window", "--votes", "--seed", "--device", "--resume"):
         assert flag in told
 
