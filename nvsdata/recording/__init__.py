@@ -1,0 +1,1 @@
+"""Recording with DAVIS cameras over USB."""

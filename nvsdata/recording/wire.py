@@ -1,0 +1,207 @@
+"""What a DAVIS camera sends: bytes in; events, special events, inertial samples and frames out.
+
+Logic 18, the vendor's coding of 16-bit words. Any split of the stream into pieces of whole words gives the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from nvsdata.events import Columns, Events
+from nvsdata.kernels import wire as kernel
+
+ROOM = 1024  # special events and samples that a call of the kernel has room for
+SPECIALS = {
+    0: "timestamp_wrap",
+    1: "timestamp_reset",
+    2: "external_rising",
+    3: "external_falling",
+    4: "external_pulse",
+    12: "generator_rising",
+    13: "generator_falling",
+    14: "frame_start",
+    15: "frame_end",
+    16: "exposure_start",
+    17: "exposure_end",
+}
+COMPLAINTS = (
+    "row_out_of_range",
+    "column_out_of_range",
+    "time_not_rising",
+    "unknown_special",
+    "unknown_data",
+    "surplus_pixels",
+    "short_columns",
+    "broken_frames",
+    "broken_samples",
+    "odd_bytes",
+)
+
+
+class Specials(NamedTuple):
+    """Special events: the word each came with, its time (µs), its type (of `SPECIALS`), and how many of the events
+    that `feed` returned came before it; int64 [n] each."""
+
+    word: np.ndarray
+    t: np.ndarray
+    kind: np.ndarray
+    before: np.ndarray
+
+
+class Samples(NamedTuple):
+    """Samples of the inertial unit: word and time (µs) int64 [n]; acceleration (g) and rotation (degrees/s) float32
+    [n, 3], temperature (°C) float32 [n]. What the camera doesn't send is 0."""
+
+    word: np.ndarray
+    t: np.ndarray
+    acceleration: np.ndarray
+    rotation: np.ndarray
+    temperature: np.ndarray
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame: `pixels` uint16 [height, width], bright is large, whose upper left one lies at (x, y). Times in µs."""
+
+    word: int
+    start: int
+    exposure_start: int
+    exposure_end: int
+    end: int
+    x: int
+    y: int
+    pixels: np.ndarray
+
+
+@dataclass
+class Decoder:
+    """Decodes a camera's stream, piece by piece.
+
+    `width`, `height` and `frame_size` are as the host sees them; `swap` says that the sensor's rows are the host's
+    columns. `frame_orientation` is register 2/2 (4: swap, 2: flip x, 1: flip y), `chip` register 6/1, `inertial` 3/0
+    and `inertial_flips` 3/1 (4: x, 2: y, 1: z).
+
+    `feed` returns the events of a piece, in order of the stream (µs; times begin anew at a "timestamp_reset", and
+    only there, or in damaged streams, they fall). `specials`, `samples` and `frames` hold what else the last piece
+    brought. `complaints` counts what was amiss, by name, since the start: addresses that aren't there, unknown words,
+    broken frames and samples (which are dropped), columns of a frame with too few pixels (which keeps what was there
+    before), pieces whose last byte is half a word (which is dropped).
+    """
+
+    width: int
+    height: int
+    swap: bool = False
+    frame_size: tuple[int, int] | None = None
+    frame_orientation: int = 0
+    chip: int = 2
+    inertial: int = 1
+    inertial_flips: int = 0
+    words: int = field(default=0, init=False)
+    specials: Specials = field(init=False)
+    samples: Samples = field(init=False)
+    frames: list[Frame] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        columns, rows = (self.height, self.width) if self.swap else (self.width, self.height)
+        wide, high = self.frame_size or (self.width, self.height)
+        flips = self.frame_orientation >> 2 & 1, self.frame_orientation >> 1 & 1, self.frame_orientation & 1
+        # the converter of the DAVIS240 has a bit less
+        factor = 2 if self.chip in (0, 1, 2) else 1
+        self._setting = np.array([columns, rows, self.swap, wide, high, *flips, factor], np.int64)
+        self._state = np.zeros(kernel.STATES, np.int64)
+        self._counts = np.zeros(kernel.COMPLAINTS, np.int64)
+        self._odd = 0
+        self._pixels = np.zeros(wide * high, np.uint16)
+        self._scratch = _columns(0)
+        self._specials = np.empty((ROOM, 4), np.int64)
+        self._samples = np.empty((ROOM, 12), np.int64)
+        self._note([], [])
+
+    @property
+    def complaints(self) -> dict[str, int]:
+        """How often what was amiss."""
+        return dict(zip(COMPLAINTS, (*self._counts.tolist(), self._odd), strict=True))
+
+    def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> Events:
+        """Events of the next piece of the stream, as `start` 0 and `sensor_size` (width, height)."""
+        piece = np.frombuffer(data, np.uint8)
+        self._odd += piece.size % 2
+        words = piece[: piece.size // 2 * 2].view("<u2")
+        if words.size > self._scratch[0].size:
+            # written to again and again: fresh memory would take longer than the decoding
+            self._scratch = _columns(words.size)
+        t, x, y, p = self._scratch
+        notes: list[np.ndarray] = []
+        rows: list[np.ndarray] = []
+        self.frames = []
+        at = count = 0
+        while at < words.size:
+            at, events, specials, samples, whole = kernel.decode(
+                words,
+                at,
+                self._state,
+                self._counts,
+                self._setting,
+                self._pixels,
+                t[count:],
+                x[count:],
+                y[count:],
+                p[count:],
+                self._specials,
+                self._samples,
+            )
+            if specials:
+                self._specials[:specials, 3] += count
+                notes.append(self._specials[:specials].copy())
+            if samples:
+                rows.append(self._samples[:samples].copy())
+            if whole:
+                self.frames.append(self._frame(at - 1))
+            count += events
+        self._note(notes, rows)
+        self.words += words.size
+        if self.swap:
+            x, y = y, x
+        columns = Columns(t[:count].copy(), x[:count].copy(), y[:count].copy(), p[:count].copy())
+        return Events.trusted(columns, (self.width, self.height), 0)
+
+    def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
+        """Put the special events and samples of a piece together."""
+        word, t, kind, before = (np.concatenate(notes) if notes else np.empty((0, 4), np.int64)).T
+        self.specials = Specials(self.words + word, t, kind, before)
+        table = np.concatenate(rows) if rows else np.empty((0, 12), np.int64)
+        raw = table[:, 5:].astype(np.int16)
+        for axis in range(3):
+            if self.inertial_flips >> (2 - axis) & 1:
+                raw[:, [axis, 4 + axis]] *= -1
+        divisors = (65536 / (full << table[:, 3:5][:, n]) for n, full in enumerate((4, 500)))
+        per_g, per_degree = (divisor.astype(np.float32)[:, None] for divisor in divisors)
+        slope, offset = (333.87, 21) if self.inertial == 2 else (340, 35)
+        celsius = raw[:, 3] / np.float32(slope) + np.float32(offset)
+        temperature = np.where(table[:, 2] & 8, celsius, 0).astype(np.float32)
+        self.samples = Samples(
+            self.words + table[:, 0], table[:, 1], raw[:, :3] / per_g, raw[:, 4:] / per_degree, temperature
+        )
+
+    def _frame(self, word: int) -> Frame:
+        state = self._state
+        wide, high = int(state[kernel.SIZE_X]), int(state[kernel.SIZE_Y])
+        now = int(state[kernel.OVERFLOW] << 31) + int(state[kernel.NOW])
+        return Frame(
+            self.words + word,
+            int(state[kernel.FRAME_START]),
+            int(state[kernel.EXPOSURE_START]),
+            int(state[kernel.EXPOSURE_END]),
+            now,
+            int(state[kernel.LEFT]),
+            int(state[kernel.TOP]),
+            self._pixels[: wide * high].reshape(high, wide).copy(),
+        )
+
+
+def _columns(size: int) -> tuple[np.ndarray, ...]:
+    """Columns of events: t, x, y, p."""
+    return np.empty(size, np.int64), np.empty(size, np.int16), np.empty(size, np.int16), np.empty(size, np.uint8)
