@@ -111,6 +111,16 @@ def _parser(command: str) -> argparse.ArgumentParser:
     tune.add_argument("--seed", type=int, default=0, help="of the search")
     tune.set_defaults(run=_tune)
 
+    record = commands.add_parser("record", help="record a DAVIS camera's events to a file")
+    record.add_argument("--out", required=True, type=Path, metavar="FILE", help="its extension says the format")
+    record.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
+    record.add_argument("--device", metavar="SERIAL", help="which camera, if there are several")
+    record.add_argument("--settings", type=Path, metavar="FILE.json", help="biases, region, filters and so on")
+    record.add_argument("--bias", action="append", default=[], metavar="NAME=COARSE:FINE", help="such as OnBn=5:255")
+    record.add_argument("--region", type=int, nargs=4, metavar=("X", "Y", "WIDTH", "HEIGHT"), help="pixels to record")
+    record.add_argument("--simulate", action="store_true", help="a camera that isn't there, before a moving square")
+    record.set_defaults(run=_record)
+
     verify = commands.add_parser(
         "verify", help="open every recording, report what is wrong; exit code 1 if anything is"
     )
@@ -242,6 +252,15 @@ def _at_least_1(args: argparse.Namespace, *names: str) -> None:
         value = getattr(args, name)
         if value is not None and value < 1:
             raise ValueError(f"--{name} must be at least 1, not {value}")
+
+
+def _record(args: argparse.Namespace) -> int:
+    from nvsdata.recording.session import run, settings_of
+
+    if args.seconds is not None and args.seconds <= 0:
+        raise ValueError(f"--seconds must be positive, not {args.seconds}")
+    settings = settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
+    return run(args.out, args.seconds, args.device, settings, simulate=args.simulate)
 
 
 def _verify(args: argparse.Namespace) -> int:

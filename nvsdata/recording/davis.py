@@ -41,7 +41,7 @@ TIMEOUT = 1_000  # ms
 UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0666", TAG+="uaccess"'
 
 
-class CameraError(RuntimeError):
+class CameraError(OSError):
     """What keeps a camera from recording, in one line that says what to do."""
 
 

@@ -6,6 +6,7 @@ import errno
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from threading import Lock
 from types import SimpleNamespace
 from typing import Any, Protocol
 
@@ -105,6 +106,7 @@ class Camera:
     refusal: int | None = None  # errno of any first use
 
     def __post_init__(self) -> None:
+        self._lock = Lock()
         self._fifo = bytearray()
         self._began: float | None = None
         self._time = 0  # µs up to which the scene was seen
@@ -131,8 +133,9 @@ class Camera:
         if not all(_writable(module, parameter) for module, parameter, _ in writes):
             raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
         self.log.append((kind, request, value, index, sent))
-        for module, parameter, number in writes:
-            self._write(module, parameter, number)
+        with self._lock:
+            for module, parameter, number in writes:
+                self._write(module, parameter, number)
         return len(sent)
 
     def _write(self, module: int, parameter: int, number: int) -> None:
@@ -169,6 +172,11 @@ class Camera:
         seen = self.scene.events(start, now)
         words = np.empty(4 * len(seen) + (now >> 15) + 8, "<u2")
         count = encode(seen.t, seen.x, seen.y, seen.p, self._state, words)
+        while (now - self._state[0]) >> 15:
+            # the clock's wraps come whether or not there is an event
+            words[count] = 0x7001
+            self._state[0] += 1 << 15
+            count += 1
         room = (FIFO - len(self._fifo)) // 2
         if count > room:
             dropped = self.registers.get((MUX, 84), 0) + len(seen)
@@ -178,14 +186,15 @@ class Camera:
 
     def bulk(self, buffer: Any) -> int:
         """Fill `buffer` with what there is."""
-        self._see()
-        count = min(len(buffer), len(self._fifo)) // 2 * 2
-        if not count:
-            time.sleep(0.001)
-            raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
-        memoryview(buffer)[:count] = memoryview(self._fifo)[:count]
-        del self._fifo[:count]
-        return count
+        with self._lock:
+            self._see()
+            count = min(len(buffer), len(self._fifo)) // 2 * 2
+            if count:
+                memoryview(buffer)[:count] = bytes(self._fifo[:count])
+                del self._fifo[:count]
+                return count
+        time.sleep(0.001)
+        raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
 
 
 class Backend(usb.backend.IBackend):  # type: ignore[misc]

@@ -1,0 +1,237 @@
+"""From a camera to a file: a thread that does nothing but read, one that decodes, and the writer."""
+
+from __future__ import annotations
+
+import array
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Condition, Event, Thread
+from typing import Any
+
+import numpy as np
+
+from nvsdata import formats
+from nvsdata.emulation.threads import ahead
+from nvsdata.events import Columns, Events
+from nvsdata.recording.davis import CameraError, Davis
+from nvsdata.recording.registers import Settings
+
+BLOCK = 1 << 16  # bytes a read asks for
+ROOM = 64 << 20  # bytes that may wait to be decoded
+PIECE = 1 << 20  # bytes decoded at once, if so many wait
+GATHER = 0.03  # s to wait for more, if little waits
+SILENCE = 5.0  # s without a byte after which a camera counts as stalled: it sends wraps of its clock 30 times a second
+TAIL = 0.3  # s to wait for what is on its way when the camera was stopped
+# how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over
+SWITCH = 2e-4
+RESET = 1
+
+
+@dataclass
+class Report:
+    """How a recording went.
+
+    `dropped` are events that the camera dropped (None if it doesn't count), `lost` bytes that came and found no room,
+    `ended` why it ended, `complaints` the decoder's, `temperature` of the inertial unit (°C), None without one.
+    """
+
+    path: Path
+    events: int = 0
+    seconds: float = 0.0
+    received: int = 0
+    lost: int = 0
+    dropped: int | None = None
+    ended: str = "the time was up"
+    complaints: dict[str, int] = field(default_factory=dict)
+    temperature: float | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing was lost on the way."""
+        return not self.lost and not self.dropped and self.ended in ("the time was up", "it was stopped")
+
+
+def record(
+    camera: Davis,
+    path: str | Path,
+    settings: Settings | None = None,
+    *,
+    seconds: float | None = None,
+    stop: Event | None = None,
+    watch: Callable[[Report], None] = lambda report: None,
+) -> Report:
+    """Record events to a file, in the format of its extension, until `seconds` are over or `stop` is set.
+
+    Times count from the reset of the camera's clock at the start. A camera that is unplugged, or sends nothing
+    for 5 s, ends the recording; what came until then is in the file, and `Report.ended` says so. `watch` is called
+    about as often as blocks come, from another thread. CameraError if the camera can't be configured or started,
+    OSError if the file can't be written.
+    """
+    report = Report(Path(path))
+    formats.writer_of(path)
+    camera.configure(settings or Settings())
+    with switching_fast():
+        camera.start()
+        line = _Line(camera, seconds, stop or Event())
+        line.start()
+        try:
+            camera.reset_time()
+            formats.write(ahead(_pieces(camera, line, seconds, report, watch)), path)
+        finally:
+            line.finish()
+    report.received, report.lost, report.ended = line.received, line.lost, line.ended
+    if not line.gone:
+        with suppress(CameraError):
+            report.dropped = camera.dropped()
+    return report
+
+
+@contextmanager
+def stopped_by_interrupt() -> Iterator[Event]:
+    """An event that Ctrl-C sets, in place of raising KeyboardInterrupt; a second Ctrl-C raises it."""
+    stop = Event()
+
+    def asked(number: int, frame: Any) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    before = signal.signal(signal.SIGINT, asked)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def switching_fast() -> Iterator[None]:
+    """While the block runs, threads hand Python's lock over quickly."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
+class _Line(Thread):
+    """Reads, and keeps what it read until it is taken; `ROOM` bytes at most, what comes beyond is counted."""
+
+    def __init__(self, camera: Davis, seconds: float | None, stop: Event) -> None:
+        super().__init__(name="nvsdata-reader", daemon=True)
+        self.camera, self.seconds, self.stop = camera, seconds, stop
+        self.received = self.lost = 0
+        self.ended = "the time was up"
+        self.gone = False
+        self._blocks: deque[bytes] = deque()
+        self._waiting = 0
+        self._change = Condition()
+        self._over = False
+
+    def run(self) -> None:
+        try:
+            self._read()
+            self.camera.stop()
+            self._read_tail()
+        except CameraError as error:
+            self.ended, self.gone = str(error), True
+        finally:
+            with self._change:
+                self._over = True
+                self._change.notify()
+
+    def _read(self) -> None:
+        buffer = array.array("B", bytes(BLOCK))
+        view = memoryview(buffer)
+        began = heard = time.monotonic()
+        while True:
+            count = self.camera.read(buffer)
+            now = time.monotonic()
+            if count:
+                heard = now
+                self._keep(bytes(view[:count]))
+            elif now - heard > SILENCE:
+                self.ended = f"the camera sent nothing for {SILENCE:.0f} s"
+                return
+            if self.stop.is_set():
+                self.ended = "it was stopped"
+                return
+            if self.seconds is not None and now - began > self.seconds + TAIL:
+                return
+
+    def _read_tail(self) -> None:
+        buffer = array.array("B", bytes(BLOCK))
+        until, silent = time.monotonic() + TAIL, 0
+        while silent < 2 and time.monotonic() < until:
+            count = self.camera.read(buffer, 20)
+            silent = 0 if count else silent + 1
+            if count:
+                self._keep(bytes(memoryview(buffer)[:count]))
+
+    def _keep(self, block: bytes) -> None:
+        with self._change:
+            self.received += len(block)
+            if self._waiting + len(block) > ROOM:
+                self.lost += len(block)
+                return
+            self._blocks.append(block)
+            self._waiting += len(block)
+            self._change.notify()
+
+    def take(self) -> bytes:
+        """What waits, `PIECE` at most; empty at the end."""
+        if self._waiting < PIECE // 4 and not self._over:
+            # many small blocks at once cost less than one by one
+            time.sleep(GATHER)
+        with self._change:
+            while not self._blocks and not self._over:
+                self._change.wait(0.5)
+            taken: list[bytes] = []
+            size = 0
+            while self._blocks and size < PIECE:
+                taken.append(self._blocks.popleft())
+                size += len(taken[-1])
+            self._waiting -= size
+        return taken[0] if len(taken) == 1 else b"".join(taken)
+
+    def finish(self) -> None:
+        """End reading, whatever for, and wait until the camera has been stopped."""
+        self.stop.set()
+        self.join()
+
+
+def _pieces(
+    camera: Davis, line: _Line, seconds: float | None, report: Report, watch: Callable[[Report], None]
+) -> Iterator[Events]:
+    """Events as they come, from the reset of the clock on, until `seconds` of the camera's time."""
+    decoder = camera.decoder()
+    size = (camera.facts.width, camera.facts.height)
+    last = None if seconds is None else round(seconds * 1e6)
+    begun = False
+    yield Events.trusted(_cut(decoder.feed(b""), 0, 0), size, 0)
+    while block := line.take():
+        events = decoder.feed(block)
+        resets = decoder.specials.before[decoder.specials.kind == RESET]
+        first = int(resets[-1]) if resets.size else 0
+        begun = begun or bool(resets.size)
+        if decoder.samples.t.size:
+            report.temperature = float(decoder.samples.temperature[-1])
+        if not begun:
+            continue
+        stop = len(events) if last is None else first + int(np.searchsorted(events.t[first:], last))
+        report.events += stop - first
+        if stop > first:
+            report.seconds = max(report.seconds, int(events.t[stop - 1]) / 1e6)
+        report.complaints, report.received, report.lost = decoder.complaints, line.received, line.lost
+        watch(report)
+        yield Events.trusted(_cut(events, first, stop), size, 0)
+
+
+def _cut(events: Events, start: int, stop: int) -> Columns:
+    return Columns(*(column[start:stop] for column in (events.t, events.x, events.y, events.p)))

@@ -1,0 +1,82 @@
+"""`nvsdata record`: a recording from a camera to a file, as the command does it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from nvsdata.recording.capture import Report, record, stopped_by_interrupt
+from nvsdata.recording.davis import Davis
+from nvsdata.recording.registers import Settings
+
+
+def run(out: Path, seconds: float | None, serial: str | None, settings: Settings, *, simulate: bool) -> int:
+    """Record to `out` for so many seconds, or until Ctrl-C; say how it went. 0 if nothing was lost, else 1."""
+    backend = None
+    if simulate:
+        from nvsdata.recording.simulated import Backend, Camera
+
+        backend = Backend(Camera())
+    with Davis.find(serial, backend=backend) as camera, stopped_by_interrupt() as stop:
+        facts = camera.facts
+        until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
+        print(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}", file=sys.stderr)
+        with tqdm(total=seconds, unit="s", disable=None, bar_format="{desc}{bar:20}{r_bar}") as bar:
+
+            def watch(report: Report) -> None:
+                rate = report.events / report.seconds if report.seconds else 0
+                bar.set_description_str(f"{report.events:,} events, {rate / 1e3:,.0f} k/s, ", refresh=False)
+                bar.update(min(report.seconds, seconds or report.seconds) - bar.n)
+
+            report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
+    print(told(report))
+    return 0 if report.whole else 1
+
+
+def told(report: Report) -> str:
+    """The report in a few lines: what went wrong, if anything, is named."""
+    lines = [f"{report.path}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
+    if report.lost:
+        lines.append(f"{report.lost:,} bytes came faster than they could be decoded and written, and are lost")
+    if report.dropped:
+        lines.append(f"the camera dropped {report.dropped:,} events: fewer events or a faster computer are needed")
+    wrong = {name: count for name, count in report.complaints.items() if count}
+    if wrong:
+        lines.append("odd in the stream: " + ", ".join(f"{name} {count}" for name, count in wrong.items()))
+    if report.temperature is not None:
+        lines.append(f"the camera's temperature is {report.temperature:.1f} °C")
+    return "\n".join(lines)
+
+
+def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> Settings:
+    """Settings of a JSON file with what was given besides: biases as NAME=A:B, others unless None.
+
+    ValueError for a file or bias that can't be understood.
+    """
+    settings = Settings()
+    if file is not None:
+        try:
+            read = json.loads(file.read_text())
+            known = {field.name for field in fields(Settings)}
+            unknown = sorted(set(read) - known)
+            if unknown:
+                raise ValueError(f"no such setting: {', '.join(unknown)}; there are {', '.join(sorted(known))}")
+            pairs = {name: (int(a), int(b)) for name, (a, b) in read.pop("biases", {}).items()}
+            region = read.pop("region", None)
+            settings = Settings(biases=pairs, region=region and tuple(region), **read)
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ValueError(f"{file}: {error}") from None
+    numbers = dict(settings.biases)
+    for text in biases:
+        name, _, value = text.partition("=")
+        first, _, second = value.partition(":")
+        if not (name and first.isdigit() and second.isdigit()):
+            raise ValueError(f"--bias takes NAME=COARSE:FINE, as OnBn=5:255, not {text!r}")
+        numbers[name] = int(first), int(second)
+    return replace(settings, biases=numbers, **{name: value for name, value in given.items() if value is not None})

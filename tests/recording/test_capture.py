@@ -1,0 +1,99 @@
+"""Recording from a simulated camera."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import nvsdata
+from nvsdata import Events
+from nvsdata.recording import capture
+from nvsdata.recording.capture import record, stopped_by_interrupt
+from nvsdata.recording.davis import Davis
+from nvsdata.recording.simulated import Backend, Camera, Outlines
+
+
+def opened(camera, before=lambda camera, call: None):
+    return Davis.find(backend=Backend(camera, before=before))
+
+
+@pytest.mark.parametrize("suffix", ["h5", "aedat"])
+def test_a_recording_is_what_the_camera_saw(tmp_path, suffix):
+    camera = Camera(scene=Outlines(rate=50_000))
+    path = tmp_path / f"a.{suffix}"
+    with opened(camera) as davis:
+        report = record(davis, path, seconds=0.4)
+    events = nvsdata.read(path)
+    assert report.whole
+    assert report.events == len(events) > 10_000
+    assert events.sensor_size == (240, 180)
+    assert 0 <= events.t[0] < 20_000
+    assert 350_000 < events.t[-1] < 400_000
+    assert (np.diff(events.t) >= 0).all()
+    assert not any(report.complaints.values())
+    assert report.dropped == 0
+
+
+class Dark:
+    """Nothing to see."""
+
+    def events(self, start, stop):
+        return Events([], [], [], [], (240, 180))
+
+
+def test_a_dark_room_is_a_recording_without_events(tmp_path):
+    with opened(Camera(scene=Dark())) as davis:
+        report = record(davis, tmp_path / "a.h5", seconds=0.1)
+    assert report.whole
+    assert len(nvsdata.read(tmp_path / "a.h5")) == 0
+
+
+def test_an_unplugged_camera_leaves_what_came(tmp_path):
+    began = time.monotonic()
+
+    def pulled(camera, call):
+        if call == "read" and time.monotonic() - began > 0.7:
+            camera.unplugged = True
+
+    with opened(Camera(), pulled) as davis:
+        report = record(davis, tmp_path / "a.h5", seconds=30)
+    assert "stopped sending" in report.ended
+    assert not report.whole
+    assert len(nvsdata.read(tmp_path / "a.h5")) == report.events > 1000
+
+
+def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
+    monkeypatch.setattr(capture, "SILENCE", 0.2)
+    camera = Camera(speed=0)
+    with opened(camera) as davis:
+        camera.advance(50_000)
+        report = record(davis, tmp_path / "a.h5", seconds=30)
+    assert "sent nothing" in report.ended
+    nvsdata.read(tmp_path / "a.h5")
+
+
+def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(capture, "ROOM", 2_000)
+    with opened(Camera(scene=Outlines(rate=2_000_000))) as davis:
+        report = record(davis, tmp_path / "a.h5", seconds=0.3)
+    assert report.lost > 0
+    assert not report.whole
+    nvsdata.read(tmp_path / "a.h5")
+
+
+def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path):
+    threading.Timer(0.6, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with opened(Camera()) as davis, stopped_by_interrupt() as stop:
+        began = time.monotonic()
+        report = record(davis, tmp_path / "a.h5", stop=stop)
+    assert report.ended == "it was stopped"
+    assert time.monotonic() - began < 10
+    assert len(nvsdata.read(tmp_path / "a.h5")) == report.events > 0
+
+
+def test_a_format_that_cannot_be_written_is_refused_before_anything_starts(tmp_path):
+    with opened(Camera()) as davis, pytest.raises(ValueError, match="can't tell a format"):
+        record(davis, tmp_path / "a.xyz", seconds=1)
