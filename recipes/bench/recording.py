@@ -15,6 +15,7 @@ import resource
 import tempfile
 import time
 from pathlib import Path
+from threading import Event, Timer
 from typing import Any
 
 import numpy as np
@@ -102,8 +103,12 @@ def recording(rate: float, seconds: float, folder: Path | None) -> Row:
     camera = Replay(rate)
     with tempfile.TemporaryDirectory(dir=folder) as place, Davis.find(backend=Backend(camera)) as davis:
         before, start = os.times(), time.perf_counter()
-        report = record(davis, Path(place) / "a.h5", seconds=seconds)
-        spent, after = time.perf_counter() - start, os.times()
+        stop, asked = Event(), []
+        timer = Timer(seconds, lambda: (asked.append(time.perf_counter()), stop.set()))
+        timer.start()
+        report = record(davis, Path(place) / "a.h5", stop=stop)
+        ended, after = time.perf_counter(), os.times()
+        spent = ended - start
         size = (Path(place) / "a.h5").stat().st_size
         span = nvsdata.open(Path(place) / "a.h5").span
     cpu = after.user + after.system - before.user - before.system
@@ -114,7 +119,7 @@ def recording(rate: float, seconds: float, folder: Path | None) -> Row:
         "overrun_bytes": camera.overrun,
         "lost_bytes": report.lost,
         "cores": round(cpu / spent, 2),
-        "to_end_s": round(spent - seconds, 2),
+        "stopping_s": round(ended - asked[0], 2),
         "file_MB": round(size / 1e6),
         "peak_MB": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3),
     }
