@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import shutil
 import signal
 import sys
 import time
@@ -27,6 +28,7 @@ ROOM = 64 << 20  # bytes that may wait to be decoded
 PIECE = 1 << 20  # bytes decoded at once, if so many wait
 GATHER = 0.03  # s to wait for more, if little waits
 SILENCE = 5.0  # s without a byte after which a camera counts as stalled: it sends wraps of its clock 30 times a second
+RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still holds must find room
 TAIL = 0.3  # s to wait for what is on its way when the camera was stopped
 # how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over
 SWITCH = 2e-4
@@ -69,7 +71,8 @@ def record(
     """Record events to a file, in the format of its extension, until `seconds` are over or `stop` is set.
 
     Times count from the reset of the camera's clock at the start. A camera that is unplugged, or sends nothing
-    for 5 s, ends the recording; what came until then is in the file, and `Report.ended` says so. `watch` is called
+    for 5 s, and a disk with less than 64 MB left end the recording; what came until then is in the file, and
+    `Report.ended` says so. `watch` is called
     about as often as blocks come, from another thread. CameraError if the camera can't be configured or started,
     OSError if the file can't be written.
     """
@@ -200,6 +203,12 @@ class _Line(Thread):
             self._waiting -= size
         return taken[0] if len(taken) == 1 else b"".join(taken)
 
+    def end(self, why: str) -> None:
+        """Stop reading, and say why."""
+        self.stop.set()
+        self.join()
+        self.ended = why
+
     def finish(self) -> None:
         """End reading, whatever for, and wait until the camera has been stopped."""
         self.stop.set()
@@ -216,6 +225,9 @@ def _pieces(
     begun = False
     yield Events.trusted(_cut(decoder.feed(b""), 0, 0), size, 0)
     while block := line.take():
+        if shutil.disk_usage(report.path.parent).free < RESERVE:
+            line.end("the disk is full")
+            return
         events = decoder.feed(block)
         resets = decoder.specials.before[decoder.specials.kind == RESET]
         first = int(resets[-1]) if resets.size else 0

@@ -94,6 +94,21 @@ def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path):
     assert len(nvsdata.read(tmp_path / "a.h5")) == report.events > 0
 
 
+def test_a_full_disk_ends_the_recording_while_the_file_can_still_be_made_whole(tmp_path, monkeypatch):
+    began = time.monotonic()
+    real = capture.shutil.disk_usage
+
+    def filling(place):
+        return real(place)._replace(free=10**9 if time.monotonic() - began < 0.7 else 10**6)
+
+    monkeypatch.setattr(capture.shutil, "disk_usage", filling)
+    with opened(Camera()) as davis:
+        report = record(davis, tmp_path / "a.h5", seconds=30)
+    assert report.ended == "the disk is full"
+    assert not report.whole
+    assert len(nvsdata.read(tmp_path / "a.h5")) == report.events > 0
+
+
 def test_a_format_that_cannot_be_written_is_refused_before_anything_starts(tmp_path):
     with opened(Camera()) as davis, pytest.raises(ValueError, match="can't tell a format"):
         record(davis, tmp_path / "a.xyz", seconds=1)

@@ -1,0 +1,55 @@
+import json
+
+import pytest
+
+import nvsdata
+from nvsdata.cli import main
+from nvsdata.recording import davis
+from nvsdata.recording.registers import Settings
+from nvsdata.recording.session import settings_of
+
+
+def test_a_simulated_recording(tmp_path, capsys):
+    path = tmp_path / "a.h5"
+    assert main(["record", "--out", str(path), "--seconds", "0.3", "--simulate", "--bias", "OnBn=5:200"]) == 0
+    out, err = capsys.readouterr()
+    assert f"{len(nvsdata.read(path)):,} events in 0.30 s; the time was up" in out
+    assert "DAVIS240C SIM00001, 240x180, for 0.3 s" in err
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--bias", "OnBn"], "--bias takes NAME=COARSE:FINE"),
+        (["--bias", "Foo=1:2"], "has no bias 'Foo'"),
+        (["--seconds", "-1"], "--seconds must be positive"),
+        (["--region", "0", "0", "500", "5"], "not within 240x180"),
+        (["--device", "X"], "no camera of serial number X; there is SIM00001"),
+    ],
+)
+def test_wrong_flags_are_said_in_one_line(tmp_path, capsys, flags, message):
+    assert main(["record", "--out", str(tmp_path / "a.h5"), "--simulate", *flags]) == 1
+    err = capsys.readouterr().err
+    assert message in err
+    assert "Traceback" not in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_a_camera(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(davis.usb.core, "find", lambda **options: iter(()))
+    assert main(["record", "--out", str(tmp_path / "a.h5")]) == 1
+    assert "nvsdata record: no DAVIS camera is connected" in capsys.readouterr().err
+
+
+def test_settings_from_a_file_and_flags(tmp_path):
+    file = tmp_path / "s.json"
+    file.write_text(json.dumps({"biases": {"OnBn": [5, 1], "PrBp": [2, 2]}, "activity_filter": None}))
+    settings = settings_of(file, ["OnBn=4:7"], region=(1, 2, 3, 4))
+    assert settings == Settings(biases={"OnBn": (4, 7), "PrBp": (2, 2)}, activity_filter=None, region=(1, 2, 3, 4))
+
+
+@pytest.mark.parametrize("text", ["[", "{}[", '{"bias": 1}', '{"biases": {"OnBn": 5}}', '{"exposure": -1}', "[1]"])
+def test_a_settings_file_that_makes_no_sense(tmp_path, text):
+    (tmp_path / "s.json").write_text(text)
+    with pytest.raises(ValueError, match=r"s\.json"):
+        settings_of(tmp_path / "s.json", [])
