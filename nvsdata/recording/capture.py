@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array
 import shutil
 import signal
 import sys
@@ -23,7 +22,6 @@ from nvsdata.events import Columns, Events
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.registers import Settings
 
-BLOCK = 1 << 16  # bytes a read asks for
 ROOM = 64 << 20  # bytes that may wait to be decoded
 PIECE = 1 << 20  # bytes decoded at once, if so many wait
 GATHER = 0.03  # s to wait for more, if little waits
@@ -145,20 +143,19 @@ class _Line(Thread):
         except CameraError as error:
             self.ended, self.gone = str(error), True
         finally:
+            self.camera.end_reading()
             with self._change:
                 self._over = True
                 self._change.notify()
 
     def _read(self) -> None:
-        buffer = array.array("B", bytes(BLOCK))
-        view = memoryview(buffer)
         began = heard = time.monotonic()
         while True:
-            count = self.camera.read(buffer)
+            block = self.camera.read()
             now = time.monotonic()
-            if count:
+            if block:
                 heard = now
-                self._keep(bytes(view[:count]))
+                self._keep(block)
             elif now - heard > SILENCE:
                 self.ended = f"the camera sent nothing for {SILENCE:.0f} s"
                 return
@@ -169,13 +166,12 @@ class _Line(Thread):
                 return
 
     def _read_tail(self) -> None:
-        buffer = array.array("B", bytes(BLOCK))
         until, silent = time.monotonic() + TAIL, 0
         while silent < 2 and time.monotonic() < until:
-            count = self.camera.read(buffer, 20)
-            silent = 0 if count else silent + 1
-            if count:
-                self._keep(bytes(memoryview(buffer)[:count]))
+            block = self.camera.read(20)
+            silent = 0 if block else silent + 1
+            if block:
+                self._keep(block)
 
     def _keep(self, block: bytes) -> None:
         with self._change:

@@ -28,6 +28,7 @@ from nvsdata.recording.registers import (
     Settings,
     biases_of,
 )
+from nvsdata.recording.transfers import Gone, Stream, stream
 from nvsdata.recording.wire import Decoder
 
 VENDOR = 0x152A
@@ -83,6 +84,7 @@ class Davis:
 
     def __init__(self, device: Any) -> None:
         self.device = device
+        self._stream: Stream | None = None
         with _told():
             self._claim()
             self.facts = self._facts()
@@ -297,6 +299,7 @@ class Davis:
         time.sleep(0.01)
         with _told():
             self.device.clear_halt(ENDPOINT)
+        self._stream = stream(self.device, ENDPOINT)
         self.set(MUX, 3, 1)
         time.sleep(0.2)  # biases settle
         for module, parameter in ((USB, 0), (MUX, 1), (MUX, 0)):
@@ -321,14 +324,20 @@ class Davis:
         for module, parameter in RUNNING:
             self.set(module, parameter, 0)
 
-    def read(self, buffer: Any, timeout: int = 100) -> int:
-        """Fill `buffer`, an array of bytes, from the stream; how many there are, 0 if none came within `timeout` ms."""
+    def read(self, timeout: int = 100) -> bytes:
+        """What came of the stream within `timeout` ms, maybe nothing; from one thread at a time."""
+        if self._stream is None:
+            self._stream = stream(self.device, ENDPOINT)
         try:
-            return int(self.device.read(ENDPOINT, buffer, timeout))
-        except usb.core.USBTimeoutError:
-            return 0
-        except usb.core.USBError as error:
-            raise Unplugged(f"the camera stopped sending: {error.strerror or error}") from None
+            return self._stream.read(timeout)
+        except Gone as error:
+            raise Unplugged(f"the camera stopped sending: {error}") from None
+
+    def end_reading(self) -> None:
+        """After the last `read`, by the thread that read: take back the requests that still wait."""
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
 
     def dropped(self) -> int | None:
         """Events that the camera itself has dropped since it was started, None if it doesn't count them."""
@@ -350,6 +359,7 @@ class Davis:
 
     def close(self) -> None:
         """Let the camera go."""
+        self.end_reading()
         usb.util.dispose_resources(self.device)
 
     def __enter__(self) -> Self:

@@ -1,0 +1,152 @@
+"""Reading a camera's stream: by requests that wait in libusb, or one by one where they can't."""
+
+from __future__ import annotations
+
+import array
+import ctypes
+import time
+from collections import deque
+from typing import Any, Protocol
+
+import usb.core
+
+COUNT, SIZE = 32, 1 << 16  # requests, and bytes of each
+COMPLETED, TIMED_OUT, CANCELLED = 0, 2, 3
+BULK = 2
+PATIENCE = 1.0  # s that cancelled requests may take
+
+
+class Gone(Exception):
+    """The device doesn't answer any more."""
+
+
+class Stream(Protocol):
+    """What a camera sends, as it comes."""
+
+    def read(self, timeout: int) -> bytes:
+        """What came within `timeout` ms, maybe nothing. `Gone` if the device is."""
+
+    def close(self) -> None:
+        """No more is wanted."""
+
+
+def stream(device: Any, endpoint: int) -> Stream:
+    """The best that there is: between single reads no request waits, and the camera's 3 kB of memory may run over."""
+    parts = _libusb(device)
+    return Single(device, endpoint) if parts is None else Queued(*parts, endpoint)
+
+
+class Single:
+    """One request at a time, through whatever backend the device has."""
+
+    def __init__(self, device: Any, endpoint: int) -> None:
+        self.device, self.endpoint = device, endpoint
+        self._buffer = array.array("B", bytes(SIZE))
+
+    def read(self, timeout: int) -> bytes:
+        try:
+            count = self.device.read(self.endpoint, self._buffer, timeout)
+        except usb.core.USBTimeoutError:
+            return b""
+        except usb.core.USBError as error:
+            raise Gone(error.strerror or str(error)) from None
+        return bytes(memoryview(self._buffer)[:count])
+
+    def close(self) -> None:
+        pass
+
+
+class _Timeval(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("microseconds", ctypes.c_long))
+
+
+class Queued:
+    """`COUNT` requests that wait in libusb, so that the camera never finds nobody listening.
+
+    `lib`, `context` and `handle` are pyusb's own; the interface has been claimed.
+    """
+
+    def __init__(self, lib: Any, context: Any, handle: Any, endpoint: int) -> None:
+        from usb.backend import libusb1
+
+        self._lib, self._context = lib, context
+        self._done: deque[bytes] = deque()
+        self._ending = False
+        self._failed: int | None = None
+        self._waiting: dict[int, Any] = {}
+        # kept, for libusb knows only their addresses
+        self._callback = libusb1._libusb_transfer_cb_fn_p(self._complete)
+        self._buffers = [ctypes.create_string_buffer(SIZE) for _ in range(COUNT)]
+        self._transfers = []
+        for buffer in self._buffers:
+            transfer = lib.libusb_alloc_transfer(0)
+            request = transfer.contents
+            request.dev_handle, request.endpoint, request.type = handle, endpoint, BULK
+            request.timeout, request.length = 0, SIZE
+            request.buffer = ctypes.cast(buffer, ctypes.c_void_p)
+            request.callback = self._callback
+            self._transfers.append(transfer)
+            self._submit(transfer)
+
+    def _submit(self, transfer: Any) -> None:
+        if self._lib.libusb_submit_transfer(transfer) == 0:
+            self._waiting[ctypes.addressof(transfer.contents)] = transfer
+        else:
+            self._failed = -1
+
+    def _complete(self, transfer: Any) -> None:
+        """libusb calls it with each request that is done: keep what came, and ask for more."""
+        request = transfer.contents
+        self._waiting.pop(ctypes.addressof(request), None)
+        if request.actual_length and request.status in (COMPLETED, TIMED_OUT, CANCELLED):
+            self._done.append(ctypes.string_at(request.buffer, request.actual_length))
+        if request.status in (COMPLETED, TIMED_OUT):
+            if not self._ending:
+                self._submit(transfer)
+        elif request.status != CANCELLED:
+            self._failed = request.status
+
+    def read(self, timeout: int) -> bytes:
+        if not self._done:
+            if self._failed is not None and not self._waiting:
+                raise Gone("no request is answered any more")
+            self._handle(timeout)
+        taken = []
+        while self._done:
+            taken.append(self._done.popleft())
+        return b"".join(taken)
+
+    def _handle(self, timeout: int) -> None:
+        span = _Timeval(timeout // 1000, timeout % 1000 * 1000)
+        self._lib.libusb_handle_events_timeout(self._context, ctypes.byref(span))
+
+    def close(self) -> None:
+        self._ending = True
+        for transfer in list(self._waiting.values()):
+            self._lib.libusb_cancel_transfer(transfer)
+        deadline = time.monotonic() + PATIENCE
+        while self._waiting and time.monotonic() < deadline:
+            self._handle(20)
+        if not self._waiting:
+            # one that libusb still holds must not be freed
+            for transfer in self._transfers:
+                self._lib.libusb_free_transfer(transfer)
+            self._transfers = []
+
+
+def _libusb(device: Any) -> tuple[Any, Any, Any] | None:
+    """pyusb's library, context and handle of an open device; None if its backend is another, or built otherwise."""
+    try:
+        from usb.backend import libusb1
+
+        backend = device.backend
+        if not isinstance(backend, libusb1._LibUSB):
+            return None
+        lib, handle = backend.lib, device._ctx.handle.handle
+        pointer = libusb1._libusb_transfer_p
+        lib.libusb_cancel_transfer.argtypes = lib.libusb_free_transfer.argtypes = [pointer]
+        lib.libusb_handle_events_timeout.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        return lib, backend.ctx, handle
+    except (AttributeError, ImportError):
+        # these names are pyusb's own business
+        return None
