@@ -191,7 +191,8 @@ class Column:
 
 def _map(path: str) -> mmap.mmap:
     with open(path, "rb") as file:
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        # private, not read-only: numba would compile every kernel once more for arrays that can't be written
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
 
 
 def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
