@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 from nvsdata import models
 from nvsdata.batching import collate
-from nvsdata.datasets import DATASETS, SeededBatches, SeededDataset, stratified
+from nvsdata.datasets import ASLANDVS, DATASETS, SeededBatches, SeededDataset, stratified
 from nvsdata.files import atomic
 from nvsdata.models.shared import total
 
@@ -93,11 +93,13 @@ def loader(
 class Halves:
     """A dataset's recordings for training and for testing.
 
-    By its own split; where it has none, a fifth of each class is held back, by `seed`.
+    By its own split; where it has none, a fifth of each class is held back, by `seed`. ValueError for a dataset of pairs.
     """
 
     def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0) -> None:
         kind: Any = DATASETS[name]
+        if issubclass(kind, ASLANDVS):
+            raise ValueError(f"{name} is of pairs of recordings, not of classes: see recipes/similarity_aslan.py")
         self._build = partial(kind, root, fold=fold)
         self._names = ("train", "test")
         self._kept: list[int] | None = None

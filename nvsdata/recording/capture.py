@@ -70,13 +70,13 @@ def record(
 
     Times count from the reset of the camera's clock at the start. A camera that is unplugged, or sends nothing
     for 5 s, and a disk with less than 64 MB left end the recording; what came until then is in the file, and
-    `Report.ended` says so. `watch` is called
-    about as often as blocks come, from another thread. CameraError if the camera can't be configured or started,
-    OSError if the file can't be written.
+    `Report.ended` says so. `watch` is called about as often as blocks come, from another thread. CameraError if the
+    camera can't be configured or started, OSError if the file can't be written.
     """
     report = Report(Path(path))
     formats.writer_of(path)
     camera.configure(settings or Settings())
+    before = camera.dropped()
     with switching_fast():
         camera.start()
         line = _Line(camera, seconds, stop or Event())
@@ -89,7 +89,8 @@ def record(
     report.received, report.lost, report.ended = line.received, line.lost, line.ended
     if not line.gone:
         with suppress(CameraError):
-            report.dropped = camera.dropped()
+            after = camera.dropped()
+            report.dropped = None if after is None or before is None else after - before
     return report
 
 

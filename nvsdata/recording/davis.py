@@ -39,6 +39,7 @@ ENDPOINT = 0x82
 READ, WRITE = 0xC0, 0x40
 REGISTER, SEVERAL = 0xBF, 0xC2
 TIMEOUT = 1_000  # ms
+MOST = 4_096  # pixels a side, and MHz: more is no answer of a camera
 UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0666", TAG+="uaccess"'
 
 
@@ -84,6 +85,7 @@ class Davis:
 
     def __init__(self, device: Any) -> None:
         self.device = device
+        self.settings = Settings()
         self._stream: Stream | None = None
         with _told():
             self._claim()
@@ -155,7 +157,15 @@ class Davis:
         (columns, rows, turned), (wide, high, orientation) = self._geometry()
         flips = self.get(IMU, 1)
         swap, frame_swap = bool(turned & 4), bool(orientation & 4)
-        biases_of(chip)
+        if not all(0 < side <= MOST for side in (columns, rows, wide, high)):
+            raise self._nonsense(f"{columns}x{rows} pixels, frames of {wide}x{high}")
+        if not all(0 < clock <= MOST for clock in (logic_clock, converter_clock, usb_clock)):
+            raise self._nonsense(f"clocks of {logic_clock:g}, {converter_clock:g} and {usb_clock:g} MHz")
+        try:
+            biases_of(chip)
+        except ValueError as error:
+            self.close()
+            raise CameraError(str(error)) from None
         return Facts(
             self._serial or f"TMP{(self.device.bus or 0) * 256 + (self.device.address or 0):05d}",
             board,
@@ -175,6 +185,10 @@ class Davis:
     def _geometry(self) -> list[tuple[int, int, int]]:
         """Columns, rows and orientation of events and of frames."""
         return [(self.get(module, 0), self.get(module, 1), self.get(module, 2)) for module in (DVS, APS)]
+
+    def _nonsense(self, what: str) -> CameraError:
+        self.close()
+        return CameraError(f"camera {self._serial} answers nonsense ({what}): plug it in again, or into another port")
 
     def _refused(self, why: str) -> CameraError:
         self.close()
@@ -340,7 +354,7 @@ class Davis:
             self._stream = None
 
     def dropped(self) -> int | None:
-        """Events that the camera itself has dropped since it was started, None if it doesn't count them."""
+        """Events that the camera itself has dropped since it has power, None if it doesn't count them."""
         return self.get64(MUX, 83) if "statistics" in self.facts.has else None
 
     def decoder(self) -> Decoder:

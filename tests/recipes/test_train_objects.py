@@ -67,6 +67,11 @@ def test_a_wrong_root_is_said_plainly(run, tmp_path):
         run("train_objects.py", "--dataset", "n-mnist", "--root", tmp_path / "no", "--out", tmp_path)
 
 
+def test_pairs_are_no_classes(run, tmp_path):
+    with pytest.raises(ValueError, match="aslan-dvs is of pairs of recordings"):
+        run("train_objects.py", "--dataset", "aslan-dvs", "--root", tmp_path, "--out", tmp_path)
+
+
 def test_the_flags(run, capsys):
     with pytest.raises(SystemExit) as ended:
         run("train_objects.py", "--help")
