@@ -93,7 +93,7 @@ def loader(
 class Halves:
     """A dataset's recordings for training and for testing.
 
-    By its own split; where it has none, a fifth of each class is held back, by `seed`. ValueError for datasets of pairs.
+    By its own split; where it has none, a fifth of each class is held back, by `seed`. ValueError for pairs.
     """
 
     def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0) -> None:
