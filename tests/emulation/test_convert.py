@@ -245,7 +245,14 @@ def test_ctrl_c_ends_all_processes_at_once(videos, tmp_path):
         write_video(videos / f"long/{i}.avi", moving_square(1200, (320, 240), i))
     out = tmp_path / "out"
     command = [sys.executable, "-m", "nvsdata", "convert-videos", videos, "--out", out, "--jobs", "2"]
-    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell that runs the tests in the background has interrupts ignored, and that is inherited
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
     deadline = time.monotonic() + 60
     while not list((out / "long").rglob(".*.part")):
         assert time.monotonic() < deadline
