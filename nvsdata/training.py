@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,6 +30,17 @@ from nvsdata.batching import collate
 from nvsdata.datasets import ASLANDVS, DATASETS, SeededBatches, SeededDataset, stratified
 from nvsdata.files import atomic
 from nvsdata.models.shared import total
+
+
+def run(main: Callable[[], None]) -> None:
+    """Call a recipe's `main`; end in one line if it is interrupted, or if data or settings won't do."""
+    try:
+        main()
+    except KeyboardInterrupt:
+        print("interrupted: --resume goes on from the last epoch", file=sys.stderr)
+        sys.exit(130)
+    except (OSError, ValueError) as error:
+        sys.exit(f"{Path(sys.argv[0]).name}: {error}")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import torch
 from nvsdata.actions import Actions
 from nvsdata.datasets import YUPENNDVS
 from nvsdata.files import Journal
-from nvsdata.training import Team, loader, outputs, team
+from nvsdata.training import Team, loader, outputs, run, team
 
 
 def main() -> None:
@@ -87,4 +87,4 @@ def arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

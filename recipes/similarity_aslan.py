@@ -27,6 +27,7 @@ from nvsdata import collate, models, pictures
 from nvsdata.datasets import ASLANDVS, SeededDataset
 from nvsdata.files import atomic
 from nvsdata.metrics import area_under_roc, roc, similarities
+from nvsdata.training import run
 
 
 def main() -> None:
@@ -140,4 +141,4 @@ def arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -26,7 +26,7 @@ import torch
 
 from nvsdata.actions import Actions
 from nvsdata.datasets import DATASETS
-from nvsdata.training import Halves, accuracies, loader, team
+from nvsdata.training import Halves, accuracies, loader, run, team
 
 
 def main() -> None:
@@ -65,4 +65,4 @@ def arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -26,7 +26,7 @@ from torch.utils.data import ConcatDataset
 from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.datasets import DATASETS
-from nvsdata.training import Halves, Trainer, accuracies, adam, loader, sgd, team
+from nvsdata.training import Halves, Trainer, accuracies, adam, loader, run, sgd, team
 
 THESIS_EPOCHS = 150
 # below this many steps 150 epochs are too few to converge: a small dataset is passed more often
@@ -52,8 +52,8 @@ def main() -> None:
             optimizer, schedule = sgd(model, 1e-3, max(1, 10_000 // steps), epochs, decay=1e-5)
         else:
             optimizer, schedule = adam(model, epochs, (60, 110))
-        run = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-        trainer = Trainer(model, optimizer, schedule, args.out, **run)
+        options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
+        trainer = Trainer(model, optimizer, schedule, args.out, **options)
 
         def test_on(low: float = 0.0, high: float = 1.0) -> Any:
             return halves.test(pipeline(args, training=False, within=(low, high)))
@@ -136,4 +136,4 @@ def network(args: argparse.Namespace, sensor_size: tuple[int, int], classes: int
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -25,7 +25,7 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.datasets import DATASETS
 from nvsdata.files import atomic
-from nvsdata.training import Halves, Team, Trainer, accuracies, loader, sgd, team
+from nvsdata.training import Halves, Team, Trainer, accuracies, loader, run, sgd, team
 
 KINDS = ("real", "emulated")
 SIZE = 24
@@ -61,8 +61,8 @@ def trained(args: argparse.Namespace, halves: Halves, out: Path, here: Team) -> 
     epochs = max(1, -(-args.iterations // steps))
     model = models.reference.MotionVector3D(len(halves.classes), frames=args.frames, size=SIZE).to(here.device)
     optimizer, schedule = sgd(model, args.rate, max(1, round(epochs * 20 / 50)), epochs, decay=5e-4)
-    run = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-    trainer = Trainer(model, optimizer, schedule, out, **run)
+    options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
+    trainer = Trainer(model, optimizer, schedule, out, **options)
     here.say(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
     trainer.publish(halves.classes, test_pipeline(args), metrics)
@@ -125,4 +125,4 @@ def arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

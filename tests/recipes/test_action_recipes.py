@@ -59,7 +59,7 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
     before = timeless(log)
     run("train_actions.py", *common, "--out", tmp_path / "a", "--resume")
     assert timeless(lines(tmp_path / "a")) == before
-    with pytest.raises(ValueError, match="belongs to a run of 1 epochs, not 3"):
+    with pytest.raises(SystemExit, match="belongs to a run of 1 epochs, not 3"):
         run("train_actions.py", *common[:-1], 3, "--out", tmp_path / "a", "--resume")
 
 
