@@ -142,7 +142,7 @@ class Trainer:
     """Trains a classifier by cross entropy, a JSON line an epoch in `out/log.jsonl` and its state in `checkpoint.pt`.
 
     `schedule` steps once an epoch. `batch` counts over all processes. With `resume` it goes on from the checkpoint,
-    if there is one; `done` is the number of epochs so far. ValueError for a checkpoint of a run of other length.
+    if there is one; `done` is the number of epochs so far. ValueError for a checkpoint of another run.
     """
 
     def __init__(
@@ -235,8 +235,11 @@ class Trainer:
         state = torch.load(checkpoint, map_location=self.team.device, weights_only=True)
         if state["epochs"] != self.epochs:
             raise ValueError(f"{checkpoint} belongs to a run of {state['epochs']} epochs, not {self.epochs}")
-        for name, part in self.parts.items():
-            part.load_state_dict(state[name])
+        try:
+            for name, part in self.parts.items():
+                part.load_state_dict(state[name])
+        except (RuntimeError, ValueError, KeyError):
+            raise ValueError(f"{checkpoint} belongs to another network or optimizer") from None
         self.done = state["epoch"]
 
     def _cut_log(self) -> None:
