@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import errno
-import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 import usb.core
 import usb.util
 
+from nvsdata.recording.configuration import Facts, changes, defaults
 from nvsdata.recording.registers import (
     APS,
     CHIP,
-    CHIPS,
     DVS,
     EXTERNAL,
     IMU,
@@ -49,31 +47,6 @@ class CameraError(OSError):
 
 class Unplugged(CameraError):
     """The camera is gone."""
-
-
-@dataclass(frozen=True)
-class Facts:
-    """What a camera says of itself. `width`, `height` and `frame_size` are as the host sees them; clocks in MHz."""
-
-    serial: str
-    board: str
-    chip: int
-    width: int
-    height: int
-    swap: bool
-    frame_size: tuple[int, int]
-    frame_orientation: int
-    inertial: int
-    inertial_flips: int
-    logic_clock: float
-    converter_clock: float
-    usb_clock: float
-    has: frozenset[str]
-
-    @property
-    def name(self) -> str:
-        """The sensor's name."""
-        return CHIPS.get(self.chip, f"chip {self.chip}")
 
 
 class Davis:
@@ -234,78 +207,9 @@ class Davis:
         values = {name: biases[name].value(*numbers) for name, numbers in settings.biases.items()}
         for name, bias in biases.items():
             self.set(CHIP, bias.parameter, values.get(name, bias.value()))
-        for module, parameter, value in self._defaults():
-            self.set(module, parameter, value)
-        for module, parameter, value in self._changes(settings):
-            self.set(module, parameter, value)
+        for write in (*defaults(facts), *changes(facts, settings)):
+            self.set(*write)
         self.settings = settings
-
-    def _defaults(self) -> Iterator[tuple[int, int, int]]:
-        """The vendor's default configuration but for biases, in its order."""
-        facts = self.facts
-        old, small = facts.chip in (0, 1), facts.chip in (0, 1, 2)
-        shift = [(p, int(p in (136, 138))) for p in range(128, 139)]
-        shift += [(140, 0), (141, 0)]
-        shift += [(139, 0)] if old else [] if small else [(143, 1), (144, 0)]
-        yield from ((CHIP, parameter, value) for parameter, value in shift)
-        yield from ((MUX, 4, 1), (MUX, 5, 1), (DVS, 4, 0), (DVS, 5, 0))
-        if "pixel filter" in facts.has:
-            for k in range(8):
-                yield from ((DVS, 11 + 2 * k, facts.height), (DVS, 12 + 2 * k, facts.width))
-        if "activity filter" in facts.has:
-            yield from ((DVS, 31, 1), (DVS, 32, 8), (DVS, 33, 0), (DVS, 34, 1))
-        if "region filter" in facts.has:
-            yield from ((DVS, 41, 0), (DVS, 42, 0), (DVS, 43, facts.width - 1), (DVS, 44, facts.height - 1))
-        if "skip filter" in facts.has:
-            yield from ((DVS, 51, 0), (DVS, 52, 5))
-        if "polarity filter" in facts.has:
-            yield from ((DVS, 61, 0), (DVS, 62, 0), (DVS, 63, 0))
-        yield APS, 5, 1
-        if "global shutter" in facts.has:
-            yield from ((CHIP, 142, 1), (APS, 7, 1))
-        wide, high = facts.frame_size
-        yield from ((APS, 8, 0), (APS, 9, 0), (APS, 10, wide - 1), (APS, 11, high - 1))
-        yield from ((APS, 12, _cycles(4_000, facts.converter_clock)), (APS, 13, _cycles(40_000, facts.converter_clock)))
-        yield from ((IMU, 5, 0), (IMU, 6, 1), (IMU, 7, 1))
-        if facts.inertial == 2:
-            yield IMU, 9, 1
-        yield IMU, 10, 1
-        pulse = _cycles(10, facts.logic_clock)
-        yield from ((EXTERNAL, 1, 0), (EXTERNAL, 2, 0), (EXTERNAL, 3, 1), (EXTERNAL, 4, 1), (EXTERNAL, 5, pulse))
-        if "generator" in facts.has:
-            length = _cycles(5, facts.logic_clock)
-            generator = ((11, 0), (12, 1), (13, pulse), (14, length), (15, 0), (16, 0))
-            yield from ((EXTERNAL, parameter, value) for parameter, value in generator)
-        yield USB, 1, _cycles(1_000, facts.usb_clock)
-
-    def _changes(self, settings: Settings) -> Iterator[tuple[int, int, int]]:
-        """What `settings` want in other ways than the defaults."""
-        facts, default = self.facts, Settings()
-        if settings.region is not None:
-            x, y, width, height = settings.region
-            if "region filter" not in facts.has:
-                raise ValueError(f"this {facts.name} can't send the events of a region alone")
-            if x + width > facts.width or y + height > facts.height:
-                raise ValueError(f"region {settings.region} is not within {facts.width}x{facts.height}")
-            corners = (x, y, x + width - 1, y + height - 1)
-            if facts.swap:
-                corners = (y, x, y + height - 1, x + width - 1)
-            yield from ((DVS, 41 + n, corner) for n, corner in enumerate(corners))
-        if "activity filter" in facts.has:
-            for first, name in ((31, "activity_filter"), (33, "refractory_filter")):
-                period = getattr(settings, name)
-                if period != getattr(default, name):
-                    yield DVS, first, int(period is not None)
-                    if period is not None:
-                        yield DVS, first + 1, max(1, round(period / 250))
-        for parameter, name in ((12, "exposure"), (13, "frame_interval")):
-            if getattr(settings, name) != getattr(default, name):
-                yield APS, parameter, _cycles(getattr(settings, name), facts.converter_clock)
-        if settings.external != default.external:
-            rising, falling = settings.external in ("rising", "both"), settings.external in ("falling", "both")
-            yield from ((EXTERNAL, 1, int(rising)), (EXTERNAL, 2, int(falling)), (EXTERNAL, 3, 0))
-        if settings.packet_delay != default.packet_delay:
-            yield USB, 1, _cycles(settings.packet_delay, facts.usb_clock)
 
     def start(self) -> None:
         """Let the stream begin; `configure` comes first. The time is reset as the first thing."""
@@ -394,11 +298,6 @@ def _devices(backend: Any) -> list[Any]:
         ]
     except usb.core.NoBackendError:
         raise CameraError("libusb isn't installed: install libusb-1.0 (Debian and Ubuntu: libusb-1.0-0)") from None
-
-
-def _cycles(microseconds: float, clock: float) -> int:
-    """So many cycles of a clock (MHz); halves are rounded away from zero."""
-    return math.floor(microseconds * clock + 0.5)
 
 
 @contextmanager
