@@ -12,8 +12,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,11 @@ class Team:
     def workers(self) -> int:
         """Processes that prepare samples; they and torch's threads share the cores."""
         return max(1, min(4, (os.cpu_count() or 2) // (2 * self.count)))
+
+    def wait(self) -> None:
+        """Until all have come here."""
+        if self.count > 1:
+            distributed.barrier()
 
     def say(self, text: str) -> None:
         """Print, once for all."""
@@ -112,30 +117,30 @@ class Halves:
         kind: Any = DATASETS[name]
         if issubclass(kind, ASLANDVS):
             raise ValueError(f"{name} is of pairs of recordings, not of classes: see recipes/similarity_aslan.py")
-        self._build = partial(kind, root, fold=fold)
-        self._names = ("train", "test")
         self._kept: list[int] | None = None
         self._held: list[int] | None = None
         try:
-            whole = self._build("train")
-            self._build("test")
+            self._train, self._test = (kind(root, split, fold=fold) for split in ("train", "test"))
         except FileNotFoundError:
-            split = "all" if name == "folder" else "train"
-            whole = self._build(split)
-            self._names = (split, split)
-            self._kept, self._held = stratified(whole.targets, 0.2, seed=seed)
-        self.classes: list[str] = whole.classes
-        self.sensor_size: tuple[int, int] = whole.sensor_size or (240, 180)
+            self._train = self._test = kind(root, "all" if name == "folder" else "train", fold=fold)
+            self._kept, self._held = stratified(self._train.targets, 0.2, seed=seed)
+        self.classes: list[str] = self._train.classes
+        self.sensor_size: tuple[int, int] = self._train.sensor_size or (240, 180)
 
     def train(self, transform: Any) -> Any:
         """The dataset to train on."""
-        whole = self._build(self._names[0], transform=transform)
-        return whole if self._kept is None else Subset(whole, self._kept)
+        return _with(self._train, transform, self._kept)
 
     def test(self, transform: Any) -> Any:
         """The dataset to test on."""
-        whole = self._build(self._names[1], transform=transform)
-        return whole if self._held is None else Subset(whole, self._held)
+        return _with(self._test, transform, self._held)
+
+
+def _with(dataset: Any, transform: Any, indices: list[int] | None) -> Any:
+    """The dataset, listed once, with another transform; of its samples those at `indices`, all if None."""
+    changed = copy(dataset)
+    changed.transform = transform
+    return changed if indices is None else Subset(changed, indices)
 
 
 class Trainer:

@@ -14,6 +14,7 @@ import argparse
 import json
 import statistics
 from collections import defaultdict
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,15 @@ def main() -> None:
     first, last = args.folds or (0, len(everything))
     args.out.mkdir(parents=True, exist_ok=True)
     log = args.out / "log.jsonl"
-    if not args.resume:
-        log.unlink(missing_ok=True)
-    with team(args.device) as here, Journal(log, {"protocol": repr(protocol), "epochs": args.epochs}) as journal:
+    with team(args.device) as here, ExitStack() as stack:
+        if here.rank == 0 and not args.resume:
+            log.unlink(missing_ok=True)
+        # the others read what is done once the first has cleared the way
+        here.wait()
+        journal = Journal(log, {"protocol": repr(protocol), "epochs": args.epochs})
+        here.wait()
+        if here.rank == 0:
+            stack.enter_context(journal)
         if journal.head.get("protocol") != repr(protocol):
             raise SystemExit(f"{log} belongs to a run of {journal.head.get('protocol')}")
         lines = list(journal.lines)

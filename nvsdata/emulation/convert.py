@@ -23,9 +23,9 @@ from tqdm import tqdm
 from nvsdata import formats
 from nvsdata.emulation.manifest import Manifest
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.emulation.threads import stay_in_one_thread
 from nvsdata.emulation.video import TruncatedVideo
 from nvsdata.events import Events
+from nvsdata.threads import stay_in_one_thread
 
 # what recordings are written as, and the extension that says so
 FORMATS = {f.name: f.suffixes[0] for f in formats.FORMATS if f.name in ("hdf5", "aedat2", "aedat3", "text")}

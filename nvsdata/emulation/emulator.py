@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nvsdata.emulation.threads import DEPTH
 from nvsdata.events import MAX_COORDINATE, Columns, Events, empty_columns
 from nvsdata.kernels import emulate as kernels
+from nvsdata.threads import DEPTH
 
 if TYPE_CHECKING:
     from nvsdata.emulation.pix2nvs import PIX2NVS

@@ -9,9 +9,9 @@ from typing import Any, Literal, get_args
 
 from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.sensor import Imperfections
-from nvsdata.emulation.threads import ahead
 from nvsdata.emulation.video import Frame, Video, frames_of
 from nvsdata.events import Events, joined
+from nvsdata.threads import ahead
 
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from nvsdata.checks import positive
-from nvsdata.emulation.threads import ahead, in_one_thread
 from nvsdata.errors import FormatError
 from nvsdata.frames import MICROSECONDS
+from nvsdata.threads import ahead, in_one_thread
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
 SMALL = 1 << 20  # pixels of a frame

@@ -83,7 +83,8 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
     counted: dict[str, list[int]] = {}
     sums = [0]
     hooks = []
-    for name, module in _units(model).items():
+    units = _units(model)
+    for name, module in units.items():
         counted[name] = [0, _parameters(model, name, module)]
 
         def note(module: nn.Module, inputs: Any, output: Any, name: str = name) -> None:
@@ -103,7 +104,7 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
             hook.remove()
     by_module = counter.get_flop_counts()
     layers = []
-    for name, module in _units(model).items():
+    for name, module in units.items():
         flops, parameters = counted[name]
         if isinstance(module, AS_THEY_ARE):
             flops = sum(by_module.get(f"{type(model).__name__}.{name}", {}).values())

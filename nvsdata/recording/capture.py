@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.emulation.threads import ahead
 from nvsdata.events import Columns, Events
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.registers import Settings
+from nvsdata.threads import ahead
 
 ROOM = 64 << 20  # bytes that may wait to be decoded
 PIECE = 1 << 20  # bytes decoded at once, if so many wait

@@ -13,6 +13,7 @@ from nvsdata.events import Events, Recording, as_events
 from nvsdata.frames import frame_bounds, frame_edges
 from nvsdata.kernels.frames import sum_frames as kernel
 from nvsdata.transforms.draws import below
+from nvsdata.transforms.image import centre_crop, crop
 
 
 @dataclass(frozen=True)
@@ -144,14 +145,13 @@ def motion_crop(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
     # rounding must not tell equals apart
     best = int((squares >= squares.max() - 1e-9 * max(float(whole[-1, -1]), 1.0)).flatten().to(torch.uint8).argmax())
     y, x = divmod(best, squares.shape[1])
-    return frames[..., y : y + size, x : x + size]
+    return crop(frames, x, y, size)
 
 
 def four_crops(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
     """Most active and centre square, each also mirrored; see `FourCrops`."""
     active = motion_crop(frames, size)
-    y, x = ((side - size) // 2 for side in frames.shape[-2:])
-    centre = frames[..., y : y + size, x : x + size]
+    centre = centre_crop(frames, size)
     return torch.stack((active, active.flip(-1), centre, centre.flip(-1)))
 
 

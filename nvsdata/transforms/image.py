@@ -77,8 +77,7 @@ class CentreCrop:
         positive("size", self.size)
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        height, width = _holds(image, self.size)
-        return crop(image, (width - self.size) // 2, (height - self.size) // 2, self.size)
+        return centre_crop(image, self.size)
 
 
 @dataclass(frozen=True)
@@ -130,6 +129,12 @@ def resize(image: torch.Tensor, size: int) -> torch.Tensor:
 def crop(image: torch.Tensor, x: int, y: int, size: int) -> torch.Tensor:
     """The square of `size` pixels whose upper left one is (x, y)."""
     return image[..., y : y + size, x : x + size]
+
+
+def centre_crop(image: torch.Tensor, size: int) -> torch.Tensor:
+    """The square in the middle; see `CentreCrop`."""
+    height, width = _holds(image, size)
+    return crop(image, (width - size) // 2, (height - size) // 2, size)
 
 
 def normalise(image: torch.Tensor) -> torch.Tensor:
