@@ -20,7 +20,8 @@ def run(out: Path, seconds: float | None, serial: str | None, settings: Settings
     """Record to `out` for so many seconds, or until Ctrl-C; say how it went. 0 if nothing was lost, else 1."""
     backend = None
     if simulate:
-        from nvsdata.recording.simulated import Backend, Camera
+        from nvsdata.recording.backend import Backend
+        from nvsdata.recording.simulated import Camera
 
         backend = Backend(Camera())
     with Davis.find(serial, backend=backend) as camera, stopped_by_interrupt() as stop:

@@ -22,9 +22,10 @@ import numpy as np
 
 import nvsdata
 from nvsdata.kernels.wire import encode
+from nvsdata.recording.backend import Backend
 from nvsdata.recording.capture import record
 from nvsdata.recording.davis import Davis
-from nvsdata.recording.simulated import FIFO, Backend, Camera
+from nvsdata.recording.simulated import FIFO, Camera
 from nvsdata.recording.wire import Decoder
 
 PERIOD = 1 << 15  # µs from wrap to wrap of the camera's clock

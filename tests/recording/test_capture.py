@@ -11,9 +11,11 @@ import pytest
 import nvsdata
 from nvsdata import Events
 from nvsdata.recording import capture
+from nvsdata.recording.backend import Backend
 from nvsdata.recording.capture import record, stopped_by_interrupt
 from nvsdata.recording.davis import Davis
-from nvsdata.recording.simulated import Backend, Camera, Outlines
+from nvsdata.recording.scenes import Outlines
+from nvsdata.recording.simulated import Camera
 
 
 def opened(camera, before=lambda camera, call: None):
@@ -40,8 +42,13 @@ def test_a_recording_is_what_the_camera_saw(tmp_path, suffix):
 class Dark:
     """Nothing to see."""
 
+    lag = 0
+
     def events(self, start, stop):
         return Events([], [], [], [], (240, 180))
+
+    def pulses(self, start, stop):
+        return []
 
 
 def test_a_dark_room_is_a_recording_without_events(tmp_path):

@@ -1,0 +1,146 @@
+"""What a simulated camera's pixels look at."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.sensor import Imperfections
+from nvsdata.emulation.video import Frame
+from nvsdata.events import Events, joined
+
+SIZE = (240, 180)
+BLACK = 2  # level of what isn't the screen, in a dark room
+SETTLED = 1_000_000  # µs without being looked through after which pixels are used to what they see
+REFRESH = 16_667  # µs
+# fires where light differs by a fifth from what it was when the pixel last fired, as often as that
+PIXELS = PIX2NVS(
+    t_log=20, continuous=True, new=False, exp=False, max_events=8, noise_rate=0.5, mismatch=0.05, bandwidth=12e6
+)
+# of a screen's upper left, upper right, lower right and lower left: pixels of the sensor
+CORNERS = ((14.0, 12.0), (228.0, 8.0), (226.0, 172.0), (10.0, 168.0))
+
+
+class Scene(Protocol):
+    """What the pixels see. Times are the host's, in µs; `lag`, how long after a time its events are known."""
+
+    lag: int
+
+    def events(self, start: int, stop: int) -> Events:
+        """Events from `start` to `stop` (excluded)."""
+
+    def pulses(self, start: int, stop: int) -> list[int]:
+        """When the external input was pulsed, from `start` to `stop` (excluded)."""
+
+
+@dataclass
+class Outlines:
+    """`rate` events/s of the outline of a square that circles over the sensor, and `noise` events/s anywhere."""
+
+    rate: float = 200_000
+    noise: float = 20_000
+    seed: int = 0
+    lag: int = 0
+
+    def events(self, start: int, stop: int) -> Events:
+        rng = np.random.default_rng((self.seed, start))
+        count, stray = (rng.poisson(rate * (stop - start) / 1e6) for rate in (self.rate, self.noise))
+        t = np.sort(rng.integers(start, max(stop, start + 1), count + stray))
+        along, edge, angle = rng.uniform(0, 60, t.size), rng.integers(0, 4, t.size), t % 2e6 * (2 * np.pi / 2e6)
+        x = 90 + 60 * np.cos(angle) + np.where(edge % 2, along, 60 * (edge // 2))
+        y = 60 + 45 * np.sin(angle) + np.where(edge % 2, 60 * (edge // 2), along)
+        noisy = rng.permutation(t.size) < stray
+        x = np.where(noisy, rng.uniform(0, 240, t.size), x)
+        y = np.where(noisy, rng.uniform(0, 180, t.size), y)
+        return Events(t, x.astype(int) % 240, y.astype(int) % 180, edge > 1, SIZE)
+
+    def pulses(self, start: int, stop: int) -> list[int]:
+        return []
+
+
+@dataclass
+class Watched:
+    """A screen in a dark room, through PIX2NVS: `look` is told what the screen shows.
+
+    `pixels` are the sensor's, `corners` where the screen's lie on it. The screen takes `response` µs to change; a
+    share `late` of the pictures comes a refresh later than the host thinks, none of them before the next one's time.
+    If `wired`, a photodiode in the screen's upper left corner pulses the external input when that turns bright.
+    """
+
+    pixels: PIX2NVS = PIXELS
+    corners: tuple[tuple[float, float], ...] = CORNERS
+    response: int = 2_000
+    late: float = 0.0
+    wired: bool = False
+    seed: int = 0
+    lag: int = 30_000
+    _shown: deque[tuple[int, np.ndarray]] = field(default_factory=deque, init=False)
+    _pulses: list[int] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self._lock = Lock()
+        self._random = np.random.default_rng(self.seed)
+        self._picture = np.full((SIZE[1], SIZE[0], 3), BLACK, np.uint8)
+        self._bright = False
+        self._emulator: Emulator | None = None
+        self._flaws: Imperfections | None = None
+        self._time = 0
+        self._waiting = Events.empty(SIZE, 0)
+
+    def look(self, time: float, picture: np.ndarray) -> None:
+        """The screen shows `picture` (uint8 [H, W, 3], red first) from `time` on."""
+        # a smaller one first: each pixel sees the mean of an area
+        small = cv2.resize(picture, (2 * SIZE[0], 2 * SIZE[1]), interpolation=cv2.INTER_AREA)
+        height, width = small.shape[:2]
+        own = np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float32)
+        there = cv2.getPerspectiveTransform(own, np.array(self.corners, np.float32))
+        seen = cv2.warpPerspective(small, there, SIZE, borderMode=cv2.BORDER_CONSTANT, borderValue=(BLACK,) * 3)
+        moment = round(time) + (REFRESH if self._random.random() < self.late else 0)
+        bright = bool(small[4, 4].mean() > 127)
+        with self._lock:
+            self._shown.append((moment, np.maximum(seen, BLACK)))
+            if self.wired and bright and not self._bright:
+                self._pulses.append(moment + self.response // 2)
+        self._bright = bright
+
+    def events(self, start: int, stop: int) -> Events:
+        with self._lock:
+            shown = []
+            while self._shown and self._shown[0][0] < stop:
+                shown.append(self._shown.popleft())
+        if self._emulator is None or start - self._time > SETTLED:
+            while shown and shown[0][0] < start:
+                self._picture = shown.pop(0)[1]
+            self._emulator = Emulator(self.pixels, Frame(start, self._picture, True))
+            self._flaws = Imperfections.of(self.pixels, SIZE)
+            self._time, self._waiting = start, Events.empty(SIZE, start)
+        pieces = [self._waiting]
+        for moment, picture in shown:
+            pieces += self._until(moment)
+            self._picture = picture
+            pieces += self._until(max(moment, self._time) + self.response)
+        pieces += self._until(stop)
+        events = Events.trusted(joined([piece.columns for piece in pieces]), SIZE, start)
+        self._waiting = events.window(start=stop)
+        return events.window(stop=stop)
+
+    def _until(self, moment: int) -> list[Events]:
+        """Events up to `moment`, of a change to the present picture."""
+        if moment <= self._time or self._emulator is None:
+            return []
+        before, self._time = self._time, moment
+        events = self._emulator.step(Frame(moment, self._picture, True)).events()
+        return [events if self._flaws is None else self._flaws.apply(events, before, moment)]
+
+    def pulses(self, start: int, stop: int) -> list[int]:
+        with self._lock:
+            due = [time for time in self._pulses if time < stop]
+            self._pulses = [time for time in self._pulses if time >= stop]
+        return [time for time in due if time >= start]
