@@ -111,14 +111,37 @@ def _parser(command: str) -> argparse.ArgumentParser:
     tune.add_argument("--seed", type=int, default=0, help="of the search")
     tune.set_defaults(run=_tune)
 
-    record = commands.add_parser("record", help="record a DAVIS camera's events to a file")
-    record.add_argument("--out", required=True, type=Path, metavar="FILE", help="its extension says the format")
+    record = commands.add_parser("record", help="record a DAVIS camera's events, or videos that it sees on a monitor")
+    record.add_argument(
+        "--out", type=Path, metavar="OUT", help="a file, whose extension says the format; with --monitor, a folder"
+    )
     record.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
     record.add_argument("--device", metavar="SERIAL", help="which camera, if there are several")
     record.add_argument("--settings", type=Path, metavar="FILE.json", help="biases, region, filters and so on")
     record.add_argument("--bias", action="append", default=[], metavar="NAME=COARSE:FINE", help="such as OnBn=5:255")
     record.add_argument("--region", type=int, nargs=4, metavar=("X", "Y", "WIDTH", "HEIGHT"), help="pixels to record")
-    record.add_argument("--simulate", action="store_true", help="a camera that isn't there, before a moving square")
+    record.add_argument(
+        "--simulate",
+        nargs="?",
+        const="",
+        metavar="NAME=NUMBER,...",
+        help="a camera that isn't there, before a moving square or the monitor; what it suffers, such as drift=100",
+    )
+    screen = record.add_argument_group("playing videos on a monitor")
+    screen.add_argument("--monitor", type=Path, metavar="IN", help="a folder of videos: play and record each of them")
+    screen.add_argument("--resume", action="store_true", help="go on with a folder that holds recordings")
+    screen.add_argument("--verify", action="store_true", help="hold what was recorded to the manifest, record nothing")
+    screen.add_argument("--format", default="hdf5", help="hdf5, aedat2, aedat3 or text (default hdf5)")
+    screen.add_argument("--limit", type=int, metavar="N", help="the first N videos only")
+    screen.add_argument("--display", type=int, default=0, metavar="N", help="which display (default 0)")
+    screen.add_argument(
+        "--screen-region",
+        type=int,
+        nargs=4,
+        metavar=("X", "Y", "WIDTH", "HEIGHT"),
+        help="where videos go (default: all)",
+    )
+    screen.add_argument("--scaling", default="aspect", help="aspect (as large as fits) or integer (whole numbers)")
     record.set_defaults(run=_record)
 
     verify = commands.add_parser(
@@ -255,12 +278,25 @@ def _at_least_1(args: argparse.Namespace, *names: str) -> None:
 
 
 def _record(args: argparse.Namespace) -> int:
-    from nvsdata.recording.session import run, settings_of
+    from nvsdata.recording.session import run, run_batch, settings_of
+    from nvsdata.recording.simulation import Simulation
 
+    _at_least_1(args, "limit")
+    if args.out is None:
+        raise ValueError("--out says where the recording goes")
     if args.seconds is not None and args.seconds <= 0:
         raise ValueError(f"--seconds must be positive, not {args.seconds}")
     settings = settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
-    return run(args.out, args.seconds, args.device, settings, simulate=args.simulate)
+    simulate = None if args.simulate is None else Simulation.of(args.simulate)
+    if args.monitor is None:
+        return run(args.out, args.seconds, args.device, settings, simulate)
+    screen = {
+        "display": args.display,
+        "region": args.screen_region and tuple(args.screen_region),
+        "scaling": args.scaling,
+    }
+    how = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
+    return run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **how)
 
 
 def _verify(args: argparse.Namespace) -> int:

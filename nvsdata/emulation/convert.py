@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import errno
-import hashlib
-import os
 import signal
 import time
-from collections import Counter
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
@@ -21,17 +17,12 @@ import cv2
 from tqdm import tqdm
 
 from nvsdata import formats
-from nvsdata.emulation.manifest import Manifest
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.video import TruncatedVideo
 from nvsdata.events import Events
+from nvsdata.manifest import Manifest
 from nvsdata.threads import stay_in_one_thread
-
-# what recordings are written as, and the extension that says so
-FORMATS = {f.name: f.suffixes[0] for f in formats.FORMATS if f.name in ("hdf5", "aedat2", "aedat3", "text")}
-VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
-# of the disk or the folder, not of one video: those after it would fail, too
-FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+from nvsdata.videos import fatal, sha256, swept, videos_in
 
 
 @dataclass(frozen=True)
@@ -83,8 +74,9 @@ def convert_videos(
     target = out or default_out(source)
     target.mkdir(parents=True, exist_ok=True)
     report = Report()
-    with _swept(target), Manifest(target, found[0].settings, format=format, size=size, fps=fps) as manifest:
-        waiting = [job for job in found if not manifest.has(job.name, job.video, job.target)]
+    made = {"settings": asdict(found[0].settings), "format": format, "size": size, "fps": fps}
+    with swept(target), Manifest(target, "nvsdata-videos", made) as manifest:
+        waiting = [job for job in found if not manifest.has(job.name, job.video, job.target, ("converted",))]
         report.kept = len(found) - len(waiting)
         started = time.monotonic()
         with (
@@ -120,24 +112,8 @@ def plan(
     limit: int | None = None,
 ) -> list[Job]:
     """The videos that would be converted, and to where; see `convert_videos`."""
-    if format not in FORMATS:
-        raise ValueError(f"format must be one of {', '.join(FORMATS)}, not {format!r}")
-    if not source.exists():
-        raise FileNotFoundError(f"{source}: no such folder or video")
-    root = source if source.is_dir() else source.parent
-    videos = sorted(p for p in source.rglob("*") if p.suffix.lower() in VIDEOS) if source.is_dir() else [source]
-    if not videos:
-        raise FileNotFoundError(f"no videos below {source}; they end in {' '.join(sorted(VIDEOS))}")
     target = out or default_out(source)
-    stems = Counter(video.relative_to(root).with_suffix("") for video in videos)
-    jobs = []
-    for video in videos[:limit]:
-        name = video.relative_to(root)
-        # a.avi and a.mp4 side by side keep their extensions
-        kept = name if stems[name.with_suffix("")] > 1 else name.with_suffix("")
-        place = target / kept.with_name(kept.name + FORMATS[format])
-        jobs.append(Job(name.as_posix(), video, place, settings, size, fps))
-    return jobs
+    return [Job(*video, settings, size, fps) for video in videos_in(source, target, format, limit)]
 
 
 def convert(job: Job) -> dict[str, Any]:
@@ -146,13 +122,13 @@ def convert(job: Job) -> dict[str, Any]:
     line: dict[str, Any] = {"video": job.name, "status": "converted"}
     try:
         stat = job.video.stat()
-        line |= {"bytes": stat.st_size, "sha256": _hash(job.video)}
+        line |= {"bytes": stat.st_size, "sha256": sha256(job.video)}
         job.target.parent.mkdir(parents=True, exist_ok=True)
         pieces = job.settings.stream(job.video, job.fps, size=job.size)
         formats.write(_counted(pieces, line), job.target)
         line["recording"] = job.target.stat().st_size
     except (ValueError, OSError, cv2.error, MemoryError) as error:
-        if isinstance(error, OSError) and _fatal(error, job):
+        if isinstance(error, OSError) and fatal(error, job.video):
             raise
         line |= {"status": "failed", "reason": str(error)}
     return line | {"seconds": round(time.monotonic() - started, 3)}
@@ -169,18 +145,6 @@ def _counted(pieces: Iterable[Events], line: dict[str, Any]) -> Iterator[Events]
             yield piece
     except TruncatedVideo as error:
         line |= {"status": "truncated", "reason": str(error)}
-
-
-def _fatal(error: OSError, job: Job) -> bool:
-    if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(job.video):
-        return False
-    # h5py tells the reason in words only
-    return error.errno in FATAL or any(os.strerror(number) in str(error) for number in FATAL)
-
-
-def _hash(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generator[tuple[Job, dict[str, Any]]]:
@@ -216,18 +180,3 @@ def _prepare() -> None:
     """A process of several: Ctrl-C is for the one that started it, and the other cores are taken."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stay_in_one_thread()
-
-
-@contextmanager
-def _swept(out: Path) -> Iterator[None]:
-    """Before and after the block, remove what killed processes left unfinished in `out`."""
-    _sweep(out)
-    try:
-        yield
-    finally:
-        _sweep(out)
-
-
-def _sweep(out: Path) -> None:
-    for part in out.rglob(".*.part"):
-        part.unlink(missing_ok=True)

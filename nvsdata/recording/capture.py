@@ -30,7 +30,8 @@ RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still ho
 TAIL = 0.3  # s to wait for what is on its way when the camera was stopped
 # how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over
 SWITCH = 2e-4
-RESET = 1
+TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
+RESET, RISING, PULSE = 1, 2, 4  # special events
 
 
 @dataclass
@@ -38,7 +39,8 @@ class Report:
     """How a recording went.
 
     `dropped` are events that the camera dropped (None if it doesn't count), `lost` bytes that came and found no room,
-    `ended` why it ended, `complaints` the decoder's, `temperature` of the inertial unit (°C), None without one.
+    `ended` why it ended, `complaints` the decoder's, `temperature` of the inertial unit (°C), None without one,
+    `triggers` the times (µs) of pulses and rising edges at the external input.
     """
 
     path: Path
@@ -47,14 +49,15 @@ class Report:
     received: int = 0
     lost: int = 0
     dropped: int | None = None
-    ended: str = "the time was up"
+    ended: str = TIME_UP
     complaints: dict[str, int] = field(default_factory=dict)
     temperature: float | None = None
+    triggers: list[int] = field(default_factory=list)
 
     @property
     def whole(self) -> bool:
         """Whether nothing was lost on the way."""
-        return not self.lost and not self.dropped and self.ended in ("the time was up", "it was stopped")
+        return not self.lost and not self.dropped and self.ended in (TIME_UP, STOPPED)
 
 
 def record(
@@ -64,13 +67,13 @@ def record(
     *,
     seconds: float | None = None,
     stop: Event | None = None,
-    watch: Callable[[Report], None] = lambda report: None,
+    watch: Callable[[Report, Events], None] = lambda report, events: None,
 ) -> Report:
     """Record events to a file, in the format of its extension, until `seconds` are over or `stop` is set.
 
     Times count from the reset of the camera's clock at the start. A camera that is unplugged, or sends nothing
     for 5 s, and a disk with less than 64 MB left end the recording; what came until then is in the file, and
-    `Report.ended` says so. `watch` is called about as often as blocks come, from another thread. CameraError if the
+    `Report.ended` says so. `watch` is called with the events of each block, from another thread. CameraError if the
     camera can't be configured or started, OSError if the file can't be written.
     """
     report = Report(Path(path))
@@ -129,7 +132,7 @@ class _Line(Thread):
         super().__init__(name="nvsdata-reader", daemon=True)
         self.camera, self.seconds, self.stop = camera, seconds, stop
         self.received = self.lost = 0
-        self.ended = "the time was up"
+        self.ended = TIME_UP
         self.gone = False
         self._blocks: deque[bytes] = deque()
         self._waiting = 0
@@ -161,7 +164,7 @@ class _Line(Thread):
                 self.ended = f"the camera sent nothing for {SILENCE:.0f} s"
                 return
             if self.stop.is_set():
-                self.ended = "it was stopped"
+                self.ended = STOPPED
                 return
             if self.seconds is not None and now - began > self.seconds + TAIL:
                 return
@@ -213,7 +216,11 @@ class _Line(Thread):
 
 
 def _pieces(
-    camera: Davis, line: _Line, seconds: float | None, report: Report, watch: Callable[[Report], None]
+    camera: Davis,
+    line: _Line,
+    seconds: float | None,
+    report: Report,
+    watch: Callable[[Report, Events], None],
 ) -> Iterator[Events]:
     """Events as they come, from the reset of the clock on, until `seconds` of the camera's time."""
     decoder = camera.decoder()
@@ -223,11 +230,12 @@ def _pieces(
     yield Events.trusted(_cut(decoder.feed(b""), 0, 0), size, 0)
     while block := line.take():
         if shutil.disk_usage(report.path.parent).free < RESERVE:
-            line.end("the disk is full")
+            line.end(DISK_FULL)
             return
         events = decoder.feed(block)
-        resets = decoder.specials.before[decoder.specials.kind == RESET]
-        first = int(resets[-1]) if resets.size else 0
+        specials = decoder.specials
+        resets = np.flatnonzero(specials.kind == RESET)
+        first, after = (int(specials.before[resets[-1]]), resets[-1] + 1) if resets.size else (0, 0)
         begun = begun or bool(resets.size)
         if decoder.samples.t.size:
             report.temperature = float(decoder.samples.temperature[-1])
@@ -238,8 +246,11 @@ def _pieces(
         if stop > first:
             report.seconds = max(report.seconds, int(events.t[stop - 1]) / 1e6)
         report.complaints, report.received, report.lost = decoder.complaints, line.received, line.lost
-        watch(report)
-        yield Events.trusted(_cut(events, first, stop), size, 0)
+        kinds, times = specials.kind[after:], specials.t[after:]
+        report.triggers += times[(kinds == RISING) | (kinds == PULSE)].tolist()
+        piece = Events.trusted(_cut(events, first, stop), size, 0)
+        watch(report, piece)
+        yield piece
 
 
 def _cut(events: Events, start: int, stop: int) -> Columns:

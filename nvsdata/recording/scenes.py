@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 from threading import Lock
 from typing import Protocol
 
@@ -20,6 +21,7 @@ SIZE = (240, 180)
 BLACK = 2  # level of what isn't the screen, in a dark room
 SETTLED = 1_000_000  # µs without being looked through after which pixels are used to what they see
 REFRESH = 16_667  # µs
+BANDS = np.linspace(8, 172, 13).astype(int)  # rows of the screen that change together
 # fires where light differs by a fifth from what it was when the pixel last fired, as often as that
 PIXELS = PIX2NVS(
     t_log=20, continuous=True, new=False, exp=False, max_events=8, noise_rate=0.5, mismatch=0.05, bandwidth=12e6
@@ -69,14 +71,15 @@ class Outlines:
 class Watched:
     """A screen in a dark room, through PIX2NVS: `look` is told what the screen shows.
 
-    `pixels` are the sensor's, `corners` where the screen's lie on it. The screen takes `response` µs to change; a
-    share `late` of the pictures comes a refresh later than the host thinks, none of them before the next one's time.
-    If `wired`, a photodiode in the screen's upper left corner pulses the external input when that turns bright.
+    `pixels` are the sensor's, `corners` where the screen's lie on it. The screen changes from top to bottom within
+    `scan` µs; a share `late` of the pictures comes a refresh later than the host thinks, none of them before the next
+    one's time. If `wired`, a photodiode in the screen's upper left corner pulses the external input when that turns
+    bright.
     """
 
     pixels: PIX2NVS = PIXELS
     corners: tuple[tuple[float, float], ...] = CORNERS
-    response: int = 2_000
+    scan: int = 12_000
     late: float = 0.0
     wired: bool = False
     seed: int = 0
@@ -107,7 +110,7 @@ class Watched:
         with self._lock:
             self._shown.append((moment, np.maximum(seen, BLACK)))
             if self.wired and bright and not self._bright:
-                self._pulses.append(moment + self.response // 2)
+                self._pulses.append(moment + self.scan // (2 * len(BANDS)))
         self._bright = bright
 
     def events(self, start: int, stop: int) -> Events:
@@ -124,8 +127,12 @@ class Watched:
         pieces = [self._waiting]
         for moment, picture in shown:
             pieces += self._until(moment)
-            self._picture = picture
-            pieces += self._until(max(moment, self._time) + self.response)
+            begun, mixed = self._time, self._picture
+            for n, (top, bottom) in enumerate(pairwise(BANDS), 1):
+                mixed = mixed.copy()
+                mixed[top:bottom] = picture[top:bottom]
+                self._picture = mixed
+                pieces += self._until(begun + n * self.scan // (len(BANDS) - 1))
         pieces += self._until(stop)
         events = Events.trusted(joined([piece.columns for piece in pieces]), SIZE, start)
         self._waiting = events.window(start=stop)

@@ -11,26 +11,28 @@ from typing import Any
 
 from tqdm import tqdm
 
+from nvsdata.events import Events
+from nvsdata.recording.batch import manifest_of, record_videos, verify
 from nvsdata.recording.capture import Report, record, stopped_by_interrupt
 from nvsdata.recording.davis import Davis
+from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.registers import Settings
+from nvsdata.recording.simulation import Simulation
+from nvsdata.videos import videos_in
+
+WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
 
 
-def run(out: Path, seconds: float | None, serial: str | None, settings: Settings, *, simulate: bool) -> int:
+def run(out: Path, seconds: float | None, serial: str | None, settings: Settings, simulate: Simulation | None) -> int:
     """Record to `out` for so many seconds, or until Ctrl-C; say how it went. 0 if nothing was lost, else 1."""
-    backend = None
-    if simulate:
-        from nvsdata.recording.backend import Backend
-        from nvsdata.recording.simulated import Camera
-
-        backend = Backend(Camera())
+    backend = simulate and simulate.alone()
     with Davis.find(serial, backend=backend) as camera, stopped_by_interrupt() as stop:
         facts = camera.facts
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
         print(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}", file=sys.stderr)
         with tqdm(total=seconds, unit="s", disable=None, bar_format="{desc}{bar:20}{r_bar}") as bar:
 
-            def watch(report: Report) -> None:
+            def watch(report: Report, events: Events) -> None:
                 rate = report.events / report.seconds if report.seconds else 0
                 bar.set_description_str(f"{report.events:,} events, {rate / 1e3:,.0f} k/s, ", refresh=False)
                 bar.update(min(report.seconds, seconds or report.seconds) - bar.n)
@@ -38,6 +40,41 @@ def run(out: Path, seconds: float | None, serial: str | None, settings: Settings
             report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
     print(told(report))
     return 0 if report.whole else 1
+
+
+def run_batch(
+    source: Path,
+    out: Path,
+    serial: str | None,
+    settings: Settings,
+    simulate: Simulation | None,
+    screen: dict[str, Any],
+    *,
+    format: str,
+    limit: int | None,
+    resume: bool,
+    check: bool,
+) -> int:
+    """Play and record a folder of videos, or `check` what was recorded. 0 if all of it went well, else 1."""
+    videos = videos_in(source, out, format, limit)
+    if check:
+        found = verify(videos, out)
+        for name, fault in found.items():
+            print(f"{name}: {fault}")
+        print(f"{len(videos) - len(found):,} of {len(videos):,} recordings are sound")
+        return 1 if found else 0
+    backend, look = simulate.watched() if simulate else (None, None)
+    window = WINDOW if simulate else None
+    with (
+        Monitor(**screen, window=window, look=look) as monitor,
+        manifest_of(out, settings, format, monitor, resume=resume) as manifest,
+    ):
+        result = record_videos(videos, out, manifest, lambda: Davis.find(serial, backend=backend), monitor, settings)
+    for name, reason in result.failed.items():
+        print(f"{name}: {reason}", file=sys.stderr)
+    done = f"{result.recorded:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
+    print(f"{done}; {result.events:,} events in {out}")
+    return 1 if result.failed else 0
 
 
 def told(report: Report) -> str:

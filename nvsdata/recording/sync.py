@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from nvsdata.events import Events
 
 BIN = 1_000  # µs of the coarse search
 SMEAR = 5  # bins that a flash's events spread over
+LONGEST = 25_000  # µs that a flash's events take: a screen changes line by line, a readout has its limit
+ONSET = 0.05  # of a flash's events have come when it counts as begun
 NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 Hz
 MOST_DRIFT = 500e-6  # of the camera's clock against the host's
 LEAST = 0.6  # share of the flashes that must be found
@@ -57,22 +60,30 @@ def flashes(length: int = 31) -> np.ndarray:
     return np.array(bits, np.uint8)
 
 
-def fit(events: Events, shown: np.ndarray, bright: np.ndarray) -> Fit:
-    """Match the flashes that were shown to the events that a camera saw of them.
+def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> Fit:
+    """Match the flashes that were shown to what a camera saw of them.
 
-    `shown` [n], host times (µs, rising) at which the whole screen changed, and `bright` [n], whether to bright (ON
-    events) or to dark (OFF). They may be several groups, as before and after a video. A flash that came later than
-    the host thought, or not at all, is an outlier and left out. NoSync if too few agree.
+    `seen`: its events, or the times (µs, rising) of triggers that a photodiode before the screen gave: one at each
+    flash to bright, and maybe others. `shown` [n], host times (µs, rising) at which the whole screen changed, and
+    `bright` [n], whether to bright (ON events) or to dark (OFF). They may be several groups, as before and after a
+    video; events in between may be left out. A flash that came later than the host thought, or not at all, is an
+    outlier and left out. NoSync if too few agree.
 
-    The flashes are first found as a pattern by correlation at 1 ms, from the first group on, then each by the median
-    time of its events, and a line is laid through those that agree. ON and OFF may have different delays, of which
-    the mean is taken for the camera's.
+    The flashes are first found as a pattern by correlation at 1 ms, from the first group on, then each by the time at
+    which its events begin, and a line is laid through those that agree. ON and OFF may have different delays, of
+    which the mean is taken for the camera's.
     """
     host, rising = np.asarray(shown, np.float64), np.asarray(bright, bool)
-    if host.size < 6 or len(events) == 0:
-        raise NoSync(f"{host.size} flashes and {len(events)} events can't be matched")
+    sight: _Rates | _Triggers
+    if isinstance(seen, Events):
+        sight = _Rates(seen)
+    else:
+        sight = _Triggers(np.asarray(seen, np.float64))
+        host, rising = host[rising], rising[rising]
+    if host.size < 6 or sight.count == 0:
+        raise NoSync(f"{host.size} flashes and {sight.count} {sight.what} can't be matched")
     group = host - host[0] < 3e6
-    offset = _coarse(events, host[group], rising[group])
+    offset = sight.coarse(host[group], rising[group])
     camera = np.full(host.size, np.nan)
     found = np.zeros(host.size, bool)
     for n in range(host.size):
@@ -80,7 +91,7 @@ def fit(events: Events, shown: np.ndarray, bright: np.ndarray) -> Fit:
         last = np.flatnonzero(found)[-8:]
         ahead = offset if group[n] or not last.size else float(np.median(camera[last] - host[last]))
         gap = host[n] - (host[last[-1]] if last.size else host[0])
-        camera[n] = _burst(events, host[n] + ahead, bool(rising[n]), NEAR + MOST_DRIFT * gap)
+        camera[n] = sight.near(host[n] + ahead, bool(rising[n]), NEAR + MOST_DRIFT * gap)
         found[n] = np.isfinite(camera[n])
     if found.sum() < max(6, LEAST * host.size):
         raise NoSync(f"of {host.size} flashes the camera saw {int(found.sum())}: is the whole screen in its view?")
@@ -92,17 +103,82 @@ def fit(events: Events, shown: np.ndarray, bright: np.ndarray) -> Fit:
     return Fit(offset, slope - 1, residual, used, host.size)
 
 
-def _coarse(events: Events, host: np.ndarray, rising: np.ndarray) -> float:
-    """Camera time minus host time, by correlation of the flashes with the rate of ON less OFF events."""
-    first = int(events.t[0])
-    bins = (events.t - first) // BIN
-    rate = np.bincount(bins, np.where(events.p, 1.0, -1.0))
-    # a burst counts by its size's root, or one bright object would outweigh the pattern
-    rate = np.sign(rate) * np.sqrt(np.abs(rate))
-    smooth = np.convolve(rate, np.ones(SMEAR), "full")[SMEAR - 1 :]
+class _Rates:
+    """Flashes as events show them."""
+
+    what = "events"
+
+    def __init__(self, events: Events) -> None:
+        self.events, self.count = events, len(events)
+
+    def coarse(self, host: np.ndarray, rising: np.ndarray) -> float:
+        """Camera time minus host time, by correlation of the flashes with the rate of ON less OFF events."""
+        events = self.events
+        first = int(events.t[0])
+        bins = (events.t - first) // BIN
+        rate = np.bincount(bins, np.where(events.p, 1.0, -1.0))
+        # a burst counts by its size's root, or one bright object would outweigh the pattern
+        rate = np.sign(rate) * np.sqrt(np.abs(rate))
+        return first + _pattern(np.convolve(rate, np.ones(SMEAR), "full")[SMEAR - 1 :], host, rising)
+
+    def near(self, expected: float, rising: bool, near: float) -> float:
+        """Time at which a flash's events begin, around where it is expected; NaN if there is no flash."""
+        events = self.events
+        lo, hi = np.searchsorted(events.t, (expected - near, expected + near + LONGEST))
+        t = events.t[lo:hi][events.p[lo:hi] == rising]
+        if t.size < 20:
+            return float("nan")
+        # a flash takes less than half of the bins, so the middle one of them has noise alone
+        bins = (t - int(expected - near)) // BIN
+        counts = np.bincount(bins, minlength=int((2 * near + LONGEST) // BIN))
+        noise = float(np.median(counts))
+        peak = int(counts.argmax())
+        level = noise + max(4 * noise**0.5, 0.02 * counts[peak], 1)
+        if counts[peak] <= level:
+            return float("nan")
+        first, last = _above(counts, peak, level)
+        inside = t[(bins >= first) & (bins <= last)]
+        surplus = np.arange(1, inside.size + 1) - noise / BIN * (inside - inside[0])
+        if surplus[-1] < max(6 * (noise * (last - first + 1)) ** 0.5, 10):
+            return float("nan")
+        return float(inside[np.argmax(surplus >= ONSET * surplus[-1])])
+
+
+def _above(counts: np.ndarray, peak: int, level: float) -> tuple[int, int]:
+    """First and last bin of those around the peak that are above a level, gaps of two bins apart."""
+    high = np.flatnonzero(counts > level)
+    at = int(np.searchsorted(high, peak))
+    breaks = np.flatnonzero(np.diff(high) > 3)
+    before, after = breaks[breaks < at], breaks[breaks >= at]
+    return int(high[before[-1] + 1 if before.size else 0]), int(high[after[0] if after.size else -1])
+
+
+class _Triggers:
+    """Flashes as a photodiode shows them."""
+
+    what = "triggers"
+
+    def __init__(self, times: np.ndarray) -> None:
+        self.times, self.count = times, times.size
+
+    def coarse(self, host: np.ndarray, rising: np.ndarray) -> float:
+        """Camera time minus host time, by correlation of the flashes with the triggers."""
+        counts = np.bincount(((self.times - self.times[0]) // BIN).astype(np.int64))
+        near = np.convolve(counts > 0, np.ones(SMEAR), "full")[SMEAR - 1 :]
+        return float(self.times[0]) + _pattern(near, host, rising)
+
+    def near(self, expected: float, rising: bool, near: float) -> float:
+        """The trigger that is nearest to where it is expected; NaN if none is near."""
+        distance = np.abs(self.times - expected)
+        best = int(distance.argmin())
+        return float(self.times[best]) if distance[best] <= near else float("nan")
+
+
+def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> float:
+    """µs, to be counted from the first of `rate`'s bins, minus the host's, where `rate` is most like the flashes."""
     steps = np.rint((host - host[0]) / BIN).astype(np.int64)
     # flashes may lie before the first event and after the last one by a little
-    padded = np.concatenate((np.zeros(SMEAR), smooth, np.zeros(int(steps[-1]) + 1)))
+    padded = np.concatenate((np.zeros(SMEAR), rate, np.zeros(int(steps[-1]) + 1)))
     places = np.arange(padded.size - int(steps[-1]))
     score = np.zeros(places.size)
     for step, sign in zip(steps, np.where(rising, 1.0, -1.0), strict=True):
@@ -110,23 +186,7 @@ def _coarse(events: Events, host: np.ndarray, rising: np.ndarray) -> float:
     # the pattern may come again, after the video: its first time is meant
     first_good = int(np.argmax(score >= 0.7 * score.max()))
     best = first_good + int(score[first_good : first_good + 4 * SMEAR].argmax())
-    return float(first + (best - SMEAR) * BIN - host[0])
-
-
-def _burst(events: Events, expected: float, rising: bool, near: float) -> float:
-    """Median time of a flash's events around where it is expected; NaN if there is no flash."""
-    lo, hi = np.searchsorted(events.t, (expected - near, expected + near + SMEAR * BIN))
-    t, right = events.t[lo:hi], events.p[lo:hi] == rising
-    t = t[right]
-    if t.size < 20:
-        return float("nan")
-    counts = np.bincount((t - t[0]) // BIN)
-    window = np.convolve(counts, np.ones(SMEAR), "full")[SMEAR - 1 :]
-    peak = int(window.argmax())
-    inside = t[(t >= t[0] + peak * BIN) & (t < t[0] + (peak + SMEAR) * BIN)]
-    # far more than the noise of as long a time
-    noise = (t.size - inside.size) / max(counts.size - SMEAR, 1) * SMEAR
-    return float(np.median(inside)) if inside.size > 3 * noise + 10 else float("nan")
+    return float((best - SMEAR) * BIN - host[0])
 
 
 def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[float, float, float, int]:

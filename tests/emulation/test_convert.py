@@ -15,6 +15,7 @@ from nvsdata.cli import main
 from nvsdata.emulation import PIX2NVS, convert
 from nvsdata.emulation.convert import convert_videos
 from nvsdata.formats import hdf5
+from nvsdata.videos import FORMATS
 
 
 @pytest.fixture
@@ -49,11 +50,11 @@ def test_a_folder_of_videos_becomes_a_dataset(videos):
     assert report.events == sum(line["events"] for line in rest)
 
 
-@pytest.mark.parametrize("format", convert.FORMATS)
+@pytest.mark.parametrize("format", FORMATS)
 def test_every_format_holds_the_same_events(videos, format):
     convert_videos(videos / "run/a.avi", videos / "out", format=format)
     expected = PIX2NVS().emulate(videos / "run/a.avi")
-    found = nvsdata.read(videos / f"out/a{convert.FORMATS[format]}")
+    found = nvsdata.read(videos / f"out/a{FORMATS[format]}")
     assert (found.t == expected.t).all()
     assert (found.x == expected.x).all()
 
@@ -199,7 +200,7 @@ def test_wrong_arguments(videos, tmp_path, capsys):
     assert "threshold must be at least" in capsys.readouterr().err
     (tmp_path / "out").mkdir()
     (tmp_path / "out/manifest.jsonl").write_text("[]\n")
-    with pytest.raises(ValueError, match="no manifest of converted videos"):
+    with pytest.raises(ValueError, match="no manifest of nvsdata-videos"):
         convert_videos(videos, tmp_path / "out")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata import Events
-from nvsdata.recording.sync import Fit, NoSync, fit, flashes
+from nvsdata.recording.sync import ONSET, Fit, NoSync, fit, flashes
 
 FRAME = 1e6 / 60
 
@@ -50,7 +50,7 @@ def test_drift_and_offset_with_late_flashes_noise_and_a_video_between(seed):
     camera = offset + (1 + drift) * (host + late) + rng.normal(0, 50, host.size)
     found = fit(seen(camera, bright, seed, video=(offset + 4e6, offset + 13e6)), host, bright)
     # the delay of the sensor is the camera's own: its mean here is that of the two directions
-    delay = (800 + 1_500) / 2 + 700 * np.log(2)
+    delay = (800 + 1_500) / 2 - 700 * np.log(1 - ONSET)
     assert abs(found.camera(3e6) - delay - (offset + (1 + drift) * 3e6)) < 300
     assert abs(found.drift - drift) < 5e-6
     assert found.used >= host.size - 8

@@ -1,0 +1,72 @@
+"""What a folder of recordings was made of: settings, and a JSON line a video."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+
+import nvsdata
+from nvsdata.files import Journal
+
+NAME = "manifest.jsonl"
+
+
+class Manifest(Journal):
+    """`out/manifest.jsonl`, open for adding lines.
+
+    The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, and the versions
+    of the software; each further line a video's name, status, size and sha256, and what came of it. A video that was
+    tried twice has two lines; the last one holds. ValueError if the folder's first line tells of another kind or of
+    other settings.
+    """
+
+    def __init__(self, out: Path, kind: str, made: dict[str, Any], told: dict[str, Any] | None = None) -> None:
+        # as the file would give it back
+        made = json.loads(json.dumps(made))
+        digest = hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
+        tail = {"settings_sha256": digest, "versions": _versions()}
+        super().__init__(out / NAME, {kind: 1, **made, **(told or {}), **tail})
+        if kind not in self.head:
+            raise ValueError(f"{self.path} is no manifest of {kind}: choose another folder")
+        if self.head["settings_sha256"] != digest:
+            was, now = _flat({key: self.head.get(key) for key in made}), _flat(made)
+            differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
+            raise ValueError(f"{out} holds recordings made with {differs}: choose another folder")
+        self.videos = {line["video"]: line for line in self.lines}
+
+    def has(self, name: str, video: Path, target: Path, statuses: tuple[str, ...]) -> bool:
+        """Whether the video, as it is now, came to one of these ends, and its recording is there."""
+        line = self.videos.get(name)
+        return (
+            line is not None
+            and line["status"] in statuses
+            and line["bytes"] == video.stat().st_size
+            and target.exists()
+            and target.stat().st_size == line["recording"]
+        )
+
+    def add(self, line: dict[str, Any]) -> None:
+        super().add(line)
+        self.videos[line["video"]] = line
+
+
+def _flat(made: dict[str, Any]) -> dict[str, Any]:
+    """Settings with those inside "settings" beside the others."""
+    return {**made.get("settings", {}), **{key: value for key, value in made.items() if key != "settings"}}
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "nvsdata": nvsdata.__version__,
+        "python": platform.python_version(),
+        "opencv": cv2.__version__,
+        "numpy": np.__version__,
+        "h5py": h5py.__version__,
+    }

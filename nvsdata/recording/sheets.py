@@ -1,0 +1,94 @@
+"""Contact sheets of recordings: a picture of each video beside what the camera saw of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+
+from nvsdata import formats
+from nvsdata.manifest import Manifest
+from nvsdata.pictures import FONT, INK, event_image, save
+from nvsdata.videos import Video
+
+COLUMNS, ROWS = 4, 10
+TILE = (160, 120)
+CAPTION = 18
+SPAN = 40_000  # µs of events in a picture
+
+
+class Sheets:
+    """`out/contact-sheet-001.png` and so on, each drawn when all its videos are done, or when the block ends."""
+
+    def __init__(self, out: Path, videos: list[Video], manifest: Manifest) -> None:
+        size = COLUMNS * ROWS
+        self.out, self.manifest = out, manifest
+        self._pages = [videos[first : first + size] for first in range(0, len(videos), size)]
+        self._page_of = {video.name: n for n, page in enumerate(self._pages) for video in page}
+        self._stale: set[int] = set()
+
+    def add(self, video: Video) -> None:
+        """A video is in the manifest anew."""
+        page = self._page_of[video.name]
+        self._stale.add(page)
+        if all(other.name in self.manifest.videos for other in self._pages[page]):
+            self._draw(page)
+
+    def _draw(self, page: int) -> None:
+        there = [(video, self.manifest.videos.get(video.name)) for video in self._pages[page]]
+        save(_page(there), self.out / f"contact-sheet-{page + 1:03}.png")
+        self._stale.discard(page)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for page in sorted(self._stale):
+            self._draw(page)
+
+
+def _page(videos: list[tuple[Video, dict[str, Any] | None]]) -> np.ndarray:
+    wide, high = 2 * TILE[0] + 12, TILE[1] + CAPTION + 8
+    rows = -(-len(videos) // COLUMNS)
+    page = np.full((rows * high, min(COLUMNS, len(videos)) * wide, 3), 240, np.uint8)
+    for n, (video, line) in enumerate(videos):
+        left, top = n % COLUMNS * wide, n // COLUMNS * high
+        page[top : top + CAPTION + TILE[1], left : left + 2 * TILE[0]] = _tile(video, line)
+    return page
+
+
+def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
+    tile = np.full((CAPTION + TILE[1], 2 * TILE[0], 3), 240, np.uint8)
+    tile[CAPTION:, : TILE[0]] = _fitted(_middle(video.path))
+    caption = f"{Path(video.name).stem[:26]}  -"
+    if line is not None and "events" in line and video.target.exists():
+        half = line["duration"] // 2
+        events = formats.read(video.target, max(half - SPAN // 2, 0), half + SPAN // 2)
+        tile[CAPTION:, TILE[0] :] = _fitted(event_image(events))
+        caption = f"{Path(video.name).stem[:26]}  {line['events'] * 1e3 / max(line['duration'], 1):,.0f} k/s"
+    cv2.putText(tile, caption, (2, CAPTION - 5), FONT, 0.4, INK, 1, cv2.LINE_AA)
+    return tile
+
+
+def _middle(path: Path) -> np.ndarray:
+    """The video's middle picture; grey if it can't be had."""
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        capture.set(cv2.CAP_PROP_POS_FRAMES, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) // 2)
+        ok, picture = capture.read()
+    finally:
+        capture.release()
+    return np.asarray(picture) if ok else np.full((*TILE[::-1], 3), 128, np.uint8)
+
+
+def _fitted(picture: np.ndarray) -> np.ndarray:
+    """The picture in a tile, its sides in proportion."""
+    height, width = picture.shape[:2]
+    scale = min(TILE[0] / width, TILE[1] / height)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    tile = np.full((TILE[1], TILE[0], 3), 220, np.uint8)
+    x, y = (TILE[0] - size[0]) // 2, (TILE[1] - size[1]) // 2
+    tile[y : y + size[1], x : x + size[0]] = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    return tile

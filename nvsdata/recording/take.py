@@ -1,0 +1,215 @@
+"""One video, played and recorded at once; the recording is then cut to the video and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+
+from nvsdata import formats
+from nvsdata.events import Columns, Events, Recording, joined
+from nvsdata.frames import MICROSECONDS
+from nvsdata.recording.capture import STOPPED, Report, record
+from nvsdata.recording.davis import Davis
+from nvsdata.recording.monitor import Monitor
+from nvsdata.recording.playback import Performance, perform
+from nvsdata.recording.registers import Settings
+from nvsdata.recording.sync import Fit, NoSync, fit, host_time
+
+PIECE = 1_000_000  # µs of a recording that are read at once
+STARTING = 2_000_000  # µs that a camera may take from being asked to its time's reset
+BESIDE = 300_000  # µs around the flashes
+BIN = 10_000  # µs of the bins that the rate of events is looked at in
+FEWEST = 1_000  # events/s: fewer are noise
+FULL = 10e6  # events/s in a bin that a readout is full with
+MOST_FULL = 0.01  # share of full bins
+MOST_LATE = 0.05  # share of the pictures that were late or skipped
+WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
+
+
+class Spoilt(Exception):
+    """A take that must be done again, and why."""
+
+
+class Broken(Spoilt):
+    """A take that the camera broke off."""
+
+
+@dataclass
+class Take:
+    """What came of playing and recording at once; host times in µs."""
+
+    raw: Path
+    began: float  # before the camera was asked to start
+    report: Report
+    performance: Performance
+
+
+@dataclass
+class Tally:
+    """Events between two times of a recording: how many, how many ON, and the share of bins that are full."""
+
+    events: int = 0
+    on: int = 0
+    full: float = 0.0
+
+
+def shoot(camera: Davis, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
+    """Record while a video plays. `Broken` if the camera or the disk ended it.
+
+    Whatever the monitor, the video or the camera raises ends the recording, too.
+    """
+    running = _Running(camera, raw, settings)
+    running.start()
+    try:
+        running.begun.wait()
+        monitor.check = running.check
+        performance = perform(monitor, video)
+    finally:
+        monitor.check = lambda: None
+        running.finish()
+    if running.error is not None:
+        raise running.error
+    return Take(raw, running.began, running.report, performance)
+
+
+class _Running(Thread):
+    """A recording in a thread of its own."""
+
+    def __init__(self, camera: Davis, raw: Path, settings: Settings) -> None:
+        super().__init__(name="nvsdata-recorder", daemon=True)
+        self.camera, self.raw, self.settings = camera, raw, settings
+        self.began, self.report = host_time(), Report(raw)
+        self.begun, self.stopping = Event(), Event()
+        self._ended = False
+        self.error: BaseException | None = None
+
+    def run(self) -> None:
+        try:
+            self.report = record(
+                self.camera,
+                self.raw,
+                self.settings,
+                stop=self.stopping,
+                watch=lambda report, events: self.begun.set(),
+            )
+        except BaseException as error:
+            self.error = error
+        finally:
+            self._ended = True
+            self.begun.set()
+
+    def check(self) -> None:
+        """`Broken`, or what ended the recording, if it has ended."""
+        if self._ended:
+            if self.error is not None:
+                raise self.error
+            raise Broken(self.report.ended)
+
+    def finish(self) -> None:
+        """End it, and wait until its file is whole."""
+        self.stopping.set()
+        self.join()
+
+
+def synced(take: Take) -> tuple[Fit, str]:
+    """The fit of the take's flashes, by the external input's triggers if they show them, else by events; which of them.
+
+    NoSync if neither does.
+    """
+    done = take.performance
+    shown, bright = np.array(done.flashes), np.array(done.bright)
+    try:
+        return fit(take.report.triggers, shown, bright), "triggers"
+    except NoSync:
+        return fit(_around_flashes(take), shown, bright), "events"
+
+
+def _around_flashes(take: Take) -> Events:
+    """Events of the time around the flashes, before and after the video."""
+    recording = formats.open(take.raw)
+    flashes, start = np.array(take.performance.flashes), take.performance.start
+    windows: list[tuple[int, int]] = []
+    for group in (flashes[flashes < start], flashes[flashes >= start]):
+        # on the camera's clock, which began between `began` and so long after
+        lo, hi = group[0] - take.began - STARTING, group[-1] - take.began + BESIDE
+        lo = max(int(lo), windows[-1][1] if windows else 0)
+        windows.append((lo, max(int(hi), lo)))
+    return Events.trusted(joined([recording.read(*window).columns for window in windows]), recording.sensor_size)
+
+
+def develop(take: Take, target: Path) -> dict[str, Any]:
+    """Cut the take to its video, from time zero, into `target`; what the manifest is to say of it.
+
+    `Spoilt` if it has to be done again: nothing is written then.
+    """
+    report, done = take.report, take.performance
+    if report.ended != STOPPED:
+        raise Broken(report.ended)
+    try:
+        line, by = synced(take)
+    except NoSync as error:
+        raise Spoilt(str(error)) from None
+    span = round(line.camera(done.start)), round(line.camera(done.stop))
+    recording = formats.open(take.raw)
+    tally = _tally(recording, *span)
+    _check(report, done, line, tally, span[1] - span[0])
+    target.parent.mkdir(parents=True, exist_ok=True)
+    formats.write(_trimmed(recording, *span), target)
+    return {
+        "recording": target.stat().st_size,
+        "duration": span[1] - span[0],
+        "events": tally.events,
+        "on": tally.on,
+        "sensor_size": recording.sensor_size,
+        "sync": {"by": by, **asdict(line)},
+        "frames": done.frames,
+        "late": done.late,
+        "skipped": done.skipped,
+        "dropped": report.dropped,
+        "odd": {name: count for name, count in report.complaints.items() if count},
+        "temperature": report.temperature,
+    }
+
+
+def _check(report: Report, done: Performance, line: Fit, tally: Tally, duration: int) -> None:
+    """`Spoilt` unless all of the video was shown in time, seen and kept."""
+    if report.lost:
+        raise Spoilt(f"{report.lost} bytes came faster than they could be decoded and written")
+    if report.dropped:
+        raise Spoilt(f"the camera dropped {report.dropped} events")
+    if line.residual > WORST_RESIDUAL:
+        raise Spoilt(f"the flashes are {line.residual:.0f} µs off in the middle")
+    missed = done.late + done.skipped
+    if missed > MOST_LATE * done.frames:
+        raise Spoilt(f"{missed} of {done.frames} pictures were late: is the computer busy?")
+    if tally.events < FEWEST * duration / MICROSECONDS:
+        raise Spoilt(f"{tally.events} events in {duration / MICROSECONDS:.2f} s are too few")
+    if tally.full > MOST_FULL:
+        raise Spoilt(f"the readout is full for {tally.full:.0%} of the time: lower the contrast, or raise thresholds")
+
+
+def _pieces(recording: Recording, start: int, stop: int) -> Iterator[Events]:
+    for begin in range(start, stop, PIECE):
+        yield recording.read(begin, min(begin + PIECE, stop))
+
+
+def _tally(recording: Recording, start: int, stop: int) -> Tally:
+    tally, full = Tally(), 0
+    for piece in _pieces(recording, start, stop):
+        tally.events += len(piece)
+        tally.on += int(np.count_nonzero(piece.p))
+        full += int((np.bincount((piece.t - piece.start) // BIN) > FULL * BIN / MICROSECONDS).sum())
+    tally.full = full * BIN / max(stop - start, 1)
+    return tally
+
+
+def _trimmed(recording: Recording, start: int, stop: int) -> Iterator[Events]:
+    """The events between two times, counted from the first."""
+    for piece in _pieces(recording, start, stop):
+        columns = Columns(piece.t - start, piece.x, piece.y, piece.p)
+        yield Events.trusted(columns, piece.sensor_size, piece.start - start)

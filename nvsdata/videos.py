@@ -1,0 +1,80 @@
+"""Folders of videos, and where what becomes of them goes."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from nvsdata import formats
+
+# what recordings are written as, and the extension that says so
+FORMATS = {f.name: f.suffixes[0] for f in formats.FORMATS if f.name in ("hdf5", "aedat2", "aedat3", "text")}
+VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
+# of the disk or the folder, not of one video: those after it would fail, too
+FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+
+
+class Video(NamedTuple):
+    """A video, its name below the folder of videos (with slashes), and the recording that it is to become."""
+
+    name: str
+    path: Path
+    target: Path
+
+
+def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:
+    """A video, or every video below a folder, sorted; recordings go to `out`, in the same tree of folders.
+
+    FileNotFoundError if there is no video, ValueError for an unknown format.
+    """
+    if format not in FORMATS:
+        raise ValueError(f"format must be one of {', '.join(FORMATS)}, not {format!r}")
+    if not source.exists():
+        raise FileNotFoundError(f"{source}: no such folder or video")
+    root = source if source.is_dir() else source.parent
+    paths = sorted(p for p in source.rglob("*") if p.suffix.lower() in VIDEOS) if source.is_dir() else [source]
+    if not paths:
+        raise FileNotFoundError(f"no videos below {source}; they end in {' '.join(sorted(VIDEOS))}")
+    stems = Counter(path.relative_to(root).with_suffix("") for path in paths)
+    found = []
+    for path in paths[:limit]:
+        name = path.relative_to(root)
+        # a.avi and a.mp4 side by side keep their extensions
+        kept = name if stems[name.with_suffix("")] > 1 else name.with_suffix("")
+        found.append(Video(name.as_posix(), path, out / kept.with_name(kept.name + FORMATS[format])))
+    return found
+
+
+def fatal(error: OSError, video: Path) -> bool:
+    """Whether an error met with a video is the disk's or the folder's, so that others would meet it, too."""
+    if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
+        return False
+    # h5py tells the reason in words only
+    return error.errno in FATAL or any(os.strerror(number) in str(error) for number in FATAL)
+
+
+def sha256(path: Path) -> str:
+    """A file's hash."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def swept(out: Path) -> Iterator[None]:
+    """Before and after the block, remove what killed processes left unfinished in `out`."""
+    _sweep(out)
+    try:
+        yield
+    finally:
+        _sweep(out)
+
+
+def _sweep(out: Path) -> None:
+    for part in out.rglob(".*.part"):
+        part.unlink(missing_ok=True)
