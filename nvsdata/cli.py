@@ -127,7 +127,9 @@ def _parser(command: str) -> argparse.ArgumentParser:
         metavar="NAME=NUMBER,...",
         help="a camera that isn't there, before a moving square or the monitor; what it suffers, such as drift=100",
     )
+    record.add_argument("--live", action="store_true", help="show events in a window")
     screen = record.add_argument_group("playing videos on a monitor")
+    screen.add_argument("--calibrate", action="store_true", help="aim, focus, find the screen; figures go to OUT")
     screen.add_argument("--monitor", type=Path, metavar="IN", help="a folder of videos: play and record each of them")
     screen.add_argument("--resume", action="store_true", help="go on with a folder that holds recordings")
     screen.add_argument("--verify", action="store_true", help="hold what was recorded to the manifest, record nothing")
@@ -278,23 +280,25 @@ def _at_least_1(args: argparse.Namespace, *names: str) -> None:
 
 
 def _record(args: argparse.Namespace) -> int:
-    from nvsdata.recording.session import run, run_batch, settings_of
+    from nvsdata.recording.session import run, run_batch, run_calibration, settings_of
     from nvsdata.recording.simulation import Simulation
 
     _at_least_1(args, "limit")
-    if args.out is None:
+    if args.out is None and not (args.live or args.calibrate):
         raise ValueError("--out says where the recording goes")
     if args.seconds is not None and args.seconds <= 0:
         raise ValueError(f"--seconds must be positive, not {args.seconds}")
     settings = settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
     simulate = None if args.simulate is None else Simulation.of(args.simulate)
-    if args.monitor is None:
-        return run(args.out, args.seconds, args.device, settings, simulate)
+    if args.monitor is None and not args.calibrate:
+        return run(args.out, args.seconds, args.device, settings, simulate, live=args.live)
     screen = {
         "display": args.display,
         "region": args.screen_region and tuple(args.screen_region),
         "scaling": args.scaling,
     }
+    if args.calibrate:
+        return run_calibration(args.out or Path("calibration"), args.seconds, args.device, settings, simulate, screen)
     how = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     return run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **how)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -19,14 +17,13 @@ from tqdm import tqdm
 from nvsdata import formats
 from nvsdata.files import Journal
 from nvsdata.manifest import NAME, Manifest
-from nvsdata.recording.capture import DISK_FULL
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.monitor import Monitor, MonitorError
 from nvsdata.recording.playback import BRIGHT, DIM, STEP
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sheets import Sheets
 from nvsdata.recording.sync import host_time
-from nvsdata.recording.take import Broken, Spoilt, develop, shoot
+from nvsdata.recording.take import Spoilt, develop, shoot
 from nvsdata.videos import Video, fatal, sha256, swept
 
 TAKES = 3  # of a video, before it is given up
@@ -102,8 +99,8 @@ def record_videos(
             line = _line(video, camera)
             try:
                 line |= _recorded(video, out, camera, monitor, settings)
-            except Spoilt as reason:
-                if isinstance(reason, Broken):
+            except (Spoilt, CameraError) as reason:
+                if isinstance(reason, CameraError):
                     cameras.drop()
                 if takes[video.name] < TAKES:
                     bar.write(f"{video.name}: {reason}; again later")
@@ -139,13 +136,11 @@ def _recorded(video: Video, out: Path, camera: Davis, monitor: Monitor, settings
     raw.parent.mkdir(parents=True, exist_ok=True)
     try:
         take = shoot(camera, monitor, video.path, raw, settings)
-    except CameraError as error:
-        raise Broken(str(error)) from None
+    except CameraError:
+        raise
     except BaseException:
         raw.unlink(missing_ok=True)
         raise
-    if take.report.ended == DISK_FULL:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out))
     line = develop(take, video.target)
     raw.unlink()
     if take.performance.truncated:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import signal
 import sys
@@ -43,7 +45,7 @@ class Report:
     `triggers` the times (µs) of pulses and rising edges at the external input.
     """
 
-    path: Path
+    path: Path | None
     events: int = 0
     seconds: float = 0.0
     received: int = 0
@@ -55,14 +57,23 @@ class Report:
     triggers: list[int] = field(default_factory=list)
 
     @property
+    def failure(self) -> OSError | None:
+        """What ended the recording, unless the time was up or it was stopped: CameraError, or a disk that is full."""
+        if self.ended in (TIME_UP, STOPPED):
+            return None
+        if self.ended == DISK_FULL:
+            return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
+        return CameraError(self.ended)
+
+    @property
     def whole(self) -> bool:
         """Whether nothing was lost on the way."""
-        return not self.lost and not self.dropped and self.ended in (TIME_UP, STOPPED)
+        return not self.lost and not self.dropped and self.failure is None
 
 
 def record(
     camera: Davis,
-    path: str | Path,
+    path: str | Path | None,
     settings: Settings | None = None,
     *,
     seconds: float | None = None,
@@ -71,13 +82,16 @@ def record(
 ) -> Report:
     """Record events to a file, in the format of its extension, until `seconds` are over or `stop` is set.
 
+    With None for the file, they are only given to `watch`.
+
     Times count from the reset of the camera's clock at the start. A camera that is unplugged, or sends nothing
     for 5 s, and a disk with less than 64 MB left end the recording; what came until then is in the file, and
     `Report.ended` says so. `watch` is called with the events of each block, from another thread. CameraError if the
     camera can't be configured or started, OSError if the file can't be written.
     """
-    report = Report(Path(path))
-    formats.writer_of(path)
+    report = Report(None if path is None else Path(path))
+    if path is not None:
+        formats.writer_of(path)
     camera.configure(settings or Settings())
     before = camera.dropped()
     with switching_fast():
@@ -86,7 +100,11 @@ def record(
         line.start()
         try:
             camera.reset_time()
-            formats.write(ahead(_pieces(camera, line, seconds, report, watch)), path)
+            pieces = _pieces(camera, line, seconds, report, watch)
+            if path is None:
+                deque(pieces, maxlen=0)
+            else:
+                formats.write(ahead(pieces), path)
         finally:
             line.finish()
     report.received, report.lost, report.ended = line.received, line.lost, line.ended
@@ -229,7 +247,7 @@ def _pieces(
     begun = False
     yield Events.trusted(_cut(decoder.feed(b""), 0, 0), size, 0)
     while block := line.take():
-        if shutil.disk_usage(report.path.parent).free < RESERVE:
+        if report.path is not None and shutil.disk_usage(report.path.parent).free < RESERVE:
             line.end(DISK_FULL)
             return
         events = decoder.feed(block)

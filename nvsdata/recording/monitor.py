@@ -31,7 +31,8 @@ class Monitor:
     `region` (x, y, width, height) is where pictures go, by default the whole screen; `scaling` fits them to it:
     "aspect" as large as they fit, "integer" by the largest whole number. `window` (width, height) takes a window in
     place of the screen. `look` is told the time and the screen's pixels (uint8 [H, W, 3], red first) whenever they
-    change. `check` is called often while waiting; what it raises ends the wait.
+    change. `check` is called often while waiting; what it raises ends the wait. `confirmed` is set when Enter or
+    Space is pressed.
 
     `refresh` is the time between two pictures in µs, `synced` whether the display itself says when (else the clock
     does). `MonitorError` if there is no such display, ValueError for a region outside it. KeyboardInterrupt when the
@@ -52,6 +53,7 @@ class Monitor:
         self._pygame = pygame = pygame_or_error()
         self.scaling, self._look = scaling, look
         self.check: Callable[[], None] = lambda: None
+        self.confirmed = False
         try:
             pygame.display.init()
             self.size = window or _size(pygame, display)
@@ -151,8 +153,9 @@ class Monitor:
     def _attend(self) -> None:
         """See to the window and the keyboard."""
         for event in self._pygame.event.get():
-            escape = event.type == self._pygame.KEYDOWN and event.key == self._pygame.K_ESCAPE
-            if escape or event.type == self._pygame.QUIT:
+            key = event.key if event.type == self._pygame.KEYDOWN else None
+            self.confirmed |= key in (self._pygame.K_RETURN, self._pygame.K_SPACE)
+            if key == self._pygame.K_ESCAPE or event.type == self._pygame.QUIT:
                 raise KeyboardInterrupt
         self.check()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -103,14 +103,26 @@ def _in_turn(monitor: Monitor, done: Performance, frame: Frame, next_due: float)
     done.due.append(due)
 
 
-def _flash(monitor: Monitor, done: Performance) -> None:
-    """Show the pattern, the screen dim and still before and after it."""
-    began = monitor.fill(DIM) + STILL
-    level = 0
+def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:
+    """Show the flash pattern, the screen still before and after it; when it changed, and whether to bright.
+
+    `show` shows the bright or the dim picture at a time, as `Monitor.show`.
+    """
+    began = show(False, None) + STILL
+    times: list[float] = []
+    rising: list[bool] = []
+    bright = False
     for step, bit in enumerate((*flashes().tolist(), 0)):
-        if bit != level:
-            due = began + step * STEP * monitor.refresh
-            done.flashes.append(monitor.fill(BRIGHT if bit else DIM, due))
-            done.bright.append(bool(bit))
-            level = bit
+        if bool(bit) != bright:
+            bright = bool(bit)
+            times.append(show(bright, began + step * STEP * monitor.refresh))
+            rising.append(bright)
     monitor.wait(host_time() + STILL)
+    return times, rising
+
+
+def _flash(monitor: Monitor, done: Performance) -> None:
+    """Show the pattern all over the screen."""
+    times, rising = pattern(monitor, lambda bright, due: monitor.fill(BRIGHT if bright else DIM, due))
+    done.flashes += times
+    done.bright += rising

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from tqdm import tqdm
 
 from nvsdata.events import Events
 from nvsdata.recording.batch import manifest_of, record_videos, verify
+from nvsdata.recording.calibrate import calibrate
+from nvsdata.recording.calibration import described, write_calibration
 from nvsdata.recording.capture import Report, record, stopped_by_interrupt
 from nvsdata.recording.davis import Davis
+from nvsdata.recording.live import Live
 from nvsdata.recording.monitor import Monitor
+from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.simulation import Simulation
 from nvsdata.videos import videos_in
@@ -23,8 +28,19 @@ from nvsdata.videos import videos_in
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
 
 
-def run(out: Path, seconds: float | None, serial: str | None, settings: Settings, simulate: Simulation | None) -> int:
-    """Record to `out` for so many seconds, or until Ctrl-C; say how it went. 0 if nothing was lost, else 1."""
+def run(
+    out: Path | None,
+    seconds: float | None,
+    serial: str | None,
+    settings: Settings,
+    simulate: Simulation | None,
+    *,
+    live: bool,
+) -> int:
+    """Record to `out` for so many seconds, or until Ctrl-C; say how it went. 0 if nothing was lost, else 1.
+
+    If `live`, events are shown in a window, and closing it ends the recording; there need be no `out` then.
+    """
     backend = simulate and simulate.alone()
     with Davis.find(serial, backend=backend) as camera, stopped_by_interrupt() as stop:
         facts = camera.facts
@@ -37,9 +53,61 @@ def run(out: Path, seconds: float | None, serial: str | None, settings: Settings
                 bar.set_description_str(f"{report.events:,} events, {rate / 1e3:,.0f} k/s, ", refresh=False)
                 bar.update(min(report.seconds, seconds or report.seconds) - bar.n)
 
-            report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
+            if live:
+                report = _shown(camera, out, settings, seconds, stop, watch)
+            else:
+                report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
     print(told(report))
     return 0 if report.whole else 1
+
+
+def _shown(
+    camera: Davis,
+    out: Path | None,
+    settings: Settings,
+    seconds: float | None,
+    stop: Event,
+    watch: Callable[[Report, Events], None],
+) -> Report:
+    """Record in another thread, and show events in this one."""
+    with Live((camera.facts.width, camera.facts.height)) as window:
+
+        def both(report: Report, events: Events) -> None:
+            watch(report, events)
+            window.add(events)
+
+        recorder = Recorder(camera, out, settings, seconds=seconds, watch=both)
+        recorder.start()
+        try:
+            while not (recorder.over.wait(0.01) or window.closed or stop.is_set()):
+                window.attend()
+                window.draw()
+        finally:
+            report = recorder.finish()
+    return report
+
+
+def run_calibration(
+    out: Path,
+    seconds: float | None,
+    serial: str | None,
+    settings: Settings,
+    simulate: Simulation | None,
+    screen: dict[str, Any],
+) -> int:
+    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`."""
+    backend, look = simulate.watched() if simulate else (None, None)
+    with (
+        Davis.find(serial, backend=backend) as camera,
+        Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
+    ):
+        print("aim and focus until the picture is sharp, then press Enter (Escape to leave)", file=sys.stderr)
+        found = calibrate(camera, monitor, settings, seconds)
+        size = (camera.facts.width, camera.facts.height)
+    write_calibration(found, replace(settings, region=found.roi), size, out)
+    print(described(found, size))
+    print(f"figures and pictures are in {out}; record with --settings {out / 'settings.json'}")
+    return 0
 
 
 def run_batch(
@@ -79,7 +147,7 @@ def run_batch(
 
 def told(report: Report) -> str:
     """The report in a few lines: what went wrong, if anything, is named."""
-    lines = [f"{report.path}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
+    lines = [f"{report.path or 'not kept'}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.lost:
         lines.append(f"{report.lost:,} bytes came faster than they could be decoded and written, and are lost")
     if report.dropped:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,13 @@ import numpy as np
 from nvsdata import formats
 from nvsdata.events import Columns, Events, Recording, joined
 from nvsdata.frames import MICROSECONDS
-from nvsdata.recording.capture import STOPPED, Report, record
+from nvsdata.recording.capture import Report
 from nvsdata.recording.davis import Davis
 from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.playback import Performance, perform
+from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
-from nvsdata.recording.sync import Fit, NoSync, fit, host_time
+from nvsdata.recording.sync import Fit, NoSync, fit
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 STARTING = 2_000_000  # µs that a camera may take from being asked to its time's reset
@@ -33,10 +34,6 @@ WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
 
 class Spoilt(Exception):
     """A take that must be done again, and why."""
-
-
-class Broken(Spoilt):
-    """A take that the camera broke off."""
 
 
 @dataclass
@@ -59,61 +56,23 @@ class Tally:
 
 
 def shoot(camera: Davis, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
-    """Record while a video plays. `Broken` if the camera or the disk ended it.
-
-    Whatever the monitor, the video or the camera raises ends the recording, too.
-    """
-    running = _Running(camera, raw, settings)
-    running.start()
+    """Record while a video plays; whatever the monitor, the video or the camera raises ends both."""
+    recorder = Recorder(camera, raw, settings)
+    recorder.start()
     try:
-        running.begun.wait()
-        monitor.check = running.check
+        recorder.begun.wait()
+        monitor.check = recorder.check
         performance = perform(monitor, video)
+    except BaseException:
+        with suppress(OSError, ValueError):
+            recorder.finish()
+        raise
     finally:
         monitor.check = lambda: None
-        running.finish()
-    if running.error is not None:
-        raise running.error
-    return Take(raw, running.began, running.report, performance)
-
-
-class _Running(Thread):
-    """A recording in a thread of its own."""
-
-    def __init__(self, camera: Davis, raw: Path, settings: Settings) -> None:
-        super().__init__(name="nvsdata-recorder", daemon=True)
-        self.camera, self.raw, self.settings = camera, raw, settings
-        self.began, self.report = host_time(), Report(raw)
-        self.begun, self.stopping = Event(), Event()
-        self._ended = False
-        self.error: BaseException | None = None
-
-    def run(self) -> None:
-        try:
-            self.report = record(
-                self.camera,
-                self.raw,
-                self.settings,
-                stop=self.stopping,
-                watch=lambda report, events: self.begun.set(),
-            )
-        except BaseException as error:
-            self.error = error
-        finally:
-            self._ended = True
-            self.begun.set()
-
-    def check(self) -> None:
-        """`Broken`, or what ended the recording, if it has ended."""
-        if self._ended:
-            if self.error is not None:
-                raise self.error
-            raise Broken(self.report.ended)
-
-    def finish(self) -> None:
-        """End it, and wait until its file is whole."""
-        self.stopping.set()
-        self.join()
+    report = recorder.finish()
+    if report.failure is not None:
+        raise report.failure
+    return Take(raw, recorder.began, report, performance)
 
 
 def synced(take: Take) -> tuple[Fit, str]:
@@ -148,8 +107,6 @@ def develop(take: Take, target: Path) -> dict[str, Any]:
     `Spoilt` if it has to be done again: nothing is written then.
     """
     report, done = take.report, take.performance
-    if report.ended != STOPPED:
-        raise Broken(report.ended)
     try:
         line, by = synced(take)
     except NoSync as error:

@@ -1,0 +1,64 @@
+"""Recording in a thread of its own, beside a main thread that shows things."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+from nvsdata.events import Events
+from nvsdata.recording.capture import Report, record
+from nvsdata.recording.davis import Davis
+from nvsdata.recording.registers import Settings
+from nvsdata.recording.sync import host_time
+
+
+class Recorder(Thread):
+    """`record` in a thread of its own, whose main thread shows things meanwhile; `watch` is called from it.
+
+    `began` is the host's time (µs) before the camera was asked to start, `begun` set when its stream has come.
+    """
+
+    def __init__(
+        self,
+        camera: Davis,
+        path: Path | None,
+        settings: Settings,
+        *,
+        seconds: float | None = None,
+        watch: Callable[[Report, Events], None] = lambda report, events: None,
+    ) -> None:
+        super().__init__(name="nvsdata-recorder", daemon=True)
+        self.camera, self.path, self.settings, self.seconds = camera, path, settings, seconds
+        self.began, self.report = host_time(), Report(path)
+        self.begun, self.over = Event(), Event()
+        self._watch, self._asked = watch, Event()
+        self._error: BaseException | None = None
+
+    def run(self) -> None:
+        try:
+            how: dict[str, Any] = {"seconds": self.seconds, "stop": self._asked, "watch": self._seen}
+            self.report = record(self.camera, self.path, self.settings, **how)
+        except BaseException as error:
+            self._error = error
+        finally:
+            self.over.set()
+            self.begun.set()
+
+    def _seen(self, report: Report, events: Events) -> None:
+        self._watch(report, events)
+        self.begun.set()
+
+    def check(self) -> None:
+        """Raise what ended the recording, if anything has."""
+        if self.over.is_set() and (error := self._error or self.report.failure):
+            raise error
+
+    def finish(self) -> Report:
+        """End it, and wait until its file is whole; raises what `record` did."""
+        self._asked.set()
+        self.join()
+        if self._error is not None:
+            raise self._error
+        return self.report
