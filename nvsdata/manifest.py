@@ -32,7 +32,11 @@ class Manifest(Journal):
         made = json.loads(json.dumps(made))
         digest = hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
         tail = {"settings_sha256": digest, "versions": _versions()}
-        super().__init__(out / NAME, {kind: 1, **made, **(told or {}), **tail})
+        head = {kind: 1, **made, **(told or {}), **tail}
+        super().__init__(out / NAME, head)
+        if kind in self.head and not self.lines:
+            # nothing was made of it yet
+            self.head, self._torn = head, True
         if kind not in self.head:
             raise ValueError(f"{self.path} is no manifest of {kind}: choose another folder")
         if self.head["settings_sha256"] != digest:

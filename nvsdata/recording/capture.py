@@ -20,6 +20,7 @@ import numpy as np
 
 from nvsdata import formats
 from nvsdata.events import Columns, Events
+from nvsdata.kernels.order import never_falls
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.registers import Settings
 from nvsdata.threads import ahead
@@ -34,6 +35,7 @@ TAIL = 0.3  # s to wait for what is on its way when the camera was stopped
 SWITCH = 2e-4
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
 RESET, RISING, PULSE = 1, 2, 4  # special events
+WRAP = 1 << 15  # µs that the camera's clock counts between wraps
 
 
 @dataclass
@@ -245,6 +247,7 @@ def _pieces(
     size = (camera.facts.width, camera.facts.height)
     last = None if seconds is None else round(seconds * 1e6)
     begun = False
+    clock = _Clock()
     yield Events.trusted(_cut(decoder.feed(b""), 0, 0), size, 0)
     while block := line.take():
         if report.path is not None and shutil.disk_usage(report.path.parent).free < RESERVE:
@@ -259,16 +262,46 @@ def _pieces(
             report.temperature = float(decoder.samples.temperature[-1])
         if not begun:
             continue
+        clock.mend(events.t[first:], anew=bool(resets.size))
         stop = len(events) if last is None else first + int(np.searchsorted(events.t[first:], last))
         report.events += stop - first
         if stop > first:
             report.seconds = max(report.seconds, int(events.t[stop - 1]) / 1e6)
-        report.complaints, report.received, report.lost = decoder.complaints, line.received, line.lost
+        report.complaints = decoder.complaints | {"lost_wraps": clock.lost}
+        report.received, report.lost = line.received, line.lost
         kinds, times = specials.kind[after:], specials.t[after:]
-        report.triggers += times[(kinds == RISING) | (kinds == PULSE)].tolist()
+        wanted = ((kinds == RISING) | (kinds == PULSE)) & (times < (np.inf if last is None else last))
+        report.triggers += times[wanted].tolist()
         piece = Events.trusted(_cut(events, first, stop), size, 0)
         watch(report, piece)
         yield piece
+
+
+class _Clock:
+    """Keeps times from falling where words of the stream were lost: a time that falls is of a wrap that didn't come."""
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._shift = self._last = 0
+
+    def mend(self, t: np.ndarray, *, anew: bool) -> None:
+        """Put the next times right, in place; `anew` if the camera's time was reset before them."""
+        if anew:
+            self._shift = self._last = 0
+        if t.size == 0:
+            return
+        if self._shift:
+            t += self._shift
+        if t[0] >= self._last and never_falls(t):
+            self._last = int(t[-1])
+            return
+        for at in np.flatnonzero(np.diff(t, prepend=self._last) < 0):
+            before = t[at - 1] if at else self._last
+            wraps = -((t[at] - before) // WRAP)
+            self.lost += int(wraps)
+            self._shift += int(wraps) * WRAP
+            t[at:] += wraps * WRAP
+        self._last = int(t[-1])
 
 
 def _cut(events: Events, start: int, stop: int) -> Columns:

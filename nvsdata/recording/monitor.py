@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any, Literal, Self, get_args
 
@@ -56,9 +57,13 @@ class Monitor:
         self.confirmed = False
         try:
             pygame.display.init()
-            self.size = window or _size(pygame, display)
+            screen = _size(pygame, display)
+            self.size = window or screen
             flags = 0 if window else pygame.FULLSCREEN | pygame.SCALED
-            self._surface = pygame.display.set_mode(self.size, flags, display=display, vsync=int(not window))
+            with warnings.catch_warnings():
+                # of drivers that draw without a GPU
+                warnings.simplefilter("ignore")
+                self._surface = pygame.display.set_mode(self.size, flags, display=display, vsync=int(not window))
             pygame.display.set_caption("nvsdata")
             pygame.display.set_allow_screensaver(False)
             pygame.mouse.set_visible(False)

@@ -137,7 +137,15 @@ def run_batch(
         Monitor(**screen, window=window, look=look) as monitor,
         manifest_of(out, settings, format, monitor, resume=resume) as manifest,
     ):
-        result = record_videos(videos, out, manifest, lambda: Davis.find(serial, backend=backend), monitor, settings)
+
+        def find() -> Davis:
+            return Davis.find(serial, backend=backend)
+
+        try:
+            result = record_videos(videos, out, manifest, find, monitor, settings)
+        except KeyboardInterrupt:
+            print(f"{len(manifest.videos):,} of {len(videos):,} are done: --resume goes on with them", file=sys.stderr)
+            raise
     for name, reason in result.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
     done = f"{result.recorded:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"

@@ -19,6 +19,7 @@ from nvsdata.recording.scenes import Outlines, Scene
 from nvsdata.recording.sync import host_time
 
 RESET_WORD, PULSE_WORD = 0x0001, 0x0004
+GLANCE = 4_000  # µs between looks at the scene
 SAMPLE_EVERY = 100_000  # µs between inertial samples
 # at rest, 25 °C: a start, scales and contents, acceleration, temperature, rotation, an end
 SAMPLE_WORDS = [
@@ -145,13 +146,13 @@ class Camera:
         """Let the camera's time pass."""
         self._extra += microseconds
 
-    def _see(self) -> None:
-        """Put what the pixels saw since the last time into the FIFO."""
+    def _see(self, least: int = 1) -> None:
+        """Put what the pixels saw since the last time into the FIFO, if it is so many µs ago."""
         if self._began is None or self.stalled:
             return
         rate = self.speed or 1.0
         now = int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
-        if now <= self._time:
+        if now < self._time + least:
             return
         start, stop = (int(self._began + time / rate) for time in (self._time, now))
         start_own, self._time = self._time, now
@@ -160,12 +161,13 @@ class Camera:
         seen = self.scene.events(start, stop)
         t = np.clip(((seen.t - self._began) * rate).astype(np.int64), start_own, now)
         pulses = [int((time - self._began) * rate) for time in self.scene.pulses(start, stop)]
-        words = self._words(t, seen, pulses if self.registers.get((EXTERNAL, 0)) else [], now)
-        if words.size > (FIFO - len(self._fifo)) // 2 or self._random.random() < self.lossy:
+        pulses = pulses if self.registers.get((EXTERNAL, 0)) else []
+        if 8 * len(seen) > FIFO - len(self._fifo) or self._random.random() < self.lossy:
+            # events find no room; the clock does
             dropped = self.registers.get((MUX, 84), 0) + len(seen)
             self.registers[MUX, 84] = dropped & 0xFFFFFFFF
-            return
-        self._fifo += words.tobytes()
+            t, seen = t[:0], seen[:0]
+        self._fifo += self._words(t, seen, pulses, now).tobytes()
 
     def _words(self, t: np.ndarray, seen: Events, pulses: list[int], now: int) -> np.ndarray:
         """What is sent of events at `t`, pulses, and the clock up to `now`."""
@@ -197,7 +199,7 @@ class Camera:
     def bulk(self, buffer: Any) -> int:
         """Fill `buffer` with what there is."""
         with self._lock:
-            self._see()
+            self._see(GLANCE)
             count = min(len(buffer), len(self._fifo)) // 2 * 2
             if count:
                 memoryview(buffer)[:count] = bytes(self._fifo[:count])

@@ -11,6 +11,7 @@ import numpy as np
 from nvsdata.events import Events
 
 BIN = 1_000  # µs of the coarse search
+PLACES = 4  # where the pattern is looked for more closely
 SMEAR = 5  # bins that a flash's events spread over
 LONGEST = 25_000  # µs that a flash's events take: a screen changes line by line, a readout has its limit
 ONSET = 0.05  # of a flash's events have come when it counts as begun
@@ -83,16 +84,10 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
     if host.size < 6 or sight.count == 0:
         raise NoSync(f"{host.size} flashes and {sight.count} {sight.what} can't be matched")
     group = host - host[0] < 3e6
-    offset = sight.coarse(host[group], rising[group])
-    camera = np.full(host.size, np.nan)
-    found = np.zeros(host.size, bool)
-    for n in range(host.size):
-        # after the first group the last flashes foretell the next one, with a doubt that grows with the time since
-        last = np.flatnonzero(found)[-8:]
-        ahead = offset if group[n] or not last.size else float(np.median(camera[last] - host[last]))
-        gap = host[n] - (host[last[-1]] if last.size else host[0])
-        camera[n] = sight.near(host[n] + ahead, bool(rising[n]), NEAR + MOST_DRIFT * gap)
-        found[n] = np.isfinite(camera[n])
+    # the pattern may come again after the video, or be like what lies between: the place that explains most is it
+    tried = [_matched(sight, host, rising, group, offset) for offset in sight.coarse(host[group], rising[group])]
+    camera = max(tried, key=lambda times: int(np.isfinite(times).sum()))
+    found = np.isfinite(camera)
     if found.sum() < max(6, LEAST * host.size):
         raise NoSync(f"of {host.size} flashes the camera saw {int(found.sum())}: is the whole screen in its view?")
     offset, slope, residual, used = _line(host[found], camera[found], rising[found])
@@ -103,6 +98,20 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
     return Fit(offset, slope - 1, residual, used, host.size)
 
 
+def _matched(
+    sight: _Rates | _Triggers, host: np.ndarray, rising: np.ndarray, group: np.ndarray, offset: float
+) -> np.ndarray:
+    """Camera times of the flashes, NaN where there is none, if the first `group` is `offset` from the host's."""
+    camera = np.full(host.size, np.nan)
+    for n in range(host.size):
+        # after the first group the last flashes foretell the next one, with a doubt that grows with the time since
+        last = np.flatnonzero(np.isfinite(camera))[-8:]
+        ahead = offset if group[n] or not last.size else float(np.median(camera[last] - host[last]))
+        gap = host[n] - (host[last[-1]] if last.size else host[0])
+        camera[n] = sight.near(host[n] + ahead, bool(rising[n]), NEAR + MOST_DRIFT * gap)
+    return camera
+
+
 class _Rates:
     """Flashes as events show them."""
 
@@ -111,15 +120,16 @@ class _Rates:
     def __init__(self, events: Events) -> None:
         self.events, self.count = events, len(events)
 
-    def coarse(self, host: np.ndarray, rising: np.ndarray) -> float:
-        """Camera time minus host time, by correlation of the flashes with the rate of ON less OFF events."""
+    def coarse(self, host: np.ndarray, rising: np.ndarray) -> list[float]:
+        """Likely camera minus host times, by correlation of the flashes with the rate of ON less OFF events."""
         events = self.events
         first = int(events.t[0])
         bins = (events.t - first) // BIN
         rate = np.bincount(bins, np.where(events.p, 1.0, -1.0))
         # a burst counts by its size's root, or one bright object would outweigh the pattern
         rate = np.sign(rate) * np.sqrt(np.abs(rate))
-        return first + _pattern(np.convolve(rate, np.ones(SMEAR), "full")[SMEAR - 1 :], host, rising)
+        places = _pattern(np.convolve(rate, np.ones(SMEAR), "full")[SMEAR - 1 :], host, rising)
+        return [first + place for place in places]
 
     def near(self, expected: float, rising: bool, near: float) -> float:
         """Time at which a flash's events begin, around where it is expected; NaN if there is no flash."""
@@ -161,11 +171,11 @@ class _Triggers:
     def __init__(self, times: np.ndarray) -> None:
         self.times, self.count = times, times.size
 
-    def coarse(self, host: np.ndarray, rising: np.ndarray) -> float:
-        """Camera time minus host time, by correlation of the flashes with the triggers."""
+    def coarse(self, host: np.ndarray, rising: np.ndarray) -> list[float]:
+        """Camera time minus host time, the likeliest ones, by correlation of the flashes with the triggers."""
         counts = np.bincount(((self.times - self.times[0]) // BIN).astype(np.int64))
         near = np.convolve(counts > 0, np.ones(SMEAR), "full")[SMEAR - 1 :]
-        return float(self.times[0]) + _pattern(near, host, rising)
+        return [float(self.times[0]) + place for place in _pattern(near, host, rising)]
 
     def near(self, expected: float, rising: bool, near: float) -> float:
         """The trigger that is nearest to where it is expected; NaN if none is near."""
@@ -174,19 +184,22 @@ class _Triggers:
         return float(self.times[best]) if distance[best] <= near else float("nan")
 
 
-def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> float:
-    """µs, to be counted from the first of `rate`'s bins, minus the host's, where `rate` is most like the flashes."""
+def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> list[float]:
+    """µs, counted from the first of `rate`'s bins, minus the host's: places where `rate` is most like the flashes."""
     steps = np.rint((host - host[0]) / BIN).astype(np.int64)
-    # flashes may lie before the first event and after the last one by a little
-    padded = np.concatenate((np.zeros(SMEAR), rate, np.zeros(int(steps[-1]) + 1)))
+    # some flashes may lie before the first event and after the last one
+    around = np.zeros(int(steps[-1]) + SMEAR)
+    padded = np.concatenate((around, rate, around))
     places = np.arange(padded.size - int(steps[-1]))
     score = np.zeros(places.size)
     for step, sign in zip(steps, np.where(rising, 1.0, -1.0), strict=True):
         score += sign * padded[places + step]
-    # the pattern may come again, after the video: its first time is meant
-    first_good = int(np.argmax(score >= 0.7 * score.max()))
-    best = first_good + int(score[first_good : first_good + 4 * SMEAR].argmax())
-    return float((best - SMEAR) * BIN - host[0])
+    found = []
+    for _ in range(PLACES):
+        best = int(score.argmax())
+        found.append(float((best - around.size) * BIN - host[0]))
+        score[max(best - 4 * SMEAR, 0) : best + 4 * SMEAR] = -np.inf
+    return found
 
 
 def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[float, float, float, int]:

@@ -139,6 +139,8 @@ def _check(report: Report, done: Performance, line: Fit, tally: Tally, duration:
         raise Spoilt(f"{report.lost} bytes came faster than they could be decoded and written")
     if report.dropped:
         raise Spoilt(f"the camera dropped {report.dropped} events")
+    if report.complaints.get("lost_wraps"):
+        raise Spoilt("parts of the camera's stream are missing")
     if line.residual > WORST_RESIDUAL:
         raise Spoilt(f"the flashes are {line.residual:.0f} µs off in the middle")
     missed = done.late + done.skipped

@@ -119,3 +119,34 @@ def test_a_full_disk_ends_the_recording_while_the_file_can_still_be_made_whole(t
 def test_a_format_that_cannot_be_written_is_refused_before_anything_starts(tmp_path):
     with opened(Camera()) as davis, pytest.raises(ValueError, match="can't tell a format"):
         record(davis, tmp_path / "a.xyz", seconds=1)
+
+
+def test_a_clock_whose_wraps_are_lost_never_falls():
+    clock = capture._Clock()
+    t = np.array([0, 5, 32_000, 40_000 - 32_768, 20_000, 100 + 32_768 - 32_768])
+    clock.mend(t, anew=True)
+    assert t.tolist() == [0, 5, 32_000, 40_000, 52_768, 65_636]
+    assert clock.lost == 2
+    more = np.array([200])
+    clock.mend(more, anew=False)
+    assert more.tolist() == [65_736]
+    fresh = np.array([3, 4])
+    clock.mend(fresh, anew=True)
+    assert fresh.tolist() == [3, 4]
+
+
+class Pulsing(Outlines):
+    """Pulses the external input each 50 ms."""
+
+    def pulses(self, start, stop):
+        return [t for t in range(start - start % 50_000, stop, 50_000) if t >= start]
+
+
+def test_pulses_of_the_external_input_are_in_the_report():
+    with opened(Camera(scene=Pulsing(rate=30_000))) as davis:
+        report = record(davis, None, seconds=0.4)
+    assert report.whole
+    assert report.events > 5_000
+    assert len(report.triggers) == 8
+    assert np.diff(report.triggers).tolist() == pytest.approx([50_000] * 7, abs=2)
+    assert report.temperature == 25.0

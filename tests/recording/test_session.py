@@ -24,6 +24,8 @@ def test_a_simulated_recording(tmp_path, capsys):
         (["--bias", "Foo=1:2"], "has no bias 'Foo'"),
         (["--seconds", "-1"], "--seconds must be positive"),
         (["--region", "0", "0", "500", "5"], "not within 240x180"),
+        (["--simulate", "drift"], "--simulate takes NAME=NUMBER of drift, noise"),
+        (["--monitor", "/nope"], "/nope: no such folder or video"),
         (["--device", "X"], "no camera of serial number X; there is SIM00001"),
     ],
 )
@@ -53,3 +55,14 @@ def test_a_settings_file_that_makes_no_sense(tmp_path, text):
     (tmp_path / "s.json").write_text(text)
     with pytest.raises(ValueError, match=r"s\.json"):
         settings_of(tmp_path / "s.json", [])
+
+
+def test_live_events_need_no_file(monkeypatch, capsys):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    assert main(["record", "--live", "--simulate", "--seconds", "0.3"]) == 0
+    assert "events in 0.30 s; the time was up" in capsys.readouterr().out
+
+
+def test_a_recording_needs_a_place(capsys):
+    assert main(["record", "--simulate"]) == 1
+    assert "--out says where" in capsys.readouterr().err

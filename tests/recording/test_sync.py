@@ -86,3 +86,34 @@ def test_the_pattern_is_like_itself_nowhere_else():
     assert set(bits.tolist()) == {-1, 1}
     for shift in range(1, 31):
         assert abs((bits * np.roll(bits, shift)).sum()) == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_triggers_of_a_photodiode_with_others_between(seed):
+    rng = np.random.default_rng(seed)
+    (before, up), (after, down) = shown(2e6), shown(9e6)
+    host, bright = np.concatenate((before, after)), np.concatenate((up, down))
+    camera = 5e5 + (1 + 80e-6) * host
+    times = camera[bright] + 300 + rng.normal(0, 20, bright.sum())
+    others = rng.uniform(camera[0] + 2e6, camera[-1], 40)
+    found = fit(np.sort(np.concatenate((times[1:], others))).tolist(), host, bright)
+    assert abs(found.drift - 80e-6) < 5e-6
+    assert abs(found.camera(2e6) - 300 - (5e5 + (1 + 80e-6) * 2e6)) < 50
+    assert found.flashes == bright.sum()
+    with pytest.raises(NoSync, match="0 triggers"):
+        fit([], host, bright)
+
+
+def test_a_screen_that_changes_line_by_line_begins_when_its_first_line_does():
+    host, bright = (np.concatenate(parts) for parts in zip(shown(1e6), shown(6e6), strict=True))
+    t, p = [], []
+    rng = np.random.default_rng(0)
+    for at, up in zip(host, bright, strict=True):
+        t.append(at + rng.uniform(0, 15_000, 8_000))
+        p.append(np.full(8_000, up))
+    t, p = np.concatenate(t), np.concatenate(p)
+    order = np.argsort(t)
+    seen_so = Events(t[order].astype(np.int64), np.zeros(t.size, int), np.zeros(t.size, int), p[order], (240, 180))
+    found = fit(seen_so, host, bright)
+    assert abs(found.camera(1e6) - 1e6 - ONSET * 15_000) < 100
+    assert abs(found.drift) < 5e-6

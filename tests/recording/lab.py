@@ -1,0 +1,36 @@
+"""What the tests of playing and recording share: small videos, and patterns that are over sooner."""
+
+import cv2
+import numpy as np
+import pytest
+
+from nvsdata.recording import playback
+
+
+def make_video(path, frames=12, fps=30, size=(80, 60), seed=0):
+    """A disc that moves over blots."""
+    rng = np.random.default_rng(seed)
+    blots = cv2.GaussianBlur(rng.integers(0, 255, size[::-1], dtype=np.uint8), (0, 0), 3)
+    blots = cv2.normalize(blots, None, 40, 200, cv2.NORM_MINMAX)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, size)
+    for n in range(frames):
+        picture = cv2.cvtColor(blots, cv2.COLOR_GRAY2BGR)
+        cv2.circle(picture, (10 + 4 * n, 30), 8, (0, 0, 255), -1)
+        writer.write(picture)
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def headless(monkeypatch):
+    """SDL without a display."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+
+@pytest.fixture
+def quick(monkeypatch, headless):
+    """Flashes of two refreshes, short waits around them."""
+    monkeypatch.setattr(playback, "STEP", 2)
+    monkeypatch.setattr(playback, "STILL", 120_000)
+    monkeypatch.setattr(playback, "SETTLE", 100_000)
