@@ -78,16 +78,30 @@ def defaults(facts: Facts) -> Iterator[Write]:
 def changes(facts: Facts, settings: Settings) -> Iterator[Write]:
     """What `settings` want in other ways than the defaults. ValueError for what the camera can't do."""
     default = Settings()
+    for name, asked, needed in (
+        ("send the events of a region alone", settings.region, "region filter"),
+        ("mask pixels", settings.masked, "pixel filter"),
+        ("skip events", settings.skip, "skip filter"),
+        ("send one polarity alone", settings.polarity != "both", "polarity filter"),
+    ):
+        if asked and needed not in facts.has:
+            raise ValueError(f"this {facts.name} can't {name}")
     if settings.region is not None:
-        x, y, width, height = settings.region
-        if "region filter" not in facts.has:
-            raise ValueError(f"this {facts.name} can't send the events of a region alone")
-        if x + width > facts.width or y + height > facts.height:
-            raise ValueError(f"region {settings.region} is not within {facts.width}x{facts.height}")
-        corners = (x, y, x + width - 1, y + height - 1)
-        if facts.swap:
-            corners = (y, x, y + height - 1, x + width - 1)
-        yield from ((DVS, 41 + n, corner) for n, corner in enumerate(corners))
+        size = (facts.width, facts.height)
+        yield from ((DVS, 41 + n, edge) for n, edge in enumerate(_edges("region", settings.region, size, facts.swap)))
+    for k, (x, y) in enumerate(settings.masked):
+        if not (0 <= x < facts.width and 0 <= y < facts.height):
+            raise ValueError(f"masked pixel {(x, y)} is not within {facts.width}x{facts.height}")
+        row, column = (x, y) if facts.swap else (y, x)
+        yield from ((DVS, 11 + 2 * k, row), (DVS, 12 + 2 * k, column))
+    if settings.skip is not None:
+        yield from ((DVS, 51, 1), (DVS, 52, settings.skip))
+    if settings.polarity != "both":
+        yield from ((DVS, 62, 1), (DVS, 63, int(settings.polarity == "off")))
+    if settings.frame_region is not None:
+        turned = bool(facts.frame_orientation & 4)
+        edges = _edges("frame_region", settings.frame_region, facts.frame_size, turned)
+        yield from ((APS, 8 + n, edge) for n, edge in enumerate(edges))
     if "activity filter" in facts.has:
         for first, name in ((31, "activity_filter"), (33, "refractory_filter")):
             period = getattr(settings, name)
@@ -103,6 +117,17 @@ def changes(facts: Facts, settings: Settings) -> Iterator[Write]:
         yield from ((EXTERNAL, 1, int(rising)), (EXTERNAL, 2, int(falling)), (EXTERNAL, 3, 0))
     if settings.packet_delay != default.packet_delay:
         yield USB, 1, cycles(settings.packet_delay, facts.usb_clock)
+
+
+def _edges(
+    name: str, region: tuple[int, int, int, int], size: tuple[int, int], swap: bool
+) -> tuple[int, int, int, int]:
+    """First column and row, last column and row of a region, as the device counts them."""
+    x, y, width, height = region
+    if x + width > size[0] or y + height > size[1]:
+        raise ValueError(f"{name} {region} is not within {size[0]}x{size[1]}")
+    left, top, right, bottom = x, y, x + width - 1, y + height - 1
+    return (top, left, bottom, right) if swap else (left, top, right, bottom)
 
 
 def cycles(microseconds: float, clock: float) -> int:

@@ -16,7 +16,7 @@ from nvsdata.recording.sync import flashes, host_time
 DIM, BRIGHT = 108, 148
 STEP = 3  # refreshes that a step of the pattern lasts
 STILL = 300_000  # µs of a still screen around the patterns
-SETTLE = 500_000  # µs that the first picture is shown before it begins to move: pixels get used to it
+SETTLE = 2_000_000  # µs that the first picture is shown before it moves: pixels get used to it (Hu et al. 2016)
 USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 
 

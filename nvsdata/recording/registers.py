@@ -12,6 +12,9 @@ MUX, DVS, APS, IMU, EXTERNAL, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
 
 # what runs, in the order in which it is stopped
 RUNNING = ((DVS, 3), (APS, 4), (IMU, 2), (IMU, 3), (IMU, 4), (EXTERNAL, 0), (MUX, 0), (MUX, 1), (USB, 0), (MUX, 3))
+EXTERNAL_EDGES = ("pulses", "rising", "falling", "both")
+POLARITIES = ("both", "on", "off")
+MASKED = 8  # pixels whose events a camera can hold back
 CHIPS = {
     0: "DAVIS240A",
     1: "DAVIS240B",
@@ -130,8 +133,10 @@ class Settings:
     `biases` by name, each two numbers (see `Bias`), in place of the defaults; `frames` and `inertial`, whether frames
     and inertial samples are sent beside events; `region` (x, y, width, height), the pixels whose events are sent, all
     by default; `activity_filter` and `refractory_filter` in µs, None for off, for cameras that have them; `exposure`
-    and `frame_interval` in µs; `packet_delay` in µs, after which a packet is sent that isn't full;
-    `external`, which edges of the external input are reported.
+    and `frame_interval` in µs; `masked`, up to eight pixels (x, y) whose events aren't sent; `skip`, to leave out one
+    event in so many; `polarity`, to send "both", "on" or "off" ones; `frame_region` as `region`, of frames;
+    `packet_delay` in µs, after which a packet is sent that isn't full; `external`, which edges of the external input
+    are reported.
     """
 
     biases: Mapping[str, tuple[int, int]] = field(default_factory=dict)
@@ -144,17 +149,24 @@ class Settings:
     frame_interval: int = 40_000
     packet_delay: int = 1_000
     external: str = "pulses"
+    masked: tuple[tuple[int, int], ...] = ()
+    skip: int | None = None
+    polarity: str = "both"
+    frame_region: tuple[int, int, int, int] | None = None
 
     def __post_init__(self) -> None:
         for name in ("exposure", "frame_interval"):
             not_negative(name, getattr(self, name))
         positive("packet_delay", self.packet_delay)
-        for name in ("activity_filter", "refractory_filter"):
+        for name in ("activity_filter", "refractory_filter", "skip"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name))
-        if self.external not in ("pulses", "rising", "falling", "both"):
-            raise ValueError(f"external must be 'pulses', 'rising', 'falling' or 'both', not {self.external!r}")
-        if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
-            raise ValueError(
-                f"region must be (x, y, width, height) with 0 <= x, y and 1 <= width, height: {self.region}"
-            )
+        for name, choices in (("external", EXTERNAL_EDGES), ("polarity", POLARITIES)):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, not {getattr(self, name)!r}")
+        for name in ("region", "frame_region"):
+            place = getattr(self, name)
+            if place is not None and (len(place) != 4 or min(place[:2]) < 0 or min(place[2:]) < 1):
+                raise ValueError(f"{name} must be (x, y, width, height) with 0 <= x, y and 1 <= width, height: {place}")
+        if len(self.masked) > MASKED or any(len(pixel) != 2 for pixel in self.masked):
+            raise ValueError(f"masked must be at most {MASKED} pixels (x, y), not {self.masked}")

@@ -182,8 +182,11 @@ def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> Setti
             if unknown:
                 raise ValueError(f"no such setting: {', '.join(unknown)}; there are {', '.join(sorted(known))}")
             pairs = {name: (int(a), int(b)) for name, (a, b) in read.pop("biases", {}).items()}
-            region = read.pop("region", None)
-            settings = Settings(biases=pairs, region=region and tuple(region), **read)
+            for name in ("region", "frame_region"):
+                if read.get(name) is not None:
+                    read[name] = tuple(read[name])
+            masked = tuple(tuple(pixel) for pixel in read.pop("masked", ()))
+            settings = Settings(biases=pairs, masked=masked, **read)
         except (ValueError, TypeError, AttributeError) as error:
             raise ValueError(f"{file}: {error}") from None
     numbers = dict(settings.biases)

@@ -112,6 +112,10 @@ def test_settings_are_sent_after_the_defaults():
             exposure=12_345,
             external="both",
             packet_delay=10_000,
+            masked=((3, 4), (239, 179)),
+            skip=7,
+            polarity="off",
+            frame_region=(8, 4, 100, 60),
         )
         davis.configure(settings)
         davis.reset_time()
@@ -122,6 +126,11 @@ def test_settings_are_sent_after_the_defaults():
     assert [register[1, n] for n in (31, 33, 34)] == [0, 1, 4]
     assert (register[2, 12], register[9, 1]) == (370_350, 300_000)
     assert [register[4, n] for n in (1, 2, 3)] == [1, 1, 0]
+    # row before column; those that aren't used lie outside
+    assert [register[1, n] for n in range(11, 17)] == [4, 3, 179, 239, 180, 240]
+    # events that are ON are suppressed
+    assert [register[1, n] for n in (51, 52, 62, 63)] == [1, 7, 1, 1]
+    assert [register[2, n] for n in (8, 9, 10, 11)] == [8, 4, 107, 63]
     assert one.log[-1] == (0x40, 0xC2, 2, 0, bytes.fromhex("000200000001000200000000"))
 
 
@@ -131,6 +140,8 @@ def test_settings_are_sent_after_the_defaults():
         (Settings(biases={"Onbn": (1, 1)}), "DAVIS240C has no bias 'Onbn'; it has DiffBn, OnBn"),
         (Settings(biases={"OnBn": (8, 1)}), r"takes 0..7:0..255, not 8:1"),
         (Settings(region=(200, 0, 41, 10)), "not within 240x180"),
+        (Settings(frame_region=(0, 100, 10, 81)), "frame_region .* is not within 240x180"),
+        (Settings(masked=((240, 0),)), r"masked pixel \(240, 0\) is not within"),
     ],
 )
 def test_settings_that_do_not_fit(settings, message):

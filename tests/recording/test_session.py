@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import pytest
 
@@ -45,12 +46,27 @@ def test_without_a_camera(tmp_path, capsys, monkeypatch):
 
 def test_settings_from_a_file_and_flags(tmp_path):
     file = tmp_path / "s.json"
-    file.write_text(json.dumps({"biases": {"OnBn": [5, 1], "PrBp": [2, 2]}, "activity_filter": None}))
+    given = {"biases": {"OnBn": [5, 1], "PrBp": [2, 2]}, "activity_filter": None, "masked": [[7, 8]]}
+    file.write_text(json.dumps(given))
     settings = settings_of(file, ["OnBn=4:7"], region=(1, 2, 3, 4))
-    assert settings == Settings(biases={"OnBn": (4, 7), "PrBp": (2, 2)}, activity_filter=None, region=(1, 2, 3, 4))
+    assert settings == Settings(
+        biases={"OnBn": (4, 7), "PrBp": (2, 2)}, activity_filter=None, region=(1, 2, 3, 4), masked=((7, 8),)
+    )
 
 
-@pytest.mark.parametrize("text", ["[", "{}[", '{"bias": 1}', '{"biases": {"OnBn": 5}}', '{"exposure": -1}', "[1]"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[",
+        "{}[",
+        '{"bias": 1}',
+        '{"biases": {"OnBn": 5}}',
+        '{"exposure": -1}',
+        "[1]",
+        '{"masked": [[1]]}',
+        '{"polarity": "x"}',
+    ],
+)
 def test_a_settings_file_that_makes_no_sense(tmp_path, text):
     (tmp_path / "s.json").write_text(text)
     with pytest.raises(ValueError, match=r"s\.json"):
@@ -66,3 +82,8 @@ def test_live_events_need_no_file(monkeypatch, capsys):
 def test_a_recording_needs_a_place(capsys):
     assert main(["record", "--simulate"]) == 1
     assert "--out says where" in capsys.readouterr().err
+
+
+def test_the_recipes_preset_is_understood():
+    preset = Path(__file__).parents[2] / "recipes/screen_playback/preset.json"
+    assert settings_of(preset, []) == Settings(activity_filter=None)
