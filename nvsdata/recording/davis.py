@@ -12,6 +12,7 @@ import numpy as np
 import usb.core
 import usb.util
 
+from nvsdata.recording.apart import Apart, can_read_apart
 from nvsdata.recording.configuration import Facts, changes, defaults
 from nvsdata.recording.registers import (
     APS,
@@ -26,7 +27,7 @@ from nvsdata.recording.registers import (
     Settings,
     biases_of,
 )
-from nvsdata.recording.transfers import Gone, Stream, stream
+from nvsdata.recording.transfers import Gone, Single, Stream, queued
 from nvsdata.recording.wire import Decoder
 
 VENDOR = 0x152A
@@ -217,7 +218,7 @@ class Davis:
         time.sleep(0.01)
         with _told():
             self.device.clear_halt(ENDPOINT)
-        self._stream = stream(self.device, ENDPOINT)
+        self._stream = _stream(self.device)
         self.set(MUX, 3, 1)
         time.sleep(0.2)  # biases settle
         for module, parameter in ((USB, 0), (MUX, 1), (MUX, 0)):
@@ -245,7 +246,7 @@ class Davis:
     def read(self, timeout: int = 100) -> bytes:
         """What came of the stream within `timeout` ms, maybe nothing; from one thread at a time."""
         if self._stream is None:
-            self._stream = stream(self.device, ENDPOINT)
+            self._stream = _stream(self.device)
         try:
             return self._stream.read(timeout)
         except Gone as error:
@@ -298,6 +299,17 @@ def _devices(backend: Any) -> list[Any]:
         ]
     except usb.core.NoBackendError:
         raise CameraError("libusb isn't installed: install libusb-1.0 (Debian and Ubuntu: libusb-1.0-0)") from None
+
+
+def _stream(device: Any) -> Stream:
+    """The best way to read that the device's backend has."""
+    found = queued(device, ENDPOINT)
+    if found is not None:
+        return found
+    try:
+        return Apart.of(device, ENDPOINT) if can_read_apart(device) else Single(device, ENDPOINT)
+    except Gone as error:
+        raise CameraError(str(error)) from None
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Reading a camera's stream: by requests that wait in libusb, or one by one where they can't."""
+"""Reading a camera's stream: by requests that wait in libusb, or one by one."""
 
 from __future__ import annotations
 
@@ -30,14 +30,11 @@ class Stream(Protocol):
         """No more is wanted."""
 
 
-def stream(device: Any, endpoint: int) -> Stream:
-    """The best that there is: between single reads no request waits, and the camera's 3 kB of memory may run over."""
-    parts = _libusb(device)
-    return Single(device, endpoint) if parts is None else Queued(*parts, endpoint)
-
-
 class Single:
-    """One request at a time, through whatever backend the device has."""
+    """One request at a time, through whatever backend the device has.
+
+    Between two of them no request waits, and the camera's 3 kB of memory may run over.
+    """
 
     def __init__(self, device: Any, endpoint: int) -> None:
         self.device, self.endpoint = device, endpoint
@@ -132,6 +129,12 @@ class Queued:
             for transfer in self._transfers:
                 self._lib.libusb_free_transfer(transfer)
             self._transfers = []
+
+
+def queued(device: Any, endpoint: int) -> Queued | None:
+    """Requests that wait in libusb; None if the device's backend isn't pyusb's for it."""
+    parts = _libusb(device)
+    return None if parts is None else Queued(*parts, endpoint)
 
 
 def _libusb(device: Any) -> tuple[Any, Any, Any] | None:

@@ -6,7 +6,7 @@ import pytest
 from usb.backend import libusb1
 
 from nvsdata.recording import transfers
-from nvsdata.recording.transfers import CANCELLED, COMPLETED, COUNT, Gone, Queued, Single, stream
+from nvsdata.recording.transfers import CANCELLED, COMPLETED, COUNT, Gone, Queued
 
 
 class Library:
@@ -87,8 +87,8 @@ def test_requests_that_libusb_still_holds_are_not_freed(monkeypatch):
     assert library.freed == 0
 
 
-def test_another_backend_is_read_one_by_one():
+def test_another_backend_has_no_requests_that_wait():
     class Device:
         backend = object()
 
-    assert isinstance(stream(Device(), 0x82), Single)
+    assert transfers.queued(Device(), 0x82) is None

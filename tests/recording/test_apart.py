@@ -1,0 +1,108 @@
+"""Reading in another process, whose simulated camera sends what this one asks for."""
+
+import os
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+import usb.core
+
+from nvsdata.recording import davis
+from nvsdata.recording.apart import Apart, can_read_apart
+from nvsdata.recording.backend import Backend
+from nvsdata.recording.davis import ENDPOINT, CameraError, Davis
+from nvsdata.recording.registers import Settings
+from nvsdata.recording.scenes import Outlines
+from nvsdata.recording.simulated import Camera
+from nvsdata.recording.transfers import Gone, Single
+from nvsdata.recording.wire import Decoder
+
+
+def streaming(reads=None, rate=400_000):
+    """A device that streams already, and goes away after so many reads."""
+    camera, count = Camera(scene=Outlines(rate=rate)), 0
+
+    def before(camera, call):
+        nonlocal count
+        count += call == "read"
+        camera.unplugged = reads is not None and count > reads
+
+    one = Davis.find(backend=Backend(camera, before=before))
+    one.configure(Settings())
+    one.start()
+    return one.device
+
+
+def read_out(apart):
+    """How many bytes come before the end, which is an error."""
+    came = 0
+    try:
+        while True:
+            came += len(apart.read(100))
+    except Gone as error:
+        return came, str(error)
+
+
+def failing(message):
+    raise usb.core.USBError(message)
+
+
+def dying():
+    os._exit(3)
+
+
+def test_what_another_process_reads_is_the_stream():
+    apart = Apart(streaming, ENDPOINT)
+    decoder, events = Decoder(240, 180), []
+    until = time.monotonic() + 0.5
+    while time.monotonic() < until:
+        events.append(decoder.feed(apart.read(100)))
+    apart.close()
+    t = np.concatenate([piece.t for piece in events])
+    assert t.size > 50_000
+    assert (np.diff(t) >= 0).all()
+    assert not any(decoder.complaints.values())
+
+
+def test_a_device_that_goes_away_there_is_gone_here():
+    freed = []
+    apart = Apart(partial(streaming, 200), ENDPOINT, lambda: freed.append(True))
+    came, told = read_out(apart)
+    apart.close()
+    assert came > 1_000
+    assert told == "the process that reads the camera ended"
+    assert freed == [True]
+
+
+@pytest.mark.parametrize(
+    ("opener", "reason"), [(partial(failing, "no such device"), "no such device"), (dying, "died")]
+)
+def test_a_process_that_cannot_begin(opener, reason):
+    with pytest.raises(Gone, match=reason):
+        Apart(opener, ENDPOINT)
+
+
+def test_a_process_that_is_killed():
+    apart = Apart(streaming, ENDPOINT)
+    apart._process.kill()
+    assert "ended" in read_out(apart)[1]
+    apart.close()
+
+
+class Elsewhere(Backend):
+    """As if it were one of pyusb's own."""
+
+
+Elsewhere.__module__ = "usb.backend.other"
+
+
+def test_backends_of_pyusb_are_read_apart_and_others_here(monkeypatch):
+    here = usb.core.find(backend=Backend(Camera()))
+    there = usb.core.find(backend=Elsewhere(Camera()))
+    assert not can_read_apart(here)
+    assert can_read_apart(there)
+    assert isinstance(davis._stream(here), Single)
+    # the other process finds no such device
+    with pytest.raises(CameraError, match="process that reads the camera failed"):
+        davis._stream(there)
