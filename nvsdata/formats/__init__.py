@@ -44,7 +44,8 @@ def _module(name: str) -> ModuleType:
 # the first that matches is it
 FORMATS = (
     Format("hdf5", "hdf5", (".h5", ".hdf5"), re.compile(rb"\x89HDF\r\n\x1a\n")),
-    Format("aedat2", "aedat2", (".aedat",), re.compile(rb"#!AER-DAT[12]\.")),
+    Format("aedat1", "aedat1", (".aedat1",), re.compile(rb"#!AER-DAT1\.")),
+    Format("aedat2", "aedat2", (".aedat",), re.compile(rb"#!AER-DAT2\.")),
     Format("aedat3", "aedat3", (".aedat3", ".aedat"), re.compile(rb"#!AER-DAT3\.")),
     Format("aedat4", "aedat4", (".aedat4", ".aedat"), re.compile(rb"#!AER-DAT4\.")),
     Format("evt", "evt", (".raw",), re.compile(rb"(?:%[^\n]*\n)*?% (?i:evt |format EVT)[23]")),

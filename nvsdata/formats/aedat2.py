@@ -33,7 +33,7 @@ CHIPS = {
 
 
 class Recording(RecordFile):
-    """An AEDAT 1.0 or 2.0 file."""
+    """An AEDAT 2.0 file; that of 1.0 differs in its records' size."""
 
     format = "aedat2"
     record_size = 8
@@ -42,8 +42,6 @@ class Recording(RecordFile):
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         # jAER puts its preferences into the header, which then is longer than any head
         lines, end = header_lines(bytes_of(path, head), b"#")
-        if lines[:1] != ["#!AER-DAT2.0"]:
-            self.record_size = 6
         super().__init__(path, sensor_size, head, strict, header_size=end)
         self._words = self._as_words()
         chip = next((m[1].upper() for line in lines if (m := re.match(r"#\s*AEChip:.*?(\w+)\s*$", line))), None)
@@ -91,9 +89,13 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
     if not chips:
         raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
     size, layout, name = chips[0]
-    lines = ("#!AER-DAT2.0", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {name}")
-    header = "".join(f"{line}\r\n" for line in (*lines, "#End Of ASCII Header"))
     with path.open("wb") as file:
-        file.write(header.encode())
+        file.write(header("2.0", name))
         for events in with_times_of_32_bits(pieces, "AEDAT 2.0"):
             file.write(aedat2_encode(*events.columns, layout, *size).tobytes())
+
+
+def header(version: str, chip: str) -> bytes:
+    """What a file begins with."""
+    lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}")
+    return "".join(f"{line}\r\n" for line in (*lines, "#End Of ASCII Header")).encode()

@@ -96,8 +96,15 @@ def record_videos(
             video = waiting.popleft()
             takes[video.name] += 1
             camera = cameras.get()
-            line = _line(video, camera)
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            line: dict[str, Any] = {
+                "video": video.name,
+                "status": "recorded",
+                "when": now,
+                "camera": camera.facts.serial,
+            }
             try:
+                line |= {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
                 line |= _recorded(video, out, camera, monitor, settings)
             except (Spoilt, CameraError) as reason:
                 if isinstance(reason, CameraError):
@@ -117,17 +124,6 @@ def record_videos(
             bar.update()
             sheets.add(video)
     return result
-
-
-def _line(video: Video, camera: Davis) -> dict[str, Any]:
-    return {
-        "video": video.name,
-        "status": "recorded",
-        "when": datetime.now(UTC).isoformat(timespec="seconds"),
-        "camera": camera.facts.serial,
-        "bytes": video.path.stat().st_size,
-        "sha256": sha256(video.path),
-    }
 
 
 def _recorded(video: Video, out: Path, camera: Davis, monitor: Monitor, settings: Settings) -> dict[str, Any]:

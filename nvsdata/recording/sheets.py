@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -45,8 +46,10 @@ class Sheets:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for page in sorted(self._stale):
-            self._draw(page)
+        # what ended the block is more important than a picture of it
+        with suppress(OSError, ValueError):
+            for page in sorted(self._stale):
+                self._draw(page)
 
 
 def _page(videos: list[tuple[Video, dict[str, Any] | None]]) -> np.ndarray:

@@ -66,13 +66,14 @@ def test_aedat_1_has_addresses_of_two_bytes(tmp_path):
     assert list(rows(nvsdata.read(tmp_path / "a.aedat"))) == [(77, 124, 122, 0)] * 2
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 2**31 - 1))
-def test_times_go_round_through_the_wrap(tmp_path, first, gap):
+@pytest.mark.parametrize("suffix", ["aedat", "aedat1"])
+@given(first=st.integers(0, 2**32 - 1), gap=st.integers(0, 2**31 - 1))
+def test_times_go_round_through_the_wrap(tmp_path, suffix, first, gap):
     t = first + gap * np.arange(6)
     ev = Events(t, [1, 2, 3, 4, 5, 6], [6, 5, 4, 3, 2, 1], [0, 1, 0, 1, 0, 1], (128, 128))
-    nvsdata.write(ev, tmp_path / "a.aedat")
-    assert nvsdata.read(tmp_path / "a.aedat") == ev
-    assert nvsdata.read(tmp_path / "a.aedat", int(t[2]), int(t[5])) == ev.window(int(t[2]), int(t[5]))
+    nvsdata.write(ev, tmp_path / f"a.{suffix}")
+    assert nvsdata.read(tmp_path / f"a.{suffix}") == ev
+    assert nvsdata.read(tmp_path / f"a.{suffix}", int(t[2]), int(t[5])) == ev.window(int(t[2]), int(t[5]))
 
 
 @pytest.mark.parametrize("size", [(128, 128), (240, 180), (346, 260)])
@@ -83,6 +84,15 @@ def test_each_camera_goes_round(tmp_path, size):
     )
     nvsdata.write(ev, tmp_path / "a.aedat")
     assert nvsdata.read(tmp_path / "a.aedat") == ev
+
+
+def test_aedat_1_is_written_in_six_bytes_for_a_dvs128_alone(tmp_path):
+    path = tmp_path / "a.aedat1"
+    nvsdata.write(Events([77, 80], [124, 0], [122, 0], [0, 1], (128, 128)), path)
+    assert path.read_bytes().split(b"Header\r\n")[1] == bytes([5, 7, 0, 0, 0, 77, 0x7F, 0xFE, 0, 0, 0, 80])
+    assert nvsdata.open(path).format == "aedat1"
+    with pytest.raises(ValueError, match=r"AEDAT 1\.0 is written for sensors up to 128x128, not 129x4"):
+        nvsdata.write(Events([], [], [], [], (129, 4)), path)
 
 
 @pytest.mark.parametrize(("t", "size"), [([2**32], (128, 128)), ([0, 2**31], (128, 128)), ([0], (347, 260))])

@@ -13,13 +13,14 @@ from strategies import events
 import nvsdata
 from nvsdata import Events, FormatError
 
-SUFFIXES = (".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat3")
+SUFFIXES = (".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat1", ".aedat3")
 HEADS = {
     ".bin": b"",
     ".dat": b"% Version 2\n\x0c\x08",
     ".txt": b"1 2 3 1\n",
     ".h5": b"\x89HDF\r\n\x1a\n",
     ".aedat": b"#!AER-DAT2.0\r\n",
+    ".aedat1": b"#!AER-DAT1.0\r\n",
     ".aedat3": b"#!AER-DAT3.1\r\n#Source 1: DVS128\r\n#!END-HEADER\r\n",
     ".raw": b"% evt 2.0\n% end\n",
     ".evt3": b"% evt 3.0\n% end\n",

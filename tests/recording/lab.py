@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from nvsdata.recording import playback
+from nvsdata.recording import playback, sync, take
 
 
 def make_video(path, frames=12, fps=30, size=(80, 60), seed=0):
@@ -28,9 +28,17 @@ def headless(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
+def hurry():
+    """Shorter patterns and waits; and pictures may be late, on a machine that does other things besides."""
+    playback.STEP, playback.STILL, playback.SETTLE = 2, 120_000, 100_000
+    playback.flashes = lambda: sync.flashes(17)
+    take.MOST_LATE = 1.0
+
+
 @pytest.fixture
 def quick(monkeypatch, headless):
-    """Flashes of two refreshes, short waits around them."""
-    monkeypatch.setattr(playback, "STEP", 2)
-    monkeypatch.setattr(playback, "STILL", 120_000)
-    monkeypatch.setattr(playback, "SETTLE", 100_000)
+    """`hurry`, undone afterwards."""
+    for module, name in ((playback, "STEP"), (playback, "STILL"), (playback, "SETTLE"), (playback, "flashes")):
+        monkeypatch.setattr(module, name, getattr(module, name))
+    monkeypatch.setattr(take, "MOST_LATE", take.MOST_LATE)
+    hurry()

@@ -152,7 +152,7 @@ def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypat
     make_video(tmp_path / "in/run/a.avi", frames=3)
     monkeypatch.setattr(batch, "TAKES", 2)
     result = recorded(tmp_path / "in", tmp_path / "out", Camera(scene=Watched(), lossy=0.2))
-    assert "dropped" in result.failed["run/a.avi"] or "flashes" in result.failed["run/a.avi"]
+    assert list(result.failed) == ["run/a.avi"]
     assert lines(tmp_path / "out")[-1]["takes"] == 2
     assert len(nvsdata.read(tmp_path / "out/.takes/run/a.avi.h5")) > 0
     assert not (tmp_path / "out/run").exists()
@@ -169,10 +169,13 @@ def test_a_full_disk_ends_the_batch(tmp_path, monkeypatch):
 def test_ctrl_c_keeps_what_is_done(tmp_path):
     make_video(tmp_path / "in/run/a.avi", frames=3)
     make_video(tmp_path / "in/run/b.avi", frames=900)
-    command = [sys.executable, "-m", "nvsdata", "record", "--simulate", "--monitor", "in", "--out", "out"]
+    arguments = ["record", "--simulate", "--monitor", "in", "--out", "out"]
+    program = f"import sys, lab; from nvsdata.cli import main; lab.hurry(); sys.exit(main({arguments}))"
+    paths = os.pathsep.join((os.path.dirname(__file__), *sys.path))
     process = subprocess.Popen(
-        command,
+        [sys.executable, "-c", program],
         cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": paths},
         stderr=subprocess.PIPE,
         text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
@@ -202,7 +205,8 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
         ({}, {}, {}, {"full": 0.05}, "full for 5% of the time"),
     ],
 )
-def test_what_spoils_a_take(report, done, line, tally, reason):
+def test_what_spoils_a_take(report, done, line, tally, reason, monkeypatch):
+    monkeypatch.setattr(take, "MOST_LATE", 0.05)
     times = list(np.arange(20.0))
     given = (
         Report(None, **report),
