@@ -62,6 +62,13 @@ class Samples(NamedTuple):
     temperature: np.ndarray
 
 
+NONE, NO_VECTORS = np.empty(0, np.int64), np.empty((0, 3), np.float32)
+NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
+NO_SAMPLES = Samples(NONE, NONE, NO_VECTORS, NO_VECTORS, np.empty(0, np.float32))
+# of a sample's numbers, by its scales
+PER_G, PER_DEGREE = ((65536 / (full << np.arange(4))).astype(np.float32) for full in (4, 500))
+
+
 @dataclass(frozen=True)
 class Frame:
     """A frame: `pixels` uint16 [height, width], bright is large, whose upper left one lies at (x, y). Times in µs."""
@@ -170,21 +177,24 @@ class Decoder:
 
     def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
         """Put the special events and samples of a piece together."""
-        word, t, kind, before = (np.concatenate(notes) if notes else np.empty((0, 4), np.int64)).T
-        self.specials = Specials(self.words + word, t, kind, before)
-        table = np.concatenate(rows) if rows else np.empty((0, 12), np.int64)
+        self.specials, self.samples = NO_SPECIALS, NO_SAMPLES
+        if notes:
+            word, t, kind, before = np.concatenate(notes).T
+            self.specials = Specials(self.words + word, t, kind, before)
+        if rows:
+            self.samples = self._measured(np.concatenate(rows))
+
+    def _measured(self, table: np.ndarray) -> Samples:
+        """Inertial samples in their units, from the kernel's."""
         raw = table[:, 5:].astype(np.int16)
         for axis in range(3):
             if self.inertial_flips >> (2 - axis) & 1:
                 raw[:, [axis, 4 + axis]] *= -1
-        divisors = (65536 / (full << table[:, 3:5][:, n]) for n, full in enumerate((4, 500)))
-        per_g, per_degree = (divisor.astype(np.float32)[:, None] for divisor in divisors)
         slope, offset = (333.87, 21) if self.inertial == 2 else (340, 35)
         celsius = raw[:, 3] / np.float32(slope) + np.float32(offset)
         temperature = np.where(table[:, 2] & 8, celsius, 0).astype(np.float32)
-        self.samples = Samples(
-            self.words + table[:, 0], table[:, 1], raw[:, :3] / per_g, raw[:, 4:] / per_degree, temperature
-        )
+        acceleration, rotation = raw[:, :3] / PER_G[table[:, 3], None], raw[:, 4:] / PER_DEGREE[table[:, 4], None]
+        return Samples(self.words + table[:, 0], table[:, 1], acceleration, rotation, temperature)
 
     def _frame(self, word: int) -> Frame:
         state = self._state
