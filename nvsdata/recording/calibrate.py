@@ -78,7 +78,7 @@ def _aim(monitor: Monitor, seconds: float | None) -> None:
 
 
 def _target(size: tuple[int, int]) -> np.ndarray:
-    """A star of 36 rays in a frame, uint8 [H, W]."""
+    """A star of 18 rays in a frame, uint8 [H, W]."""
     width, height = size
     y, x = np.mgrid[:height, :width]
     dx, dy = x - (width - 1) / 2, y - (height - 1) / 2

@@ -18,7 +18,7 @@ Scaling = Literal["aspect", "integer"]
 Look = Callable[[float, np.ndarray], None]
 USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
 TRIALS = 12  # flips that the refresh is measured by
-SLOWEST, FASTEST = 1e6 / 20, 1e6 / 400  # µs of a refresh; what is outside isn't one
+SAME = 0.01  # share by which a measured refresh may differ from what the display says
 NAP = 0.02  # s between looks at the keyboard
 
 
@@ -75,20 +75,24 @@ class Monitor:
         if min(x, y) < 0 or min(width, height) < 1 or x + width > self.size[0] or y + height > self.size[1]:
             self.close()
             raise ValueError(f"region {self.region} is not within the screen of {self.size[0]}x{self.size[1]}")
-        self.refresh, self.synced = self._measure(display)
+        self.refresh, self.synced, self._cost = self._measure(display)
         self._origin = host_time()
 
-    def _measure(self, display: int) -> tuple[float, bool]:
-        """µs from refresh to refresh, and whether flips wait for it."""
+    def _measure(self, display: int) -> tuple[float, bool, float]:
+        """µs from refresh to refresh, whether flips wait for it, and the µs that they take if they don't."""
         times = []
         for _ in range(TRIALS):
             self._pygame.display.flip()
             times.append(host_time())
-        period = float(np.median(np.diff(times)))
-        if FASTEST < period < SLOWEST and not np.any(np.abs(np.diff(times)[2:] - period) > period / 2):
-            return period, True
+        gaps = np.diff(times)
         rates = self._pygame.display.get_desktop_refresh_rates()
-        return 1e6 / (rates[display] if display < len(rates) and rates[display] > 0 else USUAL_REFRESH), False
+        rate = rates[display] if display < len(rates) and rates[display] > 0 else USUAL_REFRESH
+        # drawing may take about as long as a refresh, but not as evenly
+        steady = np.abs(gaps[2:] * rate / 1e6 - 1) < 0.05
+        period = float(np.median(gaps))
+        if steady.all() and abs(period * rate / 1e6 - 1) < SAME:
+            return period, True, 0.0
+        return 1e6 / rate, False, float(gaps.min())
 
     def fill(self, level: int, due: float | None = None) -> float:
         """Show one grey all over the screen; see `show`."""
@@ -118,9 +122,9 @@ class Monitor:
             self.wait(due - 1.5 * self.refresh)
         draw()
         if not self.synced:
-            earliest = max(host_time(), (due or 0) - self.refresh / 2)
+            earliest = max(host_time() + self._cost, (due or 0) - self.refresh / 2)
             tick = self._origin + np.ceil((earliest - self._origin) / self.refresh) * self.refresh
-            time.sleep(max(0.0, (tick - host_time()) / 1e6))
+            time.sleep(max(0.0, (tick - self._cost - host_time()) / 1e6))
         try:
             self._pygame.display.flip()
         except self._pygame.error as error:
