@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -30,6 +31,7 @@ TAKES = 3  # of a video, before it is given up
 RETRY = 1_000_000  # µs between looks for a camera that is gone
 KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
+PLAYED = "playback.jsonl"  # when each picture of each take was shown
 HIDDEN = ".takes"  # of the folder of recordings: takes that aren't cut yet, or that failed
 
 
@@ -137,6 +139,8 @@ def _recorded(video: Video, out: Path, camera: Davis, monitor: Monitor, settings
     except BaseException:
         raw.unlink(missing_ok=True)
         raise
+    with (out / PLAYED).open("a", encoding="utf-8") as file:
+        file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
     line = develop(take, video.target)
     raw.unlink()
     if take.performance.truncated:

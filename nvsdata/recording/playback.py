@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +49,13 @@ class Performance:
     def frames(self) -> int:
         """Pictures of the video."""
         return len(self.due) + self.skipped
+
+    def log(self) -> dict[str, Any]:
+        """All times in whole µs from the video's first moment, as JSON holds them."""
+        times = {"flashes": self.flashes, "due": self.due, "shown": self.shown, "stop": [self.stop]}
+        counted = {name: [round(time - self.start) for time in given] for name, given in times.items()}
+        late = {"refresh": round(self.refresh, 1), "late": self.late, "skipped": self.skipped}
+        return late | counted | {"stop": counted["stop"][0], "bright": [int(bright) for bright in self.bright]}
 
 
 def perform(monitor: Monitor, video: Path) -> Performance:

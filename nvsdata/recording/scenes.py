@@ -83,7 +83,7 @@ class Watched:
     late: float = 0.0
     wired: bool = False
     seed: int = 0
-    lag: int = 30_000
+    lag: int = 80_000
     _shown: deque[tuple[int, np.ndarray]] = field(default_factory=deque, init=False)
     _pulses: list[int] = field(default_factory=list, init=False)
 

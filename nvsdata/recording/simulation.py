@@ -47,7 +47,7 @@ class Simulation:
                 raise ValueError(f"--simulate takes NAME=NUMBER of {', '.join(known)}, not {part!r}")
         return cls(**given)
 
-    def watched(self) -> tuple[Backend, Callable[..., Any]]:
+    def watched(self, kind: type[Camera] = Camera) -> tuple[Backend, Callable[..., Any]]:
         """A camera before a monitor, and what the monitor has to tell."""
         scene = Watched(
             replace(PIXELS, noise_rate=self.noise, seed=int(self.seed)),
@@ -55,7 +55,7 @@ class Simulation:
             wired=bool(self.wired),
             seed=int(self.seed),
         )
-        return self._backend(Camera(scene=scene)), scene.look
+        return self._backend(kind(scene=scene)), scene.look
 
     def alone(self) -> Backend:
         """A camera before a moving square."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -208,11 +209,11 @@ def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[flo
     columns = np.stack((np.ones(host.size), host - middle, np.where(rising, 0.5, -0.5)), 1)
     if rising.all() or not rising.any():
         columns = columns[:, :2]
-    good = np.ones(host.size, bool)
+    good = _agreeing(host - middle, camera - middle, rising)
     for _ in range(12):
         solution, *_ = np.linalg.lstsq(columns[good], camera[good], rcond=None)
         away = np.abs(camera - columns @ solution)
-        kept = away <= max(4 * float(np.median(away)), LOOSE)
+        kept = away <= max(4 * float(np.median(away[good])), LOOSE)
         if (kept == good).all() or kept.sum() < 6:
             break
         good = kept
@@ -222,3 +223,25 @@ def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[flo
         float(np.median(away[good])),
         int(good.sum()),
     )
+
+
+def _agreeing(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> np.ndarray:
+    """The most flashes on one line, ON and OFF each by a delay of its own, of all lines through two of them."""
+    best = np.ones(host.size, bool)
+    most = 0
+    for i, j in combinations(range(host.size), 2):
+        span = host[j] - host[i]
+        # two that are near each other tell no slope
+        if rising[i] != rising[j] or span < 0.4 * np.ptp(host):
+            continue
+        slope = (camera[j] - camera[i]) / span
+        if abs(slope - 1) > 2 * MOST_DRIFT:
+            continue
+        away = camera - camera[i] - slope * (host - host[i])
+        others = rising != rising[i]
+        if others.any():
+            away[others] -= np.median(away[others])
+        kept = np.abs(away) <= LOOSE
+        if kept.sum() > most:
+            best, most = kept, int(kept.sum())
+    return best

@@ -94,6 +94,11 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
         # a disc moves from left to right
         discs = [np.mean(events.x[(events.t >= a) & (events.t < a + 100_000)]) for a in (0, 300_000)]
         assert discs[0] < discs[1]
+    played = [json.loads(line) for line in (out / "playback.jsonl").read_text().splitlines()]
+    assert [line["video"] for line in played] == ["run/a.avi", "walk/b.avi"]
+    for line in played:
+        assert len(line["shown"]) == len(line["due"]) == 12 - line["skipped"]
+        assert line["shown"][0] == 0 < line["shown"][-1] < line["stop"] == pytest.approx(400_000, abs=2)
     # the screen begins to change at once, the camera sees it when a threshold is crossed
     for start, drift in truth:
         assert 0 < start < 1_000

@@ -57,6 +57,18 @@ def test_drift_and_offset_with_late_flashes_noise_and_a_video_between(seed):
     assert found.residual < 200
 
 
+def test_a_fifth_of_the_flashes_a_frame_late_on_one_side():
+    before, up = shown(1e6)
+    after, down = shown(8e6)
+    host, bright = np.concatenate((before, after)), np.concatenate((up, down))
+    late = np.zeros(host.size)
+    late[[1, 2, 7, 10, 12]] = FRAME
+    camera = 3e6 + (1 + 50e-6) * (host + late)
+    found = fit(seen(camera, bright), host, bright)
+    assert abs(found.drift - 50e-6) < 5e-6
+    assert found.used == host.size - 5
+
+
 def test_times_go_there_and_back():
     line = Fit(1_234_567.0, 80e-6, 0.0, 10, 10)
     assert line.host(line.camera(9e6)) == pytest.approx(9e6)
