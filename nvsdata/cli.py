@@ -284,6 +284,8 @@ def _record(args: argparse.Namespace) -> int:
     from nvsdata.recording.simulation import Simulation
 
     _at_least_1(args, "limit")
+    if args.monitor is None and (args.resume or args.verify):
+        raise ValueError("--resume and --verify need --monitor, the folder of videos")
     if args.out is None and not (args.live or args.calibrate):
         raise ValueError("--out says where the recording goes")
     if args.seconds is not None and args.seconds <= 0:

@@ -26,6 +26,7 @@ def test_a_simulated_recording(tmp_path, capsys):
         (["--seconds", "-1"], "--seconds must be positive"),
         (["--region", "0", "0", "500", "5"], "not within 240x180"),
         (["--simulate", "drift"], "--simulate takes NAME=NUMBER of drift, noise"),
+        (["--verify"], "--resume and --verify need --monitor"),
         (["--monitor", "/nope"], "/nope: no such folder or video"),
         (["--device", "X"], "no camera of serial number X; there is SIM00001"),
     ],
