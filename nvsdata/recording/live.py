@@ -32,7 +32,7 @@ class Live:
             self._window = pygame.Window("nvsdata", (sensor_size[0] * ZOOM, sensor_size[1] * ZOOM))
             self._surface = self._window.get_surface()
         except pygame.error as error:
-            raise MonitorError(f"no display to show events on: {error}") from None
+            raise MonitorError(f"events can't be shown: {error}") from None
         self._lock = Lock()
         self._events = Events.empty(sensor_size, 0)
         self._drawn = 0.0

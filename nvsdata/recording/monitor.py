@@ -57,8 +57,11 @@ class Monitor:
         self.confirmed = False
         try:
             pygame.display.init()
-            screen = _size(pygame, display)
-            self.size = window or screen
+            screen = pygame.display.get_desktop_sizes()
+            if not 0 <= display < len(screen):
+                there = ", ".join(f"{n} ({width}x{height})" for n, (width, height) in enumerate(screen))
+                raise pygame.error(f"there is no display {display}; there are {there}")
+            self.size = window or screen[display]
             flags = 0 if window else pygame.FULLSCREEN | pygame.SCALED
             with warnings.catch_warnings():
                 # of drivers that draw without a GPU
@@ -69,7 +72,7 @@ class Monitor:
             pygame.mouse.set_visible(False)
         except pygame.error as error:
             pygame.display.quit()
-            raise MonitorError(f"no display to show videos on: {error}") from None
+            raise MonitorError(f"videos can't be shown: {error}") from None
         self.region = region or (0, 0, *self.size)
         x, y, width, height = self.region
         if min(x, y) < 0 or min(width, height) < 1 or x + width > self.size[0] or y + height > self.size[1]:
@@ -182,16 +185,10 @@ class Monitor:
 def pygame_or_error() -> Any:
     """pygame; ImportError that says how to get it."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    # a click into the other window must not take the videos away
+    os.environ.setdefault("SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS", "0")
     try:
         import pygame
     except ImportError:
         raise ImportError("a monitor or window needs pygame-ce: pip install 'nvsdata[monitor]'") from None
     return pygame
-
-
-def _size(pygame: Any, display: int) -> tuple[int, int]:
-    sizes: list[tuple[int, int]] = pygame.display.get_desktop_sizes()
-    if not 0 <= display < len(sizes):
-        there = ", ".join(f"{n} ({width}x{height})" for n, (width, height) in enumerate(sizes))
-        raise MonitorError(f"there is no display {display}; there are {there}")
-    return sizes[display]
