@@ -23,6 +23,7 @@ from nvsdata.events import Columns, Events
 from nvsdata.kernels.order import never_falls
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.registers import Settings
+from nvsdata.recording.sync import host_time
 from nvsdata.threads import ahead
 
 ROOM = 64 << 20  # bytes that may wait to be decoded
@@ -44,7 +45,8 @@ class Report:
 
     `dropped` are events that the camera dropped (None if it doesn't count), `lost` bytes that came and found no room,
     `ended` why it ended, `complaints` the decoder's, `temperature` of the inertial unit (°C), None without one,
-    `triggers` the times (µs) of pulses and rising edges at the external input.
+    `triggers` the times (µs) of pulses and rising edges at the external input, `zero` the host's time (µs) at which the
+    camera's time began.
     """
 
     path: Path | None
@@ -57,6 +59,7 @@ class Report:
     complaints: dict[str, int] = field(default_factory=dict)
     temperature: float | None = None
     triggers: list[int] = field(default_factory=list)
+    zero: float = 0.0
 
     @property
     def failure(self) -> OSError | None:
@@ -102,6 +105,7 @@ def record(
         line.start()
         try:
             camera.reset_time()
+            report.zero = host_time()
             pieces = _pieces(camera, line, seconds, report, watch)
             if path is None:
                 deque(pieces, maxlen=0)

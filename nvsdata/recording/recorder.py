@@ -11,13 +11,12 @@ from nvsdata.events import Events
 from nvsdata.recording.capture import Report, record
 from nvsdata.recording.davis import Davis
 from nvsdata.recording.registers import Settings
-from nvsdata.recording.sync import host_time
 
 
 class Recorder(Thread):
     """`record` in a thread of its own, whose main thread shows things meanwhile; `watch` is called from it.
 
-    `began` is the host's time (µs) before the camera was asked to start, `begun` set when its stream has come.
+    `begun` is set when the camera's stream has come, `over` when nothing comes any more.
     """
 
     def __init__(
@@ -31,7 +30,7 @@ class Recorder(Thread):
     ) -> None:
         super().__init__(name="nvsdata-recorder", daemon=True)
         self.camera, self.path, self.settings, self.seconds = camera, path, settings, seconds
-        self.began, self.report = host_time(), Report(path)
+        self.report = Report(path)
         self.begun, self.over = Event(), Event()
         self._watch, self._asked = watch, Event()
         self._error: BaseException | None = None

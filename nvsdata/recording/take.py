@@ -19,11 +19,10 @@ from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.playback import Performance, perform
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
-from nvsdata.recording.sync import Fit, NoSync, fit
+from nvsdata.recording.sync import MOST_DRIFT, Fit, NoSync, fit
 
 PIECE = 1_000_000  # µs of a recording that are read at once
-STARTING = 2_000_000  # µs that a camera may take from being asked to its time's reset
-BESIDE = 300_000  # µs around the flashes
+BESIDE = 500_000  # µs around the flashes
 BIN = 10_000  # µs of the bins that the rate of events is looked at in
 FEWEST = 1_000  # events/s: fewer are noise
 FULL = 10e6  # events/s in a bin that a readout is full with
@@ -38,10 +37,9 @@ class Spoilt(Exception):
 
 @dataclass
 class Take:
-    """What came of playing and recording at once; host times in µs."""
+    """What came of playing and recording at once."""
 
     raw: Path
-    began: float  # before the camera was asked to start
     report: Report
     performance: Performance
 
@@ -72,7 +70,7 @@ def shoot(camera: Davis, monitor: Monitor, video: Path, raw: Path, settings: Set
     report = recorder.finish()
     if report.failure is not None:
         raise report.failure
-    return Take(raw, recorder.began, report, performance)
+    return Take(raw, report, performance)
 
 
 def synced(take: Take) -> tuple[Fit, str]:
@@ -94,8 +92,8 @@ def _around_flashes(take: Take) -> Events:
     flashes, start = np.array(take.performance.flashes), take.performance.start
     windows: list[tuple[int, int]] = []
     for group in (flashes[flashes < start], flashes[flashes >= start]):
-        # on the camera's clock, which began between `began` and so long after
-        lo, hi = group[0] - take.began - STARTING, group[-1] - take.began + BESIDE
+        first, last = group[[0, -1]] - take.report.zero
+        lo, hi = first * (1 - MOST_DRIFT) - BESIDE, last * (1 + MOST_DRIFT) + BESIDE
         lo = max(int(lo), windows[-1][1] if windows else 0)
         windows.append((lo, max(int(hi), lo)))
     return Events.trusted(joined([recording.read(*window).columns for window in windows]), recording.sensor_size)
