@@ -319,31 +319,19 @@ def _byte(kind, value, state, complaints, setting):
 
 
 @njit(cache=True, nogil=True)
-def encode(t, x, y, p, state, words):
-    """Words of events, as a camera sends them: a time before a row that comes later, a row before its columns. O(N).
+def measure(rows, flips, slope, zero, acceleration, rotation, temperature):
+    """Samples of `decode` (int64 [N, 12]) in their units: g and degrees/s, float32 [N, 3], and °C, float32 [N]. O(N).
 
-    `t` int64 µs, not falling; `x`, `y`, `p`; `state` int64 [3]: µs that wraps have counted, the last time and row
-    sent, -1 for none. `words` uint16 has room for 4 N and as many wraps as there are. Returns how many were written.
+    `flips`: axes that are negated (4: x, 2: y, 1: z); `slope` and `zero` of the temperature, float32.
     """
-    n = 0
-    for i in range(t.size):
-        fresh = t[i] != state[1]
-        if fresh:
-            wraps = (t[i] - state[0]) >> 15
-            state[0] += wraps << 15
-            while wraps > 0:
-                step = min(wraps, 4095)
-                words[n] = 0x7000 | step
-                n += 1
-                wraps -= step
-            if t[i] > state[0]:
-                words[n] = 0x8000 | (t[i] - state[0])
-                n += 1
-            state[1] = t[i]
-        if fresh or y[i] != state[2]:
-            words[n] = 0x1000 | y[i]
-            n += 1
-            state[2] = y[i]
-        words[n] = (0x3000 if p[i] else 0x2000) | x[i]
-        n += 1
-    return n
+    for n in range(rows.shape[0]):
+        per_g = np.float32(65536 / (4 << rows[n, 3]))
+        per_degree = np.float32(65536 / (500 << rows[n, 4]))
+        for axis in range(3):
+            sign = -1 if flips >> (2 - axis) & 1 else 1
+            # 16 bits have no +32768
+            a, r = rows[n, 5 + axis], rows[n, 9 + axis]
+            acceleration[n, axis] = np.float32(a if a == -32768 else sign * a) / per_g
+            rotation[n, axis] = np.float32(r if r == -32768 else sign * r) / per_degree
+        known = rows[n, 2] & 8
+        temperature[n] = np.float32(rows[n, 8]) / slope + zero if known else np.float32(0)

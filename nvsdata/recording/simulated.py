@@ -12,7 +12,7 @@ import numpy as np
 import usb.core
 
 from nvsdata.events import Events
-from nvsdata.kernels.wire import encode
+from nvsdata.kernels.wire_encode import encode
 from nvsdata.recording.davis import READ, REGISTER, SEVERAL, WRITE
 from nvsdata.recording.registers import APS, CHIP, DVS, EXTERNAL, IMU, MUX, SYSTEM, USB
 from nvsdata.recording.scenes import Outlines, Scene

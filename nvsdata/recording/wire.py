@@ -65,8 +65,6 @@ class Samples(NamedTuple):
 NONE, NO_VECTORS = np.empty(0, np.int64), np.empty((0, 3), np.float32)
 NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
 NO_SAMPLES = Samples(NONE, NONE, NO_VECTORS, NO_VECTORS, np.empty(0, np.float32))
-# of a sample's numbers, by its scales
-PER_G, PER_DEGREE = ((65536 / (full << np.arange(4))).astype(np.float32) for full in (4, 500))
 
 
 @dataclass(frozen=True)
@@ -179,22 +177,18 @@ class Decoder:
         """Put the special events and samples of a piece together."""
         self.specials, self.samples = NO_SPECIALS, NO_SAMPLES
         if notes:
-            word, t, kind, before = np.concatenate(notes).T
+            word, t, kind, before = (notes[0] if len(notes) == 1 else np.concatenate(notes)).T
             self.specials = Specials(self.words + word, t, kind, before)
         if rows:
-            self.samples = self._measured(np.concatenate(rows))
+            self.samples = self._measured(rows[0] if len(rows) == 1 else np.concatenate(rows))
 
-    def _measured(self, table: np.ndarray) -> Samples:
+    def _measured(self, rows: np.ndarray) -> Samples:
         """Inertial samples in their units, from the kernel's."""
-        raw = table[:, 5:].astype(np.int16)
-        for axis in range(3):
-            if self.inertial_flips >> (2 - axis) & 1:
-                raw[:, [axis, 4 + axis]] *= -1
-        slope, offset = (333.87, 21) if self.inertial == 2 else (340, 35)
-        celsius = raw[:, 3] / np.float32(slope) + np.float32(offset)
-        temperature = np.where(table[:, 2] & 8, celsius, 0).astype(np.float32)
-        acceleration, rotation = raw[:, :3] / PER_G[table[:, 3], None], raw[:, 4:] / PER_DEGREE[table[:, 4], None]
-        return Samples(self.words + table[:, 0], table[:, 1], acceleration, rotation, temperature)
+        n = len(rows)
+        measures = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32), np.empty(n, np.float32)
+        slope, zero = (333.87, 21) if self.inertial == 2 else (340, 35)
+        kernel.measure(rows, self.inertial_flips, np.float32(slope), np.float32(zero), *measures)
+        return Samples(self.words + rows[:, 0], rows[:, 1], *measures)
 
     def _frame(self, word: int) -> Frame:
         state = self._state

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import nvsdata
-from nvsdata.kernels.wire import encode
+from nvsdata.kernels.wire_encode import encode
 from nvsdata.recording.backend import Backend
 from nvsdata.recording.capture import record
 from nvsdata.recording.davis import Davis
