@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import signal
 import time
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from threading import Condition, Thread
-from typing import Any, Protocol
+from multiprocessing.synchronize import Event
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any
 
 import usb.core
 import usb.util
@@ -22,12 +23,6 @@ STARTING = 20.0  # s that the process may take to begin
 ENDING = 2.0  # s that it may take to send the rest
 GLIMPSE = 50  # ms of a read, between looks at whether more is wanted
 OURS = "usb.backend."
-
-
-class _Flag(Protocol):
-    def is_set(self) -> bool: ...
-
-    def set(self) -> None: ...
 
 
 def can_read_apart(device: Any) -> bool:
@@ -106,7 +101,7 @@ def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
     return device
 
 
-def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: _Flag) -> None:
+def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: Event) -> None:
     """Read until told to stop, or the device is gone; what was read goes to `blocks` from a thread beside."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one that started it
     try:
@@ -115,36 +110,24 @@ def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: _
         blocks.send_bytes(str(error).encode() or b"it failed")
         return
     blocks.send_bytes(READY)
-    waiting: deque[bytes | None] = deque()
-    change = Condition()
-
-    def put(block: bytes | None) -> None:
-        with change:
-            waiting.append(block)
-            change.notify()
-
-    sender = Thread(target=_send, args=(blocks, waiting, change), daemon=True)
+    waiting: SimpleQueue[bytes | None] = SimpleQueue()
+    sender = Thread(target=_send, args=(blocks, waiting), daemon=True)
     sender.start()
     try:
         while not stop.is_set():
             if block := source.read(GLIMPSE):
-                put(block)
+                waiting.put(block)
     except Gone:
         pass
     finally:
-        put(None)
+        waiting.put(None)
         sender.join()
         blocks.close()
 
 
-def _send(blocks: Connection, waiting: deque[bytes | None], change: Condition) -> None:
+def _send(blocks: Connection, waiting: SimpleQueue[bytes | None]) -> None:
     try:
-        while True:
-            with change:
-                change.wait_for(lambda: bool(waiting))
-                block = waiting.popleft()
-            if block is None:
-                return
+        while (block := waiting.get()) is not None:
             blocks.send_bytes(block)
     except OSError:
         # nobody listens any more

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from nvsdata.emulation.video import Frame
@@ -21,7 +19,6 @@ from nvsdata.recording.sync import fit, host_time
 BLINK = 250_000  # µs between the two pictures of the target
 WATCHED = 4_000_000  # µs of a still screen, in which flicker is looked for
 MAINS = (100.0, 120.0)  # Hz of lamps
-Area = Literal["screen", "corner"]
 
 
 def calibrate(camera: Davis, monitor: Monitor, settings: Settings, seconds: float | None) -> Calibration:
@@ -49,8 +46,8 @@ def calibrate(camera: Davis, monitor: Monitor, settings: Settings, seconds: floa
             monitor.check = check
             _aim(monitor, seconds)
             pieces.clear()
-            whole = _flashed(monitor, "screen")
-            corner = _flashed(monitor, "corner")
+            whole = _flashed(monitor, 1)
+            corner = _flashed(monitor, 2)
             still = monitor.fill(BRIGHT) + STILL
             monitor.wait(still + WATCHED + STILL)
         finally:
@@ -88,10 +85,10 @@ def _target(size: tuple[int, int]) -> np.ndarray:
     return np.where(star | frame, 255, 0).astype(np.uint8)
 
 
-def _flashed(monitor: Monitor, area: Area) -> tuple[list[float], list[bool]]:
-    """Flash all of the region, or its upper left quarter; when, and whether to bright."""
+def _flashed(monitor: Monitor, part: int) -> tuple[list[float], list[bool]]:
+    """Flash the upper left of the region, a `part`-th of its width and height; when, and whether to bright."""
     width, height = monitor.region[2:]
     dim = np.full((height, width), DIM, np.uint8)
     bright = dim.copy()
-    bright[(slice(None), slice(None)) if area == "screen" else (slice(height // 2), slice(width // 2))] = BRIGHT
+    bright[: height // part, : width // part] = BRIGHT
     return pattern(monitor, lambda lit, due: monitor.show(Frame(0, bright if lit else dim), due))

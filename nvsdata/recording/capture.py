@@ -229,8 +229,7 @@ class _Line(Thread):
 
     def end(self, why: str) -> None:
         """Stop reading, and say why."""
-        self.stop.set()
-        self.join()
+        self.finish()
         self.ended = why
 
     def finish(self) -> None:
@@ -252,7 +251,7 @@ def _pieces(
     last = None if seconds is None else round(seconds * 1e6)
     begun = False
     clock = _Clock()
-    yield Events.trusted(_cut(decoder.feed(b""), 0, 0), size, 0)
+    yield Events.empty(size)
     while block := line.take():
         if report.path is not None and shutil.disk_usage(report.path.parent).free < RESERVE:
             line.end(DISK_FULL)
@@ -276,7 +275,7 @@ def _pieces(
         kinds, times = specials.kind[after:], specials.t[after:]
         wanted = ((kinds == RISING) | (kinds == PULSE)) & (times < (np.inf if last is None else last))
         report.triggers += times[wanted].tolist()
-        piece = Events.trusted(_cut(events, first, stop), size, 0)
+        piece = Events.trusted(Columns(*(column[first:stop] for column in events.columns)), size, 0)
         watch(report, piece)
         yield piece
 
@@ -306,7 +305,3 @@ class _Clock:
             self._shift += int(wraps) * WRAP
             t[at:] += wraps * WRAP
         self._last = int(t[-1])
-
-
-def _cut(events: Events, start: int, stop: int) -> Columns:
-    return Columns(*(column[start:stop] for column in (events.t, events.x, events.y, events.p)))

@@ -52,10 +52,20 @@ class Performance:
 
     def log(self) -> dict[str, Any]:
         """All times in whole µs from the video's first moment, as JSON holds them."""
-        times = {"flashes": self.flashes, "due": self.due, "shown": self.shown, "stop": [self.stop]}
-        counted = {name: [round(time - self.start) for time in given] for name, given in times.items()}
-        late = {"refresh": round(self.refresh, 1), "late": self.late, "skipped": self.skipped}
-        return late | counted | {"stop": counted["stop"][0], "bright": [int(bright) for bright in self.bright]}
+
+        def after(times: list[float]) -> list[int]:
+            return [round(time - self.start) for time in times]
+
+        return {
+            "refresh": round(self.refresh, 1),
+            "late": self.late,
+            "skipped": self.skipped,
+            "flashes": after(self.flashes),
+            "due": after(self.due),
+            "shown": after(self.shown),
+            "stop": round(self.stop - self.start),
+            "bright": [int(bright) for bright in self.bright],
+        }
 
 
 def perform(monitor: Monitor, video: Path) -> Performance:
