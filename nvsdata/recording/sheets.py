@@ -47,7 +47,7 @@ class Sheets:
 
     def __exit__(self, *_: object) -> None:
         # what ended the block is more important than a picture of it
-        with suppress(OSError, ValueError):
+        with suppress(OSError):
             for page in sorted(self._stale):
                 self._draw(page)
 
@@ -65,12 +65,15 @@ def _page(videos: list[tuple[Video, dict[str, Any] | None]]) -> np.ndarray:
 def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
     tile = np.full((CAPTION + TILE[1], 2 * TILE[0], 3), 240, np.uint8)
     tile[CAPTION:, : TILE[0]] = _fitted(_middle(video.path))
-    caption = f"{Path(video.name).stem[:26]}  -"
-    if line is not None and "events" in line and video.target.exists():
+    rate = "-"
+    if line is not None and "events" in line:
         half = line["duration"] // 2
-        events = formats.read(video.target, max(half - SPAN // 2, 0), half + SPAN // 2)
-        tile[CAPTION:, TILE[0] :] = _fitted(event_image(events))
-        caption = f"{Path(video.name).stem[:26]}  {line['events'] * 1e3 / max(line['duration'], 1):,.0f} k/s"
+        # a recording that is gone or damaged since stays empty: the others go on
+        with suppress(OSError, ValueError):
+            events = formats.read(video.target, max(half - SPAN // 2, 0), half + SPAN // 2)
+            tile[CAPTION:, TILE[0] :] = _fitted(event_image(events))
+            rate = f"{line['events'] * 1e3 / max(line['duration'], 1):,.0f} k/s"
+    caption = f"{Path(video.name).stem[:26]}  {rate}"
     cv2.putText(tile, caption, (2, CAPTION - 5), FONT, 0.4, INK, 1, cv2.LINE_AA)
     return tile
 
