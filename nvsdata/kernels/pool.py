@@ -7,48 +7,53 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def clusters(x, y, ptr, width, height, columns, rows):
-    """Cluster of every node, and where the clusters lie. O(N + B · columns · rows).
+def clusters(pos, t, ptr, width, height, columns, rows):
+    """Cluster of every node, and where and when the clusters lie. O(N + B · columns · rows).
 
-    `x`, `y` float [N]; graph b owns nodes ptr[b]..ptr[b + 1]; a cluster is a cell of `width` x
-    `height` pixels; nodes outside the grid belong to its border. Clusters are numbered by graph,
-    row, column.
+    `pos` float [N, 2], `t` int64 [N]; graph b owns nodes ptr[b]..ptr[b + 1]; a cluster is a cell of
+    `width` x `height` pixels; nodes outside the grid belong to its border. Clusters are numbered by
+    graph, row, column.
 
-    Returns `cluster` int64 [N], `position` float32 [M, 2] (floor of the mean, eq. 4.8) and
-    `new_ptr` int64 [B + 1].
+    Returns `cluster` int64 [N]; of the clusters `position` float32 [M, 2] (floor of the mean, eq. 4.8),
+    `time` int64 [M] (likewise) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
     """
     graphs = ptr.size - 1
-    cluster = np.empty(x.size, np.int64)
+    cluster = np.empty(len(pos), np.int64)
     slot = np.empty(columns * rows, np.int64)
-    most = min(x.size, graphs * columns * rows)
+    most = min(len(pos), graphs * columns * rows)
     position = np.empty((most, 2), np.float32)
+    graph = np.empty(most, np.int64)
     new_ptr = np.zeros(graphs + 1, np.int64)
-    sum_x = np.zeros(most, np.float64)
-    sum_y = np.zeros(most, np.float64)
+    # float64: sums of whole pixels must be exact for the floor to be
+    sums = np.zeros((most, 2), np.float64)
+    time = np.zeros(most, np.int64)
     members = np.zeros(most, np.int64)
     m = 0
     for b in range(graphs):
         slot[:] = -1
         for i in range(ptr[b], ptr[b + 1]):
-            column = min(max(int(np.floor(x[i] / width)), 0), columns - 1)
-            row = min(max(int(np.floor(y[i] / height)), 0), rows - 1)
+            column = min(max(int(np.floor(pos[i, 0] / width)), 0), columns - 1)
+            row = min(max(int(np.floor(pos[i, 1] / height)), 0), rows - 1)
             cluster[i] = row * columns + column
             slot[cluster[i]] = 0
         for cell in range(slot.size):
             if slot[cell] == 0:
                 slot[cell] = m
+                graph[m] = b
                 m += 1
         for i in range(ptr[b], ptr[b + 1]):
             c = slot[cluster[i]]
             cluster[i] = c
-            sum_x[c] += x[i]
-            sum_y[c] += y[i]
+            sums[c, 0] += pos[i, 0]
+            sums[c, 1] += pos[i, 1]
+            time[c] += t[i]
             members[c] += 1
         new_ptr[b + 1] = m
     for c in range(m):
-        position[c, 0] = np.floor(sum_x[c] / members[c])
-        position[c, 1] = np.floor(sum_y[c] / members[c])
-    return cluster, position[:m], new_ptr
+        position[c, 0] = np.floor(sums[c, 0] / members[c])
+        position[c, 1] = np.floor(sums[c, 1] / members[c])
+        time[c] //= members[c]
+    return cluster, position[:m], time[:m], graph[:m], new_ptr
 
 
 @njit(cache=True, nogil=True)

@@ -2,7 +2,8 @@
 
 `rgcnn(name)` and `gcnn(name)` build the thesis's configurations for single graphs (section 4.4.2) by dataset name,
 `rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1). `reference` has the networks that they are compared
-with, `NETWORKS` all of them by name; `save` and `load` keep trained ones, `complexity` counts operations and weights.
+with, `NETWORKS` all of them by name; `save` and `load` keep trained ones, `fused` makes them faster, `complexity` counts
+operations and weights.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from nvsdata.models import reference
 from nvsdata.models.checkpoint import Trained, load, save
 from nvsdata.models.complexity import Complexity, complexity
 from nvsdata.models.conv import CONVOLUTIONS
+from nvsdata.models.fused import fused
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
@@ -39,6 +41,7 @@ __all__ = [
     "SplineConv",
     "Trained",
     "complexity",
+    "fused",
     "gcnn",
     "load",
     "reference",

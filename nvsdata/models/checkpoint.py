@@ -78,11 +78,11 @@ def save(
 
     A bare name ("asl", without folder or suffix) goes to the model folder, where `load` looks for it:
     $NVSDATA_MODELS, or `models` in nvsdata's cache. `transform` is kept as its repr, `metrics` as JSON.
-    ValueError for a network that isn't of the zoo, or a transform whose repr doesn't build it.
+    ValueError for a network that isn't of the zoo or is fused, or a transform whose repr doesn't build it.
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
-        raise ValueError(f"{type(model).__name__} is no network of nvsdata.models, so it couldn't be built again")
+        raise ValueError(f"{type(model).__name__} couldn't be built again: it is no network of nvsdata.models, or fused")
     state = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     header = {
         "version": VERSION,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import nn
@@ -36,8 +36,8 @@ class GraphPool(nn.Module):
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """Pool a batch; graphs without nodes stay without."""
         on_cpu = batch.x.device.type == "cpu"
-        structure = _clusters_numba if on_cpu else clusters_torch
-        cluster, pos, ptr, edges = structure(batch, self.cluster, self.grid)
+        structure = clusters_numba if on_cpu else clusters_torch
+        cluster, pos, t, graph, ptr, edges = structure(batch, self.cluster, self.grid)
         count = pos.shape[0]
         if self.mode == "mean":
             x = mean_rows(batch.x, cluster, count)
@@ -45,18 +45,16 @@ class GraphPool(nn.Module):
             x = _MaxRows.apply(batch.x, cluster, count)  # type: ignore[no-untyped-call]
         else:
             x = max_rows_torch(batch.x, cluster, count)
-        sizes = ptr[1:] - ptr[:-1]
-        graphs = torch.arange(batch.num_graphs, device=ptr.device)
         reach = coarse_reach(batch.reach, self.cluster)
         return replace(
             batch,
             x=x,
             pos=pos,
-            t=_mean_times(batch.t, cluster, count),
+            t=t,
             edge_index=edges,
             edge_attr=pseudo(pos, edges, reach),
             reach=reach,
-            batch=torch.repeat_interleave(graphs, sizes),
+            batch=graph,
             ptr=ptr,
         )
 
@@ -72,40 +70,47 @@ def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
     return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1
 
 
-Structure = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
+class Structure(NamedTuple):
+    """What pooling makes of everything but the features."""
+
+    cluster: torch.Tensor  # of each node, int64 [N]
+    pos: torch.Tensor
+    t: torch.Tensor
+    batch: torch.Tensor
+    ptr: torch.Tensor
+    edge_index: torch.Tensor
 
 
-def _clusters_numba(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
-    pos = batch.pos.numpy()
+def clusters_numba(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
+    """The coarse graphs, on the CPU."""
     source, target, _ = grouped(batch.edge_index, batch.edge_attr, batch.num_nodes)
-    index, new_pos, ptr = kernel.clusters(pos[:, 0], pos[:, 1], batch.ptr.numpy(), *cluster, *grid)
-    new_edges = kernel.merged_edges(source.numpy(), target.numpy(), index, new_pos.shape[0])
-    return torch.from_numpy(index), torch.from_numpy(new_pos), torch.from_numpy(ptr), torch.from_numpy(new_edges)
+    found = kernel.clusters(batch.pos.numpy(), batch.t.numpy(), batch.ptr.numpy(), *cluster, *grid)
+    edges = kernel.merged_edges(source.numpy(), target.numpy(), found[0], len(found[1]))
+    return Structure(*map(torch.from_numpy, (*found, edges)))
 
 
 def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
-    """Cluster of each node, position of each cluster, new ptr and merged edges, on any device."""
+    """The same on any device."""
     total = grid[0] * grid[1]
     occupied, index = torch.unique(batch.batch * total + cells(batch.pos, cluster, grid), return_inverse=True)
     count = occupied.numel()
     # float64: sums of whole pixels must be exact for the floor to be
     pos = mean_rows(batch.pos.double(), index, count).floor().float()
-    sizes = torch.bincount(occupied // total, minlength=batch.num_graphs)
+    times = batch.t.new_zeros(count).index_add_(0, index, batch.t)
+    t = torch.div(times, torch.bincount(index, minlength=count), rounding_mode="floor")
+    graph = occupied // total
+    sizes = torch.bincount(graph, minlength=batch.num_graphs)
     ptr = torch.cat((sizes.new_zeros(1), sizes.cumsum(0)))
     source, target = index[batch.edge_index]
     keys = torch.unique((target * count + source)[source != target])
-    return index, pos, ptr, torch.stack((keys % max(count, 1), keys // max(count, 1)))
+    edges = torch.stack((keys % max(count, 1), keys // max(count, 1)))
+    return Structure(index, pos, t, graph, ptr, edges)
 
 
 def mean_rows(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
     """Mean of `x` [N, C] over clusters: [M, C]."""
     members = torch.bincount(cluster, minlength=count).to(x.dtype).unsqueeze(1)
     return x.new_zeros(count, x.shape[1]).index_add(0, cluster, x) / members
-
-
-def _mean_times(t: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
-    sums = t.new_zeros(count).index_add_(0, cluster, t)
-    return torch.div(sums, torch.bincount(cluster, minlength=count), rounding_mode="floor")
 
 
 def max_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:

@@ -46,16 +46,15 @@ def batches(draw):
 def test_pooling_is_that_of_brute_force(on, mode, batch, cluster):
     pool = GraphPool(cluster, (34, 34), mode)
     if on == "torch":
-        index, pos, ptr, edges = module.clusters_torch(batch, cluster, pool.grid)
+        index, pos, _, graph_of, _, edges = module.clusters_torch(batch, cluster, pool.grid)
         x = (
             module.max_rows_torch(batch.x, index, len(pos))
             if mode == "max"
             else module.mean_rows(batch.x, index, len(pos))
         )
-        graph_of = torch.repeat_interleave(torch.arange(batch.num_graphs), ptr[1:] - ptr[:-1])
     else:
         out = pool(batch)
-        x, pos, ptr, edges, graph_of = out.x, out.pos, out.ptr, out.edge_index, out.batch
+        x, pos, edges, graph_of = out.x, out.pos, out.edge_index, out.batch
     nodes, slow_edges = slow_pool(batch, cluster, pool.grid, mode)
     names = sorted(nodes)
     assert len(pos) == len(names)
@@ -68,10 +67,19 @@ def test_pooling_is_that_of_brute_force(on, mode, batch, cluster):
     assert set(ours) == slow_edges
 
 
+@given(batch=batches(), cluster=st.sampled_from(((2, 2), (4, 3), (7, 7), (40, 40))))
+def test_both_ways_of_clustering_give_the_same_graphs(batch, cluster):
+    grid = GraphPool(cluster, (34, 34)).grid
+    ours, other = (way(batch, cluster, grid) for way in (module.clusters_numba, module.clusters_torch))
+    for a, b in zip(ours, other, strict=True):
+        assert a.dtype == b.dtype
+        assert torch.equal(a, b)
+
+
 @given(batches())
 def test_both_ways_of_maximum_have_the_same_gradient(batch):
     pool = GraphPool((4, 4), (34, 34))
-    index, pos, *_ = module.clusters_torch(batch, (4, 4), pool.grid)
+    index, pos = module.clusters_torch(batch, (4, 4), pool.grid)[:2]
     a, b = batch.x.clone().requires_grad_(), batch.x.clone().requires_grad_()
     upstream = torch.randn(len(pos), 3)
     pool(module.replace(batch, x=a)).x.backward(upstream)

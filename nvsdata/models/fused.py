@@ -1,0 +1,76 @@
+"""Graph networks for inference: normalisation and shortcuts folded into the convolutions."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+from typing import TypeVar
+
+import torch
+from torch import nn
+
+from nvsdata.graph import GraphBatch
+from nvsdata.models.norm import BatchNorm
+from nvsdata.models.rgcnn import ConvBlock, ResidualBlock
+from nvsdata.models.spline import SplineConv, add_self_loops
+
+Network = TypeVar("Network", bound=nn.Module)
+
+
+@torch.no_grad()
+def fused(model: Network) -> Network:
+    """A copy of a trained network for inference, with the same outputs up to rounding and less to compute.
+
+    Each block of B-spline convolutions becomes one convolution, normalised by the running statistics: as the hat
+    functions of a kernel add up to 1 everywhere, a shortcut of kernel size 1 is a matrix added to every cell's.
+    Blocks of other convolutions and 3D CNNs stay as they are. The copy can be neither trained nor saved.
+    """
+    model = deepcopy(model)
+    for parent in list(model.modules()):
+        for name, block in parent.named_children():
+            if isinstance(block, ResidualBlock):
+                _fold(block.conv, block.norm)
+                _fold(block.shortcut, block.shortcut_norm)
+                _add(block.conv, block.shortcut)
+                setattr(parent, name, _Block(block.conv))
+            elif isinstance(block, ConvBlock) and isinstance(block.conv, SplineConv):
+                _fold(block.conv, block.norm)
+                setattr(parent, name, _Block(block.conv))
+    # what `save` knows a network by
+    model.kind = None  # type: ignore[assignment]
+    return model.eval().requires_grad_(False)
+
+
+class _Block(nn.Module):
+    """What is left of a block: its convolution."""
+
+    def __init__(self, conv: SplineConv) -> None:
+        super().__init__()
+        self.conv = conv
+
+    def forward(self, batch: GraphBatch) -> GraphBatch:
+        edges = add_self_loops(batch.edge_index, batch.edge_attr, batch.num_nodes)
+        return replace(batch, x=self.conv(batch.x, *edges))
+
+
+def _fold(conv: SplineConv, norm: BatchNorm) -> None:
+    """Let a convolution give what the normalisation behind it makes of it."""
+    assert conv.bias is not None
+    assert norm.running_mean is not None
+    assert norm.running_var is not None
+    scale = norm.weight * (norm.running_var + norm.eps).rsqrt()
+    conv.weight *= scale
+    conv.bias.sub_(norm.running_mean).mul_(scale).add_(norm.bias)
+    if conv.root is not None:
+        conv.root *= scale
+
+
+def _add(conv: SplineConv, shortcut: SplineConv) -> None:
+    """Let a convolution give the sum of its own and a shortcut's output; both have root weights."""
+    assert conv.bias is not None
+    assert shortcut.bias is not None
+    assert conv.root is not None
+    assert shortcut.root is not None
+    conv.weight += shortcut.weight
+    conv.bias += shortcut.bias
+    conv.root += shortcut.root
