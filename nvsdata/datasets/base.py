@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, repeat
@@ -107,7 +109,8 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         self.classes = self._classes()
         self.class_to_idx = {name: index for index, name in enumerate(self.classes)}
         self.skipped: list[str] = []
-        self.samples = list(self._select(self._found()))
+        with _no_collection():
+            self.samples = list(self._select(self._found()))
         self.targets = [sample.label for sample in self.samples]
         if not self.samples:
             raise FileNotFoundError(f"no recordings for split {split!r} below {self.root}; {self._how_to_get()}")
@@ -271,6 +274,18 @@ class RandomSplitDataset(EventDataset):
             return found
         train, test = stratified([sample.label for sample in found], 0.2, seed=self.fold)
         return [found[i] for i in (train if self.split == "train" else test)]
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Python's collector rests: it would go through all that torch made, again and again, as 100,000 samples come."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def numbered_fold(fold: int | None, folds: Sequence[int], default: int) -> int:

@@ -31,7 +31,8 @@ def recordings_in(listing: Listing) -> Iterator[str]:
     """Paths of the listed files whose extension a known format has."""
     known = formats.suffixes()
     for folder, names in listing.items():
-        yield from (joined(folder, name) for name in names if name.endswith(known) or name.lower().endswith(known))
+        prefix = joined(folder, "")
+        yield from [prefix + name for name in names if name.endswith(known) or name.lower().endswith(known)]
 
 
 class Source(Protocol):

@@ -18,12 +18,13 @@ import numpy as np
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns
 from nvsdata.events import Recording as BaseRecording
-from nvsdata.formats.records import bytes_of
+from nvsdata.formats.records import all_bytes_of
 
 NAMES = {"t": ("ts", "t"), "x": ("x",), "y": ("y",), "p": ("pol", "p")}
 HEADER = 128
 COMPRESSED, MATRIX = 15, 14
-NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+NUMBERS = {kind: np.dtype(f"<{code}") for kind, code in _CODES.items()}
 NUMERIC_CLASSES = range(6, 16)  # double, single and the integers
 MOST = 1 << 31  # bytes that an element may inflate to
 _TAG = struct.Struct("<II").unpack_from
@@ -54,15 +55,13 @@ class Recording(BaseRecording):
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
         t, x, y, p = (self._integers(name, columns[name]) for name in ("t", "x", "y", "p"))
         width, height = self._limits
-        # least and greatest tell whether any event needs a closer look
-        (x0, x1), (y0, y1), (p0, p1) = (_range(column) for column in (x, y, p))
-        if x0 >= 1 and y0 >= 1 and (x1 == width or y1 == height):
-            x, y = x.astype(np.int32) - 1, y.astype(np.int32) - 1
-            x0, x1, y0, y1 = x0 - 1, x1 - 1, y0 - 1, y1 - 1
-        if p0 == -1:
+        if (_greatest(x) == width or _greatest(y) == height) and x.min() >= 1 and y.min() >= 1:
+            x, y = x.astype(np.int64) - 1, y.astype(np.int64) - 1
+        if _least(p) == -1:
             p = np.where(p == -1, 0, p)
-            p0 = 0
-        if min(x0, y0, p0) < 0 or x1 >= width or y1 >= height or p1 > 1:
+        # least and greatest tell whether any event needs a closer look
+        least = min(map(_least, (x, y, p)))
+        if least < 0 or _greatest(x) >= width or _greatest(y) >= height or _greatest(p) > 1:
             t, x, y, p = self._inside((t, x, y, p))
         return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
@@ -75,12 +74,12 @@ class Recording(BaseRecording):
             if not (np.abs(column) < 2.0**62).all() or (column != np.rint(column)).any():
                 raise FormatError(self.path, None, f"variable {name!r} holds numbers that aren't whole")
             return column.astype(np.int64)
-        if column.dtype.itemsize == 8 and not -(2**62) < _range(column)[0] <= _range(column)[1] < 2**62:
+        if column.dtype.itemsize == 8 and not -(2**62) < _least(column) <= _greatest(column) < 2**62:
             raise FormatError(self.path, None, f"variable {name!r} holds numbers beyond 2^62")
         return column
 
     def _v5(self) -> dict[str, np.ndarray]:
-        data = memoryview(bytes_of(self.path, self._head))
+        data = memoryview(all_bytes_of(self.path, self._head))
         if bytes(data[124:128]) != b"\x00\x01IM":
             raise FormatError(self.path, 124, "no little-endian MATLAB v5 file, or truncated")
         found: dict[str, np.ndarray] = {}
@@ -134,9 +133,9 @@ class Recording(BaseRecording):
                 self._matrix(at, part, found, field)
         elif category in NUMERIC_CLASSES:
             kind, numbers = parts[3]
-            if kind not in NUMBERS or len(numbers) % np.dtype(NUMBERS[kind]).itemsize:
+            if kind not in NUMBERS or len(numbers) % NUMBERS[kind].itemsize:
                 raise FormatError(self.path, at, f"variable {name!r} is of an unknown type")
-            found[name] = np.frombuffer(numbers, f"<{NUMBERS[kind]}")
+            found[name] = np.frombuffer(numbers, NUMBERS[kind])
 
     def _v73(self) -> dict[str, np.ndarray]:
         found: dict[str, np.ndarray] = {}
@@ -153,6 +152,11 @@ class Recording(BaseRecording):
         return found
 
 
-def _range(column: np.ndarray) -> tuple[int, int]:
-    """Least and greatest value; (0, 0) of none."""
-    return (int(column.min()), int(column.max())) if column.size else (0, 0)
+def _least(column: np.ndarray) -> int:
+    """Least value; 0 of none, and of unsigned types, whose values are none below it."""
+    return int(column.min()) if column.size and column.dtype.kind != "u" else 0
+
+
+def _greatest(column: np.ndarray) -> int:
+    """Greatest value; 0 of none."""
+    return int(column.max()) if column.size else 0

@@ -128,6 +128,15 @@ def bytes_of(path: str, head: bytes) -> bytes | mmap.mmap:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
+def all_bytes_of(path: str, head: bytes) -> bytes:
+    """The whole file in memory: for formats that need all of it, a read is cheaper than a map's pages."""
+    if len(head) < HEAD:
+        return head
+    with open(path, "rb", buffering=0) as file:
+        file.seek(len(head))
+        return head + file.read()
+
+
 def unwrapped_index(raw: np.ndarray) -> Blocks:
     """Index from the raw 32-bit times of the blocks' first records; a fall of more than 2^31 µs is a wrap."""
     times = raw.astype(np.int64)
