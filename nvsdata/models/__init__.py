@@ -2,7 +2,7 @@
 
 `rgcnn(name)` and `gcnn(name)` build the thesis's configurations for single graphs (section 4.4.2) by dataset name,
 `rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1). `reference` has the networks that they are compared
-with, `NETWORKS` all of them by name; `save` and `load` keep trained ones, `fused` makes them faster, `complexity` counts
+with, `NETWORKS` all of them by name; `save` and `load` keep trained ones, `fused` speeds them up, `complexity` counts
 operations and weights.
 """
 

@@ -82,7 +82,7 @@ def save(
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
-        raise ValueError(f"{type(model).__name__} couldn't be built again: it is no network of nvsdata.models, or fused")
+        raise ValueError(f"{type(model).__name__} can't be saved: it is no network of nvsdata.models, or fused")
     state = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     header = {
         "version": VERSION,

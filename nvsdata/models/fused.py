@@ -59,10 +59,10 @@ def _fold(conv: SplineConv, norm: BatchNorm) -> None:
     assert norm.running_mean is not None
     assert norm.running_var is not None
     scale = norm.weight * (norm.running_var + norm.eps).rsqrt()
-    conv.weight *= scale
+    conv.weight.mul_(scale)
     conv.bias.sub_(norm.running_mean).mul_(scale).add_(norm.bias)
     if conv.root is not None:
-        conv.root *= scale
+        conv.root.mul_(scale)
 
 
 def _add(conv: SplineConv, shortcut: SplineConv) -> None:
@@ -71,6 +71,6 @@ def _add(conv: SplineConv, shortcut: SplineConv) -> None:
     assert shortcut.bias is not None
     assert conv.root is not None
     assert shortcut.root is not None
-    conv.weight += shortcut.weight
-    conv.bias += shortcut.bias
-    conv.root += shortcut.root
+    conv.weight.add_(shortcut.weight)
+    conv.bias.add_(shortcut.bias)
+    conv.root.add_(shortcut.root)
