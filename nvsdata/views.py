@@ -70,3 +70,25 @@ class Mapped(_View):
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
         return self.change(self.whole.read(start, stop))
+
+
+class Scaled(_View):
+    """A recording whose times count in `unit` µs, in µs."""
+
+    format = "scaled"
+
+    def __init__(self, whole: Recording, unit: int) -> None:
+        super().__init__(whole)
+        self.unit = unit
+
+    @property
+    def span(self) -> tuple[int, int]:
+        first, last = self.whole.span
+        return first * self.unit, last * self.unit
+
+    def read(self, start: int | None = None, stop: int | None = None) -> Events:
+        check_window(start, stop)
+        # rounded up: the first time that isn't before the bound
+        events = self.whole.read(*(None if bound is None else -(-bound // self.unit) for bound in (start, stop)))
+        columns = events.columns._replace(t=events.t * self.unit)
+        return Events.trusted(columns, events.sensor_size, start)

@@ -175,6 +175,18 @@ def dvs128gesture() -> dict[str, bytes]:
     return files
 
 
+def dvs128gesture_preprocessed() -> dict[str, bytes]:
+    """Three users' gestures as arrays x, y, p, t with t in ms, named by their class."""
+    files = {}
+    for k, trial in enumerate(("Train/user01_lab", "Train/user23_fluorescent_led", "Test/user24_led")):
+        for label in range(11):
+            ev = some(20 * k + label, 300, (128, 128), first=0, gap=30)
+            file = io.BytesIO()
+            np.save(file, np.stack([ev.x, ev.y, ev.p, ev.t], 1))
+            files[f"ibmGesture{trial}/{label}.npy"] = file.getvalue()
+    return files
+
+
 def ucf101dvs() -> dict[str, bytes]:
     """Two classes, one with its folder misspelt, files in another case than the lists, an empty recording."""
     files = {}

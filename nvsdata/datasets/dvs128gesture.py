@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 
 from nvsdata.datasets.base import Archive, EventDataset, Info, Sample
 from nvsdata.datasets.source import joined
+from nvsdata.events import Recording
+from nvsdata.views import Scaled
 
 CLASSES = (
     "hand_clapping",
@@ -24,6 +27,9 @@ CLASSES = (
     "other_gestures",
 )
 FIRST_TEST_USER = 24
+TRIAL = re.compile(r"user(\d+)_([a-z_]+)(?=[./])")  # a file's name, or a folder's in the preprocessed release
+PREPROCESSED = re.compile(r"(\d+)\.npy")
+MILLISECOND = 1_000  # µs: what times of the preprocessed release count in
 
 
 class DVS128Gesture(EventDataset):
@@ -33,6 +39,9 @@ class DVS128Gesture(EventDataset):
     labelled slice of a trial, of which only its own packets are read. `trials_to_train.txt` and
     `trials_to_test.txt` split them; where these are missing, users 1 to 23 are for training.
     A label that ends after the next one begins (user22_led has one) is cut there.
+
+    The preprocessed release (figshare files 38022171 and 38020584: 1,341 gestures,
+    `user<NN>_<lighting>/<class>.npy`, times in whole ms) is read, too.
 
     `users` and `lightings` tell of each sample, `samples[i].window` its start and end in µs.
     """
@@ -53,32 +62,41 @@ class DVS128Gesture(EventDataset):
         for folder, names in self.listing.items():
             for name in names:
                 stem, _, suffix = name.rpartition(".")
+                place = joined(folder, name)
                 if suffix.lower() in ("aedat", "aedat3", "h5") and f"{stem}_labels.csv" in names:
-                    trial = joined(folder, name)
                     labels = self.source.data(joined(folder, f"{stem}_labels.csv")).decode("utf-8-sig")
-                    found += [Sample(trial, label, window) for label, window in _gestures(trial, labels)]
-        return sorted(found, key=lambda sample: (sample.stem, sample.window))
+                    found += [Sample(place, label, window) for label, window in _gestures(place, labels)]
+                elif (cut := PREPROCESSED.fullmatch(name)) and TRIAL.search(place) and int(cut[1]) < len(CLASSES):
+                    found.append(Sample(place, int(cut[1])))
+        return sorted(found, key=lambda sample: (_trial(sample)[0], sample.window or (), sample.label))
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         listed = self._side_file(f"trials_to_{self.split}.txt")
         if listed is not None:
             trials = {line.strip().rsplit(".", 1)[0] for line in listed.splitlines() if line.strip()}
-            return [sample for sample in found if sample.stem in trials]
-        return self._held_out(found, lambda sample: _user(sample) >= FIRST_TEST_USER)
+            return [sample for sample in found if _trial(sample)[0] in trials]
+        return self._held_out(found, lambda sample: int(_trial(sample)[1]) >= FIRST_TEST_USER)
+
+    def _view(self, recording: Recording) -> Recording:
+        return Scaled(recording, MILLISECOND) if recording.format == "npy" else recording
 
     @cached_property
     def users(self) -> list[int]:
         """Number of the person of each sample."""
-        return [_user(sample) for sample in self.samples]
+        return [int(_trial(sample)[1]) for sample in self.samples]
 
     @cached_property
     def lightings(self) -> list[str]:
         """Lighting of each sample."""
-        return [sample.stem.split("_", 1)[1] for sample in self.samples]
+        return [_trial(sample)[2] for sample in self.samples]
 
 
-def _user(sample: Sample) -> int:
-    return int(sample.stem.split("_")[0].removeprefix("user"))
+def _trial(sample: Sample) -> re.Match[str]:
+    """A trial's name, in it the number of its user and the lighting. ValueError for a file of another name."""
+    trial = TRIAL.search(sample.name)
+    if trial is None:
+        raise ValueError(f"{sample.name}: a trial's name is user<NN>_<lighting>")
+    return trial
 
 
 def _gestures(name: str, labels: str) -> Iterator[tuple[int, tuple[int, int]]]:

@@ -51,10 +51,11 @@ FORMATS = (
     Format("evt", "evt", (".raw",), re.compile(rb"(?:%[^\n]*\n)*?% (?i:evt |format EVT)[23]")),
     Format("prophesee-dat", "prophesee", (".dat",), re.compile(rb"% ")),
     Format("matlab", "matlab", (".mat",), re.compile(rb"MATLAB [57]\.\d MAT-file")),
+    Format("npy", "npy", (".npy",), re.compile(rb"\x93NUMPY")),
     Format("text", "text", (".txt", ".csv", ".text")),
     Format("atis", "atis", (".bin", ".bs2")),
 )
-_FIRST_BYTES = b"\x89#%M"  # of the formats that begin with something
+_FIRST_BYTES = b"\x89#%M\x93"  # of the formats that begin with something
 
 
 def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = None, strict: bool = True) -> Recording:

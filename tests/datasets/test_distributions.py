@@ -68,6 +68,7 @@ CASES = {
     "n-cars": (trees.ncars, NCARS, 8, 8),
     "asl-dvs": (trees.asldvs, ASLDVS, 24, 6),
     "dvs128-gesture": (trees.dvs128gesture, DVS128Gesture, 24, 24),
+    "dvs128-gesture, preprocessed": (trees.dvs128gesture_preprocessed, DVS128Gesture, 22, 11),
     "ucf50-dvs": (trees.ucf50dvs, UCF50DVS, 4, 2),
     "ucf101-dvs": (trees.ucf101dvs, UCF101DVS, 4, 4),
     "hmdb51-dvs": (trees.hmdb51dvs, HMDB51DVS, 6, 4),
@@ -86,7 +87,7 @@ def test_as_distributed(home, name):
     keys = [{(s.name, s.window) for s in part.samples} for part in (train, test, both)]
     assert not keys[0] & keys[1]
     assert keys[0] | keys[1] <= keys[2]
-    assert DATASETS[name] is kind
+    assert DATASETS[name.split(",")[0]] is kind
     for dataset in (train, test):
         ev, label = dataset[len(dataset) - 1]
         assert len(ev) > 0
@@ -199,6 +200,23 @@ def test_gesture_slices_users_and_the_label_that_ends_too_late(home):
             assert train[i][0] == trial.window(*sample.window)
     windows = sorted(s.window for s in train.samples if "user22" in s.name)
     assert all(a[1] <= b[0] for a, b in itertools.pairwise(windows))
+
+
+def test_preprocessed_gestures_count_in_milliseconds(home, tmp_path):
+    root = home(trees.dvs128gesture_preprocessed())
+    train = DVS128Gesture(root)
+    assert train.users == [1] * 11 + [23] * 11
+    assert set(train.lightings) == {"lab", "fluorescent_led"}
+    assert train.targets == [*range(11), *range(11)]
+    in_ms = trees.some(20 + 4, 300, (128, 128), first=0, gap=30)
+    recording, whole = train.recording(15), train[15][0]
+    assert whole.t.tolist() == (in_ms.t * 1000).tolist()
+    assert recording.span == (whole.t[0], whole.t[-1])
+    for start, stop in ((500_500, 900_001), (500_000, 900_000), (-1, 1), (None, 40_000)):
+        assert recording.read(start, stop) == whole.window(start, stop)
+    assert recording.read(500_500, 900_001).start == 500_500
+    nvsdata.pack(train, tmp_path / "g.h5")
+    check_same(train, DVS128Gesture(tmp_path / "g.h5"))
 
 
 def test_gesture_without_its_lists_goes_by_user(home):

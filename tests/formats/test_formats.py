@@ -13,7 +13,7 @@ from strategies import events
 import nvsdata
 from nvsdata import Events, FormatError
 
-SUFFIXES = (".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat1", ".aedat3")
+SUFFIXES = (".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat1", ".aedat3", ".npy")
 HEADS = {
     ".bin": b"",
     ".dat": b"% Version 2\n\x0c\x08",
@@ -24,6 +24,7 @@ HEADS = {
     ".aedat3": b"#!AER-DAT3.1\r\n#Source 1: DVS128\r\n#!END-HEADER\r\n",
     ".raw": b"% evt 2.0\n% end\n",
     ".evt3": b"% evt 3.0\n% end\n",
+    ".npy": b"\x93NUMPY\x01\x00",
     ".mat": b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
 }
 changes = st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=5)
