@@ -168,21 +168,29 @@ def pooling(batch: GraphBatch) -> Row:
 
 
 def latency(name: str, recordings: list[Any], device: torch.device) -> Row:
-    """From a window of a recording to its class, batch 1: ms at the median and the 99th percentile."""
+    """From a window of a recording to its class, batch 1: ms at the median and the 99th percentile.
+
+    The network as it was trained, and fused for inference, in turns.
+    """
     model = models.rgcnn(name).to(device).eval()
+    runs = {"": model, "fused_": models.fused(model)}
     sampling = [] if name == "n-mnist" else [T.NonUniformSample(8)]
     pipeline = T.Compose([T.RandomWindow(30_000), *sampling, T.RadiusGraph()])
-    spent, nodes = [], []
+    spent: dict[str, list[float]] = {kind: [] for kind in runs}
+    nodes = []
     with torch.inference_mode():
         for n in range(600):
-            start = time.perf_counter()
-            graph = pipeline(recordings[n % len(recordings)])
-            model(graph.to(device)).argmax().item()
-            spent.append((time.perf_counter() - start) * 1e3)
+            for kind, network in runs.items():
+                start = time.perf_counter()
+                graph = pipeline(recordings[n % len(recordings)])
+                network(graph.to(device)).argmax().item()
+                spent[kind].append((time.perf_counter() - start) * 1e3)
             nodes.append(graph.num_nodes)
-    median, worst = np.percentile(spent[100:], (50, 99))
-    what = f"window to class, RG-CNN {name}, {np.mean(nodes):.0f} nodes"
-    return {"what": what, "median_ms": round(float(median), 2), "p99_ms": round(float(worst), 2)}
+    row: Row = {"what": f"window to class, RG-CNN {name}, {np.mean(nodes):.0f} nodes"}
+    for kind, times in spent.items():
+        median, worst = np.percentile(times[100:], (50, 99))
+        row |= {f"{kind}median_ms": round(float(median), 2), f"{kind}p99_ms": round(float(worst), 2)}
+    return row
 
 
 def digits(root: Path | None) -> list[Any]:
