@@ -67,6 +67,14 @@ def test_a_wrong_root_is_said_plainly(run, tmp_path):
         run("train_objects.py", "--dataset", "n-mnist", "--root", tmp_path / "no", "--out", tmp_path)
 
 
+def test_a_damaged_recording_is_named(run, fake_nmnist, tmp_path):
+    bad = fake_nmnist / "Train" / "3" / "00002.bin"
+    bad.write_bytes(bad.read_bytes()[:-2])
+    with pytest.raises(SystemExit) as ended:
+        run("train_objects.py", "--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path / "o", "--epochs", 1)
+    assert str(ended.value) == f"train_objects.py: {bad}: byte 2995: truncated: 3 bytes are left over, a record takes 5"
+
+
 def test_pairs_are_no_classes(run, tmp_path):
     with pytest.raises(SystemExit, match="aslan-dvs is of pairs of recordings"):
         run("train_objects.py", "--dataset", "aslan-dvs", "--root", tmp_path, "--out", tmp_path)
