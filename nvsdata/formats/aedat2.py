@@ -74,7 +74,8 @@ class Recording(RecordFile):
         return unwrapped_index(np.ascontiguousarray(self._words[:: self.block, 1]).view(">u4"))
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        t, x, y, p, bad = aedat2_decode(self._words, lo, hi, offset, self.layout, *self.chip_size, *self.sensor_size)
+        words, sizes = self._words.reshape(-1), (*self.chip_size, *self.sensor_size)
+        t, x, y, p, bad = aedat2_decode(words, lo, hi, offset, self.layout, *sizes)
         return Columns(t, x, y, p), bad
 
 

@@ -47,7 +47,7 @@ class Recording(RecordFile):
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
         width, height = self._size or (0, 0)
-        t, x, y, p, bad = dat_decode(self._words, lo, hi, offset, self.version, width, height)
+        t, x, y, p, bad = dat_decode(self._words.reshape(-1), lo, hi, offset, self.version, width, height)
         return Columns(t, x, y, p), bad
 
 

@@ -9,6 +9,8 @@ from nvsdata.kernels.decode import WRAP_US
 
 DVS128, DAVIS = 0, 1
 
+_U = np.uint64
+
 
 @njit(cache=True, nogil=True, inline="always")
 def _swapped(word):
@@ -36,7 +38,7 @@ def _little_endian(raw, j):
 def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width, height):
     """Decode AEDAT 2 records lo..hi, `offset` µs of wraps in force at `lo`. O(hi - lo).
 
-    `words` uint32 [N, 2]: address and time, as they lie in the file (big-endian). `layout` DVS128
+    `words` uint32 [2 N]: address and time in turns, as they lie in the file (big-endian). `layout` DVS128
     or DAVIS says what the address bits mean; x and y are mirrored within the chip. Records that are
     no polarity events are left out. Times are unsigned and wrap at 2^32.
     """
@@ -45,14 +47,23 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
     x = np.empty(room, np.int16)
     y = np.empty(room, np.int16)
     p = np.empty(room, np.uint8)
-    fits = chip_width <= width and chip_height <= height
-    if fits and layout == DVS128 and _dvs128_sound(words[lo:hi], offset, chip_width, chip_height, t, x, y, p):
-        return t, x, y, p, -1
+    right, bottom = np.int32(chip_width - 1), np.int32(chip_height - 1)
+    if room and chip_width <= width and chip_height <= height:
+        first, rest, before = words[2 * lo : 2 * lo + 2], words[2 * lo + 2 : 2 * hi], words[2 * lo : 2 * hi - 2]
+        if layout == DVS128:
+            odd = _dvs128_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
+            odd += _dvs128_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
+        else:
+            odd = _davis_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
+            odd += _davis_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
+        if odd == 0:
+            return t, x, y, p, -1
     bad = -1
     kept = np.uint64(0)
     last = np.int64(0)
     for i in range(np.uint64(room)):
-        address, time = _swapped(words[np.uint64(lo) + i, 0]), np.int64(_swapped(words[np.uint64(lo) + i, 1]))
+        k = _U(2) * (_U(lo) + i)
+        address, time = _swapped(words[k]), np.int64(_swapped(words[k + _U(1)]))
         if last - time > WRAP_US // 2:
             offset += WRAP_US
         last = time
@@ -77,20 +88,35 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
 
 
 @njit(cache=True, nogil=True)
-def _dvs128_sound(words, offset, chip_width, chip_height, t, x, y, p):
-    """Decode DVS128 records as if all were events in order of time, without branches; whether it was so."""
+def _dvs128_odd(words, before, offset, right, bottom, t, x, y, p):
+    """Decode DVS128 records as if all were events; how many are not, or step back from those `before` them."""
     odd = 0
-    last = np.uint32(0)
-    right, bottom = np.int32(chip_width - 1), np.int32(chip_height - 1)
-    for i in range(np.uint64(t.size)):
-        address, time = _swapped(words[i, 0]), _swapped(words[i, 1])
-        odd += ((address & np.uint32(0x80008000)) != 0) | (time < last)
-        last = time
+    # no value is carried from turn to turn, or the loop would not be vectorised
+    for i in range(_U(t.size)):
+        address, time = _swapped(words[_U(2) * i]), _swapped(words[_U(2) * i + _U(1)])
+        odd += ((address & np.uint32(0x80008000)) != 0) | (time < _swapped(before[_U(2) * i + _U(1)]))
         t[i] = np.int64(time) + offset
         x[i] = right - np.int32(address >> np.uint32(1) & np.uint32(0x7F))
         y[i] = bottom - np.int32(address >> np.uint32(8) & np.uint32(0x7F))
         p[i] = ~address & np.uint32(1)
-    return odd == 0
+    return odd
+
+
+@njit(cache=True, nogil=True)
+def _davis_odd(words, before, offset, right, bottom, t, x, y, p):
+    """The same of DAVIS records; those beyond the chip count as odd, too."""
+    odd = 0
+    for i in range(_U(t.size)):
+        address, time = _swapped(words[_U(2) * i]), _swapped(words[_U(2) * i + _U(1)])
+        column = right - np.int32(address >> np.uint32(12) & np.uint32(0x3FF))
+        row = bottom - np.int32(address >> np.uint32(22) & np.uint32(0x1FF))
+        strange = (address & np.uint32(0x80000400)) != 0
+        odd += strange | (column < 0) | (row < 0) | (time < _swapped(before[_U(2) * i + _U(1)]))
+        t[i] = np.int64(time) + offset
+        x[i] = column
+        y[i] = row
+        p[i] = address >> np.uint32(11) & np.uint32(1)
+    return odd
 
 
 @njit(cache=True, nogil=True)

@@ -9,9 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+BLOCK = 512  # ATIS records that are decoded at a time
 ATIS_OVERFLOW_Y = 240
 ATIS_OVERFLOW_US = 1 << 13
 WRAP_US = 1 << 32  # of a 32-bit counter of µs
+
+_U = np.uint64
 
 
 @njit(cache=True, nogil=True)
@@ -83,19 +86,16 @@ def atis_decode(raw, lo, hi, offset, width, height):
     x = np.empty(size, np.int16)
     y = np.empty(size, np.int16)
     p = np.empty(size, np.uint8)
-    records = raw[5 * lo : 5 * hi].reshape(-1, 5)
     right = width if width > 0 else 256
     bottom = min(height, ATIS_OVERFLOW_Y) if height > 0 else ATIS_OVERFLOW_Y
+    record = np.empty(BLOCK, np.uint64)
     odd = 0
     # branch-free for the common file, in which no record is odd
-    for i in range(size):
-        column = records[i, 0]
-        row = records[i, 1]
-        odd += (column >= right) | (row >= bottom)
-        x[i] = column
-        y[i] = row
-        p[i] = records[i, 2] >> 7
-        t[i] = (np.int32(records[i, 2] & 0x7F) << 16 | np.int32(records[i, 3]) << 8 | np.int32(records[i, 4])) + offset
+    for start in range(0, size, BLOCK):
+        stop = min(start + BLOCK, size)
+        _atis_words(raw[5 * (lo + start) :], record[: stop - start])
+        block = t[start:stop], x[start:stop], y[start:stop], p[start:stop]
+        odd += _atis_odd(record[: stop - start], offset, right, bottom, *block)
     if odd == 0:
         return t, x, y, p, -1
     kept = 0
@@ -110,6 +110,36 @@ def atis_decode(raw, lo, hi, offset, width, height):
         t[kept] = _atis_time(raw, 5 * (lo + i)) + offset
         kept += 1
     return t[:kept], x[:kept], y[:kept], p[:kept], bad
+
+
+@njit(cache=True, nogil=True)
+def _atis_words(raw, record):
+    """The records that `raw` begins with, a word of 8 bytes each, of which 5 count."""
+    # the last may lack the other three
+    whole = min((raw.size - 3) // 5, record.size)
+    if whole > 0:
+        words = np.lib.stride_tricks.as_strided(raw[:8].view(np.uint64), (whole,), (5,))
+        for i in range(_U(whole)):
+            record[i] = words[i]
+    for i in range(max(whole, 0), record.size):
+        record[i] = 0
+        for byte in range(5):
+            record[i] |= _U(raw[5 * i + byte]) << _U(8 * byte)
+
+
+@njit(cache=True, nogil=True)
+def _atis_odd(record, offset, right, bottom, t, x, y, p):
+    """Decode records as if they were events within the sensor; how many are not."""
+    odd = 0
+    for i in range(_U(t.size)):
+        word = record[i]
+        column, row = np.int32(word & _U(0xFF)), np.int32(word >> _U(8) & _U(0xFF))
+        odd += (column >= right) | (row >= bottom)
+        t[i] = np.int64(word >> _U(32) & _U(0xFF) | word >> _U(16) & _U(0xFF00) | word & _U(0x7F0000)) + offset
+        x[i] = column
+        y[i] = row
+        p[i] = word >> _U(23) & _U(1)
+    return odd
 
 
 @njit(cache=True, nogil=True)
@@ -146,7 +176,7 @@ def atis_encode(t, x, y, p, offset):
 def dat_decode(words, lo, hi, offset, version, width, height):
     """Decode Prophesee .dat records lo..hi. O(hi - lo).
 
-    `words` uint32 [N, 2] (time, address); `offset` µs of wraps in force at `lo`. A step back of
+    `words` uint32 [2 N], time and address in turns; `offset` µs of wraps in force at `lo`. A step back of
     more than 2^31 µs is a wrap of the 32-bit counter; a smaller one is disorder and stays.
     """
     size = hi - lo
@@ -155,17 +185,21 @@ def dat_decode(words, lo, hi, offset, version, width, height):
     y = np.empty(size, np.int16)
     p = np.empty(size, np.uint8)
     right, bottom = (width, height) if width > 0 else (1 << 14, 1 << 14)
-    if version >= 2 and _dat_sound(words[lo:hi], offset, right, bottom, t, x, y, p):
-        return t, x, y, p, -1
+    if version >= 2 and size:
+        first, rest, before = words[2 * lo : 2 * lo + 2], words[2 * lo + 2 : 2 * hi], words[2 * lo : 2 * hi - 2]
+        odd = _dat_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
+        odd += _dat_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
+        if odd == 0:
+            return t, x, y, p, -1
     bad = -1
-    last = np.int64(words[lo, 0]) if size else np.int64(0)
+    last = np.int64(words[2 * lo]) if size else np.int64(0)
     for i in range(lo, hi):
         k = i - lo
-        time = np.int64(words[i, 0])
+        time = np.int64(words[2 * i])
         if last - time > WRAP_US // 2:
             offset += WRAP_US
         last = time
-        address = words[i, 1]
+        address = words[2 * i + 1]
         if version >= 2:
             column = address & 0x3FFF
             row = address >> 14 & 0x3FFF
@@ -183,18 +217,17 @@ def dat_decode(words, lo, hi, offset, version, width, height):
 
 
 @njit(cache=True, nogil=True)
-def _dat_sound(words, offset, right, bottom, t, x, y, p):
-    """Decode version 2 records as if none were odd, without branches; whether it was so."""
+def _dat_odd(words, before, offset, right, bottom, t, x, y, p):
+    """Decode version 2 records as if none were odd; how many are, or step back from those `before` them."""
     odd = 0
-    last = words[0, 0] if t.size else np.uint32(0)
-    for i in range(np.uint64(t.size)):
-        time, address = words[i, 0], words[i, 1]
+    # no value is carried from turn to turn, or the loop would not be vectorised
+    for i in range(_U(t.size)):
+        time, address = words[_U(2) * i], words[_U(2) * i + _U(1)]
         column = np.int32(address & np.uint32(0x3FFF))
         row = np.int32(address >> np.uint32(14) & np.uint32(0x3FFF))
-        odd += (column >= right) | (row >= bottom) | (time < last)
-        last = time
+        odd += (column >= right) | (row >= bottom) | (time < before[_U(2) * i])
         t[i] = np.int64(time) + offset
         x[i] = column
         y[i] = row
         p[i] = address >> np.uint32(28) & np.uint32(1)
-    return odd == 0
+    return odd
