@@ -8,6 +8,7 @@ from numba import njit
 from nvsdata.kernels.decode import WRAP_US
 
 DVS128, DAVIS = 0, 1
+PROBE = 4096  # records that tell whether a file has others than events
 
 _U = np.uint64
 
@@ -48,16 +49,22 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
     y = np.empty(room, np.int16)
     p = np.empty(room, np.uint8)
     right, bottom = np.int32(chip_width - 1), np.int32(chip_height - 1)
-    if room and chip_width <= width and chip_height <= height:
-        first, rest, before = words[2 * lo : 2 * lo + 2], words[2 * lo + 2 : 2 * hi], words[2 * lo : 2 * hi - 2]
-        if layout == DVS128:
-            odd = _dvs128_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
-            odd += _dvs128_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
-        else:
-            odd = _davis_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
-            odd += _davis_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
-        if odd == 0:
-            return t, x, y, p, -1
+    odd = np.int64(chip_width > width or chip_height > height)
+    begin = 0
+    # frames and the like show early: so the most of a file is begun only where its first records were events
+    for end in (min(1, room), min(PROBE, room), room):
+        if odd == 0 and begin < end:
+            some = words[2 * (lo + begin) : 2 * (lo + end)]
+            back = 2 * (lo + max(begin - 1, 0))
+            before = words[back : back + some.size]
+            ts, xs, ys, ps = t[begin:end], x[begin:end], y[begin:end], p[begin:end]
+            if layout == DVS128:
+                odd = _dvs128_odd(some, before, offset, right, bottom, ts, xs, ys, ps)
+            else:
+                odd = _davis_odd(some, before, offset, right, bottom, ts, xs, ys, ps)
+        begin = end
+    if odd == 0:
+        return t, x, y, p, -1
     bad = -1
     kept = np.uint64(0)
     last = np.int64(0)
