@@ -295,17 +295,18 @@ def outputs(
 
 
 def accuracies(
-    model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team
+    model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
 ) -> tuple[float, float]:
     """Accuracy of one window (mean over all), and of the `windows` windows of a recording together.
 
-    A vote adds up log-probabilities. The batches hold every recording once, then again, and so on.
+    A vote adds up log-probabilities. The batches hold every recording once, then again, and so on, for `rounds`
+    times `windows`; every round votes anew.
     """
     scores, targets = outputs(model, batches, team)
-    voters = torch.stack(scores.log_softmax(1).chunk(windows))
-    wanted = targets.chunk(windows)[0]
-    single = (voters.argmax(2) == wanted).double().mean().item()
-    return single, (voters.sum(0).argmax(1) == wanted).double().mean().item()
+    voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
+    wanted = targets.chunk(rounds * windows)[0]
+    single = (voters.argmax(3) == wanted).double().mean().item()
+    return single, (voters.sum(1).argmax(2) == wanted).double().mean().item()
 
 
 def sgd(

@@ -53,7 +53,8 @@ class ConvBlock(nn.Module):
 class ResidualBlock(nn.Module):
     """Res_g (thesis 4.2.5), before its activation.
 
-    A convolution and a shortcut of kernel size 1, each normalised, added.
+    A convolution and a shortcut of kernel size 1, each normalised, added. The shortcut's normalisation starts at
+    a scale of 0: a network of such blocks begins as the plain one, and finds out what shortcuts are good for.
     """
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
@@ -62,6 +63,7 @@ class ResidualBlock(nn.Module):
         self.norm = BatchNorm(out_channels)
         self.shortcut = SplineConv(in_channels, out_channels, 1, root_weight=True)
         self.shortcut_norm = BatchNorm(out_channels)
+        nn.init.zeros_(self.shortcut_norm.weight)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
