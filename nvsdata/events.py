@@ -167,11 +167,13 @@ class Recording(ABC):
 
     Formats subclass it: `_decode` they must give; `_window`, `_bounds` and `_needed_size` they give
     if they can do better than to decode the whole file. They set `_size` to what the file states,
-    unless a size was given, and raise FormatError for what is broken if `strict`. Otherwise they
-    leave out what can't be decoded, count it by `_repair`, and hand out the rest.
+    unless a size was given, `_rises` if they saw that times never fall, and raise FormatError for
+    what is broken if `strict`. Otherwise they leave out what can't be decoded, count it by `_repair`,
+    and hand out the rest.
     """
 
     format: ClassVar[str]
+    _rises = False  # whether what was decoded last is known to be in order of time
 
     def __init__(
         self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None, strict: bool = True
@@ -234,7 +236,9 @@ class Recording(ABC):
         """All events."""
         if self._whole is not None:
             return self._whole
-        columns = in_order(self._sound(self._decode()))
+        columns = self._sound(self._decode())
+        if not self._rises:
+            columns = in_order(columns)
         if self._size is None:
             self._size = extent(columns)
         return Events.trusted(columns, self._size)

@@ -12,7 +12,7 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns, Events, Recording
-from nvsdata.kernels.decode import WRAP_US
+from nvsdata.kernels.decode import IN_ORDER, WRAP_US
 from nvsdata.kernels.order import never_falls
 
 LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends here whatever follows
@@ -67,10 +67,11 @@ class RecordFile(Recording):
 
     @abstractmethod
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        """Events of records lo..hi, `offset` µs being in force at lo; and the first bad record or -1."""
+        """Events of records lo..hi, `offset` µs being in force at lo; and the first bad record, -1, or `IN_ORDER`."""
 
     def _between(self, lo: int, hi: int, offset: int) -> Columns:
         columns, bad = self._records(lo, hi, offset)
+        self._rises = bad == IN_ORDER
         if bad >= 0 and self.strict:
             width, height = self.sensor_size
             where = self.header_size + bad * self.record_size

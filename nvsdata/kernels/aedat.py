@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.decode import WRAP_US
+from nvsdata.kernels.decode import IN_ORDER, WRAP_US
 
 DVS128, DAVIS = 0, 1
 PROBE = 4096  # records that tell whether a file has others than events
@@ -64,7 +64,7 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
                 odd = _davis_odd(some, before, offset, right, bottom, ts, xs, ys, ps)
         begin = end
     if odd == 0:
-        return t, x, y, p, -1
+        return t, x, y, p, IN_ORDER
     bad = -1
     kept = np.uint64(0)
     last = np.int64(0)

@@ -1,7 +1,8 @@
 """Bytes to event columns and back, a loop for each wire format.
 
 A decoder returns `(t, x, y, p, bad)`: int64 µs, int16, int16, uint8, and the index of the first
-record whose coordinates lie outside the sensor (-1 if none; a width of 0 means "unknown").
+record whose coordinates lie outside the sensor (-1 if none, or `IN_ORDER` if it saw besides that times never fall;
+a width of 0 means "unknown").
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from numba import njit
 BLOCK = 512  # ATIS records that are decoded at a time
 ATIS_OVERFLOW_Y = 240
 ATIS_OVERFLOW_US = 1 << 13
+IN_ORDER = -2
 WRAP_US = 1 << 32  # of a 32-bit counter of µs
 
 _U = np.uint64
@@ -190,7 +192,7 @@ def dat_decode(words, lo, hi, offset, version, width, height):
         odd = _dat_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
         odd += _dat_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
         if odd == 0:
-            return t, x, y, p, -1
+            return t, x, y, p, IN_ORDER
     bad = -1
     last = np.int64(words[2 * lo]) if size else np.int64(0)
     for i in range(lo, hi):
