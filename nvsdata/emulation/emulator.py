@@ -11,6 +11,9 @@ import numpy as np
 
 from nvsdata.events import MAX_COORDINATE, Columns, Events, empty_columns
 from nvsdata.kernels import emulate as kernels
+from nvsdata.kernels.emulate import Pixels, Rule, Tiles
+from nvsdata.kernels.logarithm import logarithm
+from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, TILE, sort_keys, unpack
 from nvsdata.threads import DEPTH
 
 if TYPE_CHECKING:
@@ -19,14 +22,15 @@ if TYPE_CHECKING:
 
 METHODS = {"co-located": kernels.CO_LOCATED, "average": kernels.AVERAGE, "minimum": kernels.MINIMUM}
 # linear times need no key: they follow from the raster order
-TIMINGS = {"interpolated": kernels.INTERPOLATED, "random": kernels.RANDOM}
+TIMINGS = {"interpolated": INTERPOLATED, "random": RANDOM}
 LONGEST = 2**31  # µs between frames that keys can hold
+BAND = 4 * TILE[0]  # rows that are worked off at a time where no pixel looks at its neighbours
 KEPT = 2 * DEPTH + 3  # frames whose keys may be waiting to be read
 
 
 @dataclass
 class Spikes:
-    """What fired between two frames: keys as `kernels.emulate.fire` makes them, in raster order."""
+    """What fired between two frames: keys as `kernels.spikes.fire` makes them, in raster order."""
 
     keys: np.ndarray
     before: int
@@ -42,8 +46,8 @@ class Spikes:
         columns = Columns(*(np.empty(count, column.dtype) for column in empty_columns()))
         if self.timestamps in TIMINGS:
             # the column of times is scratch until it is written
-            keys = kernels.sort_keys(keys, columns.t.view(np.uint64), int(self.now - self.before).bit_length())
-        kernels.unpack(keys, self.before, *columns)
+            sort_keys(keys, columns.t.view(np.uint64), int(self.now - self.before).bit_length())
+        unpack(keys, self.before, *columns)
         if self.timestamps == "fixed":
             columns.t[:] = self.now
         elif self.timestamps == "linear":
@@ -71,23 +75,22 @@ class Emulator:
             raise ValueError(f"frames of {width}x{height} are larger than events can address")
         self.settings, self.sensor_size = settings, (width, height)
         self._channels = first.pixels.shape[2] if first.pixels.ndim == 3 else 1
-        tiles = (-(-height // kernels.TILE[0]), -(-width // kernels.TILE[1]))
-        self._dirty, self._affected, self._active = (np.ones(tiles, bool) for _ in range(3))
-        self._still, self._behind = np.zeros(tiles, bool), np.zeros(tiles, np.int64)
         number = _precision(settings)
-        self._table = _tone_table(settings, number)
-        self._threshold = number(settings.threshold)
-        self._alpha = number(settings.alpha if settings.exp else 1)
-        self._sensitivity = _sensitivity(settings, (height, width)).astype(number)
-        self._calm = self._threshold / max(number(1), self._sensitivity.max(initial=0))
-        self._follows = settings.new and self._alpha < 1  # does a reference move where its pixel is still?
+        tiles = (-(-height // TILE[0]), -(-width // TILE[1]))
+        self._affected = np.ones(tiles, bool)
+        dirty, active, still = (np.full(tiles, value) for value in (True, True, False))
+        self._tiles, self._behind = Tiles(dirty, active, still), np.zeros(tiles, np.int64)
+        self._rule = _rule(settings, (height, width), number)
+        self._follows = settings.new and self._rule.alpha < 1  # does a reference move where nobody looks?
         self._number = 0
         self._last = first
-        self._plane = np.empty((height, width), number)
-        self._level = self._plane if settings.mode == "LI" else np.empty_like(self._plane)
+        plane = np.empty((height, width), number)
+        level = plane if settings.mode == "LI" else np.empty_like(plane)
+        local = settings.difference == "co-located" and TILE[0] % settings.inhibition == 0
+        difference = np.zeros((min(height, BAND) if local else height, width), number)
+        self._pixels = Pixels(plane, level, np.empty_like(plane), difference)
         self._see(first)
-        self._reference = self._level.copy()
-        self._difference = np.zeros_like(self._plane)
+        self._pixels.reference[:] = level
         self._keys = deque(np.empty(height * width + 64 * width, np.uint64) for _ in range(KEPT))
 
     def none(self, now: int) -> Spikes:
@@ -101,102 +104,109 @@ class Emulator:
         """
         last, self._last = self._last, frame
         before, now = last.time, frame.time
-        if _kind(frame) != _kind(last):
+        if frame.pixels.shape != last.pixels.shape or frame.pixels.dtype != last.pixels.dtype:
             raise ValueError(f"the frame at {now} µs is {_kind(frame)}, earlier ones were {_kind(last)}")
         if not 0 < now - before < LONGEST:
             raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
         settings = self.settings
         self._number += 1
-        if self._compare(last, frame) == 0 and self._still.all():
+        if self._compare(last, frame) == 0 and self._tiles.still.all():
             self._behind += self._follows
             return Spikes(self._keys[0][:0], before, now, settings.timestamps, self.sensor_size)
         self._wake()
-        kernels.catch_up(self._reference, self._level, self._alpha, self._behind, self._active)
-        self._see(frame)
-        method = METHODS[settings.difference]
-        kernels.differ(self._level, self._reference, method, self._sensitivity, self._active, self._difference)
-        if settings.inhibition > 1:
-            kernels.inhibit(self._difference, settings.inhibition, self._active)
-        count = self._fire(now - before)
-        kernels.update(
-            self._level,
-            self._reference,
-            self._difference,
-            self._threshold,
-            self._alpha,
-            settings.new,
-            method,
-            self._calm,
-            self._active,
-            self._still,
-            self._behind,
-        )
-        return Spikes(self._keys[0][:count], before, now, settings.timestamps, self.sensor_size)
+        tiles, pixels = self._tiles, self._pixels
+        kernels.catch_up(pixels.reference, pixels.level, self._rule.alpha, self._behind, tiles.active)
+        self._behind += ~tiles.active & self._follows
+        return Spikes(self._spikes(frame, now - before), before, now, settings.timestamps, self.sensor_size)
 
     def _compare(self, last: Frame, frame: Frame) -> int:
         """Mark dirty tiles; how many there are."""
         old, new = _bytes(last), _bytes(frame)
-        items = kernels.TILE[1] * self._channels * frame.pixels.dtype.itemsize
+        items = TILE[1] * self._channels * frame.pixels.dtype.itemsize
         if new.shape[1] % 8 == 0:
             old, new, items = old.view(np.uint64), new.view(np.uint64), items // 8
-        return int(kernels.find_dirty(new, old, items, self._dirty))
+        return int(kernels.find_dirty(new, old, items, self._tiles.dirty))
 
     def _of_bytes(self, frame: Frame) -> bool:
         return frame.pixels.dtype == np.uint8 and not self.settings.hue
 
     def _wake(self) -> None:
         """Which tiles have to be looked at: changed ones, restless ones, and neighbours that matter."""
-        dirty = self._dirty
+        dirty, active = self._tiles.dirty, self._tiles.active
         if self.settings.mode != "LI":
-            kernels.spread(self._dirty, self._affected)
+            kernels.spread(dirty, self._affected)
             dirty = self._affected
-        np.logical_not(self._still, out=self._active)
-        self._active |= dirty
+        np.logical_not(self._tiles.still, out=active)
+        active |= dirty
         if self.settings.difference != "co-located":
-            kernels.spread(self._active.copy(), self._active)
-        if kernels.TILE[0] % self.settings.inhibition:
+            kernels.spread(active.copy(), active)
+        if TILE[0] % self.settings.inhibition:
             # blocks lie across tiles
-            self._active[:] = True
+            active[:] = True
 
     def _see(self, frame: Frame) -> None:
         """Bring `plane` and `level` up to date where the frame changed."""
-        settings = self.settings
+        settings, rule, pixels = self.settings, self._rule, self._pixels
+        dirty, curve = self._tiles.dirty, (rule.t_log, rule.slope)
         if self._of_bytes(frame):
-            weight = _first_weight(frame)
-            kernels.luminance(_bytes(frame), self._channels, weight, self._table, self._dirty, self._plane)
-        elif self._dirty.any():
-            self._plane[:] = tone(settings, brightness(frame, settings.hue))
+            kernels.luminance(
+                _bytes(frame), self._channels, _first_weight(frame), rule.table, *curve, dirty, pixels.plane
+            )
+        elif dirty.any():
+            q = brightness(frame, settings.hue)
+            if rule.table.size:
+                pixels.plane[:] = tone(settings, q)
+            else:
+                # by the very steps that bytes go through
+                thousandths, scratch = (1000 * q).astype(np.float32), np.empty((2, q.size), np.uint32)
+                logarithm(thousandths.ravel(), *curve, scratch, pixels.plane.reshape(-1))
         if settings.mode != "LI":
-            affected = self._affected
-            slope = _slope(settings)
-            kernels.contrast(self._plane, affected, settings.mode == "LICE", settings.t_log, slope, self._level)
+            kernels.contrast(pixels.plane, self._affected, settings.mode == "LICE", *curve, pixels.level)
 
-    def _fire(self, span: int) -> int:
-        """Fill keys row by row, in a larger array where one is full; the number of keys."""
-        timing = TIMINGS.get(self.settings.timestamps, kernels.AT_ONCE)
+    def _spikes(self, frame: Frame, span: int) -> np.ndarray:
+        """The keys of what fires `span` µs after the last frame."""
         seed = np.uint64(0)
-        if timing == kernels.RANDOM:
+        if self._rule.timing == RANDOM:
             # of the frame's number, so that frames that are skipped change nothing
             seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
-        spans = np.array([span], np.float64 if span > 1 << 21 else self._plane.dtype)
+        pixels = _bytes(frame)
+        if self.settings.mode != "LI" or not self._of_bytes(frame):
+            self._see(frame)
+            pixels = np.empty((0, 0), np.uint8)
+        spans = np.array([span], np.float64 if span > 1 << 21 else self._pixels.plane.dtype)
         self._keys.rotate()
-        count, row = 0, 0
-        while True:
-            count, row = kernels.fire(
-                self._difference,
-                self._active,
-                self._threshold,
-                self.settings.max_events,
-                spans,
-                timing,
-                seed,
-                self._keys[0],
-                count,
-                row,
-            )
-            if row == self.sensor_size[1]:
-                return int(count)
-            self._keys[0] = np.concatenate((self._keys[0], np.empty_like(self._keys[0])))
+        self._keys[0], count = kernels.step(
+            pixels,
+            self._channels,
+            _first_weight(frame),
+            self._rule,
+            self._tiles,
+            self._pixels,
+            spans,
+            seed,
+            self._keys[0],
+        )
+        return self._keys[0][:count]
+
+
+def _rule(settings: PIX2NVS, shape: tuple[int, int], number: Any) -> Rule:
+    """The settings as kernels take them."""
+    threshold, sensitivity = number(settings.threshold), _sensitivity(settings, shape).astype(number)
+    return Rule(
+        # of logarithms in float32 there is none: they are computed faster than looked up
+        table=np.empty(0, number) if number is np.float32 else _tone_table(settings),
+        t_log=number(settings.t_log),
+        slope=number(_slope(settings)),
+        method=METHODS[settings.difference],
+        sensitivity=sensitivity,
+        side=settings.inhibition,
+        threshold=threshold,
+        most=settings.max_events,
+        timing=TIMINGS.get(settings.timestamps, AT_ONCE),
+        alpha=number(settings.alpha if settings.exp else 1),
+        everywhere=settings.new,
+        calm=threshold / max(number(1), sensitivity.max(initial=0)),
+    )
 
 
 def _first_weight(frame: Frame) -> int:
@@ -235,9 +245,9 @@ def tone(settings: PIX2NVS, q: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(8)
-def _tone_table(settings: PIX2NVS, number: Any) -> np.ndarray:
+def _tone_table(settings: PIX2NVS) -> np.ndarray:
     """`tone` of luminance in thousandths; kept, for a folder has many videos."""
-    return tone(settings, np.arange(kernels.TABLE_SIZE) / 1000).astype(number)
+    return tone(settings, np.arange(kernels.TABLE_SIZE) / 1000)
 
 
 def _slope(settings: PIX2NVS) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nvsdata.events import Columns, Events, in_order
-from nvsdata.kernels.emulate import read_out
+from nvsdata.kernels.spikes import read_out
 
 if TYPE_CHECKING:
     from nvsdata.emulation.pix2nvs import PIX2NVS

@@ -4,19 +4,22 @@ A frame is cut into tiles of `TILE` pixels. A tile is dirty if a byte of it chan
 pixels have to be looked at, still if they need not be until it or a neighbour gets dirty.
 Arrays: `frame`, `previous` uint8 [H, W * C]; `plane`, `level`, `reference`, `difference` of one
 float type [H, W]; `dirty`, `active`, `still` bool and `behind` int64 [tile rows, tile columns].
+What looks at no neighbours is done band by band, so that a band stays in the cache from byte to event.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-TILE = (8, 64)  # rows, columns: 64 pixels of 3 bytes are three cache lines
+from nvsdata.kernels.logarithm import logarithm
+from nvsdata.kernels.spikes import TILE, fire
+
 TABLE_SIZE = 255_001  # luminance in thousandths: 299 r + 587 g + 114 b
 CO_LOCATED, AVERAGE, MINIMUM = range(3)
-INTERPOLATED, RANDOM, AT_ONCE = range(3)
 
 _U = np.uint64
 _one = np.float32(1)
@@ -71,7 +74,7 @@ def catch_up(reference, level, alpha, behind, tiles):
             continue
         y0, y1, x0, x1 = _bounds(tile, level.shape)
         for _ in range(behind[tile]):
-            moved = 0
+            moved = False
             for y in range(y0, y1):
                 for x in range(_U(x0), _U(x1)):
                     before = reference[y, x]
@@ -84,30 +87,52 @@ def catch_up(reference, level, alpha, behind, tiles):
 
 
 @njit(cache=True, nogil=True)
-def luminance(frame, channels, first_weight, table, tiles, plane):
-    """`plane` = table[1000 q], q = 0.299 r + 0.587 g + 0.114 b of three bytes or one, grey; exactly.
+def luminance(frame, channels, first_weight, table, t_log, slope, tiles, plane):
+    """`plane` = what brightness q = 0.299 r + 0.587 g + 0.114 b of three bytes or one, grey, is seen as.
 
-    `first_weight`, in thousandths, is that of a pixel's first byte: 299 for r, g, b, 114 for b, g, r.
+    That is table[1000 q], exactly, or (3.1) if there is no `table`. `first_weight`, in thousandths, is that
+    of a pixel's first byte: 299 for r, g, b, 114 for b, g, r.
     """
     weight, other = np.int32(first_weight), np.int32(413 - first_weight)
-    scratch = np.empty(TILE[1], np.int32)
-    for tile in np.ndindex(tiles.shape):
-        if not tiles[tile]:
-            continue
-        y0, y1, x0, x1 = _bounds(tile, plane.shape)
-        first, width = _U(x0), _U(x1 - x0)
-        for y in range(y0, y1):
-            # two loops: the first is vectorised
-            if channels == 3:
-                for i in range(width):
-                    c = _U(3) * (first + i)
-                    a, g, b = np.int32(frame[y, c]), np.int32(frame[y, c + _U(1)]), np.int32(frame[y, c + _U(2)])
-                    scratch[i] = weight * a + np.int32(587) * g + other * b
-            else:
-                for i in range(width):
-                    scratch[i] = np.int32(1000) * np.int32(frame[y, first + i])
-            for i in range(width):
-                plane[y, first + i] = table[_U(np.uint32(scratch[i]))]
+    height, width = plane.shape
+    thousandths, scratch = np.empty(width, np.int32), np.empty((2, width), np.uint32)
+    for r in range(tiles.shape[0]):
+        right = 0
+        while right < tiles.shape[1]:
+            # neighbouring tiles at one go
+            left = right
+            while right < tiles.shape[1] and tiles[r, right] == tiles[r, left]:
+                right += 1
+            if not tiles[r, left]:
+                continue
+            x0, x1 = left * TILE[1], min(right * TILE[1], width)
+            q = thousandths[: x1 - x0]
+            for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
+                _weigh(frame[y, channels * x0 : channels * x1], channels, weight, other, q)
+                if table.size:
+                    _look_up(q, table, plane[y, x0:x1])
+                else:
+                    logarithm(q, t_log, slope, scratch, plane[y, x0:x1])
+
+
+@njit(cache=True, nogil=True)
+def _weigh(row, channels, weight, other, thousandths):
+    """Luminance of pixels in a row, in thousandths. Faster by half with weights that are given as int32."""
+    n = _U(thousandths.size)
+    if channels == 3:
+        for i in range(n):
+            c = _U(3) * i
+            a, g, b = np.int32(row[c]), np.int32(row[c + _U(1)]), np.int32(row[c + _U(2)])
+            thousandths[i] = weight * a + np.int32(587) * g + other * b
+    else:
+        for i in range(n):
+            thousandths[i] = np.int32(1000) * np.int32(row[i])
+
+
+@njit(cache=True, nogil=True)
+def _look_up(places, table, out):
+    for i in range(_U(out.size)):
+        out[i] = table[_U(np.uint32(places[i]))]
 
 
 @njit(cache=True, nogil=True)
@@ -187,17 +212,16 @@ def _touches(active, top, bottom, left, right):
 
 
 @njit(cache=True, nogil=True)
-def update(level, reference, difference, threshold, alpha, everywhere, method, calm, active, still, behind):
+def update(level, reference, difference, rule, active, still):
     """New references of active tiles, (3.9) and (3.10); then which tiles are still.
 
-    alpha >= 1 takes the level itself. Without `everywhere` only where |difference| >= threshold. A tile
+    An alpha >= 1 takes the level itself. Without `everywhere` only where |difference| >= threshold. A tile
     is still if, unchanged, it would not fire: co-located differences then only shrink, so none may
     reach `calm`; others depend on neighbours, so no value may have moved, nor any fired.
     """
+    threshold, alpha, everywhere, calm = rule.threshold, rule.alpha, rule.everywhere, rule.calm
     for tile in np.ndindex(active.shape):
         if not active[tile]:
-            # only where all positions follow does a still tile fall behind
-            behind[tile] += everywhere and alpha < _one
             continue
         y0, y1, x0, x1 = _bounds(tile, level.shape)
         restless = 0
@@ -209,148 +233,68 @@ def update(level, reference, difference, threshold, alpha, everywhere, method, c
                 after = here if alpha >= _one else before + alpha * (here - before)
                 after = after if follows else before
                 reference[y, x] = after
-                if method == CO_LOCATED:
+                if rule.method == CO_LOCATED:
                     restless += abs(here - after) >= calm
                 else:
                     restless += fired | (after != before)
         still[tile] = restless == 0
 
 
-@njit(cache=True, nogil=True)
-def fire(difference, active, threshold, most, span, timing, seed, keys, n, row):
-    """Events where |difference| >= threshold, (3.6) and (3.8), in raster order, from row `row` on.
+class Rule(NamedTuple):
+    """What stays the same from frame to frame, see `luminance`, `differ`, `inhibit`, `fire` and `update`."""
 
-    An event is a key of 64 bits: µs since the last frame << 32 | y << 17 | x << 1 | ON. Times are
-    k span T / |d| for the k-th of a position (`INTERPOLATED`), random, or left at 0; the one value of `span`
-    is the µs between the frames. `n` keys are there already. Returns the number of keys and the row to
-    go on with once `keys` has more room, or the height. O(active pixels + events).
+    table: np.ndarray
+    t_log: np.floating
+    slope: np.floating
+    method: int
+    sensitivity: np.ndarray
+    side: int
+    threshold: np.floating
+    most: int
+    timing: int
+    alpha: np.floating
+    everywhere: bool
+    calm: np.floating
+
+
+class Tiles(NamedTuple):
+    """The state of tiles."""
+
+    dirty: np.ndarray
+    active: np.ndarray
+    still: np.ndarray
+
+
+class Pixels(NamedTuple):
+    """The state of pixels; `difference` has as many rows as a band."""
+
+    plane: np.ndarray
+    level: np.ndarray
+    reference: np.ndarray
+    difference: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def step(frame, channels, first_weight, rule, tiles, pixels, span, seed, keys):
+    """All that a frame brings, band by band: the keys of its events and their number, see `fire`.
+
+    An empty `frame` means that `plane` and `level` are up to date.
     """
-    height, width = difference.shape
-    mask = np.zeros(TILE[1], np.uint8)
-    words = mask.view(np.uint64)
-    x, count = np.empty(width + 8, np.uint16), np.empty(width + 8, np.int64)
-    ratio, step = np.empty(width + 8, difference.dtype), np.empty(width + 8, span.dtype)
-    half, none = span.dtype.type(0.5), False
-    for y in range(row, height):
-        tiles = active[y // TILE[0]]
-        if y % TILE[0] == 0:
-            none = not tiles.any()
-        if none:
+    height, rows = pixels.level.shape[0], pixels.difference.shape[0]
+    n = 0
+    for top in range(0, height, rows):
+        end = min(top + rows, height)
+        first, last = top // TILE[0], (end + TILE[0] - 1) // TILE[0]
+        active = tiles.active[first:last]
+        if not active.any():
             continue
-        m = 0
-        for c in range(tiles.size):
-            if not tiles[c]:
-                continue
-            x0, x1 = c * TILE[1], min((c + 1) * TILE[1], width)
-            first = _U(x0)
-            mask[x1 - x0 :] = 0
-            for i in range(_U(x1 - x0)):
-                mask[i] = abs(difference[y, first + i]) >= threshold
-            for w in range(_U(words.size)):
-                word = words[w]
-                if word:
-                    # without branches: which of the eight fire can't be foretold
-                    for i in range(_U(8)):
-                        x[m] = first + _U(8) * w + i
-                        m += np.int64((word >> (_U(8) * i)) & _U(1))
-        # a loop for each array, so that each is vectorised
-        for j in range(_U(m)):
-            ratio[j] = difference[y, _U(x[j])]
-        for j in range(_U(m)):
-            ratio[j] = ratio[j] / threshold
-        for j in range(_U(m)):
-            step[j] = span[0] / abs(ratio[j])
-        total = 3
-        for j in range(_U(m)):
-            count[j] = min(np.int64(abs(ratio[j])), most)
-            total += count[j]
-        if n + total > keys.size:
-            return n, y
-        row_key = _U(y) << _U(17)
-        if timing == INTERPOLATED and most <= 3:
-            for j in range(_U(m)):
-                key = row_key | _U(x[j]) << _U(1) | _U(ratio[j] > 0)
-                # all three are written, the next position overwrites those that don't count
-                time = step[j] + half
-                keys[n] = _U(np.uint32(np.int32(time))) << _U(32) | key
-                time += step[j]
-                keys[n + 1] = _U(np.uint32(np.int32(time))) << _U(32) | key
-                time += step[j]
-                keys[n + 2] = _U(np.uint32(np.int32(time))) << _U(32) | key
-                n += count[j]
-            continue
-        for j in range(_U(m)):
-            key = row_key | _U(x[j]) << _U(1) | _U(ratio[j] > 0)
-            for k in range(count[j]):
-                time = _U(0)
-                if timing == INTERPOLATED:
-                    time = _U(np.int64((k + 1) * step[j] + half))
-                elif timing == RANDOM:
-                    time = _random(seed, (key << _U(16)) + _U(k)) % _U(span[0])
-                keys[n] = time << _U(32) | key
-                n += 1
-    return n, height
-
-
-@njit(cache=True, nogil=True)
-def _random(seed, place):
-    """64 random bits that depend on both numbers only (splitmix64, Steele et al. 2014)."""
-    z = seed + (place + _U(1)) * _U(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> _U(30))) * _U(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> _U(27))) * _U(0x94D049BB133111EB)
-    return z ^ (z >> _U(31))
-
-
-@njit(cache=True, nogil=True)
-def sort_keys(keys, spare, bits):
-    """Sort keys stably by their times below 2^bits: radix sort, digits of at most 11 bits; `spare` is scratch.
-
-    Returns whichever of the two arrays holds the result. O(N bits / 11).
-    """
-    passes = max((bits + 10) // 11, 1 if bits <= 8 else 2)
-    digit = (bits + passes - 1) // passes
-    for turn in range(passes):
-        shift, mask = _U(32 + turn * digit), _U((1 << digit) - 1)
-        ends = np.zeros(1 << digit, np.int64)
-        for i in range(_U(keys.size)):
-            ends[(keys[i] >> shift) & mask] += 1
-        total = 0
-        for d in range(ends.size):
-            total, ends[d] = total + ends[d], total
-        for i in range(_U(keys.size)):
-            d = (keys[i] >> shift) & mask
-            spare[_U(ends[d])] = keys[i]
-            ends[d] += 1
-        keys, spare = spare, keys
-    return keys
-
-
-@njit(cache=True, nogil=True)
-def unpack(keys, start, t, x, y, p):
-    """Columns of events from their keys; times count from `start`."""
-    for i in range(_U(keys.size)):
-        key = keys[i]
-        t[i] = start + np.int64(key >> _U(32))
-        x[i] = np.int16((key >> _U(1)) & _U(0xFFFF))
-        y[i] = np.int16((key >> _U(17)) & _U(0x7FFF))
-        p[i] = np.uint8(key & _U(1))
-
-
-@njit(cache=True, nogil=True)
-def read_out(t, x, y, width, ready, refractory, gap, busy, start):
-    """Times at which events leave a sensor that passes one every `gap` µs, and which of them do. O(N).
-
-    The readout is taken until `start` + `busy`; the new value is returned. A pixel is blind while its
-    event waits and for `refractory` µs after: `ready` int64 [H * W] has the µs at which it sees again.
-    """
-    out, kept = np.empty_like(t), np.zeros(t.size, np.bool_)
-    for i in range(t.size):
-        pixel = y[i] * np.int64(width) + x[i]
-        if t[i] < ready[pixel]:
-            continue
-        free = max(float(t[i] - start), busy)
-        busy = free + gap
-        out[i] = start + np.int64(math.ceil(free))
-        kept[i] = True
-        ready[pixel] = max(out[i], t[i]) + refractory
-    return out, kept, busy
+        level, reference, difference = pixels.level[top:end], pixels.reference[top:end], pixels.difference[: end - top]
+        if frame.size:
+            here, dirty, plane = frame[top:end], tiles.dirty[first:last], pixels.plane[top:end]
+            luminance(here, channels, first_weight, rule.table, rule.t_log, rule.slope, dirty, plane)
+        differ(level, reference, rule.method, rule.sensitivity[top:end], active, difference)
+        if rule.side > 1:
+            inhibit(difference, rule.side, active)
+        keys, n = fire(difference, top, active, rule.threshold, rule.most, span, rule.timing, seed, keys, n)
+        update(level, reference, difference, rule, active, tiles.still[first:last])
+    return keys, n

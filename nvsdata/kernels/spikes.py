@@ -1,0 +1,182 @@
+"""What PIX2NVS makes of differences (thesis 3.2.2): events as keys of 64 bits, sorted, unpacked, read out.
+
+A key: µs since the last frame << 32 | y << 17 | x << 1 | ON. A frame's keys are in raster order until they are sorted.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+TILE = (8, 64)  # rows, columns: 64 pixels of 3 bytes are three cache lines
+INTERPOLATED, RANDOM, AT_ONCE = range(3)
+FEW = 3  # events of a position that are written whether they count or not
+
+_U, _U32, _I32 = np.uint64, np.uint32, np.int32
+
+
+@njit(cache=True, nogil=True)
+def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
+    """Events where |difference| >= threshold, (3.6) and (3.8), as keys in raster order.
+
+    `difference` [rows, W] begins at row `top` of the frame. Times are k span T / |d| for the k-th of a
+    position (`INTERPOLATED`), random, or left at 0; the one value of `span` is the µs between the frames.
+    `n` keys are there already; returns the keys, in a larger array if they outgrew theirs, and their number.
+    O(active pixels + events).
+    """
+    height, width = difference.shape
+    mask, x = np.zeros(TILE[1], np.uint8), np.empty(width + TILE[1], np.uint16)
+    low, count = np.empty(width, np.uint32), np.empty(width, np.int32)
+    first, second, third = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.int32)
+    ratio, step = np.empty(width, difference.dtype), np.empty(width, span.dtype)
+    most, half = _I32(min(most, 0x7FFFFFFF)), span.dtype.type(0.5)
+    for y in range(height):
+        m = _fired(difference[y], active[y // TILE[0]], threshold, mask, x)
+        if m == 0:
+            continue
+        # a loop for each array, so that each is vectorised
+        for j in range(_U(m)):
+            ratio[j] = difference[y, _U(x[j])]
+        for j in range(_U(m)):
+            ratio[j] = ratio[j] / threshold
+        row = _U32((top + y) << 17)
+        for j in range(_U(m)):
+            low[j] = row | _U32(x[j]) << _U32(1) | _U32(ratio[j] > 0)
+        total = FEW
+        for j in range(_U(m)):
+            count[j] = min(_I32(abs(ratio[j])), most)
+            total += count[j]
+        if n + total > keys.size:
+            keys = _grown(keys, n, total)
+        if timing == INTERPOLATED:
+            for j in range(_U(m)):
+                step[j] = span[0] / abs(ratio[j])
+        end = _U(n)
+        if timing == INTERPOLATED and most <= FEW:
+            for j in range(_U(m)):
+                time = step[j] + half
+                first[j] = _I32(time)
+                time += step[j]
+                second[j] = _I32(time)
+                time += step[j]
+                third[j] = _I32(time)
+            # all three are written, the next position overwrites those that don't count
+            for j in range(_U(m)):
+                place = _U(low[j])
+                keys[end] = _U(_U32(first[j])) << _U(32) | place
+                keys[end + _U(1)] = _U(_U32(second[j])) << _U(32) | place
+                keys[end + _U(2)] = _U(_U32(third[j])) << _U(32) | place
+                end += _U(count[j])
+        else:
+            for j in range(_U(m)):
+                place = _U(low[j])
+                for k in range(count[j]):
+                    time = _U(0)
+                    if timing == INTERPOLATED:
+                        time = _U(np.int64((k + 1) * step[j] + half))
+                    elif timing == RANDOM:
+                        time = _random(seed, (place << _U(16)) + _U(k)) % _U(span[0])
+                    keys[end] = time << _U(32) | place
+                    end += _U(1)
+        n = np.int64(end)
+    return keys, n
+
+
+@njit(cache=True, nogil=True)
+def _fired(difference, active, threshold, mask, x):
+    """Write to `x` where a row's |difference| >= threshold in active tiles; how many. `mask` is scratch of a tile."""
+    words = mask.view(np.uint64)
+    m = _U(0)
+    for tile in range(active.size):
+        if not active[tile]:
+            continue
+        left = _U(tile * TILE[1])
+        width = min(TILE[1], difference.size - tile * TILE[1])
+        if width < TILE[1]:
+            mask[width:] = 0
+        for i in range(_U(width)):
+            mask[i] = abs(difference[left + i]) >= threshold
+        some = words[0] | words[1] | words[2] | words[3] | words[4] | words[5] | words[6] | words[7]
+        if some:
+            for w in range(_U(words.size)):
+                # without branches: which of the eight fire can't be foretold
+                for i in range(_U(8)):
+                    x[m] = left + _U(8) * w + i
+                    m += (words[w] >> (_U(8) * i)) & _U(1)
+    return np.int64(m)
+
+
+@njit(cache=True, nogil=True)
+def _grown(keys, n, more):
+    """The first `n` keys in an array with room for `more`."""
+    larger = np.empty(2 * keys.size + more, np.uint64)
+    larger[:n] = keys[:n]
+    return larger
+
+
+@njit(cache=True, nogil=True)
+def _random(seed, place):
+    """64 random bits that depend on both numbers only (splitmix64, Steele et al. 2014)."""
+    z = seed + (place + _U(1)) * _U(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> _U(30))) * _U(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> _U(27))) * _U(0x94D049BB133111EB)
+    return z ^ (z >> _U(31))
+
+
+@njit(cache=True, nogil=True)
+def sort_keys(keys, spare, bits):
+    """Sort keys stably by their times below 2^bits, digit by digit of two; `spare` is scratch. O(N + 2^(bits / 2))."""
+    digit = _U((bits + 1) // 2)
+    mask = (_U(1) << digit) - _U(1)
+    minor, major = _U(32), _U(32) + digit
+    minors, majors = np.zeros(mask + _U(1), np.uint32), np.zeros(mask + _U(1), np.uint32)
+    for i in range(_U(keys.size)):
+        minors[(keys[i] >> minor) & mask] += _U32(1)
+        majors[(keys[i] >> major) & mask] += _U32(1)
+    _spread(keys, spare, minor, mask, minors)
+    _spread(spare, keys, major, mask, majors)
+
+
+@njit(cache=True, nogil=True)
+def _spread(keys, out, shift, mask, places):
+    """Keys in order of a digit, of which `places` has how many there are of each value; it is used up."""
+    total = _U32(0)
+    for d in range(places.size):
+        total, places[d] = _U32(total + places[d]), total
+    for i in range(_U(keys.size)):
+        d = (keys[i] >> shift) & mask
+        out[_U(places[d])] = keys[i]
+        places[d] += _U32(1)
+
+
+@njit(cache=True, nogil=True)
+def unpack(keys, start, t, x, y, p):
+    """Columns of events from their keys; times count from `start`."""
+    for i in range(_U(keys.size)):
+        key = keys[i]
+        t[i] = start + np.int64(key >> _U(32))
+        x[i] = np.int16((key >> _U(1)) & _U(0xFFFF))
+        y[i] = np.int16((key >> _U(17)) & _U(0x7FFF))
+        p[i] = np.uint8(key & _U(1))
+
+
+@njit(cache=True, nogil=True)
+def read_out(t, x, y, width, ready, refractory, gap, busy, start):
+    """Times at which events leave a sensor that passes one every `gap` µs, and which of them do. O(N).
+
+    The readout is taken until `start` + `busy`; the new value is returned. A pixel is blind while its
+    event waits and for `refractory` µs after: `ready` int64 [H * W] has the µs at which it sees again.
+    """
+    out, kept = np.empty_like(t), np.zeros(t.size, np.bool_)
+    for i in range(t.size):
+        pixel = y[i] * np.int64(width) + x[i]
+        if t[i] < ready[pixel]:
+            continue
+        free = max(float(t[i] - start), busy)
+        busy = free + gap
+        out[i] = start + np.int64(math.ceil(free))
+        kept[i] = True
+        ready[pixel] = max(out[i], t[i]) + refractory
+    return out, kept, busy
