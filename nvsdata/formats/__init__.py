@@ -24,7 +24,10 @@ from nvsdata.formats.records import HEAD
 
 @dataclass(frozen=True)
 class Format:
-    """A line of the registry: what a file begins with; without that, the module's `looks_like` tells."""
+    """A line of the registry: what a file begins with; without that, the module's `looks_like` tells.
+
+    A format with both is told by `looks_like` where only the extension speaks for it.
+    """
 
     name: str
     module: str
@@ -44,8 +47,8 @@ def _module(name: str) -> ModuleType:
 # the first that matches is it
 FORMATS = (
     Format("hdf5", "hdf5", (".h5", ".hdf5"), re.compile(rb"\x89HDF\r\n\x1a\n")),
-    Format("aedat1", "aedat1", (".aedat1",), re.compile(rb"#!AER-DAT1\.")),
     Format("aedat2", "aedat2", (".aedat",), re.compile(rb"#!AER-DAT2\.")),
+    Format("aedat1", "aedat1", (".aedat1", ".aedat"), re.compile(rb"#!AER-DAT1\.")),
     Format("aedat3", "aedat3", (".aedat3", ".aedat"), re.compile(rb"#!AER-DAT3\.")),
     Format("aedat4", "aedat4", (".aedat4", ".aedat"), re.compile(rb"#!AER-DAT4\.")),
     Format("evt", "evt", (".raw",), re.compile(rb"(?:%[^\n]*\n)*?% (?i:evt |format EVT)[23]")),
@@ -163,9 +166,11 @@ def _identify(path: str, head: bytes) -> Format:
     suffix = os.path.splitext(path)[1].lower()
     if suffix in _HEADERLESS:
         return _HEADERLESS[suffix]
-    for candidate in _HEADERLESS.values():
-        if head and candidate.load().looks_like(head, os.path.getsize(path)):
-            return candidate
+    for candidate in FORMATS:
+        if head and (not candidate.begins or suffix in candidate.suffixes):
+            looks_like = getattr(candidate.load(), "looks_like", None)
+            if looks_like is not None and looks_like(head, os.path.getsize(path)):
+                return candidate
     for candidate in FORMATS:
         if suffix in candidate.suffixes:
             what = "is empty" if not head else "does not begin as one"

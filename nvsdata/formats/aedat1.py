@@ -1,4 +1,4 @@
-"""AEDAT 1.0 (jAER, DVS128): as AEDAT 2.0, with addresses of 16 bits."""
+"""AEDAT 1.0 (jAER, DVS128): as AEDAT 2.0, with addresses of 16 bits; the oldest files name no version."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from nvsdata.events import Events
 from nvsdata.formats import aedat2
 from nvsdata.formats.aedat2 import CHIPS, header
-from nvsdata.formats.records import with_times_of_32_bits
+from nvsdata.formats.records import header_lines, with_times_of_32_bits
 from nvsdata.kernels.aedat import aedat2_encode
+from nvsdata.kernels.decode import WRAP_US
 
 
 class Recording(aedat2.Recording):
@@ -19,6 +20,19 @@ class Recording(aedat2.Recording):
 
     format = "aedat1"
     record_size = 6
+
+
+def looks_like(head: bytes, size: int) -> bool:
+    """Whether a file of `size` bytes that names no version could be one: whole records, times that never fall."""
+    if head.startswith(b"#!"):
+        return False
+    _, end = header_lines(head, b"#")
+    raw = np.frombuffer(head[end : end + 6 * 256], np.uint8)
+    if (size - end) % 6 or raw.size < 6 * 16:
+        return False
+    t = np.ascontiguousarray(raw[: raw.size - raw.size % 6].reshape(-1, 6)[:, 2:]).view(">u4").astype(np.uint32)
+    # differences are those of a counter that may wrap
+    return bool(0 < np.diff(t, axis=0).sum(dtype=np.int64) < WRAP_US // 2)
 
 
 def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:

@@ -179,7 +179,8 @@ def aedat3_packets(raw, start):
         if kind == POLARITY_EVENT and number:
             if count == len(packets):
                 longer = np.empty((2 * count, 6), np.int64)
-                longer[:count] = packets
+                for i, field in np.ndindex(packets.shape):
+                    longer[i, field] = packets[i, field]
                 packets = longer
             add = overflow << 31
             packets[count, 0], packets[count, 1], packets[count, 2] = first, number, add

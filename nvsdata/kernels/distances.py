@@ -46,18 +46,15 @@ def spikes(sums, touched, count):
     return x[:n], y[:n], total[:n]
 
 
-@njit(cache=True, nogil=True)
-def offsets(stride):
-    """Neighbours within `MARGIN` in order of distance: steps in a map of that stride, and squared distances."""
-    side = 2 * MARGIN + 1
-    squares = np.empty(side * side, np.int64)
-    for i in range(squares.size):
-        dy, dx = i // side - MARGIN, i % side - MARGIN
-        squares[i] = dx * dx + dy * dy
-    order = np.argsort(squares, kind="mergesort")
-    order = order[: np.searchsorted(squares[order], MARGIN * MARGIN, "right")]
-    steps = (order // side - MARGIN) * stride + order % side - MARGIN
-    return steps, squares[order].astype(np.float64)
+def _around() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Neighbours within `MARGIN` in order of distance: dy, dx and squared distances."""
+    dy, dx = np.mgrid[-MARGIN : MARGIN + 1, -MARGIN : MARGIN + 1].reshape(2, -1)
+    squares = dx * dx + dy * dy
+    order = np.argsort(squares, kind="stable")[: np.count_nonzero(squares <= MARGIN * MARGIN)]
+    return dy[order], dx[order], squares[order].astype(np.float64)
+
+
+_DY, _DX, _SQUARES = _around()
 
 
 @njit(cache=True, nogil=True)
@@ -78,7 +75,10 @@ def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
     lattice = np.full((height + 2 * MARGIN) * stride, np.float32(np.inf))
     for j in range(_U(bx.size)):
         lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = bvalue[j]
-    steps, squares = offsets(stride)
+    squares = _SQUARES
+    steps = np.empty(_DY.size, np.int64)
+    for k in range(steps.size):
+        steps[k] = _DY[k] * stride + _DX[k]
     lonely = 0
     for i in range(_U(x.size)):
         home = (y[i] + MARGIN) * stride + x[i] + MARGIN

@@ -281,7 +281,7 @@ def step(frame, channels, first_weight, rule, tiles, pixels, span, seed, keys):
     An empty `frame` means that `plane` and `level` are up to date.
     """
     height, rows = pixels.level.shape[0], pixels.difference.shape[0]
-    n = 0
+    n = np.int64(0)
     for top in range(0, height, rows):
         end = min(top + rows, height)
         first, last = top // TILE[0], (end + TILE[0] - 1) // TILE[0]

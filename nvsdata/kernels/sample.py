@@ -18,9 +18,10 @@ def nonuniform_sample(t, x, y, k, wx, wt, seed):
     """
     n = t.size
     # every box keeps its events in order of time, so that a split in time costs nothing
-    index = np.arange(n).astype(np.int32)
-    columns = np.empty((2, n), np.int16)
-    columns[0], columns[1] = x, y
+    index, columns = np.empty(n, np.int32), np.empty((2, n), np.int16)
+    # loops here and below: numba takes seconds to compile arrays set to arrays
+    for i in range(n):
+        index[i], columns[0, i], columns[1, i] = i, x[i], y[i]
     spare = np.empty((3, n), np.int32)
     counts = np.empty(BUCKETS, np.int32)
     chosen = np.zeros(n, np.bool_)
@@ -116,6 +117,6 @@ def _partition(index, columns, spare, lo, hi, axis, border, equal):
         index[left], columns[0, left], columns[1, left] = event, column, row
         left += np.uint64(near)
         right += np.uint64(not near)
-    index[left:hi] = spare[0, :right]
-    columns[0, left:hi] = spare[1, :right]
-    columns[1, left:hi] = spare[2, :right]
+    for i in range(right):
+        index[left + i] = spare[0, i]
+        columns[0, left + i], columns[1, left + i] = spare[1, i], spare[2, i]

@@ -44,7 +44,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
         row = _U32((top + y) << 17)
         for j in range(_U(m)):
             low[j] = row | _U32(x[j]) << _U32(1) | _U32(ratio[j] > 0)
-        total = FEW
+        total = np.int64(FEW)
         for j in range(_U(m)):
             count[j] = min(_I32(abs(ratio[j])), most)
             total += count[j]
@@ -94,8 +94,8 @@ def _fired(difference, active, threshold, mask, x):
             continue
         left = _U(tile * TILE[1])
         width = min(TILE[1], difference.size - tile * TILE[1])
-        if width < TILE[1]:
-            mask[width:] = 0
+        for i in range(width, TILE[1]):
+            mask[i] = 0
         for i in range(_U(width)):
             mask[i] = abs(difference[left + i]) >= threshold
         some = words[0] | words[1] | words[2] | words[3] | words[4] | words[5] | words[6] | words[7]
@@ -112,7 +112,8 @@ def _fired(difference, active, threshold, mask, x):
 def _grown(keys, n, more):
     """The first `n` keys in an array with room for `more`."""
     larger = np.empty(2 * keys.size + more, np.uint64)
-    larger[:n] = keys[:n]
+    for i in range(n):
+        larger[i] = keys[i]
     return larger
 
 

@@ -38,7 +38,8 @@ def least_work(ax, ay, am, bx, by, bm):
     up, potential = np.ones(nodes + 1, np.bool_), np.full(nodes + 1, -far)
     child, following, previous = np.full((3, nodes + 1), -1)
     up[sources:], potential[sources:] = False, far
-    mass[:sources], mass[sources : sources + sinks] = am, bm
+    for node in range(sources + sinks):
+        mass[node] = am[node] if node < sources else bm[node - sources]
     if surplus:
         mass[nodes - 1] = surplus
     parent[root], depth[root], potential[root] = -1, 0, 0.0

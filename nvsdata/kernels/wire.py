@@ -194,7 +194,8 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                     samples[n_samples, 2] = state[CONTENTS]
                     samples[n_samples, 3] = state[ACCELERATION_SCALE]
                     samples[n_samples, 4] = state[ROTATION_SCALE]
-                    samples[n_samples, 5:] = state[SAMPLE_0 : SAMPLE_0 + 7]
+                    for j in range(7):
+                        samples[n_samples, 5 + j] = state[SAMPLE_0 + j]
                     n_samples += 1
                 else:
                     complaints[BROKEN_SAMPLES] += 1

@@ -95,6 +95,30 @@ def test_aedat_1_is_written_in_six_bytes_for_a_dvs128_alone(tmp_path):
         nvsdata.write(Events([], [], [], [], (129, 4)), path)
 
 
+@pytest.mark.parametrize("header", [b"", b"# This is a raw AE data file\r\n# sep 2006\r\n"])
+def test_a_file_that_names_no_version_is_aedat_1(tmp_path, header):
+    rng = np.random.default_rng(0)
+    x, y, p = rng.integers(0, 128, 400), rng.integers(0, 128, 400), rng.integers(0, 2, 400)
+    ev = Events(np.arange(400) * 9 + 2**32 - 1_000, x, y, p, (128, 128))  # the counter wraps
+    nvsdata.write(ev[:100], tmp_path / "head.aedat1")
+    nvsdata.write(ev, tmp_path / "a.aedat1")
+    for name, events in (("head", ev[:100]), ("a", ev)):
+        records = (tmp_path / f"{name}.aedat1").read_bytes().split(b"Header\r\n")[1]
+        (tmp_path / "old.aedat").write_bytes(header + records)
+        recording = nvsdata.open(tmp_path / "old.aedat")
+        assert recording.format == "aedat1"
+        assert recording.read() == events
+
+
+@pytest.mark.parametrize(
+    "content", [bytes(600), b"#!AER-DAT7.0\r\n" + bytes(range(96)), np.arange(150, 0, -1).tobytes()]
+)
+def test_what_only_ends_in_aedat_is_none(tmp_path, content):
+    (tmp_path / "a.aedat").write_bytes(content)
+    with pytest.raises(FormatError, match="byte 0: the extension says aedat2, but the file does not begin as one"):
+        nvsdata.open(tmp_path / "a.aedat")
+
+
 @pytest.mark.parametrize(("t", "size"), [([2**32], (128, 128)), ([0, 2**31], (128, 128)), ([0], (347, 260))])
 def test_what_does_not_fit_is_refused(tmp_path, t, size):
     with pytest.raises(ValueError, match=r"AEDAT 2\.0"):
