@@ -120,8 +120,8 @@ class Events:
     def window(self, start: int | None = None, stop: int | None = None) -> Events:
         """Events with start <= t < stop (µs, absolute). Nothing is copied."""
         check_window(start, stop)
-        lo = 0 if start is None else int(np.searchsorted(self.t, start, "left"))
-        hi = self.t.size if stop is None else int(np.searchsorted(self.t, stop, "left"))
+        lo = 0 if start is None else int(self.t.searchsorted(start, "left"))
+        hi = self.t.size if stop is None else int(self.t.searchsorted(stop, "left"))
         columns = Columns(self.t[lo:hi], self.x[lo:hi], self.y[lo:hi], self.p[lo:hi])
         return Events.trusted(columns, self.sensor_size, self.start if start is None else start)
 
