@@ -29,6 +29,19 @@ class Columns(NamedTuple):
     y: np.ndarray
     p: np.ndarray
 
+    @classmethod
+    def room(cls, size: int) -> Columns:
+        """Columns of `size` events, yet to be filled.
+
+        Made by numpy, which asks for large pages: what numba allocates costs a fault every 4 KiB.
+        """
+        xy = np.empty(size, np.int16), np.empty(size, np.int16)
+        return cls(np.empty(size, np.int64), *xy, np.empty(size, np.uint8))
+
+    def first(self, count: int) -> Columns:
+        """The first `count` events."""
+        return self if count == self.t.size else Columns(*(column[:count] for column in self))
+
 
 class Events:
     """Events sorted by time, as a struct of arrays.
@@ -95,7 +108,7 @@ class Events:
     @classmethod
     def empty(cls, sensor_size: tuple[int, int], start: int = 0) -> Events:
         """No events."""
-        return cls.trusted(empty_columns(), sensor_size, start)
+        return cls.trusted(Columns.room(0), sensor_size, start)
 
     @property
     def columns(self) -> Columns:
@@ -297,11 +310,6 @@ class Recording(ABC):
 def as_events(sample: Events | Recording) -> Events:
     """The events themselves: a Recording is read whole."""
     return sample if isinstance(sample, Events) else sample.read()
-
-
-def empty_columns() -> Columns:
-    """Columns of no events."""
-    return Columns(np.empty(0, np.int64), np.empty(0, np.int16), np.empty(0, np.int16), np.empty(0, np.uint8))
 
 
 def joined(pieces: Sequence[Columns]) -> Columns:

@@ -110,7 +110,8 @@ class Store:
         first, last = marked_range(marks, base, start, stop)
         lo, hi = lo + first * MARKED, min(lo + last * MARKED, hi)
         t, x, y, p = self._raw(lo, max(lo, hi))
-        return Columns(*stored_window(t, x, y, p, base, start, stop))
+        columns = Columns.room(t.size)
+        return columns.first(stored_window(t, x, y, p, base, start, stop, *columns))
 
     def span(self, number: int) -> tuple[int, int]:
         """Times of the first and the last event of a recording."""

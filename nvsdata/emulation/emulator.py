@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nvsdata.events import MAX_COORDINATE, Columns, Events, empty_columns
+from nvsdata.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.emulate import Pixels, Rule, Tiles
 from nvsdata.kernels.logarithm import logarithm
@@ -43,7 +43,7 @@ class Spikes:
         count, keys = self.keys.size, self.keys
         if count == 0:
             return Events.empty(self.sensor_size, self.before)
-        columns = Columns(*(np.empty(count, column.dtype) for column in empty_columns()))
+        columns = Columns.room(count)
         if self.timestamps in TIMINGS:
             # the column of times is scratch until it is written
             sort_keys(keys, columns.t.view(np.uint64), int(self.now - self.before).bit_length())

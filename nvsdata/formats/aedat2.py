@@ -75,8 +75,9 @@ class Recording(RecordFile):
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
         words, sizes = self._words.reshape(-1), (*self.chip_size, *self.sensor_size)
-        t, x, y, p, bad = aedat2_decode(words, lo, hi, offset, self.layout, *sizes)
-        return Columns(t, x, y, p), bad
+        columns = Columns.room(hi - lo)
+        count, bad = aedat2_decode(words, lo, hi, offset, self.layout, *sizes, *columns)
+        return columns.first(count), bad
 
 
 def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
@@ -93,7 +94,7 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
     with path.open("wb") as file:
         file.write(header("2.0", name))
         for events in with_times_of_32_bits(pieces, "AEDAT 2.0"):
-            file.write(aedat2_encode(*events.columns, layout, *size).tobytes())
+            file.write(aedat2_encode(*events.columns, layout, *size))
 
 
 def header(version: str, chip: str) -> bytes:

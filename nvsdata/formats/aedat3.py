@@ -59,7 +59,9 @@ class Recording(BaseRecording):
     def _of_packets(self, packets: np.ndarray) -> Columns:
         width, height = self._size or (0, 0)
         words, phase, starts = self._words(packets)
-        t, x, y, p, bad, unmarked = aedat3_decode(words, phase, starts, packets, width, height)
+        room = Columns.room(int(packets[:, 1].sum()))
+        count, bad, unmarked = aedat3_decode(words, phase, starts, packets, width, height, *room)
+        columns = room.first(count)
         if bad >= 0 and self.strict:
             raise FormatError(self.path, int(bad), f"coordinates outside the sensor of {width}x{height}")
         if unmarked:
@@ -68,8 +70,8 @@ class Recording(BaseRecording):
                 stacklevel=2,
             )
         if self._upside_down:
-            y = (height - 1 - y).astype(np.int16)
-        return Columns(t, x, y, p)
+            columns = columns._replace(y=(height - 1 - columns.y).astype(np.int16))
+        return columns
 
     def _words(self, packets: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
         """32-bit words that hold `packets`, the byte that they begin at, and where in them each packet begins."""

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, empty_columns
+from nvsdata.events import Columns
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.records import bytes_of
 
@@ -94,7 +94,7 @@ class Recording(BaseRecording):
                 raise
             self._repair("packets from the first damaged one on, cut off", 1)
         if not parts:
-            return empty_columns()
+            return Columns.room(0)
         events = np.concatenate(parts)
         return Columns(*(np.ascontiguousarray(column) for column in self._inside([events[name] for name in EVENTS])))
 

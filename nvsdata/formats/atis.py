@@ -37,8 +37,9 @@ class Recording(RecordFile):
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
         width, height = self._size or (0, 0)
-        t, x, y, p, bad = atis_decode(self._raw, lo, hi, offset, width, height)
-        return Columns(t, x, y, p), bad
+        columns = Columns.room(hi - lo)
+        count, bad = atis_decode(self._raw, lo, hi, offset, width, height, *columns)
+        return columns.first(count), bad
 
     def anomalies(self) -> dict[str, int]:
         return {**super().anomalies(), "time overflow records": int(atis_blocks(self._raw, self.block)[5])}
@@ -64,4 +65,4 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
             if events.t[0] < 0 or events.t[-1] >= MAX_WRITTEN_US:
                 raise ValueError(f"ATIS .bin holds times from 0 to {MAX_WRITTEN_US - 1} µs only")
             raw, offset = atis_encode(*events.columns, offset)
-            file.write(raw.tobytes())
+            file.write(raw)

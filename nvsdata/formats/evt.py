@@ -11,7 +11,7 @@ import re
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, empty_columns
+from nvsdata.events import Columns
 from nvsdata.formats.records import Blocks, RecordFile, header_lines
 from nvsdata.kernels.evt import evt2_decode, evt2_states, evt3_decode, evt3_states
 
@@ -49,14 +49,14 @@ class Recording(RecordFile):
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
         first, last = lo // self.block, -(-hi // self.block)
         if not self.blocks.times.size:
-            return empty_columns(), -1
+            return Columns.room(0), -1
         width, height = self._size or (0, 0)
         if self.version == 2:
-            t, x, y, p, bad = evt2_decode(self._words, lo, hi, self._states[first], width, height)
+            decode, columns = evt2_decode, Columns.room(hi - lo)
         else:
-            room = int(self._events[first:last].sum())
-            t, x, y, p, bad = evt3_decode(self._words, lo, hi, self._states[first], room, width, height)
-        return Columns(t, x, y, p), bad
+            decode, columns = evt3_decode, Columns.room(int(self._events[first:last].sum()))
+        count, bad = decode(self._words, lo, hi, self._states[first], width, height, *columns)
+        return columns.first(count), bad
 
 
 def _stated_size(text: str) -> tuple[int, int] | None:

@@ -24,7 +24,7 @@ import h5py
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events, check_sensor_size, empty_columns, joined
+from nvsdata.events import Columns, Events, check_sensor_size, joined
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.files import flushed_early
 from nvsdata.kernels.order import never_falls
@@ -202,7 +202,7 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
     with h5py.File(path, "w", **WRITING) as file, ExitStack() as early:
         file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=sensor_size[0], height=sensor_size[1])
         if len(waiting) <= CONTIGUOUS:
-            columns = joined(waiting or [empty_columns()])
+            columns = joined(waiting or [Columns.room(0)])
             for (name, kind), column in zip(TYPES.items(), columns, strict=True):
                 file.create_dataset(f"events/{name}", data=column, dtype=kind)
             return

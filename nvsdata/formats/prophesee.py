@@ -47,8 +47,9 @@ class Recording(RecordFile):
 
     def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
         width, height = self._size or (0, 0)
-        t, x, y, p, bad = dat_decode(self._words.reshape(-1), lo, hi, offset, self.version, width, height)
-        return Columns(t, x, y, p), bad
+        columns = Columns.room(hi - lo)
+        count, bad = dat_decode(self._words.reshape(-1), lo, hi, offset, self.version, width, height, *columns)
+        return columns.first(count), bad
 
 
 def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
@@ -68,4 +69,4 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
             words[:, 0] = (events.t % WRAP_US).astype(np.uint32)
             words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14
             words[:, 1] |= events.p.astype(np.uint32) << 28
-            file.write(words.tobytes())
+            file.write(words)

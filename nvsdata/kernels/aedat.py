@@ -36,7 +36,7 @@ def _little_endian(raw, j):
 
 
 @njit(cache=True, nogil=True)
-def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width, height):
+def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width, height, t, x, y, p):
     """Decode AEDAT 2 records lo..hi, `offset` µs of wraps in force at `lo`. O(hi - lo).
 
     `words` uint32 [2 N]: address and time in turns, as they lie in the file (big-endian). `layout` DVS128
@@ -44,10 +44,6 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
     no polarity events are left out. Times are unsigned and wrap at 2^32.
     """
     room = hi - lo
-    t = np.empty(room, np.int64)
-    x = np.empty(room, np.int16)
-    y = np.empty(room, np.int16)
-    p = np.empty(room, np.uint8)
     right, bottom = np.int32(chip_width - 1), np.int32(chip_height - 1)
     odd = np.int64(chip_width > width or chip_height > height)
     begin = 0
@@ -64,7 +60,7 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
                 odd = _davis_odd(some, before, offset, right, bottom, ts, xs, ys, ps)
         begin = end
     if odd == 0:
-        return t, x, y, p, IN_ORDER
+        return room, IN_ORDER
     bad = -1
     kept = np.uint64(0)
     last = np.int64(0)
@@ -91,7 +87,7 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
         if polar and (column < 0 or row < 0 or column >= width or row >= height) and bad < 0:
             bad = lo + np.int64(i)
         kept += np.uint64(polar)
-    return t[:kept], x[:kept], y[:kept], p[:kept], bad
+    return np.int64(kept), bad
 
 
 @njit(cache=True, nogil=True)
@@ -195,22 +191,15 @@ def aedat3_packets(raw, start):
 
 
 @njit(cache=True, nogil=True)
-def aedat3_decode(words, phase, starts, packets, width, height):
+def aedat3_decode(words, phase, starts, packets, width, height, t, x, y, p):
     """Decode polarity packets as `aedat3_packets` lists them. O(events).
 
     `words` uint32 hold the events of packet k from byte `starts[k]` on, counted from `phase` bytes
     before them.
     Events that aren't marked valid are dropped where the packet's header counts them as invalid.
-    Returns t, x, y, p, the byte of the first event outside the sensor (-1: none), and how many
-    events were kept without the mark.
+    Returns the number of events, the byte of the first one outside the sensor (-1: none), and how many
+    were kept without the mark.
     """
-    room = 0
-    for k in range(len(packets)):
-        room += packets[k, 1]
-    t = np.empty(room, np.int64)
-    x = np.empty(room, np.int16)
-    y = np.empty(room, np.int16)
-    p = np.empty(room, np.uint8)
     kept = unmarked = 0
     bad = np.int64(-1)
     right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 15)
@@ -236,7 +225,7 @@ def aedat3_decode(words, phase, starts, packets, width, height):
             y[kept] = row
             p[kept] = data >> np.uint32(1) & np.uint32(1)
             kept += 1
-    return t[:kept], x[:kept], y[:kept], p[:kept], bad, unmarked
+    return kept, bad, unmarked
 
 
 @njit(cache=True, nogil=True)

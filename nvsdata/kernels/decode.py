@@ -1,8 +1,8 @@
 """Bytes to event columns and back, a loop for each wire format.
 
-A decoder returns `(t, x, y, p, bad)`: int64 µs, int16, int16, uint8, and the index of the first
-record whose coordinates lie outside the sensor (-1 if none, or `IN_ORDER` if it saw besides that times never fall;
-a width of 0 means "unknown").
+A decoder fills `t`, `x`, `y`, `p` (int64 µs, int16, int16, uint8), which have room for an event a record, and
+returns `(count, bad)`: how many events there are, and the index of the first record whose coordinates lie outside
+the sensor (-1 if none, or `IN_ORDER` if it saw besides that times never fall; a width of 0 means "unknown").
 """
 
 from __future__ import annotations
@@ -81,13 +81,9 @@ def _atis_time(raw, j):
 
 
 @njit(cache=True, nogil=True)
-def atis_decode(raw, lo, hi, offset, width, height):
+def atis_decode(raw, lo, hi, offset, width, height, t, x, y, p):
     """Decode ATIS records lo..hi, `offset` µs of overflow being in force at `lo`. O(hi - lo)."""
     size = hi - lo
-    t = np.empty(size, np.int64)
-    x = np.empty(size, np.int16)
-    y = np.empty(size, np.int16)
-    p = np.empty(size, np.uint8)
     right = width if width > 0 else 256
     bottom = min(height, ATIS_OVERFLOW_Y) if height > 0 else ATIS_OVERFLOW_Y
     record = np.empty(BLOCK, np.uint64)
@@ -99,7 +95,7 @@ def atis_decode(raw, lo, hi, offset, width, height):
         block = t[start:stop], x[start:stop], y[start:stop], p[start:stop]
         odd += _atis_odd(record[: stop - start], offset, right, bottom, *block)
     if odd == 0:
-        return t, x, y, p, -1
+        return size, -1
     kept = 0
     bad = -1
     for i in range(size):
@@ -111,7 +107,7 @@ def atis_decode(raw, lo, hi, offset, width, height):
         x[kept], y[kept], p[kept] = x[i], y[i], p[i]
         t[kept] = _atis_time(raw, 5 * (lo + i)) + offset
         kept += 1
-    return t[:kept], x[:kept], y[:kept], p[:kept], bad
+    return kept, bad
 
 
 @njit(cache=True, nogil=True)
@@ -175,24 +171,20 @@ def atis_encode(t, x, y, p, offset):
 
 
 @njit(cache=True, nogil=True)
-def dat_decode(words, lo, hi, offset, version, width, height):
+def dat_decode(words, lo, hi, offset, version, width, height, t, x, y, p):
     """Decode Prophesee .dat records lo..hi. O(hi - lo).
 
     `words` uint32 [2 N], time and address in turns; `offset` µs of wraps in force at `lo`. A step back of
     more than 2^31 µs is a wrap of the 32-bit counter; a smaller one is disorder and stays.
     """
     size = hi - lo
-    t = np.empty(size, np.int64)
-    x = np.empty(size, np.int16)
-    y = np.empty(size, np.int16)
-    p = np.empty(size, np.uint8)
     right, bottom = (width, height) if width > 0 else (1 << 14, 1 << 14)
     if version >= 2 and size:
         first, rest, before = words[2 * lo : 2 * lo + 2], words[2 * lo + 2 : 2 * hi], words[2 * lo : 2 * hi - 2]
         odd = _dat_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
         odd += _dat_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
         if odd == 0:
-            return t, x, y, p, IN_ORDER
+            return size, IN_ORDER
     bad = -1
     last = np.int64(words[2 * lo]) if size else np.int64(0)
     for i in range(lo, hi):
@@ -215,7 +207,7 @@ def dat_decode(words, lo, hi, offset, version, width, height):
         t[k] = time + offset
         x[k] = column
         y[k] = row
-    return t, x, y, p, bad
+    return size, bad
 
 
 @njit(cache=True, nogil=True)

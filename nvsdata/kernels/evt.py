@@ -1,7 +1,8 @@
 """Prophesee EVT2 and EVT3 words to event columns.
 
 Both formats send the high bits of the time in words of their own, so a walk over all words finds
-the state in force at each block of words; a window then decodes only its blocks.
+the state in force at each block of words; a window then decodes only its blocks. See `kernels.decode` for what a
+decoder takes and returns; EVT3's columns have room for the events that its states count.
 """
 
 from __future__ import annotations
@@ -55,12 +56,8 @@ def _next_high(before, raw, bits, shift):
 
 
 @njit(cache=True, nogil=True)
-def evt2_decode(words, lo, hi, high, width, height):
-    """Decode words lo..hi, `high` being in force at `lo`. O(hi - lo). Returns columns and the first bad word."""
-    t = np.empty(hi - lo, np.int64)
-    x = np.empty(hi - lo, np.int16)
-    y = np.empty(hi - lo, np.int16)
-    p = np.empty(hi - lo, np.uint8)
+def evt2_decode(words, lo, hi, high, width, height, t, x, y, p):
+    """Decode words lo..hi, `high` being in force at `lo`. O(hi - lo)."""
     bad = -1
     kept = np.uint64(0)
     right, bottom = (width, height) if width > 0 else (1 << 11, 1 << 11)
@@ -78,7 +75,7 @@ def evt2_decode(words, lo, hi, high, width, height):
         if event and (column >= right or row >= bottom) and bad < 0:
             bad = i
         kept += np.uint64(event)
-    return t[:kept], x[:kept], y[:kept], p[:kept], bad
+    return np.int64(kept), bad
 
 
 @njit(cache=True, nogil=True)
@@ -147,12 +144,8 @@ def _advance(state, word, kind):
 
 
 @njit(cache=True, nogil=True)
-def evt3_decode(words, lo, hi, before, room, width, height):
-    """Decode words lo..hi to `room` events, the state `before` being in force at `lo`. O(hi - lo + events)."""
-    t = np.empty(room, np.int64)
-    x = np.empty(room, np.int16)
-    y = np.empty(room, np.int16)
-    p = np.empty(room, np.uint8)
+def evt3_decode(words, lo, hi, before, width, height, t, x, y, p):
+    """Decode words lo..hi, the state `before` being in force at `lo`. O(hi - lo + events)."""
     state = before.copy()
     bad = -1
     kept = 0
@@ -177,4 +170,4 @@ def evt3_decode(words, lo, hi, before, room, width, height):
                 bits >>= 1
                 column += 1
         _advance(state, word, kind)
-    return t, x, y, p, bad
+    return kept, bad

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+_U = np.uint64
+
 
 @njit(cache=True, nogil=True)
 def marked_range(marks, base, start, stop):
@@ -17,17 +19,24 @@ def marked_range(marks, base, start, stop):
 
 
 @njit(cache=True, nogil=True)
-def stored_window(t, x, y, p, base, start, stop):
+def stored_window(t, x, y, p, base, start, stop, out_t, out_x, out_y, out_p):
     """Events of stored columns with start <= t + base < stop. O(log N + events found).
 
-    Columns of any integer type; returns t int64 (with `base` added), x, y int16 and p uint8.
+    Columns of any integer type go to t int64 (with `base` added), x, y int16 and p uint8, of the same
+    length; returns how many events there are.
     """
     first = _bisect(t, base, start)
-    last = max(_bisect(t, base, stop), first)
+    count = max(_bisect(t, base, stop) - first, 0)
     # a loop a column, for the compiler to vectorise
-    out_t = t[first:last].astype(np.int64)
-    out_t += base
-    return out_t, x[first:last].astype(np.int16), y[first:last].astype(np.int16), p[first:last].astype(np.uint8)
+    for i in range(_U(count)):
+        out_t[i] = np.int64(t[_U(first) + i]) + base
+    for i in range(_U(count)):
+        out_x[i] = x[_U(first) + i]
+    for i in range(_U(count)):
+        out_y[i] = y[_U(first) + i]
+    for i in range(_U(count)):
+        out_p[i] = p[_U(first) + i]
+    return count
 
 
 @njit(cache=True, nogil=True)
