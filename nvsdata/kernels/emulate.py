@@ -38,20 +38,30 @@ def find_dirty(frame, previous, tile_items, dirty):
 
     Frames are [H, items] of bytes or, three times as fast, words of 8 of them; `tile_items` make a tile's row.
     """
-    height, row_items = frame.shape
     count = 0
-    for r, c in np.ndindex(dirty.shape):
-        lo, hi = _U(c * tile_items), _U(min((c + 1) * tile_items, row_items))
-        dirty[r, c] = False
-        for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
-            differs = frame[0, 0] ^ frame[0, 0]
-            for i in range(lo, hi):
-                differs |= frame[y, i] ^ previous[y, i]
-            if differs:
-                dirty[r, c] = True
-                break
-        count += dirty[r, c]
+    for r in range(dirty.shape[0]):
+        marks = dirty[r]
+        marks[:] = False
+        marked = 0
+        for y in range(r * TILE[0], min((r + 1) * TILE[0], frame.shape[0])):
+            # a row at one go while all are clean: memory is read fastest in its order
+            if marked == marks.size or (marked == 0 and not _differ(frame[y], previous[y])):
+                continue
+            for c in range(marks.size):
+                lo, hi = c * tile_items, min((c + 1) * tile_items, frame.shape[1])
+                if not marks[c] and _differ(frame[y, lo:hi], previous[y, lo:hi]):
+                    marks[c] = True
+                    marked += 1
+        count += marked
     return count
+
+
+@njit(cache=True, nogil=True)
+def _differ(a, b):
+    bits = a[0] ^ a[0]
+    for i in range(_U(a.size)):
+        bits |= a[i] ^ b[i]
+    return bits != 0
 
 
 @njit(cache=True, nogil=True)
