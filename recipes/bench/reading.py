@@ -87,10 +87,8 @@ def decoding(home: Path) -> list[Row]:
             **peers(suffix, path),
         }
         times = race(runs)
-        row: Row = {
-            "what": f"decode {millions} M events of {suffix}",
-            "Mevents/s": round(len(ev) / times["ours"] / 1e6),
-        }
+        rate = len(ev) / times["ours"] / 1e6
+        row: Row = {"what": f"decode {millions} M events of {suffix}", "Mevents/s": round(rate)}
         row |= {f"{name}_ms": round(spent * 1e3, 2) for name, spent in times.items()}
         row |= {f"ratio_to_{name}": round(spent / times["ours"], 2) for name, spent in times.items() if name != "ours"}
         rows.append(row)
