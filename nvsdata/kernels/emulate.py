@@ -90,8 +90,8 @@ def catch_up(reference, level, alpha, behind, tiles):
                     before = reference[y, x]
                     after = before + alpha * (level[y, x] - before)
                     reference[y, x] = after
-                    moved += after != before
-            if moved == 0:
+                    moved |= after != before
+            if not moved:
                 break
         behind[tile] = 0
 
@@ -234,7 +234,7 @@ def update(level, reference, difference, rule, active, still):
         if not active[tile]:
             continue
         y0, y1, x0, x1 = _bounds(tile, level.shape)
-        restless = 0
+        restless = False
         for y in range(y0, y1):
             for x in range(_U(x0), _U(x1)):
                 here, before = level[y, x], reference[y, x]
@@ -244,10 +244,10 @@ def update(level, reference, difference, rule, active, still):
                 after = after if follows else before
                 reference[y, x] = after
                 if rule.method == CO_LOCATED:
-                    restless += abs(here - after) >= calm
+                    restless |= abs(here - after) >= calm
                 else:
-                    restless += fired | (after != before)
-        still[tile] = restless == 0
+                    restless |= fired | (after != before)
+        still[tile] = not restless
 
 
 class Rule(NamedTuple):
