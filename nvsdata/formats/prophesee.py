@@ -69,4 +69,4 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
             words[:, 0] = (events.t % WRAP_US).astype(np.uint32)
             words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14
             words[:, 1] |= events.p.astype(np.uint32) << 28
-            file.write(words)
+            file.write(words.data)
