@@ -46,4 +46,4 @@ def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) ->
         for events in with_times_of_32_bits(pieces, "AEDAT 1.0"):
             # the upper half of the address, which is 0, is left out
             records = aedat2_encode(*events.columns, layout, *size).view(np.uint8).reshape(-1, 8)
-            file.write(np.ascontiguousarray(records[:, 2:]))
+            file.write(np.ascontiguousarray(records[:, 2:]).data)
