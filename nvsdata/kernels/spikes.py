@@ -17,7 +17,8 @@ FEW = 3  # events of a position that are written whether they count or not
 _U, _U32, _I32 = np.uint64, np.uint32, np.int32
 
 
-@njit(cache=True, nogil=True)
+# with Python's error model every division asks for a zero, and isn't vectorised
+@njit(cache=True, nogil=True, error_model="numpy")
 def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
     """Events where |difference| >= threshold, (3.6) and (3.8), as keys in raster order.
 

@@ -130,7 +130,7 @@ modes = st.builds(
 
 
 @settings(max_examples=80, deadline=None)
-@given(modes, st.integers(0, 10_000), st.sampled_from([(11, 70, 3), (37, 9, 3), (17, 5)]))
+@given(modes, st.integers(0, 10_000), st.sampled_from([(11, 70, 3), (37, 5, 3), (17, 5)]))
 def test_events_are_those_of_the_equations(s, seed, shape):
     frames = clip(seed, shape, 5, 0.1)
     pieces = list(PIX2NVS.stream(s, frames, fps=25))
