@@ -149,9 +149,7 @@ class Emulator:
         settings, rule, pixels = self.settings, self._rule, self._pixels
         dirty, curve = self._tiles.dirty, (rule.t_log, rule.slope)
         if self._of_bytes(frame):
-            kernels.luminance(
-                _bytes(frame), self._channels, _first_weight(frame), rule.table, *curve, dirty, pixels.plane
-            )
+            kernels.luminance(_bytes(frame), self._channels, _first_weight(frame), rule, dirty, pixels.plane)
         elif dirty.any():
             q = brightness(frame, settings.hue)
             if rule.table.size:

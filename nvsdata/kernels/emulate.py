@@ -45,11 +45,11 @@ def find_dirty(frame, previous, tile_items, dirty):
         marked = 0
         for y in range(r * TILE[0], min((r + 1) * TILE[0], frame.shape[0])):
             # a row at one go while all are clean: memory is read fastest in its order
-            if marked == marks.size or (marked == 0 and not _differ(frame[y], previous[y])):
+            if marked == marks.size or (marked == 0 and not _changed(frame[y], previous[y])):
                 continue
             for c in range(marks.size):
                 lo, hi = c * tile_items, min((c + 1) * tile_items, frame.shape[1])
-                if not marks[c] and _differ(frame[y, lo:hi], previous[y, lo:hi]):
+                if not marks[c] and _changed(frame[y, lo:hi], previous[y, lo:hi]):
                     marks[c] = True
                     marked += 1
         count += marked
@@ -57,10 +57,10 @@ def find_dirty(frame, previous, tile_items, dirty):
 
 
 @njit(cache=True, nogil=True)
-def _differ(a, b):
-    bits = a[0] ^ a[0]
-    for i in range(_U(a.size)):
-        bits |= a[i] ^ b[i]
+def _changed(row, previous):
+    bits = row[0] ^ row[0]
+    for i in range(_U(row.size)):
+        bits |= row[i] ^ previous[i]
     return bits != 0
 
 
@@ -97,10 +97,10 @@ def catch_up(reference, level, alpha, behind, tiles):
 
 
 @njit(cache=True, nogil=True)
-def luminance(frame, channels, first_weight, table, t_log, slope, tiles, plane):
+def luminance(frame, channels, first_weight, rule, tiles, plane):
     """`plane` = what brightness q = 0.299 r + 0.587 g + 0.114 b of three bytes or one, grey, is seen as.
 
-    That is table[1000 q], exactly, or (3.1) if there is no `table`. `first_weight`, in thousandths, is that
+    That is the rule's table[1000 q], exactly, or (3.1) if it has no table. `first_weight`, in thousandths, is that
     of a pixel's first byte: 299 for r, g, b, 114 for b, g, r.
     """
     weight, other = np.int32(first_weight), np.int32(413 - first_weight)
@@ -119,10 +119,10 @@ def luminance(frame, channels, first_weight, table, t_log, slope, tiles, plane):
             q = thousandths[: x1 - x0]
             for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
                 _weigh(frame[y, channels * x0 : channels * x1], channels, weight, other, q)
-                if table.size:
-                    _look_up(q, table, plane[y, x0:x1])
+                if rule.table.size:
+                    _look_up(q, rule.table, plane[y, x0:x1])
                 else:
-                    logarithm(q, t_log, slope, scratch, plane[y, x0:x1])
+                    logarithm(q, rule.t_log, rule.slope, scratch, plane[y, x0:x1])
 
 
 @njit(cache=True, nogil=True)
@@ -300,8 +300,8 @@ def step(frame, channels, first_weight, rule, tiles, pixels, span, seed, keys):
             continue
         level, reference, difference = pixels.level[top:end], pixels.reference[top:end], pixels.difference[: end - top]
         if frame.size:
-            here, dirty, plane = frame[top:end], tiles.dirty[first:last], pixels.plane[top:end]
-            luminance(here, channels, first_weight, rule.table, rule.t_log, rule.slope, dirty, plane)
+            dirty, plane = tiles.dirty[first:last], pixels.plane[top:end]
+            luminance(frame[top:end], channels, first_weight, rule, dirty, plane)
         differ(level, reference, rule.method, rule.sensitivity[top:end], active, difference)
         if rule.side > 1:
             inhibit(difference, rule.side, active)

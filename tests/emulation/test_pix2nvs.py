@@ -160,7 +160,7 @@ def test_events_are_those_of_the_equations(s, seed, shape):
 
 
 @settings(max_examples=60, deadline=None)
-@given(modes, st.integers(0, 10_000), st.sampled_from([(20, 130, 3), (70, 65)]))
+@given(modes, st.integers(0, 10_000), st.sampled_from([(20, 130, 3), (20, 136, 3), (70, 65)]))
 def test_skipping_still_tiles_changes_no_bit(s, seed, shape):
     frames = clip(seed, shape, 9, 0.002)
     skipping = list(s.stream(frames, fps=25))
