@@ -38,9 +38,13 @@ class Columns(NamedTuple):
         xy = np.empty(size, np.int16), np.empty(size, np.int16)
         return cls(np.empty(size, np.int64), *xy, np.empty(size, np.uint8))
 
+    def at(self, which: slice | np.ndarray) -> Columns:
+        """The events under a slice, a boolean mask or indices."""
+        return Columns(self.t[which], self.x[which], self.y[which], self.p[which])
+
     def first(self, count: int) -> Columns:
         """The first `count` events."""
-        return self if count == self.t.size else Columns(*(column[:count] for column in self))
+        return self if count == self.t.size else self.at(slice(count))
 
 
 class Events:
@@ -326,8 +330,7 @@ def in_order(columns: Columns) -> Columns:
     """The columns sorted by time, stably; as they are if they are sorted."""
     if never_falls(columns.t):
         return columns
-    order = np.argsort(columns.t, kind="stable")
-    return Columns(columns.t[order], columns.x[order], columns.y[order], columns.p[order])
+    return columns.at(np.argsort(columns.t, kind="stable"))
 
 
 def check_window(start: int | None, stop: int | None) -> None:

@@ -66,5 +66,5 @@ class Imperfections:
                 before,
             )
             self._busy -= now - before
-            columns = Columns(times[kept], columns.x[kept], columns.y[kept], columns.p[kept])
+            columns = columns._replace(t=times).at(kept)
         return Events.trusted(columns, self.size, before)

@@ -91,7 +91,7 @@ class Recording(BaseRecording):
         first, last = self.packets[:, 3], self.packets[:, 4]
         columns = in_order(self._of_packets(self.packets[(last >= start) & (first < stop)]))
         a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
-        return Columns(*(column[a:b] for column in columns))
+        return columns.at(slice(a, b))
 
     def _bounds(self) -> tuple[int, int] | None:
         if not len(self.packets):

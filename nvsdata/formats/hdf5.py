@@ -234,8 +234,8 @@ def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
         size += len(piece)
         while size >= CHUNK:
             together = joined(waiting)
-            yield Columns(*(column[:CHUNK] for column in together))
-            waiting = [Columns(*(column[CHUNK:] for column in together))]
+            yield together.at(slice(CHUNK))
+            waiting = [together.at(slice(CHUNK, None))]
             size -= CHUNK
     if size:
         yield joined(waiting)

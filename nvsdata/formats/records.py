@@ -118,7 +118,7 @@ class RecordFile(Recording):
         if not ordered and (not never_falls(t) or (hi < self.records and t.size and t[-1] > times[last])):
             return None
         a, b = t.searchsorted(start, "left"), t.searchsorted(stop, "left")
-        return Columns(t[a:b], columns.x[a:b], columns.y[a:b], columns.p[a:b])
+        return columns.at(slice(a, b))
 
 
 def bytes_of(path: str, head: bytes) -> bytes | mmap.mmap:

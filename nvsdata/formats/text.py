@@ -74,7 +74,7 @@ class Recording(BaseRecording):
         if not never_falls(columns.t):
             return None
         a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
-        return Columns(*(column[a:b] for column in columns))
+        return columns.at(slice(a, b))
 
     def _line_before(self, time: int) -> int:
         """Byte of a line at most CHUNK bytes before the first event at or after `time`."""

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.events import Columns, Events
+from nvsdata.events import Events
 from nvsdata.kernels.order import never_falls
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.registers import Settings
@@ -275,7 +275,7 @@ def _pieces(
         kinds, times = specials.kind[after:], specials.t[after:]
         wanted = ((kinds == RISING) | (kinds == PULSE)) & (times < (np.inf if last is None else last))
         report.triggers += times[wanted].tolist()
-        piece = Events.trusted(Columns(*(column[first:stop] for column in events.columns)), size, 0)
+        piece = Events.trusted(events.columns.at(slice(first, stop)), size, 0)
         watch(report, piece)
         yield piece
 

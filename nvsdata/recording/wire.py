@@ -120,7 +120,7 @@ class Decoder:
         self._counts = np.zeros(kernel.COMPLAINTS, np.int64)
         self._odd = 0
         self._pixels = np.zeros(wide * high, np.uint16)
-        self._scratch = _columns(0)
+        self._scratch = Columns.room(0)
         self._specials = np.empty((ROOM, 4), np.int64)
         self._samples = np.empty((ROOM, 12), np.int64)
         self._note([], [])
@@ -135,10 +135,9 @@ class Decoder:
         piece = np.frombuffer(data, np.uint8)
         self._odd += piece.size % 2
         words = piece[: piece.size // 2 * 2].view("<u2")
-        if words.size > self._scratch[0].size:
+        if words.size > self._scratch.t.size:
             # written to again and again: fresh memory would take longer than the decoding
-            self._scratch = _columns(words.size)
-        t, x, y, p = self._scratch
+            self._scratch = Columns.room(words.size)
         notes: list[np.ndarray] = []
         rows: list[np.ndarray] = []
         self.frames = []
@@ -151,10 +150,7 @@ class Decoder:
                 self._counts,
                 self._setting,
                 self._pixels,
-                t[count:],
-                x[count:],
-                y[count:],
-                p[count:],
+                *self._scratch.at(slice(count, None)),
                 self._specials,
                 self._samples,
             )
@@ -168,9 +164,9 @@ class Decoder:
             count += events
         self._note(notes, rows)
         self.words += words.size
+        columns = Columns(*(column[:count].copy() for column in self._scratch))
         if self.swap:
-            x, y = y, x
-        columns = Columns(t[:count].copy(), x[:count].copy(), y[:count].copy(), p[:count].copy())
+            columns = columns._replace(x=columns.y, y=columns.x)
         return Events.trusted(columns, (self.width, self.height), 0)
 
     def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
@@ -204,8 +200,3 @@ class Decoder:
             int(state[kernel.TOP]),
             self._pixels[: wide * high].reshape(high, wide).copy(),
         )
-
-
-def _columns(size: int) -> tuple[np.ndarray, ...]:
-    """Columns of events: t, x, y, p."""
-    return np.empty(size, np.int64), np.empty(size, np.int16), np.empty(size, np.int16), np.empty(size, np.uint8)

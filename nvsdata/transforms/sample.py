@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from nvsdata.checks import not_negative, positive, probability
-from nvsdata.events import Columns, Events, Recording, as_events
+from nvsdata.events import Events, Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
 from nvsdata.transforms.draws import below, uniform
 
@@ -54,7 +54,7 @@ def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 
         return events
     chosen = kernel(events.t, events.x, events.y, k, math.sqrt(alpha), math.sqrt(beta), below(2**62))
     # the indices are sorted, so the events are
-    return Events.trusted(Columns(*(column[chosen] for column in events.columns)), events.sensor_size, events.start)
+    return Events.trusted(events.columns.at(chosen), events.sensor_size, events.start)
 
 
 def drop(sample: Events | Recording, share: float) -> Events:
