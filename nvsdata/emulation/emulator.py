@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nvsdata.emulation.decoder import FULL, stretched
 from nvsdata.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.emulate import Pixels, Rule, Tiles
@@ -80,7 +81,8 @@ class Emulator:
         self._affected = np.ones(tiles, bool)
         dirty, active, still = (np.full(tiles, value) for value in (True, True, False))
         self._tiles, self._behind = Tiles(dirty, active, still), np.zeros(tiles, np.int64)
-        self._rule = _rule(settings, (height, width), number)
+        table = _table(settings, first, number)
+        self._rule = _rule(settings, (height, width), number, table)
         self._follows = settings.new and self._rule.alpha < 1  # does a reference move where nobody looks?
         self._number = 0
         self._last = first
@@ -104,7 +106,7 @@ class Emulator:
         """
         last, self._last = self._last, frame
         before, now = last.time, frame.time
-        if frame.pixels.shape != last.pixels.shape or frame.pixels.dtype != last.pixels.dtype:
+        if not _alike(frame, last):
             raise ValueError(f"the frame at {now} µs is {_kind(frame)}, earlier ones were {_kind(last)}")
         if not 0 < now - before < LONGEST:
             raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
@@ -127,9 +129,6 @@ class Emulator:
             old, new, items = old.view(np.uint64), new.view(np.uint64), items // 8
         return int(kernels.find_dirty(new, old, items, self._tiles.dirty))
 
-    def _of_bytes(self, frame: Frame) -> bool:
-        return frame.pixels.dtype == np.uint8 and not self.settings.hue
-
     def _wake(self) -> None:
         """Which tiles have to be looked at: changed ones, restless ones, and neighbours that matter."""
         dirty, active = self._tiles.dirty, self._tiles.active
@@ -148,16 +147,10 @@ class Emulator:
         """Bring `plane` and `level` up to date where the frame changed."""
         settings, rule, pixels = self.settings, self._rule, self._pixels
         dirty, curve = self._tiles.dirty, (rule.t_log, rule.slope)
-        if self._of_bytes(frame):
+        if _of_bytes(frame, settings):
             kernels.luminance(_bytes(frame), self._channels, _first_weight(frame), rule, dirty, pixels.plane)
         elif dirty.any():
-            q = brightness(frame, settings.hue)
-            if rule.table.size:
-                pixels.plane[:] = tone(settings, q)
-            else:
-                # by the very steps that bytes go through
-                thousandths, scratch = (1000 * q).astype(np.float32), np.empty((2, q.size), np.uint32)
-                logarithm(thousandths.ravel(), *curve, scratch, pixels.plane.reshape(-1))
+            pixels.plane[:] = perceived(settings, brightness(frame, settings.hue), pixels.plane.dtype)
         if settings.mode != "LI":
             kernels.contrast(pixels.plane, self._affected, settings.mode == "LICE", *curve, pixels.level)
 
@@ -168,7 +161,7 @@ class Emulator:
             # of the frame's number, so that frames that are skipped change nothing
             seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
         pixels = _bytes(frame)
-        if self.settings.mode != "LI" or not self._of_bytes(frame):
+        if self.settings.mode != "LI" or not _of_bytes(frame, self.settings):
             self._see(frame)
             pixels = np.empty((0, 0), np.uint8)
         spans = np.array([span], np.float64 if span > 1 << 21 else self._pixels.plane.dtype)
@@ -187,12 +180,11 @@ class Emulator:
         return self._keys[0][:count]
 
 
-def _rule(settings: PIX2NVS, shape: tuple[int, int], number: Any) -> Rule:
+def _rule(settings: PIX2NVS, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:
     """The settings as kernels take them."""
     threshold, sensitivity = number(settings.threshold), _sensitivity(settings, shape).astype(number)
     return Rule(
-        # of logarithms in float32 there is none: they are computed faster than looked up
-        table=np.empty(0, number) if number is np.float32 else _tone_table(settings),
+        table=table,
         t_log=number(settings.t_log),
         slope=number(_slope(settings)),
         method=METHODS[settings.difference],
@@ -212,21 +204,32 @@ def _first_weight(frame: Frame) -> int:
     return 299 if frame.red_first else 114
 
 
+def _of_bytes(frame: Frame, settings: PIX2NVS) -> bool:
+    return frame.pixels.dtype == np.uint8 and not settings.hue
+
+
 def _bytes(frame: Frame) -> np.ndarray:
     """The frame's bytes, [H, bytes of a row]."""
     return frame.pixels.view(np.uint8).reshape(frame.pixels.shape[0], -1)
 
 
+def _alike(frame: Frame, other: Frame) -> bool:
+    """Whether two frames can be of one video."""
+    a, b = frame.pixels, other.pixels
+    return a.shape == b.shape and a.dtype == b.dtype and frame.levels == other.levels
+
+
 def _kind(frame: Frame) -> str:
     """What all frames of a video must share, in words."""
     height, width, *colours = frame.pixels.shape
-    return f"{width}x{height} {'colour' if colours else 'grey'} {frame.pixels.dtype}"
+    return f"{width}x{height} {'colour' if colours else 'grey'} {frame.pixels.dtype} of {frame.levels}"
 
 
 def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
     """Luminance q or hue h (3.2.1), float64 [H, W]; black has hue 0."""
     values: np.ndarray = frame.pixels.astype(np.float64)
     if values.ndim == 2:
+        values = values if frame.levels == FULL else stretched(values, frame.levels)
         return np.where(values > 0, 0.5, 0.0) if hue else values
     r, g, b = np.moveaxis(values if frame.red_first else values[..., ::-1], -1, 0)
     if hue:
@@ -240,6 +243,24 @@ def tone(settings: PIX2NVS, q: np.ndarray) -> np.ndarray:
         return 100 * np.sqrt((q / 255) ** settings.gamma)
     with np.errstate(divide="ignore"):
         return np.where(q > settings.t_log, np.log(q), q * _slope(settings))
+
+
+def perceived(settings: PIX2NVS, q: np.ndarray, number: Any) -> np.ndarray:
+    """`tone` in the type that emulation calculates in: in float32, logarithms by the very steps of the kernels."""
+    if number != np.float32:
+        return tone(settings, q)
+    found, scratch = np.empty(q.shape, np.float32), np.empty((2, q.size), np.uint32)
+    thousandths = (1000 * q).astype(np.float32).ravel()
+    logarithm(thousandths, np.float32(settings.t_log), np.float32(_slope(settings)), scratch, found.reshape(-1))
+    return found
+
+
+def _table(settings: PIX2NVS, first: Frame, number: Any) -> np.ndarray:
+    """What bytes are seen as, of each grey value, or of luminance in thousandths; see `kernels.emulate.luminance`."""
+    if first.pixels.ndim == 2:
+        return perceived(settings, stretched(np.arange(256), first.levels), number)
+    # of logarithms in float32 there is none: they are computed faster than looked up
+    return np.empty(0, np.float32) if number is np.float32 else _tone_table(settings)
 
 
 @lru_cache(8)

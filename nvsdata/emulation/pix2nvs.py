@@ -123,7 +123,7 @@ class PIX2NVS:
         Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames
         that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.
         """
-        spikes = ahead(self._spikes(frames_of(frames, fps=fps, times=times, size=size)))
+        spikes = ahead(self._spikes(frames_of(frames, fps=fps, times=times, size=size, colour=self.hue)))
         return self._events(spikes)
 
     def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:

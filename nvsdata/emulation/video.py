@@ -12,21 +12,25 @@ import cv2
 import numpy as np
 
 from nvsdata.checks import positive
+from nvsdata.emulation.decoder import FULL, Decoder
 from nvsdata.errors import FormatError
 from nvsdata.frames import MICROSECONDS
-from nvsdata.threads import ahead, in_one_thread
+from nvsdata.threads import ahead
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
-SMALL = 1 << 20  # pixels of a frame
 USUAL_RATE = 30.0  # frames a second of what has no times of its own
 
 
 class Frame(NamedTuple):
-    """A picture: `time` in µs; `pixels` [H, W] or [H, W, 3], uint8, or float64 from 0 to 255; red or blue first."""
+    """A picture: `time` in µs; `pixels` [H, W] or [H, W, 3], uint8, or float64 from 0 to 255; red or blue first.
+
+    `levels` are the values of black and white in grey bytes.
+    """
 
     time: int
     pixels: np.ndarray
     red_first: bool = False
+    levels: tuple[int, int] = FULL
 
 
 class TruncatedVideo(FormatError):
@@ -34,9 +38,17 @@ class TruncatedVideo(FormatError):
 
 
 def frames_of(
-    video: Video, *, fps: float | None = None, times: Iterable[int] | None = None, size: tuple[int, int] | None = None
+    video: Video,
+    *,
+    fps: float | None = None,
+    times: Iterable[int] | None = None,
+    size: tuple[int, int] | None = None,
+    colour: bool = True,
 ) -> Iterator[Frame]:
-    """Time and picture of each frame; see `PIX2NVS.stream`. Times count from the first frame."""
+    """Time and picture of each frame; see `PIX2NVS.stream`. Times count from the first frame.
+
+    Without `colour` a file may give luminance alone, which it then need not turn into colours.
+    """
     if fps is not None:
         positive("fps", fps)
     if size is not None and (len(size) != 2 or min(size) < 1):
@@ -44,7 +56,7 @@ def frames_of(
     if fps is not None and times is not None:
         raise ValueError("give fps or times, not both")
     if isinstance(video, str | os.PathLike):
-        found = _file(Path(video), size)
+        found = _file(Path(video), size, colour)
     elif isinstance(video, int):
         found = _camera(video, size)
     else:
@@ -70,49 +82,29 @@ def _regular(fps: float) -> Iterator[int]:
         n += 1
 
 
-def _file(path: Path, size: tuple[int, int] | None) -> Iterator[Frame]:
+def _file(path: Path, size: tuple[int, int] | None, colour: bool) -> Iterator[Frame]:
     """A file's frames, decoded ahead in a thread of their own."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such video")
     if path.is_dir():
         raise FormatError(path, None, "is a folder, not a video")
-    capture = _open(path)
+    decoder = Decoder(path, colour)
     try:
-        gap = MICROSECONDS / (capture.get(cv2.CAP_PROP_FPS) or USUAL_RATE)
-        promised = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        gap = MICROSECONDS / (decoder.rate or USUAL_RATE)
         count, first, last = 0, 0, 0
-        for frame in ahead(_decoded(capture, size)):
-            first = frame.time if count == 0 else first
+        for moment, pixels in ahead((moment, _scaled(picture, size)) for moment, picture in decoder):
+            first = moment if count == 0 else first
             # containers without times report the same one for all
-            now = frame.time - first if count == 0 or frame.time - first > last else last + round(gap)
-            yield frame._replace(time=now)
+            now = moment - first if count == 0 or moment - first > last else last + round(gap)
+            yield Frame(now, pixels, levels=decoder.levels)
             count, last = count + 1, now
         if count == 0:
             raise FormatError(path, None, "not one frame can be decoded")
         # several containers only estimate how many frames they hold
-        if promised - count > max(3, promised // 50):
-            raise TruncatedVideo(path, None, f"ends after {count} of {promised} frames: cut off or damaged")
+        if decoder.promised - count > max(3, decoder.promised // 50):
+            raise TruncatedVideo(path, None, f"ends after {count} of {decoder.promised} frames: cut off or damaged")
     finally:
-        capture.release()
-
-
-def _open(path: Path) -> Any:
-    """OpenCV's reader. Small frames are decoded in one thread: several would only wait for each other."""
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
-    pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
-    if not capture.isOpened() or (pixels > SMALL and not in_one_thread()):
-        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    if not capture.isOpened():
-        raise FormatError(path, None, "holds no video that OpenCV can decode")
-    return capture
-
-
-def _decoded(capture: Any, size: tuple[int, int] | None) -> Iterator[Frame]:
-    while True:
-        ok, frame = capture.read()
-        if not ok:
-            return
-        yield Frame(round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1000), _scaled(frame, size))
+        decoder.close()
 
 
 def _camera(number: int, size: tuple[int, int] | None) -> Iterator[Frame]:

@@ -98,10 +98,10 @@ def catch_up(reference, level, alpha, behind, tiles):
 
 @njit(cache=True, nogil=True)
 def luminance(frame, channels, first_weight, rule, tiles, plane):
-    """`plane` = what brightness q = 0.299 r + 0.587 g + 0.114 b of three bytes or one, grey, is seen as.
+    """`plane` = what the brightness of pixels of one byte, grey, or three is seen as.
 
-    That is the rule's table[1000 q], exactly, or (3.1) if it has no table. `first_weight`, in thousandths, is that
-    of a pixel's first byte: 299 for r, g, b, 114 for b, g, r.
+    Of one byte that is the rule's table[byte], of three table[1000 q], q = 0.299 r + 0.587 g + 0.114 b, or (3.1) if
+    the table is empty. `first_weight`, in thousandths, is that of the first byte: 299 for r, g, b, 114 for b, g, r.
     """
     weight, other = np.int32(first_weight), np.int32(413 - first_weight)
     height, width = plane.shape
@@ -118,7 +118,10 @@ def luminance(frame, channels, first_weight, rule, tiles, plane):
             x0, x1 = left * TILE[1], min(right * TILE[1], width)
             q = thousandths[: x1 - x0]
             for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
-                _weigh(frame[y, channels * x0 : channels * x1], channels, weight, other, q)
+                if channels == 1:
+                    _look_up(frame[y, x0:x1], rule.table, plane[y, x0:x1])
+                    continue
+                _weigh(frame[y, 3 * x0 : 3 * x1], weight, other, q)
                 if rule.table.size:
                     _look_up(q, rule.table, plane[y, x0:x1])
                 else:
@@ -126,17 +129,12 @@ def luminance(frame, channels, first_weight, rule, tiles, plane):
 
 
 @njit(cache=True, nogil=True)
-def _weigh(row, channels, weight, other, thousandths):
+def _weigh(row, weight, other, thousandths):
     """Luminance of pixels in a row, in thousandths. Faster by half with weights that are given as int32."""
-    n = _U(thousandths.size)
-    if channels == 3:
-        for i in range(n):
-            c = _U(3) * i
-            a, g, b = np.int32(row[c]), np.int32(row[c + _U(1)]), np.int32(row[c + _U(2)])
-            thousandths[i] = weight * a + np.int32(587) * g + other * b
-    else:
-        for i in range(n):
-            thousandths[i] = np.int32(1000) * np.int32(row[i])
+    for i in range(_U(thousandths.size)):
+        c = _U(3) * i
+        a, g, b = np.int32(row[c]), np.int32(row[c + _U(1)]), np.int32(row[c + _U(2)])
+        thousandths[i] = weight * a + np.int32(587) * g + other * b
 
 
 @njit(cache=True, nogil=True)

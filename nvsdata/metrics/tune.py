@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from itertools import takewhile
 
 import numpy as np
@@ -37,7 +39,14 @@ class Pair:
     ) -> None:
         end = np.inf if seconds is None else seconds * 1e6
         size = real.sensor_size
-        self.frames: list[Frame] = list(takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size)))
+
+        def load(colour: bool) -> list[Frame]:
+            return list(takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size, colour=colour)))
+
+        self.frames = load(colour=False)
+        # hue, which few settings ask for, needs the rest of a file; arrays are there whole
+        of_file = isinstance(video, str | os.PathLike)
+        self._coloured: Callable[[], list[Frame]] = cache(partial(load, True)) if of_file else lambda: self.frames
         if len(self.frames) < 2:
             raise ValueError(f"{video}: {len(self.frames)} frames in the time that counts, it takes two")
         last = self.frames[-1].time
@@ -51,7 +60,7 @@ class Pair:
 
     def emulate(self, settings: PIX2NVS) -> Events:
         """The video by these settings."""
-        return settings.emulate(self.frames)
+        return settings.emulate(self._coloured() if settings.hue else self.frames)
 
     def __call__(self, settings: PIX2NVS) -> tuple[float, float, float]:
         """1 - repeatability, Chamfer, EMD of these settings.

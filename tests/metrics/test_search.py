@@ -36,6 +36,14 @@ def test_a_search_finds_settings_as_good_as_the_hidden_ones(frames, threshold):
     assert found.best.distances == found.trials[int(np.argmin(found.scores))].distances
 
 
+def test_a_pair_has_the_colours_of_a_file_for_hue_and_its_luma_for_the_rest(tmp_path):
+    path = write_video(tmp_path / "a.avi", fps=FPS)
+    pair = Pair(PIX2NVS().emulate(path), path)
+    for settings in (PIX2NVS(), PIX2NVS(hue=True, threshold=0.05)):
+        assert len(settings.emulate(path)) > 50
+        assert pair.emulate(settings) == settings.emulate(path)
+
+
 def bowl(settings):
     """Distances that are least at one place."""
     far = abs(np.log(settings.threshold / 0.3)) + abs(settings.max_events - 3) + settings.exp

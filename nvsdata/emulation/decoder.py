@@ -1,0 +1,129 @@
+"""OpenCV's reader of video files, asked for the luminance as it is stored where a file has one.
+
+Most codecs store luma and chroma. OpenCV turns them into colours, which takes a quarter of its time and, by
+the fast and coarse way that it goes, shifts luminance by up to 2.5 levels of 255. It can hand out luma
+alone, for pixel formats that begin with it; which values are black and white is seen on the first picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import cv2
+import numpy as np
+
+from nvsdata.errors import FormatError
+from nvsdata.threads import in_one_thread
+
+SMALL = 1 << 20  # pixels of a frame
+FULL, STUDIO = (0, 255), (16, 235)  # values of black and white
+# formats of 8 bits that hold all luma before any chroma
+LUMA_FIRST = frozenset(
+    cv2.VideoWriter.fourcc(*name) for name in ("I420", "IYUV", "YV12", "NV12", "422P", "Y42B", "444P", "Y800", "GREY")
+)
+COARSE, MOST = 3, 0.99  # levels that colours may be off by, and the share of pixels that are not further off
+CONTRAST = 5  # standard deviation, in levels, of a picture whose contrast can be told
+
+
+class Decoder:
+    """A video file's frames, [H, W, 3] of blue, green and red, or [H, W] if colours are not asked for.
+
+    `levels` are the values of black and white. FormatError if OpenCV can't decode the file.
+    """
+
+    def __init__(self, path: Path, colour: bool) -> None:
+        self._reader, self.levels, self._luma = _open(path), FULL, False
+        self.rate = float(self._reader.get(cv2.CAP_PROP_FPS))
+        self.promised = int(self._reader.get(cv2.CAP_PROP_FRAME_COUNT))
+        self._first = self._reader.read()[1]
+        if not colour and self._first is not None and self._pixel_format() in LUMA_FIRST:
+            self._prefer_luma(path)
+
+    def __iter__(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Time in µs and picture, of each frame once."""
+        frame, self._first = self._first, None
+        with _without_warnings() if self._luma else nullcontext():
+            while frame is not None:
+                yield round(self._reader.get(cv2.CAP_PROP_POS_MSEC) * 1000), frame
+                frame = self._reader.read()[1]
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._reader.release()
+
+    def _pixel_format(self) -> int:
+        return int(self._reader.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT))
+
+    def _prefer_luma(self, path: Path) -> None:
+        """Read luma from now on, if its values can be told."""
+        other = _open(path)
+        with _without_warnings():
+            other.set(cv2.CAP_PROP_CONVERT_RGB, 0)
+            luma = other.read()[1]
+        levels = levels_of(luma, self._first)
+        if levels is not None:
+            other, self._reader = self._reader, other
+            self._first, self.levels, self._luma = luma, levels, True
+        other.release()
+
+
+def levels_of(luma: np.ndarray | None, colours: np.ndarray) -> tuple[int, int] | None:
+    """Values of black and white in the luma of a picture whose colours, blue first, are known; None if in doubt."""
+    if luma is None or luma.shape != colours.shape[:2] or luma.dtype != np.uint8:
+        return None
+    some = slice(None, None, max(1, min(luma.shape) // 128))
+    luma, known = luma[some, some], colours[some, some] @ np.array([0.114, 0.587, 0.299])
+    meant = {levels: stretched(luma, levels) for levels in (FULL, STUDIO)}
+    near = [levels for levels, grey in meant.items() if (abs(grey - known) <= COARSE).mean() >= MOST]
+    if len(near) == 2:
+        # all is about mid-grey, where values mean nearly the same, but contrasts don't
+        near = [levels for levels in near if _as_steep(meant[levels], known)]
+    return near[0] if len(near) == 1 else None
+
+
+def _as_steep(grey: np.ndarray, known: np.ndarray) -> bool:
+    """Whether there is contrast, and one picture's is the other's: levels of the other kind differ by 0.16."""
+    spread = grey - grey.mean()
+    return bool(grey.std() >= CONTRAST and abs((spread * known).sum() / (spread * spread).sum() - 1) < 0.06)
+
+
+def stretched(luma: np.ndarray, levels: tuple[int, int]) -> np.ndarray:
+    """Brightness, float64 from 0 to 255, of luma whose black and white have these values."""
+    black, white = levels
+    return np.clip((luma.astype(np.float64) - black) * 255 / (white - black), 0, 255)
+
+
+def _open(path: Path) -> Any:
+    """OpenCV's reader. Small frames are decoded in one thread: several would only wait for each other."""
+    reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    pixels = reader.get(cv2.CAP_PROP_FRAME_WIDTH) * reader.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    if not reader.isOpened() or (pixels > SMALL and not in_one_thread()):
+        reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not reader.isOpened():
+        raise FormatError(path, None, "holds no video that OpenCV can decode")
+    return reader
+
+
+_quiet_lock = Lock()
+_quiet = {"streams": 0, "level": 0}
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """OpenCV warns at each frame of luma that it is no colour. Its level of warnings is the process's."""
+    logging = cv2.utils.logging
+    with _quiet_lock:
+        if _quiet["streams"] == 0:
+            _quiet["level"] = logging.setLogLevel(logging.LOG_LEVEL_ERROR)
+        _quiet["streams"] += 1
+    try:
+        yield
+    finally:
+        with _quiet_lock:
+            _quiet["streams"] -= 1
+            if _quiet["streams"] == 0:
+                logging.setLogLevel(_quiet["level"])
