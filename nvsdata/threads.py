@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from threading import Condition, Thread
+from time import thread_time
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -26,14 +27,29 @@ def in_one_thread() -> bool:
     return _alone
 
 
-def ahead(items: Iterator[Item]) -> Iterator[Item]:
+def ahead(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
     """The same items, made up to `DEPTH` ahead in a thread of their own; an error comes where its item would.
 
-    Closing the generator stops the thread and closes `items`.
+    Threads wait for each other, too: none is made until several items in a row took `worth` seconds of the
+    processor. Closing the generator stops the thread and closes `items`.
     """
-    if _alone:
-        yield from items
-        return
+    try:
+        slow = 0
+        while _alone or slow < (DEPTH if worth else 0):
+            before = thread_time()
+            try:
+                item = next(items)
+            except StopIteration:
+                return
+            slow = slow + 1 if thread_time() - before > worth else 0
+            yield item
+        yield from _by_thread(items)
+    finally:
+        if hasattr(items, "close"):
+            items.close()
+
+
+def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
     line = _Line(items)
     thread = Thread(target=line.fill, name="nvsdata-ahead", daemon=True)
     thread.start()
@@ -43,8 +59,6 @@ def ahead(items: Iterator[Item]) -> Iterator[Item]:
     finally:
         line.stop()
         thread.join()
-        if hasattr(items, "close"):
-            items.close()
 
 
 class _Line(Generic[Item]):

@@ -12,16 +12,16 @@ import numpy as np
 from nvsdata.emulation.decoder import FULL, stretched
 from nvsdata.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels import emulate as kernels
-from nvsdata.kernels.emulate import Pixels, Rule, Tiles
 from nvsdata.kernels.logarithm import logarithm
-from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, TILE, sort_keys, unpack
+from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, read
+from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, MINIMUM, TILE, Pixels, Rule, Tiles, look
 from nvsdata.threads import DEPTH
 
 if TYPE_CHECKING:
     from nvsdata.emulation.pix2nvs import PIX2NVS
     from nvsdata.emulation.video import Frame
 
-METHODS = {"co-located": kernels.CO_LOCATED, "average": kernels.AVERAGE, "minimum": kernels.MINIMUM}
+METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}
 # linear times need no key: they follow from the raster order
 TIMINGS = {"interpolated": INTERPOLATED, "random": RANDOM}
 LONGEST = 2**31  # µs between frames that keys can hold
@@ -45,10 +45,8 @@ class Spikes:
         if count == 0:
             return Events.empty(self.sensor_size, self.before)
         columns = Columns.room(count)
-        if self.timestamps in TIMINGS:
-            # the column of times is scratch until it is written
-            sort_keys(keys, columns.t.view(np.uint64), int(self.now - self.before).bit_length())
-        unpack(keys, self.before, *columns)
+        bits = int(self.now - self.before).bit_length() if self.timestamps in TIMINGS else 0
+        read(keys, bits, self.before, *columns)
         if self.timestamps == "fixed":
             columns.t[:] = self.now
         elif self.timestamps == "linear":
@@ -75,15 +73,11 @@ class Emulator:
         if max(height, width) > MAX_COORDINATE + 1:
             raise ValueError(f"frames of {width}x{height} are larger than events can address")
         self.settings, self.sensor_size = settings, (width, height)
-        self._channels = first.pixels.shape[2] if first.pixels.ndim == 3 else 1
         number = _precision(settings)
         tiles = (-(-height // TILE[0]), -(-width // TILE[1]))
-        self._affected = np.ones(tiles, bool)
-        dirty, active, still = (np.full(tiles, value) for value in (True, True, False))
-        self._tiles, self._behind = Tiles(dirty, active, still), np.zeros(tiles, np.int64)
-        table = _table(settings, first, number)
-        self._rule = _rule(settings, (height, width), number, table)
-        self._follows = settings.new and self._rule.alpha < 1  # does a reference move where nobody looks?
+        dirty, affected, active, still = (np.full(tiles, value) for value in (True, True, True, False))
+        self._tiles = Tiles(dirty, affected, active, still, np.zeros(tiles, np.int64))
+        self._rule = _rule(settings, (height, width), number, _table(settings, first, number))
         self._number = 0
         self._last = first
         plane = np.empty((height, width), number)
@@ -110,80 +104,45 @@ class Emulator:
             raise ValueError(f"the frame at {now} µs is {_kind(frame)}, earlier ones were {_kind(last)}")
         if not 0 < now - before < LONGEST:
             raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
-        settings = self.settings
         self._number += 1
-        if self._compare(last, frame) == 0 and self._tiles.still.all():
-            self._behind += self._follows
-            return Spikes(self._keys[0][:0], before, now, settings.timestamps, self.sensor_size)
-        self._wake()
-        tiles, pixels = self._tiles, self._pixels
-        kernels.catch_up(pixels.reference, pixels.level, self._rule.alpha, self._behind, tiles.active)
-        self._behind += ~tiles.active & self._follows
-        return Spikes(self._spikes(frame, now - before), before, now, settings.timestamps, self.sensor_size)
+        return Spikes(self._spikes(frame, last), before, now, self.settings.timestamps, self.sensor_size)
 
-    def _compare(self, last: Frame, frame: Frame) -> int:
-        """Mark dirty tiles; how many there are."""
-        old, new = _bytes(last), _bytes(frame)
-        items = TILE[1] * self._channels * frame.pixels.dtype.itemsize
-        if new.shape[1] % 8 == 0:
-            old, new, items = old.view(np.uint64), new.view(np.uint64), items // 8
-        return int(kernels.find_dirty(new, old, items, self._tiles.dirty))
-
-    def _wake(self) -> None:
-        """Which tiles have to be looked at: changed ones, restless ones, and neighbours that matter."""
-        dirty, active = self._tiles.dirty, self._tiles.active
-        if self.settings.mode != "LI":
-            kernels.spread(dirty, self._affected)
-            dirty = self._affected
-        np.logical_not(self._tiles.still, out=active)
-        active |= dirty
-        if self.settings.difference != "co-located":
-            kernels.spread(active.copy(), active)
-        if TILE[0] % self.settings.inhibition:
-            # blocks lie across tiles
-            active[:] = True
+    def _spikes(self, frame: Frame, last: Frame) -> np.ndarray:
+        """The keys of what fires after the last frame."""
+        rule, tiles, pixels, span = self._rule, self._tiles, self._pixels, frame.time - last.time
+        spans = np.array([span], np.float64 if span > 1 << 21 else pixels.plane.dtype)
+        seed = np.uint64(0)
+        if rule.timing == RANDOM:
+            # of the frame's number, so that frames that are skipped change nothing
+            seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
+        self._keys.rotate()
+        new, old, weight = _bytes(frame), _bytes(last), _first_weight(frame)
+        count = 0
+        if not rule.contrast and _of_bytes(frame, self.settings):
+            self._keys[0], count = kernels.step(new, old, weight, rule, tiles, pixels, spans, seed, self._keys[0])
+        elif look(new, old, rule, tiles, pixels):
+            self._see(frame)
+            seen = new[:0]
+            self._keys[0], count = kernels.react(seen, weight, rule, tiles, pixels, spans, seed, self._keys[0])
+        return self._keys[0][:count]
 
     def _see(self, frame: Frame) -> None:
         """Bring `plane` and `level` up to date where the frame changed."""
-        settings, rule, pixels = self.settings, self._rule, self._pixels
-        dirty, curve = self._tiles.dirty, (rule.t_log, rule.slope)
+        settings, rule, tiles, pixels = self.settings, self._rule, self._tiles, self._pixels
         if _of_bytes(frame, settings):
-            kernels.luminance(_bytes(frame), self._channels, _first_weight(frame), rule, dirty, pixels.plane)
-        elif dirty.any():
+            kernels.luminance(_bytes(frame), _first_weight(frame), rule, tiles.dirty, pixels.plane)
+        elif tiles.dirty.any():
             pixels.plane[:] = perceived(settings, brightness(frame, settings.hue), pixels.plane.dtype)
-        if settings.mode != "LI":
-            kernels.contrast(pixels.plane, self._affected, settings.mode == "LICE", *curve, pixels.level)
-
-    def _spikes(self, frame: Frame, span: int) -> np.ndarray:
-        """The keys of what fires `span` µs after the last frame."""
-        seed = np.uint64(0)
-        if self._rule.timing == RANDOM:
-            # of the frame's number, so that frames that are skipped change nothing
-            seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
-        pixels = _bytes(frame)
-        if self.settings.mode != "LI" or not _of_bytes(frame, self.settings):
-            self._see(frame)
-            pixels = np.empty((0, 0), np.uint8)
-        spans = np.array([span], np.float64 if span > 1 << 21 else self._pixels.plane.dtype)
-        self._keys.rotate()
-        self._keys[0], count = kernels.step(
-            pixels,
-            self._channels,
-            _first_weight(frame),
-            self._rule,
-            self._tiles,
-            self._pixels,
-            spans,
-            seed,
-            self._keys[0],
-        )
-        return self._keys[0][:count]
+        if rule.contrast:
+            both = settings.mode == "LICE"
+            kernels.contrast(pixels.plane, tiles.affected, both, rule.t_log, rule.slope, pixels.level)
 
 
 def _rule(settings: PIX2NVS, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:
     """The settings as kernels take them."""
     threshold, sensitivity = number(settings.threshold), _sensitivity(settings, shape).astype(number)
     return Rule(
+        contrast=settings.mode != "LI",
         table=table,
         t_log=number(settings.t_log),
         slope=number(_slope(settings)),

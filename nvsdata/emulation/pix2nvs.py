@@ -16,6 +16,7 @@ from nvsdata.threads import ahead
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]
 Timestamps = Literal["interpolated", "random", "linear", "fixed"]
+WORTH = 0.3e-3  # s a frame from which emulating it beside what becomes of the events pays
 LEAST_THRESHOLD = 1e-5  # differences are of float32 values up to 100
 
 
@@ -123,7 +124,7 @@ class PIX2NVS:
         Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames
         that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.
         """
-        spikes = ahead(self._spikes(frames_of(frames, fps=fps, times=times, size=size, colour=self.hue)))
+        spikes = ahead(self._spikes(frames_of(frames, fps=fps, times=times, size=size, colour=self.hue)), WORTH)
         return self._events(spikes)
 
     def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:

@@ -1,103 +1,29 @@
 """PIX2NVS a frame at a time (thesis 3.2): tiles that did not change are compared and left.
 
-A frame is cut into tiles of `TILE` pixels. A tile is dirty if a byte of it changed, active if its
-pixels have to be looked at, still if they need not be until it or a neighbour gets dirty.
-Arrays: `frame`, `previous` uint8 [H, W * C]; `plane`, `level`, `reference`, `difference` of one
-float type [H, W]; `dirty`, `active`, `still` bool and `behind` int64 [tile rows, tile columns].
+Which tiles those are, `kernels.tiles` finds. Arrays: `frame` uint8 [H, W * C]; `plane`, `level`, `reference`,
+`difference` of one float type [H, W]; marks of tiles bool [tile rows, tile columns].
 What looks at no neighbours is done band by band, so that a band stays in the cache from byte to event.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from nvsdata.kernels.logarithm import logarithm
-from nvsdata.kernels.spikes import TILE, fire
+from nvsdata.kernels.spikes import fire
+from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, TILE, bounds, look
 
 TABLE_SIZE = 255_001  # luminance in thousandths: 299 r + 587 g + 114 b
-CO_LOCATED, AVERAGE, MINIMUM = range(3)
 
 _U = np.uint64
 _one = np.float32(1)
 
 
 @njit(cache=True, nogil=True)
-def _bounds(tile, shape):
-    """First and last row and column of a tile."""
-    y, x = tile[0] * TILE[0], tile[1] * TILE[1]
-    return y, min(y + TILE[0], shape[0]), x, min(x + TILE[1], shape[1])
-
-
-@njit(cache=True, nogil=True)
-def find_dirty(frame, previous, tile_items, dirty):
-    """Mark the tiles that differ from the `previous` frame's; return how many. O(bytes).
-
-    Frames are [H, items] of bytes or, three times as fast, words of 8 of them; `tile_items` make a tile's row.
-    """
-    count = 0
-    for r in range(dirty.shape[0]):
-        marks = dirty[r]
-        marks[:] = False
-        marked = 0
-        for y in range(r * TILE[0], min((r + 1) * TILE[0], frame.shape[0])):
-            # a row at one go while all are clean: memory is read fastest in its order
-            if marked == marks.size or (marked == 0 and not _changed(frame[y], previous[y])):
-                continue
-            for c in range(marks.size):
-                lo, hi = c * tile_items, min((c + 1) * tile_items, frame.shape[1])
-                if not marks[c] and _changed(frame[y, lo:hi], previous[y, lo:hi]):
-                    marks[c] = True
-                    marked += 1
-        count += marked
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _changed(row, previous):
-    bits = row[0] ^ row[0]
-    for i in range(_U(row.size)):
-        bits |= row[i] ^ previous[i]
-    return bits != 0
-
-
-@njit(cache=True, nogil=True)
-def spread(marks, out):
-    """Whether a tile or any of its eight neighbours is marked."""
-    rows, columns = marks.shape
-    for r, c in np.ndindex(marks.shape):
-        found = False
-        for i in range(max(r - 1, 0), min(r + 2, rows)):
-            for j in range(max(c - 1, 0), min(c + 2, columns)):
-                found |= marks[i, j]
-        out[r, c] = found
-
-
-@njit(cache=True, nogil=True)
-def catch_up(reference, level, alpha, behind, tiles):
-    """Moving averages that were left behind, (3.10): the very steps left out, until none moves a value."""
-    for tile in np.ndindex(tiles.shape):
-        if not tiles[tile] or behind[tile] == 0:
-            continue
-        y0, y1, x0, x1 = _bounds(tile, level.shape)
-        for _ in range(behind[tile]):
-            moved = False
-            for y in range(y0, y1):
-                for x in range(_U(x0), _U(x1)):
-                    before = reference[y, x]
-                    after = before + alpha * (level[y, x] - before)
-                    reference[y, x] = after
-                    moved |= after != before
-            if not moved:
-                break
-        behind[tile] = 0
-
-
-@njit(cache=True, nogil=True)
-def luminance(frame, channels, first_weight, rule, tiles, plane):
+def luminance(frame, first_weight, rule, tiles, plane):
     """`plane` = what the brightness of pixels of one byte, grey, or three is seen as.
 
     Of one byte that is the rule's table[byte], of three table[1000 q], q = 0.299 r + 0.587 g + 0.114 b, or (3.1) if
@@ -118,7 +44,7 @@ def luminance(frame, channels, first_weight, rule, tiles, plane):
             x0, x1 = left * TILE[1], min(right * TILE[1], width)
             q = thousandths[: x1 - x0]
             for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
-                if channels == 1:
+                if frame.shape[1] == width:
                     _look_up(frame[y, x0:x1], rule.table, plane[y, x0:x1])
                     continue
                 _weigh(frame[y, 3 * x0 : 3 * x1], weight, other, q)
@@ -150,7 +76,7 @@ def contrast(plane, tiles, then_log, t_log, slope, level):
     for tile in np.ndindex(tiles.shape):
         if not tiles[tile]:
             continue
-        y0, y1, x0, x1 = _bounds(tile, plane.shape)
+        y0, y1, x0, x1 = bounds(tile, plane.shape)
         for y in range(y0, y1):
             up, down = max(y - 1, 0), min(y + 1, height - 1)
             for x in range(x0, x1):
@@ -169,7 +95,7 @@ def differ(level, reference, method, sensitivity, tiles, difference):
     for tile in np.ndindex(tiles.shape):
         if not tiles[tile]:
             continue
-        y0, y1, x0, x1 = _bounds(tile, level.shape)
+        y0, y1, x0, x1 = bounds(tile, level.shape)
         for y in range(y0, y1):
             up, down = max(y - 1, 0), min(y + 1, height - 1)
             if method == CO_LOCATED:
@@ -231,7 +157,7 @@ def update(level, reference, difference, rule, active, still):
     for tile in np.ndindex(active.shape):
         if not active[tile]:
             continue
-        y0, y1, x0, x1 = _bounds(tile, level.shape)
+        y0, y1, x0, x1 = bounds(tile, level.shape)
         restless = False
         for y in range(y0, y1):
             for x in range(_U(x0), _U(x1)):
@@ -248,43 +174,20 @@ def update(level, reference, difference, rule, active, still):
         still[tile] = not restless
 
 
-class Rule(NamedTuple):
-    """What stays the same from frame to frame, see `luminance`, `differ`, `inhibit`, `fire` and `update`."""
+@njit(cache=True, nogil=True)
+def step(frame, previous, first_weight, rule, tiles, pixels, span, seed, keys):
+    """All that a frame of bytes brings where brightness is seen pixel by pixel: the keys of its events, see `fire`.
 
-    table: np.ndarray
-    t_log: np.floating
-    slope: np.floating
-    method: int
-    sensitivity: np.ndarray
-    side: int
-    threshold: np.floating
-    most: int
-    timing: int
-    alpha: np.floating
-    everywhere: bool
-    calm: np.floating
-
-
-class Tiles(NamedTuple):
-    """The state of tiles."""
-
-    dirty: np.ndarray
-    active: np.ndarray
-    still: np.ndarray
-
-
-class Pixels(NamedTuple):
-    """The state of pixels; `difference` has as many rows as a band."""
-
-    plane: np.ndarray
-    level: np.ndarray
-    reference: np.ndarray
-    difference: np.ndarray
+    One call, for each lets other threads take Python's lock, and waits until it has it again.
+    """
+    if not look(frame, previous, rule, tiles, pixels):
+        return keys, np.int64(0)
+    return react(frame, first_weight, rule, tiles, pixels, span, seed, keys)
 
 
 @njit(cache=True, nogil=True)
-def step(frame, channels, first_weight, rule, tiles, pixels, span, seed, keys):
-    """All that a frame brings, band by band: the keys of its events and their number, see `fire`.
+def react(frame, first_weight, rule, tiles, pixels, span, seed, keys):
+    """What active tiles make of a frame, band by band: the keys of events and their number, see `fire`.
 
     An empty `frame` means that `plane` and `level` are up to date.
     """
@@ -299,7 +202,7 @@ def step(frame, channels, first_weight, rule, tiles, pixels, span, seed, keys):
         level, reference, difference = pixels.level[top:end], pixels.reference[top:end], pixels.difference[: end - top]
         if frame.size:
             dirty, plane = tiles.dirty[first:last], pixels.plane[top:end]
-            luminance(frame[top:end], channels, first_weight, rule, dirty, plane)
+            luminance(frame[top:end], first_weight, rule, dirty, plane)
         differ(level, reference, rule.method, rule.sensitivity[top:end], active, difference)
         if rule.side > 1:
             inhibit(difference, rule.side, active)

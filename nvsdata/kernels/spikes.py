@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
-TILE = (8, 64)  # rows, columns: 64 pixels of 3 bytes are three cache lines
+from nvsdata.kernels.tiles import TILE
+
 INTERPOLATED, RANDOM, AT_ONCE = range(3)
 FEW = 3  # events of a position that are written whether they count or not
 
@@ -128,6 +129,20 @@ def _random(seed, place):
 
 
 @njit(cache=True, nogil=True)
+def read(keys, bits, start, t, x, y, p):
+    """Columns of events from keys, which are used up, sorted by their times below 2^bits if `bits` is not 0."""
+    if bits:
+        # the column of times is scratch until it is written
+        sort_keys(keys, t.view(np.uint64), bits)
+    for i in range(_U(keys.size)):
+        key = keys[i]
+        t[i] = start + np.int64(key >> _U(32))
+        x[i] = np.int16((key >> _U(1)) & _U(0xFFFF))
+        y[i] = np.int16((key >> _U(17)) & _U(0x7FFF))
+        p[i] = np.uint8(key & _U(1))
+
+
+@njit(cache=True, nogil=True)
 def sort_keys(keys, spare, bits):
     """Sort keys stably by their times below 2^bits, digit by digit of two; `spare` is scratch. O(N + 2^(bits / 2))."""
     digit = _U((bits + 1) // 2)
@@ -151,17 +166,6 @@ def _spread(keys, out, shift, mask, places):
         d = (keys[i] >> shift) & mask
         out[_U(places[d])] = keys[i]
         places[d] += _U32(1)
-
-
-@njit(cache=True, nogil=True)
-def unpack(keys, start, t, x, y, p):
-    """Columns of events from their keys; times count from `start`."""
-    for i in range(_U(keys.size)):
-        key = keys[i]
-        t[i] = start + np.int64(key >> _U(32))
-        x[i] = np.int16((key >> _U(1)) & _U(0xFFFF))
-        y[i] = np.int16((key >> _U(17)) & _U(0x7FFF))
-        p[i] = np.uint8(key & _U(1))
 
 
 @njit(cache=True, nogil=True)

@@ -113,9 +113,9 @@ def sparse_clip(path: Path) -> Path:
 
 
 def emulating(video: Path) -> list[Row]:
-    """Frames in memory to events: on one core step by step, and as `stream` overlaps its stages."""
-    frames = decoded(video)
-    pixels = frames[0].pixels[..., 0].size * (len(frames) - 1)
+    """Frames in memory, as the file gives them, to events: on one core, and as `stream` overlaps its stages."""
+    frames = decoded(video, colour=False)
+    pixels = frames[0].pixels.size * (len(frames) - 1)
 
     def stream() -> None:
         for _ in PIX2NVS().stream(frames):
@@ -136,11 +136,11 @@ def one_core(frames: list[Frame]) -> Callable[[], None]:
     return steps
 
 
-def decoded(video: Path) -> list[Frame]:
+def decoded(video: Path, colour: bool = True) -> list[Frame]:
     """All frames."""
     from nvsdata.emulation.video import frames_of
 
-    return list(frames_of(video))
+    return list(frames_of(video, colour=colour))
 
 
 def still_scene() -> list[Row]:
@@ -202,7 +202,7 @@ def memory(video: Path, home: Path) -> list[Row]:
         "import sys, itertools, nvsdata\n"
         "from nvsdata.emulation.video import frames_of\n"
         "times = int(sys.argv[2])\n"
-        "frames = itertools.chain.from_iterable(frames_of(sys.argv[1]) for _ in range(times))\n"
+        "frames = itertools.chain.from_iterable(frames_of(sys.argv[1], colour=False) for _ in range(times))\n"
         "nvsdata.write(nvsdata.PIX2NVS().stream(frames, 25), sys.argv[3])\n"
         "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')))\n"
     )

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nvsdata.emulation import PIX2NVS, PRESETS
-from nvsdata.kernels import emulate as kernels
+from nvsdata.emulation.emulator import Emulator
 
 DT = 40_000
 
@@ -165,20 +165,16 @@ def test_skipping_still_tiles_changes_no_bit(s, seed, shape):
     frames = clip(seed, shape, 9, 0.002)
     skipping = list(s.stream(frames, fps=25))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kernels, "find_dirty", all_dirty)
-        patch.setattr(kernels, "step", never_still)
+        patch.setattr(Emulator, "_spikes", looks_everywhere)
         plain = list(s.stream(frames, fps=25))
     assert skipping == plain
 
 
-def all_dirty(frame, previous, items, dirty):
-    dirty[:] = True
-    return dirty.size
-
-
-def never_still(*arguments, original=kernels.step):
-    found = original(*arguments)
-    next(a for a in arguments if isinstance(a, kernels.Tiles)).still[:] = False
+def looks_everywhere(self, frame, last, original=Emulator._spikes):
+    """No tile is as it was, and none is still."""
+    found = original(self, frame, last._replace(pixels=~frame.pixels))
+    assert self._tiles.dirty.all()
+    self._tiles.still[:] = False
     return found
 
 

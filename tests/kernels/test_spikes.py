@@ -2,7 +2,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nvsdata.kernels.spikes import INTERPOLATED, TILE, fire, sort_keys
+from nvsdata.kernels.spikes import INTERPOLATED, fire, sort_keys
+from nvsdata.kernels.tiles import TILE
 
 
 @settings(max_examples=60, deadline=None)
