@@ -122,7 +122,7 @@ class Events:
     @property
     def duration(self) -> int:
         """µs from the first to the last event; 0 for fewer than two."""
-        return int(self.t[-1] - self.t[0]) if self.t.size else 0
+        return int(self.t[-1]) - int(self.t[0]) if self.t.size else 0
 
     def __len__(self) -> int:
         return int(self.t.size)

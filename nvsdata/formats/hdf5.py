@@ -2,10 +2,11 @@
 
 Our own: `/events/t`, `x`, `y`, `p`, contiguous, so that a window is a slice of a memory map, or in
 chunks of 2^18 events if there are more than 2^21 (they are written as they come); `/` has
-attributes `format` ("nvsdata-events"), `version`, `width`, `height`. t is int64 µs, x and y int16,
-p uint8. Compressed copies (h5repack) are read too, through h5py.
+attributes `format` ("nvsdata-events"), `version`, `width`, `height`. t is uint32 µs, to which `/t_offset` is
+added if there is one, or int64 where 71 minutes are not enough; x and y are int16, p uint8: 9 bytes an event.
+Compressed copies (h5repack) are read too, through h5py.
 
-Others: columns x, y, t, p below `/events` or `/`, where `/t_offset` is added to t (DSEC), or one
+Others: columns x, y, t, p below `/events` or `/`, with `/t_offset`, too (DSEC), or one
 compound `/CD/events` (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the
 package hdf5plugin, which is used if it is installed.
 """
@@ -15,7 +16,7 @@ from __future__ import annotations
 import mmap
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ CONTIGUOUS = 8  # pieces up to which a file's columns are kept in memory and wri
 STORE = "nvsdata-store"
 # the newer layout has checksums, and texts of fixed length need no heap: the library loops on some damaged ones
 WRITING: dict[str, Any] = {"libver": ("v110", "latest")}
+SHORT = 1 << 32  # µs that uint32 can tell apart
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
 
 
@@ -104,7 +106,7 @@ class Recording(BaseRecording):
         return self._slice(0, self._columns["t"].size)
 
     def _slice(self, lo: int, hi: int) -> Columns:
-        raw = {name: self._columns[name][lo:hi] for name in TYPES}
+        raw = {name: self._columns[name].read(slice(lo, hi), np.int64 if name == "t" else None) for name in TYPES}
         if raw["p"].dtype.kind == "i":
             raw["p"] = np.where(raw["p"] == -1, 0, raw["p"])
         inside = self._inside([raw[name] for name in TYPES], lo)
@@ -153,13 +155,19 @@ class Column:
         self.path, self.name, self.size, self.mapped, self.field = path, name, int(size), mapped, field
 
     def __getitem__(self, which: slice) -> np.ndarray:
+        return self.read(which)
+
+    def read(self, which: slice, kind: Any = None) -> np.ndarray:
+        """A slice, in its own type or another."""
         if self.mapped:
             lo, hi, _ = which.indices(self.size)
             hi, length = max(lo, hi), self.mapped[0].size
             first = min(lo // length, len(self.mapped) - 1)
             parts = self.mapped[first : max((hi - 1) // length, first) + 1]
             cut = [part[max(lo - i * length, 0) : hi - i * length] for i, part in enumerate(parts, first)]
-            return cut[0] if len(cut) == 1 else np.concatenate(cut)
+            if len(cut) == 1:
+                return cut[0] if kind is None else cut[0].astype(kind, copy=False)
+            return np.concatenate(cut, dtype=kind, casting="unsafe")
         with suppress(ImportError):
             import hdf5plugin  # noqa: F401  registers its filters
         try:
@@ -168,7 +176,8 @@ class Column:
         except (OSError, KeyError, RuntimeError) as error:
             raise FormatError(self.path, None, f"can't read {self.name}: {error}") from error
         column = np.asarray(found if self.field is None else found[self.field])
-        return column.astype(np.uint8) if column.dtype.kind == "b" else column
+        column = column.astype(np.uint8) if column.dtype.kind == "b" else column
+        return column if kind is None else column.astype(kind, copy=False)
 
     def bisect(self, value: int) -> int:
         """First index whose value is at least `value`; reads one value a step."""
@@ -198,31 +207,69 @@ def _map(path: str) -> mmap.mmap:
 def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
     """Write the four columns: contiguous if they are short, else in chunks as they come; never compressed."""
     chunks = _of_one_size(pieces)
-    waiting = list(islice(chunks, CONTIGUOUS + 1))
-    with h5py.File(path, "w", **WRITING) as file, ExitStack() as early:
+    waiting = list(islice(chunks, CONTIGUOUS + 1)) or [Columns.room(0)]
+    kind, offset = _clock(waiting)
+    with h5py.File(path, "w", **WRITING) as file:
         file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=sensor_size[0], height=sensor_size[1])
-        if len(waiting) <= CONTIGUOUS:
-            columns = joined(waiting or [Columns.room(0)])
-            for (name, kind), column in zip(TYPES.items(), columns, strict=True):
-                file.create_dataset(f"events/{name}", data=column, dtype=kind)
-            return
-        datasets = {
-            name: file.create_dataset(f"events/{name}", (0,), kind, maxshape=(None,), chunks=(CHUNK,), fillvalue=0)
-            for name, kind in TYPES.items()
-        }
-        count = 0
-        early.enter_context(flushed_early(path))
-        for piece in chain(waiting, chunks):
-            for values, dataset in zip(piece, datasets.values(), strict=True):
-                dataset.resize((count + values.size,))
-                # past the library's own path, which would copy
-                whole = (
-                    values
-                    if values.size == CHUNK
-                    else np.concatenate((values, np.zeros(CHUNK - values.size, values.dtype)))
-                )
-                dataset.id.write_direct_chunk((count,), np.ascontiguousarray(whole))
-            count += piece.t.size
+        if len(waiting) > CONTIGUOUS:
+            with flushed_early(path):
+                offset = _write_chunks(file, chain(waiting, chunks), kind, offset)
+        else:
+            columns = joined(waiting)
+            for name, column in zip(TYPES, (_since(columns.t, offset, kind), *columns[1:]), strict=True):
+                file.create_dataset(f"events/{name}", data=column)
+        if offset:
+            file["t_offset"] = np.int64(offset)
+
+
+def _clock(pieces: Sequence[Columns]) -> tuple[Any, int]:
+    """Type in which these times are stored, and what is taken off them; 0 where that will do."""
+    if pieces[-1].t.size == 0:
+        return np.uint32, 0
+    first, last = int(pieces[0].t[0]), int(pieces[-1].t[-1])
+    if first >= 0 and last < SHORT:
+        return np.uint32, 0
+    return (np.uint32, first) if last - first < SHORT else (np.int64, 0)
+
+
+def _since(t: np.ndarray, offset: int, kind: Any) -> np.ndarray:
+    return (t - offset if offset else t).astype(kind, copy=False)
+
+
+def _write_chunks(file: Any, pieces: Iterable[Columns], kind: Any, offset: int) -> int:
+    """Write pieces of `CHUNK` events; what is taken off the times in the end."""
+    datasets = {name: _endless(file, name, kind if name == "t" else TYPES[name]) for name in TYPES}
+    count = 0
+    for piece in pieces:
+        if kind == np.uint32 and int(piece.t[-1]) - offset >= SHORT:
+            datasets["t"] = _widened(file, offset)
+            kind, offset = np.int64, 0
+        for values, dataset in zip((_since(piece.t, offset, kind), *piece[1:]), datasets.values(), strict=True):
+            dataset.resize((count + values.size,))
+            # past the library's own path, which would copy
+            whole = (
+                values
+                if values.size == CHUNK
+                else np.concatenate((values, np.zeros(CHUNK - values.size, values.dtype)))
+            )
+            dataset.id.write_direct_chunk((count,), np.ascontiguousarray(whole))
+        count += piece.t.size
+    return offset
+
+
+def _endless(file: Any, name: str, kind: Any) -> Any:
+    return file.create_dataset(f"events/{name}", (0,), kind, maxshape=(None,), chunks=(CHUNK,), fillvalue=0)
+
+
+def _widened(file: Any, offset: int) -> Any:
+    """The column of times in int64: the recording takes longer than uint32 can tell."""
+    narrow, wide = file["events/t"], _endless(file, "wide", np.int64)
+    wide.resize(narrow.shape)
+    for start in range(0, narrow.size, CHUNK):
+        wide[start : start + CHUNK] = narrow[start : start + CHUNK].astype(np.int64) + offset
+    del file["events/t"]
+    file.move("events/wide", "events/t")
+    return wide
 
 
 def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:

@@ -89,6 +89,34 @@ def test_the_compound_that_metavision_has(tmp_path):
     assert recording.read(700, 1_400) == ev.window(700, 1_400)
 
 
+@pytest.mark.parametrize(
+    ("first", "last", "kind", "offset"),
+    [
+        (5, 2**32 - 1, np.uint32, None),
+        (5, 2**32, np.uint32, 5),
+        (10**15, 10**15 + 2**32 - 1, np.uint32, 10**15),
+        (-3, 4, np.uint32, -3),
+        (5, 2**32 + 5, np.int64, None),
+        (-(2**62), 2**62, np.int64, None),
+    ],
+)
+@pytest.mark.parametrize("contiguous", [9, 2])
+def test_times_take_four_bytes_where_they_fit(tmp_path, monkeypatch, first, last, kind, offset, contiguous):
+    monkeypatch.setattr(hdf5, "CHUNK", 7)
+    monkeypatch.setattr(hdf5, "CONTIGUOUS", contiguous)
+    t = np.array([first] * 20 + [first + 1] * 15 + [last] * 3)
+    ev = Events(t, np.arange(38), np.arange(38) % 20, np.arange(38) % 2, (40, 20))
+    nvsdata.write(ev, tmp_path / "a.h5")
+    assert nvsdata.read(tmp_path / "a.h5") == ev
+    assert nvsdata.read(tmp_path / "a.h5", first + 1, last) == ev.window(first + 1, last)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert (file["events/t"].chunks is None) == (contiguous == 9)
+        long = contiguous == 2 and (first, last) == (5, 2**32)  # seen too late that the first should be taken off
+        assert file["events/t"].dtype == (np.int64 if long else kind)
+        assert ("t_offset" in file) == (offset is not None and not long)
+        assert sorted(file["events"]) == ["p", "t", "x", "y"]
+
+
 @given(events(max_size=90), st.integers(1, 40), st.data())
 def test_a_long_file_in_chunks_reads_as_a_short_one(tmp_path, ev, step, data):
     pieces = [ev[i : i + step] for i in range(0, max(len(ev), 1), step)]
