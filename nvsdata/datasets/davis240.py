@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from nvsdata.datasets.base import EventDataset
@@ -13,7 +15,11 @@ class Upright(EventDataset):
     """A dataset whose .mat files count y from the bottom; it is turned where they are read."""
 
     def _view(self, recording: Recording) -> Recording:
-        return Mapped(recording, upright) if recording.format == "matlab" else recording
+        if recording.format != "matlab":
+            return recording
+        # a packed store turns them while it reads them
+        itself: Callable[[], Recording] | None = getattr(recording, "upright", None)
+        return Mapped(recording, upright) if itself is None else itself()
 
 
 def upright(events: Events) -> Events:

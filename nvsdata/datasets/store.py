@@ -14,7 +14,7 @@ from nvsdata.datasets.source import Listing
 from nvsdata.errors import FormatError
 from nvsdata.events import EVER, Columns, Recording
 from nvsdata.formats.hdf5 import STORE, text_of
-from nvsdata.kernels.store import marked_range, stored_window
+from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 1
 COLUMNS = ("t", "x", "y", "p")
@@ -76,6 +76,9 @@ class Store:
             raise FormatError(path, None, "its index contradicts itself: pack it again")
         # None for compressed columns
         self._places = [place for place in places.values() if place is not None]
+        # what `read_window` is told of them, where it can read
+        begins, like = [begin for *_, begin in self._places], [np.empty(0, kind) for kind, *_ in self._places]
+        self._direct = (*begins, *like) if len(like) == len(COLUMNS) and hasattr(os, "pread") else ()
         self._file = path.open("rb", buffering=0)
         self._handle = self._file.fileno()
 
@@ -103,15 +106,23 @@ class Store:
         """Bytes of the file that the recording was packed from."""
         return int(self._sources[self._number[name]])
 
-    def read(self, number: int, start: int, stop: int) -> Columns:
-        """Events of a recording with start <= t < stop: a bisection of the index, then its part of each column."""
+    def read(self, number: int, start: int, stop: int, bottom: int = -1) -> Columns:
+        """Events of a recording with start <= t < stop: a bisection of the index, then its part of each column.
+
+        y is counted from row `bottom` up if that isn't negative.
+        """
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         first, last = marked_range(marks, base, start, stop)
         lo, hi = lo + first * MARKED, min(lo + last * MARKED, hi)
-        t, x, y, p = self._raw(lo, max(lo, hi))
-        columns = Columns.room(t.size)
-        return columns.first(stored_window(t, x, y, p, base, start, stop, *columns))
+        columns = Columns.room(max(hi - lo, 0))
+        count = -1
+        if self._direct:
+            count = read_window(*columns, base, start, stop, bottom, self._handle, lo, *self._direct)
+        if count < 0:
+            # or the error that tells why there are fewer bytes
+            count = stored_window(*columns, base, start, stop, bottom, *self._raw(lo, max(lo, hi)))
+        return columns.first(count)
 
     def span(self, number: int) -> tuple[int, int]:
         """Times of the first and the last event of a recording."""
@@ -155,21 +166,35 @@ class Store:
 
 
 class StoredRecording(Recording):
-    """A recording in a store; `format` is that of the file it was packed from."""
+    """A recording in a store."""
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
-        super().__init__(f"{store.path}:{store.names[number]}")
+        # by hand, not by the base's method: this is much of what a window costs
         self._store, self._number = store, number
-        self.format = store.formats[number]  # type: ignore[misc]
-        if sensor_size is None:
-            sensor_size = store.sensor_size(number)
-        self._size = sensor_size
+        self.strict, self.repairs, self._whole = True, {}, None
+        self._size = store.sensor_size(number) if sensor_size is None else sensor_size
+        self._bottom = -1
+
+    def upright(self) -> StoredRecording:
+        """Itself, from now on with y counted from the bottom of the sensor up."""
+        self._bottom = self.sensor_size[1] - 1
+        return self
+
+    @property
+    def path(self) -> str:  # type: ignore[override]
+        """The store's, and the recording's name."""
+        return f"{self._store.path}:{self._store.names[self._number]}"
+
+    @property
+    def format(self) -> str:  # type: ignore[override]
+        """That of the file it was packed from."""
+        return self._store.formats[self._number]
 
     def _decode(self) -> Columns:
-        return self._store.read(self._number, *EVER)
+        return self._store.read(self._number, *EVER, self._bottom)
 
     def _window(self, start: int, stop: int) -> Columns | None:
-        return self._store.read(self._number, start, stop)
+        return self._store.read(self._number, start, stop, self._bottom)
 
     def _bounds(self) -> tuple[int, int] | None:
         return self._store.span(self._number)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
 _U = np.uint64
+# the C library's, on systems that have it: a call from Python costs more than what it reads
+_pread = types.ExternalFunction("pread", types.int64(types.int32, types.uintp, types.uintp, types.int64))
 
 
 @njit(cache=True, nogil=True)
@@ -19,11 +21,35 @@ def marked_range(marks, base, start, stop):
 
 
 @njit(cache=True, nogil=True)
-def stored_window(t, x, y, p, base, start, stop, out_t, out_x, out_y, out_p):
+def read_window(
+    out_t, out_x, out_y, out_p, base, start, stop, bottom, handle, lo, t0, x0, y0, p0, like_t, like_x, like_y, like_p
+):
+    """`stored_window` of events lo, lo + 1, ... of an open file, as many as there is room for.
+
+    Their columns begin at bytes `t0`, `x0`, `y0` and `p0`, and are of the types of `like_t` and so on. Returns
+    how many events there are; -1 if fewer bytes came than were asked for.
+    """
+    n = out_t.size
+    t, x = np.empty(n, like_t.dtype), np.empty(n, like_x.dtype)
+    y, p = np.empty(n, like_y.dtype), np.empty(n, like_p.dtype)
+    whole = _filled(t, handle, t0, lo) and _filled(x, handle, x0, lo)
+    if whole and _filled(y, handle, y0, lo) and _filled(p, handle, p0, lo):
+        return stored_window(out_t, out_x, out_y, out_p, base, start, stop, bottom, t, x, y, p)
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _filled(column, handle, begin, lo):
+    size = column.size * column.itemsize
+    return _pread(handle, column.ctypes.data, size, begin + lo * column.itemsize) == size
+
+
+@njit(cache=True, nogil=True)
+def stored_window(out_t, out_x, out_y, out_p, base, start, stop, bottom, t, x, y, p):
     """Events of stored columns with start <= t + base < stop. O(log N + events found).
 
-    Columns of any integer type go to t int64 (with `base` added), x, y int16 and p uint8, of the same
-    length; returns how many events there are.
+    Columns of any integer type go to t int64 (with `base` added), x, y int16 and p uint8, at least as
+    long; y is counted from row `bottom` up if that isn't negative. Returns how many events there are.
     """
     first = _bisect(t, base, start)
     count = max(_bisect(t, base, stop) - first, 0)
@@ -32,8 +58,12 @@ def stored_window(t, x, y, p, base, start, stop, out_t, out_x, out_y, out_p):
         out_t[i] = np.int64(t[_U(first) + i]) + base
     for i in range(_U(count)):
         out_x[i] = x[_U(first) + i]
-    for i in range(_U(count)):
-        out_y[i] = y[_U(first) + i]
+    if bottom < 0:
+        for i in range(_U(count)):
+            out_y[i] = y[_U(first) + i]
+    else:
+        for i in range(_U(count)):
+            out_y[i] = np.int16(bottom) - np.int16(y[_U(first) + i])
     for i in range(_U(count)):
         out_p[i] = p[_U(first) + i]
     return count

@@ -208,3 +208,30 @@ def test_the_smallest_types_that_fit_are_stored(store):
     with h5py.File(store) as file:
         kinds = {name: file[f"events/{name}"].dtype for name in "txyp"}
     assert kinds == {"t": np.uint32, "x": np.uint8, "y": np.uint8, "p": np.uint8}
+
+
+@pytest.mark.parametrize("bottom", [-1, 33])
+def test_the_kernel_reads_what_python_reads(store, bottom):
+    direct, by_python = Store(store), Store(store)
+    by_python._direct = ()
+    rng = np.random.default_rng(0)
+    for number in range(len(direct.names)):
+        whole = direct.open(direct.names[number], None).read()
+        for start, stop in [(0, 10**9), (-5, 0), (10**9, 10**10), *np.sort(rng.integers(0, 310_000, (5, 2))).tolist()]:
+            found = direct.read(number, start, stop, bottom)
+            expected = whole.window(start, stop)
+            for ours, other in zip(found, by_python.read(number, start, stop, bottom), strict=True):
+                assert ours.dtype == other.dtype
+                assert (ours == other).all()
+            assert (found.t == expected.t).all()
+            assert (found.x == expected.x).all()
+            assert (found.y == (expected.y if bottom < 0 else bottom - expected.y)).all()
+            assert (found.p == expected.p).all()
+
+
+def test_a_store_that_is_cut_short_while_it_is_open(store):
+    opened = Store(store)
+    with store.open("r+b") as file:
+        file.truncate(opened._places[0][2] + 8)
+    with pytest.raises(FormatError, match="cut short while it was open"):
+        opened.open(opened.names[-1], None).read()
