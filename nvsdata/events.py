@@ -230,7 +230,9 @@ class Recording(ABC):
         bounds = self._bounds()
         if bounds is not None:
             return bounds
-        t = self.events().t
+        if self._whole is None:
+            self._whole = self.events()
+        t = self._whole.t
         return (int(t[0]), int(t[-1])) if t.size else (0, 0)
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
@@ -341,7 +343,8 @@ def check_window(start: int | None, stop: int | None) -> None:
 
 def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
     """The size as two ints; ValueError if it is none."""
-    width, height = (int(v) for v in size)
+    given_width, given_height = size
+    width, height = int(given_width), int(given_height)
     if not (0 < width <= MAX_COORDINATE + 1 and 0 < height <= MAX_COORDINATE + 1):
         raise ValueError(f"sensor_size must be (width, height) between 1 and {MAX_COORDINATE + 1}, not {size}")
     return width, height

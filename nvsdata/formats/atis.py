@@ -15,6 +15,7 @@ from nvsdata.events import Columns, Events
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.kernels.decode import ATIS_OVERFLOW_Y, atis_blocks, atis_decode, atis_encode
 
+SHORT = 32  # blocks of a file that is decoded as a whole
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
 
 
@@ -28,6 +29,17 @@ class Recording(RecordFile):
     def _needed_size(self) -> tuple[int, int]:
         width, height = atis_blocks(self._raw, self.block)[4]
         return width, height
+
+    @property
+    def _short(self) -> bool:
+        """Whether windows are cut from the whole: the index takes as long, for it has to look at every record."""
+        return self.records <= SHORT * self.block
+
+    def _window(self, start: int, stop: int) -> Columns | None:
+        return None if self._short else super()._window(start, stop)
+
+    def _bounds(self) -> tuple[int, int] | None:
+        return None if self._short else super()._bounds()
 
     def _index(self) -> Blocks:
         times, offsets, ordered, span, size, _ = atis_blocks(self._raw, self.block)

@@ -45,7 +45,7 @@ class RecordFile(Recording):
     ) -> None:
         super().__init__(path, sensor_size, strict)
         self.header_size = header_size
-        self._raw = np.frombuffer(bytes_of(path, head), np.uint8)[header_size:]
+        self._raw = np.frombuffer(bytes_of(path, head), np.uint8, offset=header_size)
         self._blocks: Blocks | None = None
         torn = self._raw.size % self.record_size
         if torn:

@@ -46,6 +46,8 @@ def test_windows_across_overflow_records(tmp_path):
     recording = nvsdata.open(path, sensor_size=(34, 34))
     for start in (0, 8_388_000, 12_345_678, 39_990_000):
         assert recording.read(start, start + 30_000) == ev.window(start, start + 30_000)
+    assert recording.span == (0, 39_995_000)
+    assert recording._whole is None
     assert recording.anomalies()["time overflow records"] > 0
 
 
