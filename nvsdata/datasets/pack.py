@@ -6,10 +6,8 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from nvsdata.datasets.source import Source, joined
 from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, VERSION, checksum, crc_of
 from nvsdata.files import atomic
 from nvsdata.formats.hdf5 import STORE, WRITING
+from nvsdata.processes import pool
 
 JOURNAL = "journal.jsonl"
 COPIED = 1 << 24  # events that are copied at once
@@ -101,11 +100,10 @@ def _decoded(dataset: EventDataset, names: list[str], jobs: int) -> Iterator[tup
         for name in names:
             yield name, _decode(dataset.source, name, size)
         return
-    # forking a process that has threads (torch's, numba's) may hang
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with pool(jobs, __name__) as workers:
         waiting: list[tuple[str, Any]] = []
         for name in names:
-            waiting.append((name, pool.submit(_decode, dataset.source, name, size)))
+            waiting.append((name, workers.submit(_decode, dataset.source, name, size)))
             if len(waiting) >= AHEAD * jobs:
                 first, future = waiting.pop(0)
                 yield first, future.result()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Generator, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.video import TruncatedVideo
 from nvsdata.events import Events
 from nvsdata.manifest import Manifest
+from nvsdata.processes import pool
 from nvsdata.threads import stay_in_one_thread
 from nvsdata.videos import fatal, sha256, swept, videos_in
 
@@ -160,17 +161,16 @@ def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generato
 
 
 def _by_processes(jobs: list[Job], count: int) -> Iterator[tuple[Job, dict[str, Any]]]:
-    # forking a process that has threads may hang
-    with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_prepare) as pool:
+    with pool(count, __name__, _prepare) as workers:
         try:
-            futures = {pool.submit(convert, job): job for job in jobs}
+            futures = {workers.submit(convert, job): job for job in jobs}
             for future in as_completed(futures):
                 yield futures[future], future.result()
         except BrokenProcessPool:
             raise OSError("a process that converted was killed (out of memory?); run again to go on") from None
         except BaseException:
             # what is in hand may take minutes; the next run does it again
-            pool.shutdown(wait=False, cancel_futures=True)
+            workers.shutdown(wait=False, cancel_futures=True)
             for process in active_children():
                 process.terminate()
             raise
