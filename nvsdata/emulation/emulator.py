@@ -181,7 +181,8 @@ def _alike(frame: Frame, other: Frame) -> bool:
 def _kind(frame: Frame) -> str:
     """What all frames of a video must share, in words."""
     height, width, *colours = frame.pixels.shape
-    return f"{width}x{height} {'colour' if colours else 'grey'} {frame.pixels.dtype} of {frame.levels}"
+    levels = "" if frame.levels == FULL else " from {} to {}".format(*frame.levels)
+    return f"{width}x{height} {'colour' if colours else 'grey'} {frame.pixels.dtype}{levels}"
 
 
 def brightness(frame: Frame, hue: bool = False) -> np.ndarray:

@@ -106,5 +106,5 @@ def test_luma_is_seen_as_the_brightness_that_it_stands_for(settings):
 
 def test_frames_of_other_levels_are_not_of_one_video():
     pixels = np.zeros((48, 64), np.uint8)
-    with pytest.raises(ValueError, match=r"\(0, 255\), earlier ones were .*\(16, 235\)"):
+    with pytest.raises(ValueError, match="is 64x48 grey uint8, earlier ones were 64x48 grey uint8 from 16 to 235"):
         PIX2NVS().emulate([Frame(0, pixels, levels=STUDIO), Frame(40_000, pixels)])
