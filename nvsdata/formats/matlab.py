@@ -62,13 +62,15 @@ class Recording(BaseRecording):
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
         t, x, y, p = (self._integers(name, columns[name]) for name in ("t", "x", "y", "p"))
         width, height = self._limits
-        if (_greatest(x) == width or _greatest(y) == height) and x.min() >= 1 and y.min() >= 1:
+        right, bottom = _greatest(x), _greatest(y)
+        if (right == width or bottom == height) and x.min() >= 1 and y.min() >= 1:
             x, y = x.astype(np.int64) - 1, y.astype(np.int64) - 1
+            right, bottom = right - 1, bottom - 1
         if _least(p) == -1:
             p = np.where(p == -1, 0, p)
         # least and greatest tell whether any event needs a closer look
         least = min(map(_least, (x, y, p)))
-        if least < 0 or _greatest(x) >= width or _greatest(y) >= height or _greatest(p) > 1:
+        if least < 0 or right >= width or bottom >= height or _greatest(p) > 1:
             t, x, y, p = self._inside((t, x, y, p))
         return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
