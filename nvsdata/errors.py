@@ -10,15 +10,17 @@ class FormatError(ValueError):
 
     Attributes: `path` (str), `offset` (byte in the file where reading failed, or None when no
     single byte is to blame) and `reason`.
+
+    A DataLoader makes what its worker raised anew from one text, the worker's traceback, whose last line
+    names the file: that is `reason` then, and `path` is empty.
     """
 
-    def __init__(self, path: str | os.PathLike[str], offset: int | None, reason: str) -> None:
-        self.path = os.fspath(path)
-        self.offset = offset
-        self.reason = reason
+    def __init__(self, path: str | os.PathLike[str], offset: int | None = None, reason: str | None = None) -> None:
+        self.path, self.offset = "" if reason is None else os.fspath(path), offset
+        self.reason = os.fspath(path) if reason is None else reason
         where = "" if offset is None else f" byte {offset}:"
-        super().__init__(f"{self.path}:{where} {reason}")
+        super().__init__(f"{self.path}:{where} {self.reason}" if self.path else self.reason)
 
-    def __reduce__(self) -> tuple[type, tuple[str, int | None, str]]:
+    def __reduce__(self) -> tuple[type, tuple[str, int | None, str] | tuple[str]]:
         # DataLoader workers send exceptions by pickle
-        return FormatError, (self.path, self.offset, self.reason)
+        return type(self), (self.path, self.offset, self.reason) if self.path else (self.reason,)

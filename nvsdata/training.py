@@ -39,11 +39,9 @@ def run(main: Callable[[], None]) -> None:
     except KeyboardInterrupt:
         print("interrupted: --resume goes on from the last epoch", file=sys.stderr)
         sys.exit(130)
-    except (OSError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError) as error:
         text = str(error)
-        # a loader's worker sends its traceback, whose last line tells; a FormatError comes as a RuntimeError
-        if isinstance(error, RuntimeError) and not text.startswith("Caught FormatError"):
-            raise
+        # a loader's worker sends its traceback, whose last line tells
         if text.startswith("Caught "):
             text = text.rstrip().splitlines()[-1].partition(": ")[2]
         sys.exit(f"{Path(sys.argv[0]).name}: {text}")

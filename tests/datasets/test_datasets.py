@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 import torch
@@ -60,6 +62,11 @@ def test_a_corrupt_recording_names_its_file(fake_nmnist):
     (fake_nmnist / "Train" / "0" / "00001.bin").write_bytes(b"abcdefg")
     with pytest.raises(nvsdata.FormatError, match=r"00001\.bin: byte 5: truncated"):
         NMNIST(fake_nmnist)[0]
+    # as it does from a worker
+    loader = DataLoader(NMNIST(fake_nmnist), num_workers=1, collate_fn=nvsdata.collate)
+    with pytest.raises(nvsdata.FormatError, match=r"00001\.bin: byte 5: truncated") as caught:
+        next(iter(loader))
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
 
 def test_event_folder_mixes_formats(folder):
