@@ -37,6 +37,7 @@ STORE = "nvsdata-store"
 # the newer layout has checksums, and texts of fixed length need no heap: the library loops on some damaged ones
 WRITING: dict[str, Any] = {"libver": ("v110", "latest")}
 SHORT = 1 << 32  # µs that uint32 can tell apart
+LATEST = 1 << 62  # µs
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
 
 
@@ -82,9 +83,15 @@ class Recording(BaseRecording):
         if home is None:
             raise FormatError(self.path, None, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
         if "t_offset" in file:
-            self._offset = int(file["t_offset"][()])
+            self._offset = self._stated_offset(file["t_offset"])
         memory = _map(self.path)
         return {name: self._column(file[home], name, memory) for name in TYPES}
+
+    def _stated_offset(self, dataset: Any) -> int:
+        value = np.asarray(dataset[()] if isinstance(dataset, h5py.Dataset) else None)
+        if value.size == 1 and value.dtype.kind in "iuf" and abs(value.item()) <= LATEST:
+            return int(value.item())
+        raise FormatError(self.path, None, f"/t_offset is {value}, no time in µs up to 2^62")
 
     def _column(self, group: Any, name: str, memory: mmap.mmap) -> Column:
         dataset = group[name]
@@ -107,6 +114,9 @@ class Recording(BaseRecording):
 
     def _slice(self, lo: int, hi: int) -> Columns:
         raw = {name: self._columns[name].read(slice(lo, hi), np.int64 if name == "t" else None) for name in TYPES}
+        t = raw["t"]
+        if self._offset and t.size and not -LATEST <= t.min() <= t.max() <= LATEST:
+            raise FormatError(self.path, None, f"times from {t.min()} to {t.max()}: beyond 2^62 µs")
         if raw["p"].dtype.kind == "i":
             raw["p"] = np.where(raw["p"] == -1, 0, raw["p"])
         inside = self._inside([raw[name] for name in TYPES], lo)

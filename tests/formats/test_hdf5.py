@@ -76,6 +76,23 @@ def test_columns_as_dsec_has_them(tmp_path, home, compression):
     assert len(recording.read(0, 10**12)) == 0
 
 
+@pytest.mark.parametrize("offset", [np.arange(3), float("nan"), 2**63, 2**62 + 1, b"soon", -(2**63)])
+def test_an_offset_that_is_no_time_is_refused(path, offset):
+    with h5py.File(path, "r+") as file:
+        file["t_offset"] = offset
+    with pytest.raises(FormatError, match=r"/t_offset is .*, no time in µs"):
+        nvsdata.open(path)
+
+
+def test_times_that_an_offset_takes_too_far_are_refused(path):
+    with h5py.File(path, "r+") as file:
+        file["t_offset"] = 2**62
+        del file["events/t"]
+        file["events/t"] = np.arange(1_000) + 2**62
+    with pytest.raises(FormatError, match=r"beyond 2\^62 µs"):
+        nvsdata.read(path)
+
+
 def test_the_compound_that_metavision_has(tmp_path):
     ev = Events(np.arange(0, 5_000, 7), np.arange(715) % 640, np.arange(715) % 480, np.arange(715) % 2, (640, 480))
     table = np.empty(715, [("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
