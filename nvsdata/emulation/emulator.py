@@ -116,14 +116,14 @@ class Emulator:
             # of the frame's number, so that frames that are skipped change nothing
             seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
         self._keys.rotate()
-        new, old, weight = _bytes(frame), _bytes(last), _first_weight(frame)
-        count = 0
-        if not rule.contrast and _of_bytes(frame, self.settings):
-            self._keys[0], count = kernels.step(new, old, weight, rule, tiles, pixels, spans, seed, self._keys[0])
-        elif look(new, old, rule, tiles, pixels):
+        new, old = _bytes(frame), _bytes(last)
+        if rule.contrast or not _of_bytes(frame, self.settings):
+            if not look(new, old, rule, tiles, pixels):
+                return self._keys[0][:0]
             self._see(frame)
-            seen = new[:0]
-            self._keys[0], count = kernels.react(seen, weight, rule, tiles, pixels, spans, seed, self._keys[0])
+            new = new[:0]
+        arguments = new, old, _first_weight(frame), rule, tiles, pixels, spans, seed, self._keys[0]
+        self._keys[0], count = kernels.step(*arguments)
         return self._keys[0][:count]
 
     def _see(self, frame: Frame) -> None:

@@ -176,23 +176,15 @@ def update(level, reference, difference, rule, active, still):
 
 @njit(cache=True, nogil=True)
 def step(frame, previous, first_weight, rule, tiles, pixels, span, seed, keys):
-    """All that a frame of bytes brings where brightness is seen pixel by pixel: the keys of its events, see `fire`.
+    """All that a frame brings, band by band: the keys of its events and their number, see `fire`.
 
-    One call, for each lets other threads take Python's lock, and waits until it has it again.
+    An empty `frame` means that `look` was called, and that `plane` and `level` are up to date. For the rest
+    there is this one call, for each lets other threads take Python's lock, and waits until it has it again.
     """
-    if not look(frame, previous, rule, tiles, pixels):
-        return keys, np.int64(0)
-    return react(frame, first_weight, rule, tiles, pixels, span, seed, keys)
-
-
-@njit(cache=True, nogil=True)
-def react(frame, first_weight, rule, tiles, pixels, span, seed, keys):
-    """What active tiles make of a frame, band by band: the keys of events and their number, see `fire`.
-
-    An empty `frame` means that `plane` and `level` are up to date.
-    """
-    height, rows = pixels.level.shape[0], pixels.difference.shape[0]
     n = np.int64(0)
+    if frame.size and not look(frame, previous, rule, tiles, pixels):
+        return keys, n
+    height, rows = pixels.level.shape[0], pixels.difference.shape[0]
     for top in range(0, height, rows):
         end = min(top + rows, height)
         first, last = top // TILE[0], (end + TILE[0] - 1) // TILE[0]

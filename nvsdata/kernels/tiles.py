@@ -120,9 +120,9 @@ def _wake(rule, tiles):
     affected, active = tiles.affected, tiles.active
     if rule.contrast:
         spread(tiles.dirty, affected)
-    else:
-        affected[:] = tiles.dirty
     for tile in np.ndindex(active.shape):
+        # not by slices, whose code takes seconds to compile
+        affected[tile] = affected[tile] if rule.contrast else tiles.dirty[tile]
         active[tile] = affected[tile] or not tiles.still[tile]
     if rule.method != CO_LOCATED:
         spread(active.copy(), active)
