@@ -22,13 +22,13 @@ class Recording(aedat2.Recording):
     record_size = 6
 
 
-def looks_like(head: bytes, size: int) -> bool:
-    """Whether a file of `size` bytes that names no version could be one: whole records, times that never fall."""
+def looks_like(head: bytes, _: int) -> bool:
+    """Whether a file that begins so, and names no version, could be one: times that never fall. It may be cut off."""
     if head.startswith(b"#!"):
         return False
-    _, end = header_lines(head, b"#")
+    end = header_lines(head, b"#")[1]
     raw = np.frombuffer(head[end : end + 6 * 256], np.uint8)
-    if (size - end) % 6 or raw.size < 6 * 16:
+    if raw.size < 6 * 16:
         return False
     t = np.ascontiguousarray(raw[: raw.size - raw.size % 6].reshape(-1, 6)[:, 2:]).view(">u4").astype(np.uint32)
     # differences are those of a counter that may wrap
