@@ -91,17 +91,19 @@ def _file(path: Path, size: tuple[int, int] | None, colour: bool) -> Iterator[Fr
     decoder = Decoder(path, colour)
     try:
         gap = MICROSECONDS / (decoder.rate or USUAL_RATE)
-        count, first, last = 0, 0, 0
+        count, first, last, longest = 0, 0, 0, gap
         for moment, pixels in ahead((moment, _scaled(picture, size)) for moment, picture in decoder):
             first = moment if count == 0 else first
             # containers without times report the same one for all
             now = moment - first if count == 0 or moment - first > last else last + round(gap)
             yield Frame(now, pixels, levels=decoder.levels)
+            longest = max(longest, now - last)
             count, last = count + 1, now
         if count == 0:
             raise FormatError(path, None, "not one frame can be decoded")
-        # several containers only estimate how many frames they hold
-        if decoder.promised - count > max(3, decoder.promised // 50):
+        # by time, for several containers only estimate how many frames they hold, as if they came regularly
+        whole = decoder.promised * gap
+        if whole - (last + longest) > max(3 * gap, whole / 50):
             raise TruncatedVideo(path, None, f"ends after {count} of {decoder.promised} frames: cut off or damaged")
     finally:
         decoder.close()

@@ -20,6 +20,7 @@ class FakeCapture:
     """A container with times of its own."""
 
     stamps = (100.0, 140.5, 141.0, 141.0, 300.0)  # ms; one is given twice
+    promised = 5.0
 
     def __init__(self, *_):
         self.n = -1
@@ -37,7 +38,7 @@ class FakeCapture:
             cv2.CAP_PROP_FPS: 25.0,
             cv2.CAP_PROP_FRAME_WIDTH: 6.0,
             cv2.CAP_PROP_FRAME_HEIGHT: 4.0,
-            cv2.CAP_PROP_FRAME_COUNT: float(len(self.stamps)),
+            cv2.CAP_PROP_FRAME_COUNT: self.promised,
             cv2.CAP_PROP_POS_MSEC: self.stamps[min(self.n, len(self.stamps) - 1)],
         }[what]
 
@@ -56,6 +57,18 @@ def test_a_container_without_times_goes_by_its_rate(tmp_path, monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", FakeCapture)
     monkeypatch.setattr(FakeCapture, "stamps", (0.0,) * 5)
     assert [frame.time for frame in frames_of(tmp_path / "a.mkv")] == [40_000 * n for n in range(5)]
+
+
+def test_an_estimate_of_the_frames_is_no_promise(tmp_path, monkeypatch):
+    """As Matroska's, of a variable rate: the time that it lasts, at the usual rate."""
+    (tmp_path / "a.mkv").touch()
+    monkeypatch.setattr(cv2, "VideoCapture", FakeCapture)
+    monkeypatch.setattr(FakeCapture, "stamps", (0.0, 500.0, 510.0, 1_100.0, 2_000.0))
+    monkeypatch.setattr(FakeCapture, "promised", 51.0)
+    assert [frame.time for frame in frames_of(tmp_path / "a.mkv")] == [0, 500_000, 510_000, 1_100_000, 2_000_000]
+    monkeypatch.setattr(FakeCapture, "promised", 80.0)
+    with pytest.raises(TruncatedVideo, match="ends after 5 of 80 frames"):
+        list(frames_of(tmp_path / "a.mkv"))
 
 
 def test_a_video_that_is_cut_off_says_so_after_its_last_frame(tmp_path):
