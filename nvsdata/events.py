@@ -230,8 +230,7 @@ class Recording(ABC):
         bounds = self._bounds()
         if bounds is not None:
             return bounds
-        if self._whole is None:
-            self._whole = self.events()
+        self._whole = self.events()
         t = self._whole.t
         return (int(t[0]), int(t[-1])) if t.size else (0, 0)
 

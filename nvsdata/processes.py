@@ -13,8 +13,8 @@ def pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> 
     Forking a process that has threads (torch's, numba's) may hang. They are forked off one that has only
     imported `module`, which takes a second once; where the system can't, each imports it anew.
     """
-    if "forkserver" not in get_all_start_methods():
-        return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=prepare)
-    context = get_context("forkserver")
-    context.set_forkserver_preload([module])
+    method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
+    context = get_context(method)
+    if method == "forkserver":
+        context.set_forkserver_preload([module])
     return ProcessPoolExecutor(count, mp_context=context, initializer=prepare)

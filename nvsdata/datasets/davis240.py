@@ -18,8 +18,8 @@ class Upright(EventDataset):
         if recording.format != "matlab":
             return recording
         # a packed store turns them while it reads them
-        itself: Callable[[], Recording] | None = getattr(recording, "upright", None)
-        return Mapped(recording, upright) if itself is None else itself()
+        turned: Callable[[], Recording] | None = getattr(recording, "upright", None)
+        return Mapped(recording, upright) if turned is None else turned()
 
 
 def upright(events: Events) -> Events:

@@ -76,7 +76,8 @@ def levels_of(luma: np.ndarray | None, colours: np.ndarray) -> tuple[int, int] |
     if luma is None or luma.shape != colours.shape[:2] or luma.dtype != np.uint8:
         return None
     some = slice(None, None, max(1, min(luma.shape) // 128))
-    luma, known = luma[some, some], colours[some, some] @ np.array([0.114, 0.587, 0.299])
+    blue, green, red = np.moveaxis(colours[some, some].astype(np.float64), -1, 0)
+    luma, known = luma[some, some], luminance(red, green, blue)
     meant = {levels: stretched(luma, levels) for levels in (FULL, STUDIO)}
     near = [levels for levels, grey in meant.items() if (abs(grey - known) <= COARSE).mean() >= MOST]
     if len(near) == 2:
@@ -89,6 +90,11 @@ def _as_steep(grey: np.ndarray, known: np.ndarray) -> bool:
     """Whether there is contrast, and one picture's is the other's: levels of the other kind differ by 0.16."""
     spread = grey - grey.mean()
     return bool(grey.std() >= CONTRAST and abs((spread * known).sum() / (spread * spread).sum() - 1) < 0.06)
+
+
+def luminance(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """q of colours (3.2.1), float64."""
+    return np.asarray((299 * r + 587 * g + 114 * b) / 1000)
 
 
 def stretched(luma: np.ndarray, levels: tuple[int, int]) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nvsdata.emulation.decoder import FULL, stretched
+from nvsdata.emulation.decoder import FULL, luminance, stretched
 from nvsdata.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.logarithm import logarithm
@@ -75,7 +75,8 @@ class Emulator:
         self.settings, self.sensor_size = settings, (width, height)
         number = _precision(settings)
         tiles = (-(-height // TILE[0]), -(-width // TILE[1]))
-        dirty, affected, active, still = (np.full(tiles, value) for value in (True, True, True, False))
+        dirty, active, still = (np.full(tiles, value) for value in (True, True, False))
+        affected = dirty if settings.mode == "LI" else dirty.copy()
         self._tiles = Tiles(dirty, affected, active, still, np.zeros(tiles, np.int64))
         self._rule = _rule(settings, (height, width), number, _table(settings, first, number))
         self._number = 0
@@ -194,7 +195,7 @@ def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
     r, g, b = np.moveaxis(values if frame.red_first else values[..., ::-1], -1, 0)
     if hue:
         return np.asarray(np.divide(b, r + g, out=b.copy(), where=r + g > 0))
-    return np.asarray((299 * r + 587 * g + 114 * b) / 1000)
+    return luminance(r, g, b)
 
 
 def tone(settings: PIX2NVS, q: np.ndarray) -> np.ndarray:

@@ -119,8 +119,8 @@ class PIX2NVS:
         camera's number, or an iterable of arrays or image files. Arrays are [H, W] grey, [H, W, 3] RGB or
         [H, W, 4] RGBA; uint8, or uint16 and floats in [0, 1], which are scaled to 255. `fps`: frame n is at
         n / fps s, whatever the file says (default: the file's own times, a camera's clock, 30 a second for
-        arrays); or `times`, in µs, one a frame, rising. `size`: (width, height) that frames
-        are scaled to. The first piece stands for F_0 and is empty.
+        arrays); or `times`, in µs, one a frame, rising. `size`: (width, height) that frames are scaled to.
+        The first piece stands for F_0 and is empty.
 
         Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames
         that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.

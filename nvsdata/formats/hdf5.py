@@ -48,7 +48,7 @@ class Recording(BaseRecording):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        self._offset = 0
+        self._offset, self._long = 0, False  # what is added to times, and whether that might take one too far
         try:
             with h5py.File(path, "r") as file:
                 own = text_of(file, "format") == NAME
@@ -84,6 +84,7 @@ class Recording(BaseRecording):
             raise FormatError(self.path, None, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
         if "t_offset" in file:
             self._offset = self._stated_offset(file["t_offset"])
+            self._long = file[home]["t"].dtype.itemsize > 4
         memory = _map(self.path)
         return {name: self._column(file[home], name, memory) for name in TYPES}
 
@@ -115,7 +116,7 @@ class Recording(BaseRecording):
     def _slice(self, lo: int, hi: int) -> Columns:
         raw = {name: self._columns[name].read(slice(lo, hi), np.int64 if name == "t" else None) for name in TYPES}
         t = raw["t"]
-        if self._offset and t.size and not -LATEST <= t.min() <= t.max() <= LATEST:
+        if self._offset and self._long and t.size and not -LATEST <= t.min() <= t.max() <= LATEST:
             raise FormatError(self.path, None, f"times from {t.min()} to {t.max()}: beyond 2^62 µs")
         if raw["p"].dtype.kind == "i":
             raw["p"] = np.where(raw["p"] == -1, 0, raw["p"])

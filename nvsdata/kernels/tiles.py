@@ -40,8 +40,9 @@ class Rule(NamedTuple):
 class Tiles(NamedTuple):
     """The state of tiles, [tile rows, tile columns]: bool, and how many frames references are `behind`, int64.
 
-    `dirty` are those that changed, `affected` those in which brightness is seen otherwise than before, `active`
-    those that have to be looked at; `still` ones need not be until they or their neighbours get dirty.
+    `dirty` are those that changed, `affected` those in which brightness is seen otherwise than before (the same
+    array where neighbours don't matter), `active` those that have to be looked at; `still` ones need not be until
+    they or their neighbours get dirty.
     """
 
     dirty: np.ndarray
@@ -121,8 +122,6 @@ def _wake(rule, tiles):
     if rule.contrast:
         spread(tiles.dirty, affected)
     for tile in np.ndindex(active.shape):
-        # not by slices, whose code takes seconds to compile
-        affected[tile] = affected[tile] if rule.contrast else tiles.dirty[tile]
         active[tile] = affected[tile] or not tiles.still[tile]
     if rule.method != CO_LOCATED:
         spread(active.copy(), active)
