@@ -220,7 +220,7 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         return recording
 
     def _how_to_get(self) -> str:
-        return f"pass download=True, or unpack it by hand from {self.info.page}"
+        return f"pass download=True (`nvsdata download {self.info.name}`), or unpack it by hand from {self.info.page}"
 
     def _download(self) -> None:
         from nvsdata.datasets.download import fetch_and_unpack

@@ -36,7 +36,8 @@ class Decoder:
     """
 
     def __init__(self, path: Path, colour: bool) -> None:
-        self._reader, self.levels, self._luma = _open(path), FULL, False
+        self._reader, self._options = _opened(path)
+        self.levels, self._luma = FULL, False
         self.rate = float(self._reader.get(cv2.CAP_PROP_FPS))
         self.promised = int(self._reader.get(cv2.CAP_PROP_FRAME_COUNT))
         self._first = self._reader.read()[1]
@@ -60,7 +61,7 @@ class Decoder:
 
     def _prefer_luma(self, path: Path) -> None:
         """Read luma from now on, if its values can be told."""
-        other = _open(path)
+        other = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, self._options)
         with _without_warnings():
             other.set(cv2.CAP_PROP_CONVERT_RGB, 0)
             luma = other.read()[1]
@@ -103,15 +104,17 @@ def stretched(luma: np.ndarray, levels: tuple[int, int]) -> np.ndarray:
     return np.clip((luma.astype(np.float64) - black) * 255 / (white - black), 0, 255)
 
 
-def _open(path: Path) -> Any:
-    """OpenCV's reader. Small frames are decoded in one thread: several would only wait for each other."""
-    reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+def _opened(path: Path) -> tuple[Any, list[int]]:
+    """OpenCV's reader, and its options: small frames in one thread, for several would only wait for each other."""
+    options = [cv2.CAP_PROP_N_THREADS, 1]
+    reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options)
     pixels = reader.get(cv2.CAP_PROP_FRAME_WIDTH) * reader.get(cv2.CAP_PROP_FRAME_HEIGHT)
     if not reader.isOpened() or (pixels > SMALL and not in_one_thread()):
-        reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        options = []
+        reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options)
     if not reader.isOpened():
         raise FormatError(path, None, "holds no video that OpenCV can decode")
-    return reader
+    return reader, options
 
 
 _quiet_lock = Lock()

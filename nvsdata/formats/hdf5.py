@@ -176,9 +176,9 @@ class Column:
             first = min(lo // length, len(self.mapped) - 1)
             parts = self.mapped[first : max((hi - 1) // length, first) + 1]
             cut = [part[max(lo - i * length, 0) : hi - i * length] for i, part in enumerate(parts, first)]
-            if len(cut) == 1:
-                return cut[0] if kind is None else cut[0].astype(kind, copy=False)
-            return np.concatenate(cut, dtype=kind, casting="unsafe")
+            if len(cut) > 1 and cut[0].dtype != np.uint64:
+                return np.concatenate(cut, dtype=kind, casting="unsafe")
+            return self._as(kind, cut[0] if len(cut) == 1 else np.concatenate(cut))
         with suppress(ImportError):
             import hdf5plugin  # noqa: F401  registers its filters
         try:
@@ -187,8 +187,13 @@ class Column:
         except (OSError, KeyError, RuntimeError) as error:
             raise FormatError(self.path, None, f"can't read {self.name}: {error}") from error
         column = np.asarray(found if self.field is None else found[self.field])
-        column = column.astype(np.uint8) if column.dtype.kind == "b" else column
-        return column if kind is None else column.astype(kind, copy=False)
+        return self._as(kind, column.astype(np.uint8) if column.dtype.kind == "b" else column)
+
+    def _as(self, kind: Any, values: np.ndarray) -> np.ndarray:
+        """Values in another type, if `kind` is one."""
+        if kind is not None and values.dtype == np.uint64 and values.max(initial=0) > LATEST:
+            raise FormatError(self.path, None, f"{self.name} holds {values.max()}: beyond 2^62")
+        return values if kind is None else values.astype(kind, copy=False)
 
     def bisect(self, value: int) -> int:
         """First index whose value is at least `value`; reads one value a step."""

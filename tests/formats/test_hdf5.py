@@ -93,6 +93,23 @@ def test_times_that_an_offset_takes_too_far_are_refused(path):
         nvsdata.read(path)
 
 
+@pytest.mark.parametrize("storage", [{}, {"chunks": (100,)}, {"chunks": (100,), "compression": "gzip"}])
+def test_times_that_are_no_int64_are_refused(path, storage):
+    def put(times):
+        with h5py.File(path, "r+") as file:
+            del file["events/t"]
+            file.create_dataset("events/t", data=times, **storage)
+
+    times = np.arange(1_000, dtype=np.uint64)
+    put(times)
+    assert nvsdata.read(path).t.tolist() == times.tolist()
+    times[-1] = 2**64 - 1
+    put(times)
+    with pytest.raises(FormatError, match=r"t holds 18446744073709551615: beyond 2\^62"):
+        nvsdata.read(path)
+    assert nvsdata.read(path, 100, 200).t.tolist() == times[100:200].tolist()
+
+
 def test_the_compound_that_metavision_has(tmp_path):
     ev = Events(np.arange(0, 5_000, 7), np.arange(715) % 640, np.arange(715) % 480, np.arange(715) % 2, (640, 480))
     table = np.empty(715, [("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
