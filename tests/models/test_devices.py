@@ -1,0 +1,80 @@
+"""Networks on a pretended device: forward, backward and running statistics are those of the CPU."""
+
+from dataclasses import fields, replace
+
+import pytest
+import torch
+from elsewhere import Elsewhere, Factories
+from torch.func import functional_call
+
+from nvsdata import Events, GraphBatch, collate, models
+from nvsdata import transforms as T
+from nvsdata.models.reference import LSTM, PointNet, PointNet2
+
+SIZE = (34, 34)
+SMALL = {"channels": (4, 6), "clusters": ((4, 4), (8, 8)), "sensor_size": SIZE}
+
+
+def graphs(count, volumes=None):
+    """A batch of graphs, one without nodes, in float64."""
+    samples = []
+    for n in range(count * (volumes or 1)):
+        generator = torch.Generator().manual_seed(n)
+        nodes = 0 if n == 1 else 120
+        x, y = (torch.randint(0, side, (nodes,), generator=generator).numpy() for side in SIZE)
+        samples.append(T.radius_graph(Events(range(nodes), x, y, x % 2, SIZE), radius=6))
+    if volumes:
+        samples = [samples[n * volumes : (n + 1) * volumes] for n in range(count)]
+    batch = collate([(sample, 0) for sample in samples]).inputs
+    return replace(batch, x=batch.x.double(), edge_attr=batch.edge_attr.double())
+
+
+CASES = {
+    "rgcnn": lambda: (models.RGCNN(3, **SMALL), graphs(4)),
+    "rgcnn3d": lambda: (models.RGCNN3D(3, **SMALL, temporal="plain"), graphs(2, 4)),
+    **{name: lambda name=name: (models.GCNN(3, **SMALL, convolution=name), graphs(4)) for name in models.CONVOLUTIONS},
+    "pointnet": lambda: (PointNet(3), torch.rand(3, 64, 4, dtype=torch.float64)),
+    "pointnet2": lambda: (PointNet2(3), torch.rand(3, 64, 4, dtype=torch.float64)),
+    "lstm": lambda: (LSTM(3), torch.rand(3, 64, 4, dtype=torch.float64)),
+}
+
+
+def moved(sample):
+    if isinstance(sample, GraphBatch):
+        given = {field.name: getattr(sample, field.name) for field in fields(sample)}
+        return replace(sample, **{k: Elsewhere(v) for k, v in given.items() if isinstance(v, torch.Tensor)})
+    return Elsewhere(sample)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_networks_agree_with_the_cpu(name):
+    model, sample = CASES[name]()
+    model.double().train()
+    for part in model.modules():
+        if "Dropout" in type(part).__name__:
+            part.eval()
+    parameters = dict(model.named_parameters())
+    start = {k: v.detach().clone() for k, v in (*parameters.items(), *model.named_buffers())}
+    scores = model(sample)
+    scores.square().sum().backward()
+    with Factories():
+        there = {k: Elsewhere(v).requires_grad_(k in parameters) for k, v in start.items()}
+        found = functional_call(model, there, (moved(sample),))
+        found.square().sum().backward()
+    assert isinstance(found, Elsewhere)
+    torch.testing.assert_close(found.detach().value, scores.detach(), rtol=1e-9, atol=1e-9)
+    largest = max(float(p.grad.abs().max()) for p in parameters.values())
+    for k, parameter in parameters.items():
+        torch.testing.assert_close(there[k].grad.value, parameter.grad, rtol=0, atol=1e-9 * largest)
+    for k, buffer in model.named_buffers():
+        torch.testing.assert_close(there[k].value, buffer, rtol=1e-9, atol=1e-9)
+
+
+def test_the_pretended_device_is_one_apart():
+    away = Elsewhere(torch.ones(3))
+    with pytest.raises(AssertionError, match="two devices"):
+        away + torch.ones(3)
+    with pytest.raises(TypeError, match="numpy"):
+        away.numpy()
+    with Factories():
+        assert isinstance(torch.zeros(3, device=away.device) + away, Elsewhere)
