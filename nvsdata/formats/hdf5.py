@@ -290,15 +290,20 @@ def _widened(file: Any, offset: int) -> Any:
 
 def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
     """The same events in pieces of `CHUNK`, only the last one shorter."""
-    waiting: list[Columns] = []
-    size = 0
+    room, filled = Columns.room(CHUNK), 0
     for piece in pieces:
-        waiting.append(piece.columns)
-        size += len(piece)
-        while size >= CHUNK:
-            together = joined(waiting)
-            yield together.at(slice(CHUNK))
-            waiting = [together.at(slice(CHUNK, None))]
-            size -= CHUNK
-    if size:
-        yield joined(waiting)
+        rest = piece.columns
+        while rest.t.size:
+            part = rest.first(CHUNK - filled)
+            rest = rest.at(slice(part.t.size, None))
+            if part.t.size == CHUNK:
+                yield part
+                continue
+            for values, place in zip(part, room, strict=True):
+                place[filled : filled + values.size] = values
+            filled += part.t.size
+            if filled == CHUNK:
+                yield room
+                room, filled = Columns.room(CHUNK), 0
+    if filled:
+        yield room.first(filled)
