@@ -19,7 +19,8 @@ from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source, joined
 from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, VERSION, checksum, crc_of
 from nvsdata.files import atomic
-from nvsdata.formats.hdf5 import STORE, WRITING
+from nvsdata.formats.hdf5 import STORE
+from nvsdata.formats.hdf5_writer import WRITING
 from nvsdata.processes import pool
 
 JOURNAL = "journal.jsonl"

@@ -7,7 +7,7 @@ from strategies import events
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.formats import hdf5
+from nvsdata.formats import hdf5_writer
 
 
 @given(events(max_size=60), st.integers(-(2**62), 2**62 - 200_000))
@@ -35,6 +35,19 @@ def test_a_compressed_copy_reads_the_same(path, tmp_path):
     assert nvsdata.read(tmp_path / "b.h5", 100, 300) == nvsdata.read(path, 100, 300)
 
 
+@pytest.mark.parametrize("count", [50, 5])
+@pytest.mark.parametrize(("size", "kinds"), [((256, 257), ("u1", "i2")), ((257, 256), ("i2", "u1"))])
+def test_coordinates_take_a_byte_where_it_is_enough(tmp_path, monkeypatch, size, kinds, count):
+    monkeypatch.setattr(hdf5_writer, "CHUNK", 3)
+    where = np.arange(count) + 256 - count
+    ev = Events(np.arange(count), where, where, np.arange(count) % 2, size)
+    nvsdata.write(ev, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert tuple(file[f"events/{name}"].dtype.str[1:] for name in "xy") == kinds
+    assert nvsdata.read(tmp_path / "a.h5") == ev
+    assert nvsdata.read(tmp_path / "a.h5", 2, 4) == ev.window(2, 4)
+
+
 def test_a_truncated_file_is_refused(path):
     path.write_bytes(path.read_bytes()[:-500])
     with pytest.raises(FormatError, match=r"truncated|damaged"):
@@ -48,7 +61,17 @@ def test_a_truncated_file_is_refused(path):
         (lambda f: f.attrs.update(width=0), "sensor_size"),
         (lambda f: f.pop("events/p"), "without /events"),
         (lambda f: (f.pop("events/p"), f.create_dataset("events/p", data=np.zeros(3, np.uint8))), "different lengths"),
-        (lambda f: f["events/x"].write_direct(np.full(1000, 31, np.int16)), "outside the sensor"),
+        (lambda f: f["events/x"].write_direct(np.full(1000, 31, np.uint8)), "outside the sensor"),
+        (lambda f: f.attrs.pop("version"), "attribute version is None"),
+        (lambda f: f.attrs.update(version="newest"), "attribute version is"),
+        (lambda f: f.attrs.update(height=h5py.Empty("i4")), "attribute height is None"),
+        (lambda f: f.attrs.update(width=[30, 20]), "attribute width is"),
+        (lambda f: (f.pop("events/t"), f.create_group("events/t")), "not a dataset"),
+        (lambda f: (f.pop("events/t"), f.create_dataset("events/t", data=np.zeros((9, 2)))), "no column of integers"),
+        (lambda f: (f.pop("events/t"), f.create_dataset("events/t", data=1)), "no column of integers"),
+        (lambda f: (f.pop("events"), f.create_dataset("events", data=np.zeros(9))), "without /events"),
+        (lambda f: f.create_group("CD/events"), "no row of x, y, p and t"),
+        (lambda f: f.create_dataset("CD/events", data=np.zeros(3, [(n, "f4") for n in "txyp"])), "no row of"),
     ],
 )
 def test_damage_is_named(path, change, reason):
@@ -136,8 +159,8 @@ def test_the_compound_that_metavision_has(tmp_path):
 )
 @pytest.mark.parametrize("contiguous", [9, 2])
 def test_times_take_four_bytes_where_they_fit(tmp_path, monkeypatch, first, last, kind, offset, contiguous):
-    monkeypatch.setattr(hdf5, "CHUNK", 7)
-    monkeypatch.setattr(hdf5, "CONTIGUOUS", contiguous)
+    monkeypatch.setattr(hdf5_writer, "CHUNK", 7)
+    monkeypatch.setattr(hdf5_writer, "CONTIGUOUS", contiguous)
     t = np.array([first] * 20 + [first + 1] * 15 + [last] * 3)
     ev = Events(t, np.arange(38), np.arange(38) % 20, np.arange(38) % 2, (40, 20))
     nvsdata.write(ev, tmp_path / "a.h5")
@@ -155,8 +178,8 @@ def test_times_take_four_bytes_where_they_fit(tmp_path, monkeypatch, first, last
 def test_a_long_file_in_chunks_reads_as_a_short_one(tmp_path, ev, step, data):
     pieces = [ev[i : i + step] for i in range(0, max(len(ev), 1), step)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hdf5, "CHUNK", 7)
-        patch.setattr(hdf5, "CONTIGUOUS", 2)
+        patch.setattr(hdf5_writer, "CHUNK", 7)
+        patch.setattr(hdf5_writer, "CONTIGUOUS", 2)
         nvsdata.write(iter(pieces), tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
         assert (file["events/t"].chunks is None) == (len(ev) <= 14)

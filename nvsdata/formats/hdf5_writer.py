@@ -1,0 +1,116 @@
+"""Writing nvsdata's own HDF5; `nvsdata.formats.hdf5` says what is in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from nvsdata.events import Columns, Events, joined
+from nvsdata.files import flushed_early
+
+NAME, VERSION = "nvsdata-events", 1
+CHUNK = 1 << 18  # events of a piece of a long file
+CONTIGUOUS = 8  # pieces up to which a file's columns are kept in memory and written whole
+# the newer layout has checksums, and texts of fixed length need no heap: the library loops on some damaged ones
+WRITING: dict[str, Any] = {"libver": ("v110", "latest")}
+SHORT = 1 << 32  # µs that uint32 can tell apart
+
+
+def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+    """Write the four columns: contiguous if they are short, else in chunks as they come; never compressed."""
+    chunks = _of_one_size(pieces)
+    waiting = list(islice(chunks, CONTIGUOUS + 1)) or [Columns.room(0)]
+    clock, offset = _clock(waiting)
+    kinds = {"t": clock, "x": _coordinate(sensor_size[0]), "y": _coordinate(sensor_size[1]), "p": np.uint8}
+    with h5py.File(path, "w", **WRITING) as file:
+        file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=sensor_size[0], height=sensor_size[1])
+        if len(waiting) > CONTIGUOUS:
+            with flushed_early(path):
+                offset = _write_chunks(file, chain(waiting, chunks), kinds, offset)
+        else:
+            for name, column in zip(kinds, _stored(joined(waiting), kinds, offset), strict=True):
+                file.create_dataset(f"events/{name}", data=column)
+        if offset:
+            file["t_offset"] = np.int64(offset)
+
+
+def _coordinate(side: int) -> Any:
+    """Type in which coordinates below `side` are stored."""
+    return np.uint8 if side <= 256 else np.int16
+
+
+def _clock(pieces: Sequence[Columns]) -> tuple[Any, int]:
+    """Type in which these times are stored, and what is taken off them; 0 where that will do."""
+    if pieces[-1].t.size == 0:
+        return np.uint32, 0
+    first, last = int(pieces[0].t[0]), int(pieces[-1].t[-1])
+    if first >= 0 and last < SHORT:
+        return np.uint32, 0
+    return (np.uint32, first) if last - first < SHORT else (np.int64, 0)
+
+
+def _stored(columns: Columns, kinds: dict[str, Any], offset: int) -> list[np.ndarray]:
+    t = columns.t - offset if offset else columns.t
+    return [values.astype(kind, copy=False) for values, kind in zip((t, *columns[1:]), kinds.values(), strict=True)]
+
+
+def _write_chunks(file: Any, pieces: Iterable[Columns], kinds: dict[str, Any], offset: int) -> int:
+    """Write pieces of `CHUNK` events; what is taken off the times in the end."""
+    datasets = {name: _endless(file, name, kind) for name, kind in kinds.items()}
+    count = 0
+    for piece in pieces:
+        if kinds["t"] == np.uint32 and int(piece.t[-1]) - offset >= SHORT:
+            datasets["t"] = _widened(file, offset)
+            kinds, offset = {**kinds, "t": np.int64}, 0
+        for values, dataset in zip(_stored(piece, kinds, offset), datasets.values(), strict=True):
+            dataset.resize((count + values.size,))
+            # past the library's own path, which would copy
+            whole = (
+                values
+                if values.size == CHUNK
+                else np.concatenate((values, np.zeros(CHUNK - values.size, values.dtype)))
+            )
+            dataset.id.write_direct_chunk((count,), np.ascontiguousarray(whole))
+        count += piece.t.size
+    return offset
+
+
+def _endless(file: Any, name: str, kind: Any) -> Any:
+    return file.create_dataset(f"events/{name}", (0,), kind, maxshape=(None,), chunks=(CHUNK,), fillvalue=0)
+
+
+def _widened(file: Any, offset: int) -> Any:
+    """The column of times in int64: the recording takes longer than uint32 can tell."""
+    narrow, wide = file["events/t"], _endless(file, "wide", np.int64)
+    wide.resize(narrow.shape)
+    for start in range(0, narrow.size, CHUNK):
+        wide[start : start + CHUNK] = narrow[start : start + CHUNK].astype(np.int64) + offset
+    del file["events/t"]
+    file.move("events/wide", "events/t")
+    return wide
+
+
+def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
+    """The same events in pieces of `CHUNK`, only the last one shorter."""
+    room, filled = Columns.room(CHUNK), 0
+    for piece in pieces:
+        rest = piece.columns
+        while rest.t.size:
+            part = rest.first(CHUNK - filled)
+            rest = rest.at(slice(part.t.size, None))
+            if part.t.size == CHUNK:
+                yield part
+                continue
+            for values, place in zip(part, room, strict=True):
+                place[filled : filled + values.size] = values
+            filled += part.t.size
+            if filled == CHUNK:
+                yield room
+                room, filled = Columns.room(CHUNK), 0
+    if filled:
+        yield room.first(filled)
