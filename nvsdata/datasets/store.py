@@ -13,7 +13,7 @@ import numpy as np
 from nvsdata.datasets.source import Listing
 from nvsdata.errors import FormatError
 from nvsdata.events import EVER, Columns, Recording
-from nvsdata.formats.hdf5 import STORE, text_of
+from nvsdata.formats.hdf5 import STORE, dataset_of, number_of, text_of
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 1
@@ -49,15 +49,14 @@ class Store:
             with h5py.File(path, "r") as file:
                 if text_of(file, "format") != STORE:
                     raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
-                if int(file.attrs["version"]) > VERSION:
-                    raise FormatError(
-                        path, None, f"version {file.attrs['version']} is newer than {VERSION}: update nvsdata"
-                    )
+                version = number_of(path, file, "version")
+                if version > VERSION:
+                    raise FormatError(path, None, f"version {version} is newer than {VERSION}: update nvsdata")
                 self.dataset = text_of(file, "dataset")
-                index = {name: np.asarray(file[f"index/{name}"][()]) for name in INDEX}
-                if checksum(index) != int(file.attrs["checksum"]):
+                index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
+                if checksum(index) != number_of(path, file, "checksum"):
                     raise FormatError(path, None, "its index fails its checksum: pack it again")
-                places = {name: _place(path, file[f"events/{name}"]) for name in COLUMNS}
+                places = {name: _place(path, dataset_of(path, file, f"events/{name}")) for name in COLUMNS}
         except (OSError, KeyError, RuntimeError) as error:
             raise FormatError(path, None, f"no packed store, or damaged: {error}") from error
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))

@@ -14,6 +14,7 @@ package hdf5plugin, which is used if it is installed.
 
 from __future__ import annotations
 
+import math
 import mmap
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -29,7 +30,7 @@ from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
 from nvsdata.kernels.order import never_falls
 
-__all__ = ["STORE", "Recording", "text_of", "write"]
+__all__ = ["STORE", "Recording", "dataset_of", "number_of", "text_of", "write"]
 
 STORE = "nvsdata-store"
 LATEST = 1 << 62  # µs
@@ -49,8 +50,8 @@ class Recording(BaseRecording):
                 kind = text_of(file, "format")
                 if kind == STORE:
                     raise FormatError(path, None, "a packed store of many recordings: open it with its dataset's class")
-                if kind == NAME and self._number(file, "version") > VERSION:
-                    reason = f"version {self._number(file, 'version')} is newer than {VERSION}: update nvsdata"
+                if kind == NAME and number_of(path, file, "version") > VERSION:
+                    reason = f"version {number_of(path, file, 'version')} is newer than {VERSION}: update nvsdata"
                     raise FormatError(path, None, reason)
                 self._size = self._size or self._stated(file, kind == NAME)
                 self._columns = self._find(file)
@@ -60,24 +61,18 @@ class Recording(BaseRecording):
         if len(set(lengths.values())) != 1:
             raise FormatError(path, None, f"columns of different lengths: {lengths}")
 
-    def _number(self, file: Any, name: str) -> Any:
-        value = np.asarray(_attribute(file, name))
-        if value.size != 1 or value.dtype.kind not in "iuf":
-            raise FormatError(self.path, None, f"attribute {name} is {value}, no number")
-        return value.item()
-
     def _stated(self, file: Any, own: bool) -> tuple[int, int] | None:
         if not own and (_attribute(file, "width") is None or _attribute(file, "height") is None):
             return None
         try:
-            return check_sensor_size((self._number(file, "width"), self._number(file, "height")))
+            return check_sensor_size((number_of(self.path, file, "width"), number_of(self.path, file, "height")))
         except ValueError as error:
             raise FormatError(self.path, None, str(error)) from None
 
     def _find(self, file: Any) -> dict[str, Column]:
         if "CD/events" in file:
-            table = file["CD/events"]
-            kinds = dict(table.dtype.fields or {}) if isinstance(table, h5py.Dataset) and table.ndim == 1 else {}
+            table = dataset_of(self.path, file, "CD/events")
+            kinds = dict(table.dtype.fields or {}) if table.ndim == 1 else {}
             if not all(name in kinds and kinds[name][0].kind in "iub" for name in TYPES):
                 raise FormatError(self.path, None, f"/CD/events is {table}, no row of x, y, p and t")
             return {name: Column(self.path, "CD/events", table.size, field=name) for name in TYPES}
@@ -106,7 +101,7 @@ class Recording(BaseRecording):
         (count,) = dataset.shape
         if count == 0:
             return Column(self.path, name, 0)
-        places, length = _places(dataset)
+        places, length = _places(self.path, dataset)
         kind = np.dtype(np.uint8) if kind.kind == "b" else kind
         mapped = []
         for i, place in enumerate(places):
@@ -161,20 +156,50 @@ def text_of(file: Any, name: str) -> str:
     return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value or "")
 
 
-def _places(dataset: Any) -> tuple[list[int], int]:
+def number_of(path: Any, file: Any, name: str) -> Any:
+    """An attribute of a file that is a number; FormatError if it has none."""
+    value = np.asarray(_attribute(file, name))
+    if value.size != 1 or value.dtype.kind not in "iuf":
+        raise FormatError(path, None, f"attribute {name} is {value}, no number")
+    return value.item()
+
+
+def dataset_of(path: Any, file: Any, name: str) -> Any:
+    """A dataset of a file, all of whose values are in it; else FormatError."""
+    found = file[name]
+    if not isinstance(found, h5py.Dataset):
+        raise FormatError(path, None, f"{found.name} is no dataset")
+    _check_stored(path, found.id)
+    return found
+
+
+def _check_stored(path: Any, dataset: Any) -> None:
+    """FormatError if values that a dataset claims aren't in the file: HDF5 would make them up, however many."""
+    layout, name = dataset.get_create_plist(), h5py.h5i.get_name(dataset).decode("utf-8", "replace")
+    claimed = found = 1
+    if layout.get_layout() == h5py.h5d.CHUNKED:
+        claimed = math.prod(-(-side // chunk) for side, chunk in zip(dataset.shape, layout.get_chunk(), strict=True))
+        found = dataset.get_num_chunks()
+    elif layout.get_layout() == h5py.h5d.CONTIGUOUS and 0 not in dataset.shape and not layout.get_external_count():
+        found = int(dataset.get_offset() is not None)
+    if found < claimed:
+        raise FormatError(path, None, f"{found} of {claimed} pieces of {name} are there: cut off, or never written")
+
+
+def _places(path: str, dataset: Any) -> tuple[list[int], int]:
     """Bytes at which a dataset's values lie as they are, and how many lie together; none if it is compressed."""
     (count,) = dataset.shape
     offset = dataset.get_offset()
     if offset is not None:
         return [offset], count
+    _check_stored(path, dataset)
     layout = dataset.get_create_plist()
     if layout.get_layout() != h5py.h5d.CHUNKED or layout.get_nfilters():
         return [], 0
     found: dict[int, int] = {}
     dataset.chunk_iter(lambda chunk: found.update({chunk.chunk_offset[0]: chunk.byte_offset}))
     (length,) = layout.get_chunk()
-    wanted = range(0, count, length)
-    return ([found[first] for first in wanted], length) if set(wanted) <= set(found) else ([], 0)
+    return [found[first] for first in range(0, count, length)], length
 
 
 class Column:
@@ -204,7 +229,7 @@ class Column:
         try:
             with h5py.File(self.path, "r") as file:
                 found = file[self.name][which]
-        except (OSError, KeyError, RuntimeError) as error:
+        except (OSError, KeyError, RuntimeError, MemoryError) as error:
             raise FormatError(self.path, None, f"can't read {self.name}: {error}") from error
         column = np.asarray(found if self.field is None else found[self.field])
         return self._as(kind, column.astype(np.uint8) if column.dtype.kind == "b" else column)

@@ -17,6 +17,7 @@ import numpy as np
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns
 from nvsdata.events import Recording as BaseRecording
+from nvsdata.formats.hdf5 import dataset_of
 from nvsdata.formats.records import all_bytes_of
 
 try:
@@ -150,13 +151,15 @@ class Recording(BaseRecording):
         found: dict[str, np.ndarray] = {}
 
         def add(path: str, item: Any) -> None:
+            name = path.rsplit("/", 1)[-1]
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "iufb":
-                found[path.rsplit("/", 1)[-1]] = np.asarray(item[()])
+                known = any(name in names for names in NAMES.values())
+                found[name] = dataset_of(self.path, item.file, item.name)[()] if known else np.empty(0)
 
         try:
             with h5py.File(self.path, "r") as file:
                 file.visititems(add)
-        except (OSError, RuntimeError) as error:
+        except (OSError, RuntimeError, MemoryError) as error:
             raise FormatError(self.path, None, f"damaged MATLAB v7.3 file: {error}") from error
         return found
 

@@ -180,6 +180,30 @@ def test_newer_versions_wrong_checksums_and_other_datasets_are_refused(store):
         NMNIST(store)
 
 
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda f: f.attrs.pop("version"), "attribute version is None"),
+        (lambda f: f.attrs.update(checksum="?"), "attribute checksum is"),
+        (lambda f: (f.pop("index/name"), f.create_group("index/name")), "/index/name is no dataset"),
+        (lambda f: f.pop("index/name"), "damaged"),
+        (
+            lambda f: (f.pop("index/base"), f.create_dataset("index/base", (10**12,), "i8", chunks=(9,))),
+            "0 of 111111111112 pieces of /index/base are there",
+        ),
+        (
+            lambda f: (f.pop("events/x"), f.create_dataset("events/x", (10**12,), "u1", chunks=(9,))),
+            "0 of 111111111112 pieces of /events/x are there",
+        ),
+    ],
+)
+def test_damage_is_named(store, change, reason):
+    with h5py.File(store, "r+") as file:
+        change(file)
+    with pytest.raises(FormatError, match=reason):
+        NMNIST(store)
+
+
 def test_a_store_of_another_dataset_is_named(store):
     with pytest.raises(ValueError, match="holds n-mnist, not asl-dvs"):
         ASLDVS(store)

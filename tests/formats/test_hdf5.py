@@ -35,6 +35,33 @@ def test_a_compressed_copy_reads_the_same(path, tmp_path):
     assert nvsdata.read(tmp_path / "b.h5", 100, 300) == nvsdata.read(path, 100, 300)
 
 
+HUGE = {"shape": (10**12,), "dtype": "u4"}
+
+
+@pytest.mark.parametrize(
+    ("storage", "pieces"),
+    [
+        (HUGE, "0 of 1 pieces"),
+        (HUGE | {"chunks": (1_000,)}, "0 of 1000000000 pieces"),
+        (HUGE | {"chunks": (1_000,), "maxshape": (None,)}, "0 of 1000000000 pieces"),
+        (HUGE | {"chunks": (1_000,), "compression": "gzip"}, "0 of 1000000000 pieces"),
+        ({"shape": (1_000,), "dtype": "u4", "chunks": (300,)}, "1 of 4 pieces"),
+    ],
+)
+@pytest.mark.parametrize("names", ["events/t events/x events/y events/p", "t x y p", "CD/events"])
+def test_values_that_are_not_in_the_file_are_not_made_up(tmp_path, names, storage, pieces):
+    names = names.split()
+    if len(names) == 1:
+        storage = storage | {"dtype": [("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")]}
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in names:
+            made = file.create_dataset(name, **storage)
+            if pieces.startswith("1"):
+                made[:300] = np.ones(300, made.dtype)
+    with pytest.raises(FormatError, match=f"{pieces} of /{names[0]} are there"):
+        nvsdata.open(tmp_path / "a.h5")
+
+
 @pytest.mark.parametrize("count", [50, 5])
 @pytest.mark.parametrize(("size", "kinds"), [((256, 257), ("u1", "i2")), ((257, 256), ("i2", "u1"))])
 def test_coordinates_take_a_byte_where_it_is_enough(tmp_path, monkeypatch, size, kinds, count):
@@ -70,7 +97,7 @@ def test_a_truncated_file_is_refused(path):
         (lambda f: (f.pop("events/t"), f.create_dataset("events/t", data=np.zeros((9, 2)))), "no column of integers"),
         (lambda f: (f.pop("events/t"), f.create_dataset("events/t", data=1)), "no column of integers"),
         (lambda f: (f.pop("events"), f.create_dataset("events", data=np.zeros(9))), "without /events"),
-        (lambda f: f.create_group("CD/events"), "no row of x, y, p and t"),
+        (lambda f: f.create_group("CD/events"), "CD/events is no dataset"),
         (lambda f: f.create_dataset("CD/events", data=np.zeros(3, [(n, "f4") for n in "txyp"])), "no row of"),
     ],
 )
