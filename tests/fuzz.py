@@ -19,7 +19,9 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -76,12 +78,28 @@ def make_samples(home: Path) -> dict[str, bytes]:
         + aedat3_packet(ev[:9], kind=3)
         + aedat3_packet(ev[200:]),
     }
-    for suffix in (".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat3"):
+    for suffix in (".bin", ".dat", ".txt", ".h5", ".npy", ".aedat1", ".aedat", ".aedat3"):
         nvsdata.write(ev, home / f"w{suffix}")
         samples[f"w{suffix}"] = (home / f"w{suffix}").read_bytes()
     for name, compression in (("plain", 0), ("lz4", 1), ("zstd", 3)):
         samples[f"{name}.aedat4"] = aedat4_bytes(ev, compression)
+    # as others write HDF5: without the checksums that ours has
+    columns = ev.columns._asdict()
+    for name, options in (("dsec", {}), ("zip", {"chunks": (50,), "compression": "gzip"})):
+        samples[f"{name}.h5"] = hdf5_bytes(home, {f"events/{k}": v for k, v in columns.items()}, options)
+    samples["cd.h5"] = hdf5_bytes(home, {"CD/events": ev.to_structured()}, {"chunks": (50,)})
+    columns = {"ts": ev.t, "x": ev.x, "y": ev.y, "pol": ev.p}
+    head = b"MATLAB 7.3 MAT-file".ljust(512)
+    samples["v73.mat"] = head + hdf5_bytes(home, columns, {}, userblock_size=len(head))[len(head) :]
     return samples
+
+
+def hdf5_bytes(home: Path, datasets: dict[str, np.ndarray], options: dict[str, Any], **how: Any) -> bytes:
+    """A file of these datasets, in h5py's usual layout."""
+    with h5py.File(home / "made.h5", "w", **how) as file:
+        for name, values in datasets.items():
+            file.create_dataset(name, data=values, **options)
+    return (home / "made.h5").read_bytes()
 
 
 def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, str]:
