@@ -57,7 +57,7 @@ class Store:
                 if checksum(index) != number_of(path, file, "checksum"):
                     raise FormatError(path, None, "its index fails its checksum: pack it again")
                 places = {name: _place(path, dataset_of(path, file, f"events/{name}")) for name in COLUMNS}
-        except (OSError, KeyError, RuntimeError) as error:
+        except (OSError, KeyError, RuntimeError, TypeError) as error:
             raise FormatError(path, None, f"no packed store, or damaged: {error}") from error
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
         # lists, for a number out of an array costs as much as all the rest of a look-up

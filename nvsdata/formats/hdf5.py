@@ -55,7 +55,7 @@ class Recording(BaseRecording):
                     raise FormatError(path, None, reason)
                 self._size = self._size or self._stated(file, kind == NAME)
                 self._columns = self._find(file)
-        except (OSError, KeyError, RuntimeError) as error:
+        except (OSError, KeyError, RuntimeError, TypeError) as error:
             raise FormatError(path, None, f"damaged HDF5: {error}") from error
         lengths = {name: column.size for name, column in self._columns.items()}
         if len(set(lengths.values())) != 1:
@@ -153,7 +153,7 @@ def _attribute(file: Any, name: str) -> Any:
 def text_of(file: Any, name: str) -> str:
     """An attribute of a file that is a text, empty if it has none."""
     value = _attribute(file, name)
-    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value or "")
+    return value.decode("ascii", "replace") if isinstance(value, bytes) else "" if value is None else str(value)
 
 
 def number_of(path: Any, file: Any, name: str) -> Any:

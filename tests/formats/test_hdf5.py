@@ -89,6 +89,7 @@ def test_a_truncated_file_is_refused(path):
         (lambda f: f.pop("events/p"), "without /events"),
         (lambda f: (f.pop("events/p"), f.create_dataset("events/p", data=np.zeros(3, np.uint8))), "different lengths"),
         (lambda f: f["events/x"].write_direct(np.full(1000, 31, np.uint8)), "outside the sensor"),
+        (lambda f: f.attrs.update(format=[1, 2], width=h5py.h5r.Reference()), "attribute width is|no NumPy|damaged"),
         (lambda f: f.attrs.pop("version"), "attribute version is None"),
         (lambda f: f.attrs.update(version="newest"), "attribute version is"),
         (lambda f: f.attrs.update(height=h5py.Empty("i4")), "attribute height is None"),
