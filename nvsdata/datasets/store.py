@@ -7,13 +7,12 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from nvsdata.datasets.source import Listing
 from nvsdata.errors import FormatError
 from nvsdata.events import EVER, Columns, Recording
-from nvsdata.formats.hdf5 import STORE, dataset_of, number_of, text_of
+from nvsdata.formats.hdf5 import STORE, dataset_of, number_of, opened, text_of
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 1
@@ -45,20 +44,17 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.root, self.path = path, str(path)
-        try:
-            with h5py.File(path, "r") as file:
-                if text_of(file, "format") != STORE:
-                    raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
-                version = number_of(path, file, "version")
-                if version > VERSION:
-                    raise FormatError(path, None, f"version {version} is newer than {VERSION}: update nvsdata")
-                self.dataset = text_of(file, "dataset")
-                index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
-                if checksum(index) != number_of(path, file, "checksum"):
-                    raise FormatError(path, None, "its index fails its checksum: pack it again")
-                places = {name: _place(path, dataset_of(path, file, f"events/{name}")) for name in COLUMNS}
-        except (OSError, KeyError, RuntimeError, TypeError) as error:
-            raise FormatError(path, None, f"no packed store, or damaged: {error}") from error
+        with opened(path, "no packed store, or damaged") as file:
+            if text_of(file, "format") != STORE:
+                raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
+            version = number_of(path, file, "version")
+            if version > VERSION:
+                raise FormatError(path, None, f"version {version} is newer than {VERSION}: update nvsdata")
+            self.dataset = text_of(file, "dataset")
+            index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
+            if checksum(index) != number_of(path, file, "checksum"):
+                raise FormatError(path, None, "its index fails its checksum: pack it again")
+            places = {name: _place(path, dataset_of(path, file, f"events/{name}")) for name in COLUMNS}
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
         # lists, for a number out of an array costs as much as all the rest of a look-up
         self._offset, self._base, self._duration = (index[name].tolist() for name in ("offset", "base", "duration"))
@@ -141,11 +137,8 @@ class Store:
         if len(self._places) == len(COLUMNS):
             n = hi - lo
             return [np.frombuffer(self._bytes(n * size, begin + lo * size), kind) for kind, size, begin in self._places]
-        try:
-            with h5py.File(self.root, "r") as file:
-                return [np.asarray(file[f"events/{name}"][lo:hi]) for name in COLUMNS]
-        except (OSError, KeyError, RuntimeError) as error:
-            raise FormatError(self.root, None, f"can't read events {lo} to {hi}: {error}") from error
+        with opened(self.root, f"can't read events {lo} to {hi}") as file:
+            return [np.asarray(file[f"events/{name}"][lo:hi]) for name in COLUMNS]
 
     def _bytes(self, size: int, at: int) -> bytes:
         """Bytes of the file, read without a position that forked workers would share."""

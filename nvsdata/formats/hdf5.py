@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 import mmap
 from bisect import bisect_left
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import h5py
@@ -30,7 +30,7 @@ from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
 from nvsdata.kernels.order import never_falls
 
-__all__ = ["STORE", "Recording", "dataset_of", "number_of", "text_of", "write"]
+__all__ = ["STORE", "Recording", "dataset_of", "number_of", "opened", "text_of", "write"]
 
 STORE = "nvsdata-store"
 LATEST = 1 << 62  # µs
@@ -45,18 +45,15 @@ class Recording(BaseRecording):
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
         self._offset, self._long = 0, False  # what is added to times, and whether that might take one too far
-        try:
-            with h5py.File(path, "r") as file:
-                kind = text_of(file, "format")
-                if kind == STORE:
-                    raise FormatError(path, None, "a packed store of many recordings: open it with its dataset's class")
-                if kind == NAME and number_of(path, file, "version") > VERSION:
-                    reason = f"version {number_of(path, file, 'version')} is newer than {VERSION}: update nvsdata"
-                    raise FormatError(path, None, reason)
-                self._size = self._size or self._stated(file, kind == NAME)
-                self._columns = self._find(file)
-        except (OSError, KeyError, RuntimeError, TypeError) as error:
-            raise FormatError(path, None, f"damaged HDF5: {error}") from error
+        with opened(path, "damaged HDF5") as file:
+            kind = text_of(file, "format")
+            if kind == STORE:
+                raise FormatError(path, None, "a packed store of many recordings: open it with its dataset's class")
+            if kind == NAME and number_of(path, file, "version") > VERSION:
+                reason = f"version {number_of(path, file, 'version')} is newer than {VERSION}: update nvsdata"
+                raise FormatError(path, None, reason)
+            self._size = self._size or self._stated(file, kind == NAME)
+            self._columns = self._find(file)
         lengths = {name: column.size for name, column in self._columns.items()}
         if len(set(lengths.values())) != 1:
             raise FormatError(path, None, f"columns of different lengths: {lengths}")
@@ -136,6 +133,18 @@ class Recording(BaseRecording):
     def _bounds(self) -> tuple[int, int] | None:
         t = self._columns["t"]
         return (int(t[0:1][0]) + self._offset, int(t[t.size - 1 :][0]) + self._offset) if t.size else (0, 0)
+
+
+@contextmanager
+def opened(path: Any, reason: str) -> Iterator[Any]:
+    """h5py's file, to read; what goes wrong while it is open is a FormatError that begins with `reason`."""
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except FormatError:
+        raise
+    except (OSError, KeyError, RuntimeError, TypeError, ValueError, MemoryError) as error:
+        raise FormatError(path, None, f"{reason}: {error}") from error
 
 
 def _attribute(file: Any, name: str) -> Any:
@@ -226,11 +235,8 @@ class Column:
             return self._as(kind, cut[0] if len(cut) == 1 else np.concatenate(cut))
         with suppress(ImportError):
             import hdf5plugin  # noqa: F401  registers its filters
-        try:
-            with h5py.File(self.path, "r") as file:
-                found = file[self.name][which]
-        except (OSError, KeyError, RuntimeError, MemoryError) as error:
-            raise FormatError(self.path, None, f"can't read {self.name}: {error}") from error
+        with opened(self.path, f"can't read {self.name}") as file:
+            found = file[self.name][which]
         column = np.asarray(found if self.field is None else found[self.field])
         return self._as(kind, column.astype(np.uint8) if column.dtype.kind == "b" else column)
 

@@ -17,7 +17,7 @@ import numpy as np
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns
 from nvsdata.events import Recording as BaseRecording
-from nvsdata.formats.hdf5 import dataset_of
+from nvsdata.formats.hdf5 import dataset_of, opened
 from nvsdata.formats.records import all_bytes_of
 
 try:
@@ -156,11 +156,8 @@ class Recording(BaseRecording):
                 known = any(name in names for names in NAMES.values())
                 found[name] = dataset_of(self.path, item.file, item.name)[()] if known else np.empty(0)
 
-        try:
-            with h5py.File(self.path, "r") as file:
-                file.visititems(add)
-        except (OSError, RuntimeError, MemoryError) as error:
-            raise FormatError(self.path, None, f"damaged MATLAB v7.3 file: {error}") from error
+        with opened(self.path, "damaged MATLAB v7.3 file") as file:
+            file.visititems(add)
         return found
 
 
