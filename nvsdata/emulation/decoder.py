@@ -117,6 +117,10 @@ def _opened(path: Path) -> tuple[Any, list[int]]:
     return reader, options
 
 
+# OpenCV 5 moved it, and 4 doesn't name its levels
+logging = getattr(cv2.utils, "logging", cv2)
+ERRORS_ONLY = 2
+
 _quiet_lock = Lock()
 _quiet = {"streams": 0, "level": 0}
 
@@ -124,10 +128,9 @@ _quiet = {"streams": 0, "level": 0}
 @contextmanager
 def _without_warnings() -> Iterator[None]:
     """OpenCV warns at each frame of luma that it is no colour. Its level of warnings is the process's."""
-    logging = cv2.utils.logging
     with _quiet_lock:
         if _quiet["streams"] == 0:
-            _quiet["level"] = logging.setLogLevel(logging.LOG_LEVEL_ERROR)
+            _quiet["level"] = logging.setLogLevel(ERRORS_ONLY)
         _quiet["streams"] += 1
     try:
         yield

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.decoder import FULL, STUDIO, Decoder, levels_of, stretched
+from nvsdata.emulation.decoder import ERRORS_ONLY, FULL, STUDIO, Decoder, levels_of, logging, stretched
 from nvsdata.emulation.emulator import brightness
 from nvsdata.emulation.video import Frame, frames_of
 
@@ -78,13 +78,12 @@ def test_what_is_no_luma_of_the_picture(tmp_path):
 
 def test_warnings_are_as_they_were_after_a_stream_and_after_leaving_one(tmp_path):
     path = clip(tmp_path / "a.avi", "MJPG", moving_square())
-    logging = cv2.utils.logging
     before = logging.getLogLevel()
     one, two = iter(Decoder(path, False)), iter(Decoder(path, False))
     next(one), next(two)
-    assert logging.getLogLevel() == logging.LOG_LEVEL_ERROR
+    assert logging.getLogLevel() == ERRORS_ONLY
     one.close()
-    assert logging.getLogLevel() == logging.LOG_LEVEL_ERROR
+    assert logging.getLogLevel() == ERRORS_ONLY
     two.close()
     assert logging.getLogLevel() == before
     assert len(list(Decoder(path, False))) == 12
