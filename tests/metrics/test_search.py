@@ -4,7 +4,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from clips import write_video
+from clips import moving_square, write_video
 
 import nvsdata
 from nvsdata import Events, metrics
@@ -37,7 +37,10 @@ def test_a_search_finds_settings_as_good_as_the_hidden_ones(frames, threshold):
 
 
 def test_a_pair_has_the_colours_of_a_file_for_hue_and_its_luma_for_the_rest(tmp_path):
-    path = write_video(tmp_path / "a.avi", fps=FPS)
+    frames = moving_square()
+    for frame in frames:
+        frame[frame[..., 2] > 200, 2] //= 4  # the square is of another hue than the ground
+    path = write_video(tmp_path / "a.avi", frames, fps=FPS)
     pair = Pair(PIX2NVS().emulate(path), path)
     for settings in (PIX2NVS(), PIX2NVS(hue=True, threshold=0.05)):
         assert len(settings.emulate(path)) > 50
