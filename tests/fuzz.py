@@ -19,15 +19,22 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import trees
-from lookalikes import AEDAT3_HEADER, aedat3_packet, aedat4_bytes, evt2_bytes, evt3_bytes, matlab_bytes
+from lookalikes import (
+    AEDAT3_HEADER,
+    MATLAB_73,
+    aedat3_packet,
+    aedat4_bytes,
+    evt2_bytes,
+    evt3_bytes,
+    hdf5_bytes,
+    matlab_bytes,
+)
 
 import nvsdata
 from nvsdata import FormatError
@@ -84,22 +91,14 @@ def make_samples(home: Path) -> dict[str, bytes]:
     for name, compression in (("plain", 0), ("lz4", 1), ("zstd", 3)):
         samples[f"{name}.aedat4"] = aedat4_bytes(ev, compression)
     # as others write HDF5: without the checksums that ours has
-    columns = ev.columns._asdict()
-    for name, options in (("dsec", {}), ("zip", {"chunks": (50,), "compression": "gzip"})):
-        samples[f"{name}.h5"] = hdf5_bytes(home, {f"events/{k}": v for k, v in columns.items()}, options)
-    samples["cd.h5"] = hdf5_bytes(home, {"CD/events": ev.to_structured()}, {"chunks": (50,)})
+    events = {f"events/{name}": {"data": column} for name, column in ev.columns._asdict().items()}
+    zipped = {"chunks": (50,), "compression": "gzip"}
+    samples["dsec.h5"] = hdf5_bytes(events)
+    samples["zip.h5"] = hdf5_bytes({name: how | zipped for name, how in events.items()})
+    samples["cd.h5"] = hdf5_bytes({"CD/events": {"data": ev.to_structured(), "chunks": (50,)}})
     columns = {"ts": ev.t, "x": ev.x, "y": ev.y, "pol": ev.p}
-    head = b"MATLAB 7.3 MAT-file".ljust(512)
-    samples["v73.mat"] = head + hdf5_bytes(home, columns, {}, userblock_size=len(head))[len(head) :]
+    samples["v73.mat"] = hdf5_bytes({name: {"data": column} for name, column in columns.items()}, MATLAB_73)
     return samples
-
-
-def hdf5_bytes(home: Path, datasets: dict[str, np.ndarray], options: dict[str, Any], **how: Any) -> bytes:
-    """A file of these datasets, in h5py's usual layout."""
-    with h5py.File(home / "made.h5", "w", **how) as file:
-        for name, values in datasets.items():
-            file.create_dataset(name, data=values, **options)
-    return (home / "made.h5").read_bytes()
 
 
 def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, str]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import struct
+from typing import Any
 
+import h5py
 import numpy as np
 import scipy.io
 
@@ -17,6 +19,18 @@ def matlab_bytes(ev: Events, compress: bool = True, **more: np.ndarray) -> bytes
     file = io.BytesIO()
     scipy.io.savemat(file, {name: np.asarray(c).reshape(-1, 1) for name, c in columns.items()}, do_compression=compress)
     return file.getvalue()
+
+
+MATLAB_73 = b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(512)
+
+
+def hdf5_bytes(datasets: dict[str, dict[str, Any]], before: bytes = b"") -> bytes:
+    """HDF5 as h5py writes it by default, of what its `create_dataset` takes for each name; `before` it other bytes."""
+    whole = io.BytesIO()
+    with h5py.File(whole, "w", userblock_size=len(before)) as file:
+        for name, how in datasets.items():
+            file.create_dataset(name, **how)
+    return before + whole.getvalue()[len(before) :]
 
 
 def evt2_bytes(ev: Events, header: bytes = b"% evt 2.0\n% end\n") -> bytes:

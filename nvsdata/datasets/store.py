@@ -12,7 +12,7 @@ import numpy as np
 from nvsdata.datasets.source import Listing
 from nvsdata.errors import FormatError
 from nvsdata.events import EVER, Columns, Recording
-from nvsdata.formats.hdf5 import STORE, dataset_of, number_of, opened, text_of
+from nvsdata.formats.hdf5 import STORE, check_version, dataset_of, number_of, opened, text_of
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 1
@@ -47,9 +47,7 @@ class Store:
         with opened(path, "no packed store, or damaged") as file:
             if text_of(file, "format") != STORE:
                 raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
-            version = number_of(path, file, "version")
-            if version > VERSION:
-                raise FormatError(path, None, f"version {version} is newer than {VERSION}: update nvsdata")
+            check_version(path, file, VERSION)
             self.dataset = text_of(file, "dataset")
             index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
             if checksum(index) != number_of(path, file, "checksum"):

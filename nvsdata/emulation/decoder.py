@@ -36,13 +36,13 @@ class Decoder:
     """
 
     def __init__(self, path: Path, colour: bool) -> None:
-        self._reader, self._options = _opened(path)
+        self._reader, options = _opened(path)
         self.levels, self._luma = FULL, False
         self.rate = float(self._reader.get(cv2.CAP_PROP_FPS))
         self.promised = int(self._reader.get(cv2.CAP_PROP_FRAME_COUNT))
         self._first = self._reader.read()[1]
         if not colour and self._first is not None and self._pixel_format() in LUMA_FIRST:
-            self._prefer_luma(path)
+            self._prefer_luma(cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options))
 
     def __iter__(self) -> Iterator[tuple[int, np.ndarray]]:
         """Time in µs and picture, of each frame once."""
@@ -59,9 +59,8 @@ class Decoder:
     def _pixel_format(self) -> int:
         return int(self._reader.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT))
 
-    def _prefer_luma(self, path: Path) -> None:
-        """Read luma from now on, if its values can be told."""
-        other = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, self._options)
+    def _prefer_luma(self, other: Any) -> None:
+        """Read luma by the `other` reader of the file from now on, if its values can be told."""
         with _without_warnings():
             other.set(cv2.CAP_PROP_CONVERT_RGB, 0)
             luma = other.read()[1]

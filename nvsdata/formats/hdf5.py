@@ -30,7 +30,7 @@ from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
 from nvsdata.kernels.order import never_falls
 
-__all__ = ["STORE", "Recording", "dataset_of", "number_of", "opened", "text_of", "write"]
+__all__ = ["STORE", "Recording", "check_version", "dataset_of", "number_of", "opened", "text_of", "write"]
 
 STORE = "nvsdata-store"
 LATEST = 1 << 62  # µs
@@ -49,9 +49,8 @@ class Recording(BaseRecording):
             kind = text_of(file, "format")
             if kind == STORE:
                 raise FormatError(path, None, "a packed store of many recordings: open it with its dataset's class")
-            if kind == NAME and number_of(path, file, "version") > VERSION:
-                reason = f"version {number_of(path, file, 'version')} is newer than {VERSION}: update nvsdata"
-                raise FormatError(path, None, reason)
+            if kind == NAME:
+                check_version(path, file, VERSION)
             self._size = self._size or self._stated(file, kind == NAME)
             self._columns = self._find(file)
         lengths = {name: column.size for name, column in self._columns.items()}
@@ -92,7 +91,7 @@ class Recording(BaseRecording):
         raise FormatError(self.path, None, f"/t_offset is {value}, no time in µs up to 2^62")
 
     def _column(self, dataset: Any, memory: mmap.mmap) -> Column:
-        name, kind = h5py.h5i.get_name(dataset).decode("utf-8", "replace"), dataset.dtype
+        name, kind = _name(dataset), dataset.dtype
         if dataset.rank != 1 or kind.kind not in "iub":
             raise FormatError(self.path, None, f"{name} is no column of integers")
         (count,) = dataset.shape
@@ -162,7 +161,9 @@ def _attribute(file: Any, name: str) -> Any:
 def text_of(file: Any, name: str) -> str:
     """An attribute of a file that is a text, empty if it has none."""
     value = _attribute(file, name)
-    return value.decode("ascii", "replace") if isinstance(value, bytes) else "" if value is None else str(value)
+    if isinstance(value, bytes):
+        return value.decode("ascii", "replace")
+    return "" if value is None else str(value)
 
 
 def number_of(path: Any, file: Any, name: str) -> Any:
@@ -171,6 +172,13 @@ def number_of(path: Any, file: Any, name: str) -> Any:
     if value.size != 1 or value.dtype.kind not in "iuf":
         raise FormatError(path, None, f"attribute {name} is {value}, no number")
     return value.item()
+
+
+def check_version(path: Any, file: Any, known: int) -> None:
+    """FormatError for a file of a newer version than the one that is known."""
+    version = number_of(path, file, "version")
+    if version > known:
+        raise FormatError(path, None, f"version {version} is newer than {known}: update nvsdata")
 
 
 def dataset_of(path: Any, file: Any, name: str) -> Any:
@@ -182,9 +190,14 @@ def dataset_of(path: Any, file: Any, name: str) -> Any:
     return found
 
 
+def _name(dataset: Any) -> str:
+    name: str = h5py.h5i.get_name(dataset).decode("utf-8", "replace")
+    return name
+
+
 def _check_stored(path: Any, dataset: Any) -> None:
     """FormatError if values that a dataset claims aren't in the file: HDF5 would make them up, however many."""
-    layout, name = dataset.get_create_plist(), h5py.h5i.get_name(dataset).decode("utf-8", "replace")
+    layout = dataset.get_create_plist()
     claimed = found = 1
     if layout.get_layout() == h5py.h5d.CHUNKED:
         claimed = math.prod(-(-side // chunk) for side, chunk in zip(dataset.shape, layout.get_chunk(), strict=True))
@@ -192,7 +205,8 @@ def _check_stored(path: Any, dataset: Any) -> None:
     elif layout.get_layout() == h5py.h5d.CONTIGUOUS and 0 not in dataset.shape and not layout.get_external_count():
         found = int(dataset.get_offset() is not None)
     if found < claimed:
-        raise FormatError(path, None, f"{found} of {claimed} pieces of {name} are there: cut off, or never written")
+        what = f"{found} of {claimed} pieces of {_name(dataset)} are there"
+        raise FormatError(path, None, f"{what}: cut off, or never written")
 
 
 def _places(path: str, dataset: Any) -> tuple[list[int], int]:

@@ -148,17 +148,17 @@ class Recording(BaseRecording):
             found[name] = np.frombuffer(numbers, NUMBERS[kind])
 
     def _v73(self) -> dict[str, np.ndarray]:
-        found: dict[str, np.ndarray] = {}
+        places: dict[str, str] = {}
 
         def add(path: str, item: Any) -> None:
-            name = path.rsplit("/", 1)[-1]
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "iufb":
-                known = any(name in names for names in NAMES.values())
-                found[name] = dataset_of(self.path, item.file, item.name)[()] if known else np.empty(0)
+                places[path.rsplit("/", 1)[-1]] = path
 
+        wanted = {name for names in NAMES.values() for name in names}
         with opened(self.path, "damaged MATLAB v7.3 file") as file:
             file.visititems(add)
-        return found
+            # of others their names are enough
+            return {k: dataset_of(self.path, file, v)[()] if k in wanted else np.empty(0) for k, v in places.items()}
 
 
 def _least(column: np.ndarray) -> int:

@@ -1,11 +1,10 @@
 import io
 
-import h5py
 import numpy as np
 import pytest
 import scipy.io
 from hypothesis import given
-from lookalikes import matlab_bytes
+from lookalikes import MATLAB_73, hdf5_bytes, matlab_bytes
 from strategies import events
 
 import nvsdata
@@ -45,23 +44,6 @@ def test_a_struct_of_columns(tmp_path):
     assert nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE) == EV
 
 
-@pytest.fixture
-def v73(tmp_path):
-    """Makes a v7.3 file of what h5py's `create_dataset` takes for each name."""
-
-    def make(**columns):
-        path = tmp_path / "a.mat"
-        with h5py.File(path, "w", userblock_size=512) as file:
-            for name, how in columns.items():
-                file.create_dataset(name, **how)
-        raw = bytearray(path.read_bytes())
-        raw[:124] = b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(124)
-        path.write_bytes(raw)
-        return path
-
-    return make
-
-
 V73 = {
     name: {"data": column.reshape(1, -1).astype(np.float64)}
     for name, column in {"ts": EV.t, "x": EV.x, "y": EV.y, "pol": EV.p}.items()
@@ -69,14 +51,16 @@ V73 = {
 HUGE = {"shape": (10**12,), "dtype": "u4", "chunks": (1_000,)}
 
 
-def test_a_v73_file(v73):
+def test_a_v73_file(tmp_path):
     # what else is in the file isn't looked at
-    assert nvsdata.read(v73(**V73, other=HUGE), sensor_size=SIZE) == EV
+    (tmp_path / "a.mat").write_bytes(hdf5_bytes(V73 | {"other": HUGE}, MATLAB_73))
+    assert nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE) == EV
 
 
-def test_a_v73_file_that_lacks_what_it_claims(v73):
+def test_a_v73_file_that_lacks_what_it_claims(tmp_path):
+    (tmp_path / "a.mat").write_bytes(hdf5_bytes(V73 | {"ts": HUGE}, MATLAB_73))
     with pytest.raises(FormatError, match="0 of 1000000000 pieces of /ts are there"):
-        nvsdata.read(v73(**(V73 | {"ts": HUGE})), sensor_size=SIZE)
+        nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Networks on a pretended device: forward, backward and running statistics are those of the CPU."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import pytest
 import torch
@@ -40,10 +40,7 @@ CASES = {
 
 
 def moved(sample):
-    if isinstance(sample, GraphBatch):
-        given = {field.name: getattr(sample, field.name) for field in fields(sample)}
-        return replace(sample, **{k: Elsewhere(v) for k, v in given.items() if isinstance(v, torch.Tensor)})
-    return Elsewhere(sample)
+    return sample._each(Elsewhere) if isinstance(sample, GraphBatch) else Elsewhere(sample)
 
 
 @pytest.mark.parametrize("name", CASES)
