@@ -102,13 +102,19 @@ class Actions:
         return models.RGCNN3D(**models.CONFIGURATIONS_3D[name] | {"temporal": self.temporal, "num_classes": classes})
 
     def trainer(
-        self, args: argparse.Namespace, sensor_size: tuple[int, int], classes: int, here: Team, out: Path
+        self,
+        args: argparse.Namespace,
+        sensor_size: tuple[int, int],
+        classes: int,
+        data: dict[str, Any],
+        here: Team,
+        out: Path,
     ) -> Trainer:
-        """A network, and what trains it as the flags say, in `out`."""
+        """A network, and what trains it on `data` (see `Trainer`) as the flags say, in `out`."""
         model = self.build(sensor_size, classes).to(here.device)
         optimisation = self.optimisation(model, args.epochs)
         run = {"epochs": args.epochs, "batch": args.batch, "seed": args.seed, "resume": args.resume}
-        return Trainer(model, *optimisation, out, team=here, **run)
+        return Trainer(model, *optimisation, out, data=data, team=here, **run)
 
     def optimisation(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
         """Optimizer and schedule: Adam, or for 3D CNNs gradient descent from 0.01, tenfold less every 50 epochs.

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from torch.utils.data import default_collate
+from torch.utils.data._utils.collate import default_collate_fn_map
 
 from nvsdata.events import Events, Recording
 from nvsdata.graph import Graph, GraphBatch
@@ -83,3 +84,12 @@ def _receive(piece: Any, layout: list[tuple[str, torch.dtype, torch.Size]], give
 
 
 ForkingPickler.register(Batch, _send)
+
+
+def _batch(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
+    return _stack(list(samples))
+
+
+# a DataLoader without collate_fn knows what to do with these, too: torch asks here for types of others
+for kind in (Graph, Events, Recording):
+    default_collate_fn_map[kind] = _batch

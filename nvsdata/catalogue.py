@@ -23,8 +23,7 @@ def _row(kind: type[EventDataset], root: Path) -> tuple[str, ...]:
     size = sum(archive.size for archive in info.archives)
     sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
     place = where(info.name, root)
-    by_hand = not info.archives or not any(archive.urls for archive in info.archives)
-    how = f"by hand from {info.page}" if by_hand else f"nvsdata download {info.name}"
+    how = f"nvsdata download {info.name}" if info.by_program else f"by hand from {info.page}"
     return (
         info.name,
         sensor,

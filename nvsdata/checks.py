@@ -21,3 +21,16 @@ def probability(name: str, value: float) -> None:
     """ValueError unless 0 <= value <= 1."""
     if not 0 <= value <= 1:
         raise ValueError(f"{name} must lie between 0 and 1, not {value}")
+
+
+def microseconds(name: str, value: float) -> None:
+    """ValueError unless it is a whole number of µs, at least one."""
+    whole_microseconds(name, value)
+    positive(name, value)
+
+
+def whole_microseconds(name: str, value: float) -> None:
+    """ValueError unless it is a whole number; one that isn't is likely to be of seconds."""
+    if not math.isfinite(value) or value != int(value):
+        meant = f" ({value} s are {round(value * 1e6)})" if 0 < value < 1000 else ""
+        raise ValueError(f"{name} counts whole µs, not {value}{meant}")

@@ -3,25 +3,54 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a subcommand; return the exit code (0 fine, 1 something failed, 130 interrupted)."""
+    """Run a subcommand; return the exit code.
+
+    0 is fine, 1 that something failed, 130 interrupted, 128 and a signal's number ended by that signal.
+    """
+    from nvsdata.signals import end_of, ending_by_signals, exit_code
+
+    _open_standard_streams()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            # names of files may hold what the terminal can't show
+            stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if argv is None else argv)
     args = _parser(words[0] if words else "").parse_args(words)
     try:
-        code: int = args.run(args)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+        with ending_by_signals():
+            code: int = args.run(args)
+    except KeyboardInterrupt as error:
+        print(end_of(error), file=sys.stderr)
+        return exit_code(error)
+    except BrokenPipeError:
+        # who read what is printed has gone; what is left must not be an error at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except (OSError, ValueError, ImportError) as error:
         print(f"nvsdata {args.command}: {error}", file=sys.stderr)
         return 1
     return code
+
+
+def _open_standard_streams() -> None:
+    """Have all three, where a shell closed some: the next file opened would take their numbers, and be printed to."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  for as long as the process runs
 
 
 def _parser(command: str) -> argparse.ArgumentParser:
@@ -32,45 +61,49 @@ def _parser(command: str) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     demo = commands.add_parser("demo", help="draw moving shapes, turn them into events, train a graph CNN on them")
-    demo.add_argument("--out", type=Path, default=Path("nvsdata-demo"), help="folder for data and pictures")
+    demo.add_argument("--out", type=_path, default=Path("nvsdata-demo"), help="folder for data and pictures")
     demo.add_argument("--seconds", type=float, default=60, help="how long to train (default 60)")
     demo.add_argument("--seed", type=int, default=0)
     demo.set_defaults(run=_demo)
 
     info = commands.add_parser("info", help="what is in files of events: format, sensor, rate, anomalies")
-    info.add_argument("files", nargs="+", metavar="FILE", type=Path)
+    info.add_argument("files", nargs="+", metavar="FILE", type=_path)
     info.set_defaults(run=_info)
 
     datasets = commands.add_parser("datasets", help="the datasets: sensor, size, licence, and where they are")
     datasets.add_argument(
-        "--root", type=Path, default=Path(), help="folder that datasets are looked for in (default .)"
+        "--root", type=_path, default=Path(), help="folder that datasets are looked for in (default .)"
     )
     datasets.set_defaults(run=_datasets)
 
     download = commands.add_parser("download", help="fetch and unpack a dataset, or say how to get it by hand")
     download.add_argument("name", metavar="NAME", help="as `nvsdata datasets` calls it")
-    download.add_argument("--root", type=Path, help="where it goes (default ./NAME)")
+    download.add_argument("--root", type=_path, help="where it goes (default ./NAME)")
     download.set_defaults(run=_download)
 
-    pack = commands.add_parser("pack", help="put all recordings of a dataset into one file that is fast to read")
-    pack.add_argument("root", type=Path, metavar="ROOT", help="the dataset's folder")
+    pack = commands.add_parser(
+        "pack", help="put all recordings of a dataset into one file; exit code 1 if any is left out"
+    )
+    pack.add_argument("root", type=_path, metavar="ROOT", help="the dataset's folder")
     pack.add_argument("--dataset", required=True, metavar="NAME", help="as `nvsdata datasets` calls it, or folder")
-    pack.add_argument("--out", required=True, type=Path, metavar="FILE.h5")
+    pack.add_argument("--out", required=True, type=_path, metavar="FILE.h5")
     pack.add_argument("--split", default="all", help="pack one split only (default all: any split can be had of it)")
     pack.add_argument("--jobs", type=int, default=1, help="processes that decode (default 1)")
     pack.add_argument("--compress", action="store_true", help="smaller, but slower to read")
+    pack.add_argument("--overwrite", action="store_true", help="replace FILE.h5 if it is there")
     pack.set_defaults(run=_pack)
 
     convert = commands.add_parser("convert", help="a recording in another format")
-    convert.add_argument("source", type=Path, metavar="IN")
-    convert.add_argument("target", type=Path, metavar="OUT", help="its extension names the format")
+    convert.add_argument("source", type=_path, metavar="IN")
+    convert.add_argument("target", type=_path, metavar="OUT", help="its extension names the format")
     convert.add_argument("--sensor-size", type=_size, metavar="WxH", help="where the file doesn't state it")
     convert.add_argument("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
+    convert.add_argument("--overwrite", action="store_true", help="replace OUT if it is there")
     convert.set_defaults(run=_convert)
 
     videos = commands.add_parser("convert-videos", help="videos to events (PIX2NVS), class folder by class folder")
-    videos.add_argument("source", type=Path, metavar="IN", help="a folder of videos, or one video")
-    videos.add_argument("--out", type=Path, metavar="DIR", help="where recordings go (default IN-events)")
+    videos.add_argument("source", type=_path, metavar="IN", help="a folder of videos, or one video")
+    videos.add_argument("--out", type=_path, metavar="DIR", help="where recordings go (default IN-events)")
     videos.add_argument("--format", default="hdf5", help="hdf5, aedat2, aedat3 or text (default hdf5)")
     videos.add_argument("--size", type=_size, metavar="WxH", help="scale frames, for example to 240x180")
     videos.add_argument("--fps", type=float, help="frames a second, whatever the files say")
@@ -83,14 +116,14 @@ def _parser(command: str) -> argparse.ArgumentParser:
     videos.set_defaults(run=_convert_videos)
 
     compare = commands.add_parser("compare", help="how far events are from others: Chamfer, repeatability, EMD")
-    compare.add_argument("emulated", type=Path, metavar="A", help="a recording; distances go from it to B")
-    compare.add_argument("real", type=Path, metavar="B", help="what it is held to")
+    compare.add_argument("emulated", type=_path, metavar="A", help="a recording; distances go from it to B")
+    compare.add_argument("real", type=_path, metavar="B", help="what it is held to")
     compare.add_argument(
         "--fps", type=float, default=30.0, help="frames a second that events are summed in (default 30)"
     )
     compare.add_argument("--offset", type=int, default=0, metavar="US", help="µs to add to the times of B")
     compare.add_argument("--sensor-size", type=_size, metavar="WxH", help="where the files don't state it")
-    compare.add_argument("--picture", type=Path, default=Path("compare.png"), help="where both are drawn side by side")
+    compare.add_argument("--picture", type=_path, default=Path("compare.png"), help="where both are drawn side by side")
     compare.set_defaults(run=_compare)
 
     tune = commands.add_parser(
@@ -98,9 +131,9 @@ def _parser(command: str) -> argparse.ArgumentParser:
         help="search for settings of PIX2NVS that come closest to a real recording",
         description="Settings that are given are held, the others searched.",
     )
-    tune.add_argument("--real", type=Path, required=True, metavar="REC", help="what a camera saw of the video")
-    tune.add_argument("--video", type=Path, required=True, metavar="VID")
-    tune.add_argument("--out", type=Path, default=Path("tuning"), metavar="DIR", help="default ./tuning")
+    tune.add_argument("--real", type=_path, required=True, metavar="REC", help="what a camera saw of the video")
+    tune.add_argument("--video", type=_path, required=True, metavar="VID")
+    tune.add_argument("--out", type=_path, default=Path("tuning"), metavar="DIR", help="default ./tuning")
     tune.add_argument("--trials", type=int, default=100, help="default 100")
     tune.add_argument("--seconds", type=float, help="compare the first seconds only")
     tune.add_argument("--fps", type=float, help="frames a second, whatever the video says")
@@ -113,11 +146,11 @@ def _parser(command: str) -> argparse.ArgumentParser:
 
     record = commands.add_parser("record", help="record a DAVIS camera's events, or videos that it sees on a monitor")
     record.add_argument(
-        "--out", type=Path, metavar="OUT", help="a file, whose extension says the format; with --monitor, a folder"
+        "--out", type=_path, metavar="OUT", help="a file, whose extension says the format; with --monitor, a folder"
     )
     record.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
     record.add_argument("--device", metavar="SERIAL", help="which camera, if there are several")
-    record.add_argument("--settings", type=Path, metavar="FILE.json", help="biases, region, filters and so on")
+    record.add_argument("--settings", type=_path, metavar="FILE.json", help="biases, region, filters and so on")
     record.add_argument("--bias", action="append", default=[], metavar="NAME=COARSE:FINE", help="such as OnBn=5:255")
     record.add_argument("--region", type=int, nargs=4, metavar=("X", "Y", "WIDTH", "HEIGHT"), help="pixels to record")
     record.add_argument(
@@ -128,9 +161,10 @@ def _parser(command: str) -> argparse.ArgumentParser:
         help="a camera that isn't there, before a moving square or the monitor; what it suffers, such as drift=100",
     )
     record.add_argument("--live", action="store_true", help="show events in a window")
+    record.add_argument("--overwrite", action="store_true", help="replace what is there")
     screen = record.add_argument_group("playing videos on a monitor")
     screen.add_argument("--calibrate", action="store_true", help="aim, focus, find the screen; figures go to OUT")
-    screen.add_argument("--monitor", type=Path, metavar="IN", help="a folder of videos: play and record each of them")
+    screen.add_argument("--monitor", type=_path, metavar="IN", help="a folder of videos: play and record each of them")
     screen.add_argument("--resume", action="store_true", help="go on with a folder that holds recordings")
     screen.add_argument("--verify", action="store_true", help="hold what was recorded to the manifest, record nothing")
     screen.add_argument("--format", default="hdf5", help="hdf5, aedat2, aedat3 or text (default hdf5)")
@@ -147,16 +181,23 @@ def _parser(command: str) -> argparse.ArgumentParser:
     record.set_defaults(run=_record)
 
     verify = commands.add_parser(
-        "verify", help="open every recording, report what is wrong; exit code 1 if anything is"
+        "verify", help="open every recording, report what is wrong or lacking; exit code 1 if anything is"
     )
-    verify.add_argument("root", type=Path, metavar="ROOT", help="a folder or a packed store")
+    verify.add_argument("root", type=_path, metavar="ROOT", help="a folder or a packed store")
     verify.add_argument("--dataset", metavar="NAME", help="whose sensor and layout to hold it to")
     verify.set_defaults(run=_verify)
     return parser
 
 
+def _path(text: str) -> Path:
+    """A path; the shell leaves the ~ of --out=~/folder to the program."""
+    return Path(text).expanduser()
+
+
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"WIDTHxHEIGHT, such as 240x180, not {text!r}")
     return int(width), int(height)
 
 
@@ -184,11 +225,9 @@ def _settings(args: argparse.Namespace) -> Any:
 
 
 def _dataset(name: str) -> Any:
-    from nvsdata.datasets import DATASETS
+    from nvsdata.datasets import dataset_named
 
-    if name not in DATASETS:
-        raise ValueError(f"no dataset {name!r}; there are {', '.join(DATASETS)}")
-    return DATASETS[name]
+    return dataset_named(name)
 
 
 def _datasets(args: argparse.Namespace) -> int:
@@ -199,37 +238,45 @@ def _datasets(args: argparse.Namespace) -> int:
 
 
 def _download(args: argparse.Namespace) -> int:
-    from nvsdata.datasets.download import DownloadError, fetch_and_unpack
+    from nvsdata.datasets.download import download
 
     info = _dataset(args.name).info
-    root = args.root or Path(args.name)
-    if not info.archives:
-        raise DownloadError(f"{args.name} can't be downloaded by a program: see {info.page}")
-    for archive in info.archives:
-        print(fetch_and_unpack(archive, root, info.page))
+    for folder in download(info, args.root or Path(info.name)):
+        print(folder)
     return 0
 
 
 def _pack(args: argparse.Namespace) -> int:
     from nvsdata.datasets.pack import pack
+    from nvsdata.errors import shown
 
     _at_least_1(args, "jobs")
-    report = pack(_dataset(args.dataset)(args.root, args.split), args.out, jobs=args.jobs, compress=args.compress)
+    kind = _dataset(args.dataset)
+    dataset = kind.whole(args.root) if args.split == "all" else kind(args.root, args.split)
+    report = pack(dataset, args.out, jobs=args.jobs, compress=args.compress, overwrite=args.overwrite)
     for name, reason in report.skipped.items():
-        print(f"left out {name}: {reason}", file=sys.stderr)
+        print(f"left out {shown(name)}: {reason}", file=sys.stderr)
     print(f"{report.packed:,} recordings, {report.events:,} events in {args.out}; {len(report.skipped)} left out")
-    return 0
+    return 1 if report.skipped else 0
 
 
 def _convert(args: argparse.Namespace) -> int:
     from nvsdata import formats
+    from nvsdata.errors import shown
+    from nvsdata.files import creating
 
-    recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
-    events = recording.read()
-    formats.write(events, args.target)
+    formats.writer_of(args.target)
+    with creating(args.target, overwrite=args.overwrite):
+        recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
+        if formats.left_out(recording, args.target):
+            print(f"{shown(args.target)} holds events alone: frames and inertial samples are left out", file=sys.stderr)
+        written = formats.write(recording, args.target)
+        if args.source == args.target.with_name(f"{args.target.name}.davis") and not recording.repairs:
+            # the recording that it is the journal of is whole now
+            args.source.unlink()
     for what, count in recording.repairs.items():
-        print(f"{args.source}: {count} {what}", file=sys.stderr)
-    print(f"{len(events):,} events in {args.target}")
+        print(f"{shown(args.source)}: {count} {what}", file=sys.stderr)
+    print(f"{written:,} events in {shown(args.target)}")
     return 0
 
 
@@ -286,6 +333,8 @@ def _record(args: argparse.Namespace) -> int:
     _at_least_1(args, "limit")
     if args.monitor is None and (args.resume or args.verify):
         raise ValueError("--resume and --verify need --monitor, the folder of videos")
+    if args.monitor is not None and args.overwrite:
+        raise ValueError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
     if args.out is None and not (args.live or args.calibrate):
         raise ValueError("--out says where the recording goes")
     if args.seconds is not None and args.seconds <= 0:
@@ -293,26 +342,27 @@ def _record(args: argparse.Namespace) -> int:
     settings = settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
     simulate = None if args.simulate is None else Simulation.of(args.simulate)
     if args.monitor is None and not args.calibrate:
-        return run(args.out, args.seconds, args.device, settings, simulate, live=args.live)
+        return run(args.out, args.seconds, args.device, settings, simulate, live=args.live, overwrite=args.overwrite)
     screen = {
         "display": args.display,
         "region": args.screen_region and tuple(args.screen_region),
         "scaling": args.scaling,
     }
     if args.calibrate:
-        return run_calibration(args.out or Path("calibration"), args.seconds, args.device, settings, simulate, screen)
+        out = args.out or Path("calibration")
+        overwrite = args.overwrite
+        return run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
     how = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     return run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **how)
 
 
 def _verify(args: argparse.Namespace) -> int:
+    from nvsdata.errors import shown
     from nvsdata.verify import problems
 
-    if args.dataset is not None:
-        _dataset(args.dataset)
     count = 0
     for name, fault in problems(args.root, args.dataset):
-        print(f"{name}: {fault}")
+        print(f"{shown(name)}: {fault}")
         count += 1
     print("all sound" if not count else f"{count} faults")
     return 1 if count else 0
@@ -330,10 +380,12 @@ def _info(args: argparse.Namespace) -> int:
     code = 0
     for path in args.files:
         try:
-            print(describe(path))
+            text = describe(path)
         except (OSError, ValueError) as error:
             print(error, file=sys.stderr)
             code = 1
+        else:
+            print(text)
     return code
 
 

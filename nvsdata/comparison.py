@@ -9,7 +9,9 @@ import numpy as np
 
 from nvsdata import formats, metrics, pictures
 from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.errors import shown
 from nvsdata.events import Events
+from nvsdata.files import claimed, put
 from nvsdata.metrics.search import SPACE, Search, search
 from nvsdata.metrics.tune import Pair, aligned, table
 
@@ -36,13 +38,13 @@ def compare_files(
             (name, f"{distance.value:.4f}", str(distance.used), str(distance.empty_emulated), str(distance.empty_real))
         )
     pictures.save(side_by_side(a, b, fps, offset), picture)
-    return f"A  {emulated}  {a}\nB  {real}  {b}\n{aligned(rows)}\ndrawn in {picture}"
+    return f"A  {shown(emulated)}  {a}\nB  {shown(real)}  {b}\n{aligned(rows)}\ndrawn in {shown(picture)}"
 
 
 def side_by_side(a: Events, b: Events, fps: float, offset: int = 0) -> np.ndarray:
     """Both sequences at the same moments, in two rows; uint8 [H, W, 3]."""
     origins = (a.start, b.start - offset)
-    span = max(int(events.t[-1]) - origin if len(events) else 0 for events, origin in zip((a, b), origins, strict=True))
+    span = max(events.end - origin for events, origin in zip((a, b), origins, strict=True))
     length = round(1e6 / fps)
     starts = np.linspace(0, max(span - length, 0), SHOTS).astype(int).tolist()
     zoom = max(1, LEAST_WIDTH // a.sensor_size[0])
@@ -69,21 +71,22 @@ def tune_files(
 ) -> str:
     """Search for settings but those `held`; the table of what was found. Trials, table and pictures go to `out`."""
     pair = Pair(formats.open(real), video, fps=fps, seconds=seconds, offset=offset)
-    out.mkdir(parents=True, exist_ok=True)
     note = {"real": str(real), "video": str(video), "fps": fps, "seconds": seconds, "offset": offset}
     space = {name: choices for name, choices in SPACE.items() if name not in held}
     if not space:
         raise ValueError("every setting is given: there is nothing to search for")
-    found = search(
-        pair, space=space, base=base, trials=trials, seed=seed, jobs=jobs, journal=out / "trials.jsonl", note=note
-    )
-    if not np.isfinite(found.scores).any():
-        raise ValueError("no settings gave events in a frame that has real ones, too: is it the same scene?")
-    text = f"{table(found)}\n\n{found.best.settings!r}\n"
-    (out / "table.txt").write_text(text, encoding="utf-8")
-    pictures.save(score_curve(found), out / "score.png")
-    best = pair.emulate(found.best.settings)
-    pictures.save(side_by_side(best, pair.real, pair.fps, offset), out / "best.png")
+    out.mkdir(parents=True, exist_ok=True)
+    with claimed(out):
+        found = search(
+            pair, space=space, base=base, trials=trials, seed=seed, jobs=jobs, journal=out / "trials.jsonl", note=note
+        )
+        if not np.isfinite(found.scores).any():
+            raise ValueError("no settings gave events in a frame that has real ones, too: is it the same scene?")
+        text = f"{table(found)}\n\n{found.best.settings!r}\n"
+        put(out / "table.txt", text.encode())
+        pictures.save(score_curve(found), out / "score.png")
+        best = pair.emulate(found.best.settings)
+        pictures.save(side_by_side(best, pair.real, pair.fps, offset), out / "best.png")
     return f"{text}\ntrials, table and pictures are in {out}"
 
 

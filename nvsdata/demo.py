@@ -20,11 +20,13 @@ from nvsdata import transforms as T
 from nvsdata.batching import collate
 from nvsdata.datasets import EventFolder
 from nvsdata.events import Events
+from nvsdata.files import claimed
 
 SIZE = 34  # pixels, as N-MNIST
 FRAME_US = 500
 FRAMES = 161  # 80 ms
 THRESHOLD = 0.6  # of log intensity
+MARK = ".nvsdata-demo"  # of the folder of recordings: what it says is their seed, once all are there
 COUNTS = {"train": 40, "test": 15}  # recordings a class
 
 
@@ -103,11 +105,18 @@ def ideal_events(frames: np.ndarray, frame_us: int, threshold: float) -> Events:
 
 
 def make_dataset(folder: Path, seed: int) -> None:
-    """Write `train` and `test` class folders of recordings; a folder that is complete is left alone."""
-    mark = folder / ".complete"
+    """Write `train` and `test` class folders of recordings; a folder that is complete is left alone.
+
+    FileExistsError for a folder that somebody else made: it would be deleted.
+    """
+    mark = folder / MARK
     if mark.exists() and mark.read_text() == str(seed):
         return
+    if folder.exists() and not mark.exists() and any(folder.iterdir()):
+        raise FileExistsError(f"{folder} holds other files than the demo's: choose another --out")
     shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    mark.touch()
     rng = np.random.default_rng(seed)
     jobs = [(split, shape, i) for split, count in COUNTS.items() for shape in SHAPES for i in range(count)]
     for split, shape, i in tqdm(jobs, "recordings", leave=False, disable=None):
@@ -119,8 +128,13 @@ def make_dataset(folder: Path, seed: int) -> None:
 
 def run(out: Path, *, seconds: float, seed: int) -> int:
     """Make the data, train for `seconds`, print the accuracy, write two pictures; return 0."""
-    torch.manual_seed(seed)
     out.mkdir(parents=True, exist_ok=True)
+    with claimed(out):
+        return _run(out, seconds, seed)
+
+
+def _run(out: Path, seconds: float, seed: int) -> int:
+    torch.manual_seed(seed)
     data = out / "shapes"
     make_dataset(data, seed)
     graph: list[Any] = [T.RandomWindow(30_000), T.NonUniformSample(2), T.RadiusGraph()]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,11 @@ from nvsdata.kernels.order import never_falls
 if TYPE_CHECKING:
     import torch
 
+    from nvsdata.samples import Frame, Inertial
+
 MAX_COORDINATE = 32766
+LATEST = 1 << 62  # µs; times lie between this and its negative, so that differences can't overflow
+ORDER = "; the order is Events(t, x, y, p)"
 EVER = (-(2**63), 2**63 - 1)
 STRUCTURE = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.uint8)])
 
@@ -54,16 +58,18 @@ class Events:
     - `x`, `y` int16 [N]: pixels, origin top left
     - `p` uint8 [N]: polarity, 1 for ON and 0 for OFF
     - `sensor_size`: (width, height) in pixels; by default as large as the coordinates ask for
-    - `start`: µs at which the window begins that these events were cut from; by default the time
-      of the first event (0 if there is none)
+    - `start`, `end`: µs, the first and the last moment of the time in which these events were seen: where a
+      window begins that they were cut from, when an emulated video's first and last frame are. By default the
+      times of the first and the last event (0 if there is none)
 
-    Immutable in spirit: operations return new Events and share memory where they can.
+    Immutable in spirit: operations return new Events and share memory where they can. An index gives Events, too,
+    of one event, so iterating does; the columns are what loops should go through.
 
-    Raises ValueError for columns of different lengths, coordinates outside the sensor and
-    polarities other than 0 and 1.
+    Raises ValueError for columns of different lengths, times at or beyond 2^62 µs, coordinates outside the
+    sensor and polarities other than 0 and 1.
     """
 
-    __slots__ = ("p", "sensor_size", "start", "t", "x", "y")
+    __slots__ = ("p", "sensor_size", "start", "stated_end", "t", "x", "y")
 
     t: npt.NDArray[np.int64]
     x: npt.NDArray[np.int16]
@@ -71,6 +77,7 @@ class Events:
     p: npt.NDArray[np.uint8]
     sensor_size: tuple[int, int]
     start: int
+    stated_end: int | None  # None: nothing but the events tells
 
     def __init__(
         self,
@@ -81,6 +88,7 @@ class Events:
         sensor_size: tuple[int, int] | None = None,
         *,
         start: int | None = None,
+        end: int | None = None,
     ) -> None:
         given = {"t": np.asarray(t), "x": np.asarray(x), "y": np.asarray(y), "p": np.asarray(p)}
         _check_columns(given)
@@ -93,31 +101,49 @@ class Events:
         needed = extent(columns)
         size = needed if sensor_size is None else check_sensor_size(sensor_size)
         if needed[0] > size[0] or needed[1] > size[1]:
-            raise ValueError(f"events reach {needed[0]}x{needed[1]} pixels, outside the sensor of {size[0]}x{size[1]}")
+            # times as small as coordinates are likely to be such
+            hint = ORDER if int(columns.t.max()) < max(size) else ""
+            outside = f"outside the sensor of {size[0]}x{size[1]}"
+            raise ValueError(f"events reach {needed[0]}x{needed[1]} pixels, {outside}{hint}")
         columns = in_order(columns)
-        self._set(*columns, size, start)
+        _check_time(columns.t, start, end)
+        self._set(*columns, size, start, end)
 
-    def _set(self, t: Any, x: Any, y: Any, p: Any, size: tuple[int, int], start: int | None) -> None:
+    def _set(self, t: Any, x: Any, y: Any, p: Any, size: tuple[int, int], start: int | None, end: int | None) -> None:
         self.t, self.x, self.y, self.p = t, x, y, p
         self.sensor_size = size
         self.start = start if start is not None else int(t[0]) if t.size else 0
+        self.stated_end = end
 
     @classmethod
-    def trusted(cls, columns: Columns, sensor_size: tuple[int, int], start: int | None = None) -> Events:
+    def trusted(
+        cls, columns: Columns, sensor_size: tuple[int, int], start: int | None = None, end: int | None = None
+    ) -> Events:
         """Events from columns that are known to be valid and sorted: nothing is checked."""
         events = cls.__new__(cls)
-        events._set(*columns, sensor_size, start)
+        events._set(*columns, sensor_size, start, end)
         return events
 
     @classmethod
-    def empty(cls, sensor_size: tuple[int, int], start: int = 0) -> Events:
+    def empty(cls, sensor_size: tuple[int, int], start: int = 0, end: int | None = None) -> Events:
         """No events."""
-        return cls.trusted(Columns.room(0), sensor_size, start)
+        return cls.trusted(Columns.room(0), sensor_size, start, end)
+
+    def of(self, columns: Columns) -> Events:
+        """Other events, sorted, of the same sensor and time."""
+        return Events.trusted(columns, self.sensor_size, self.start, self.stated_end)
 
     @property
     def columns(self) -> Columns:
         """The four arrays."""
         return Columns(self.t, self.x, self.y, self.p)
+
+    @property
+    def end(self) -> int:
+        """µs, the last moment of the time in which these events were seen."""
+        if self.stated_end is not None:
+            return self.stated_end
+        return int(self.t[-1]) if self.t.size else self.start
 
     @property
     def duration(self) -> int:
@@ -127,12 +153,15 @@ class Events:
     def __len__(self) -> int:
         return int(self.t.size)
 
-    def __getitem__(self, which: int | slice | npt.NDArray[Any]) -> Events:
-        """Events under an index, a slice, a boolean mask [N] or indices [M]; still sorted by time."""
-        if isinstance(which, int):
-            which = slice(which, which + 1 or None)
-        columns = in_order(Columns(self.t[which], self.x[which], self.y[which], self.p[which]))
-        return Events.trusted(columns, self.sensor_size, self.start)
+    def __getitem__(self, which: SupportsIndex | slice | npt.NDArray[Any]) -> Events:
+        """Events under an index, a slice, a boolean mask [N] or indices [M]; still sorted by time.
+
+        IndexError for an index beyond the events.
+        """
+        if isinstance(which, int | np.integer):
+            at = range(len(self))[which]
+            which = slice(at, at + 1)
+        return self.of(in_order(self.columns.at(which)))  # type: ignore[arg-type]
 
     def window(self, start: int | None = None, stop: int | None = None) -> Events:
         """Events with start <= t < stop (µs, absolute). Nothing is copied."""
@@ -140,7 +169,7 @@ class Events:
         lo = 0 if start is None else int(self.t.searchsorted(start, "left"))
         hi = self.t.size if stop is None else int(self.t.searchsorted(stop, "left"))
         columns = Columns(self.t[lo:hi], self.x[lo:hi], self.y[lo:hi], self.p[lo:hi])
-        return Events.trusted(columns, self.sensor_size, self.start if start is None else start)
+        return Events.trusted(columns, self.sensor_size, *bounds_of(start, stop, self.start, self.stated_end))
 
     def to_structured(self) -> np.ndarray:
         """Structured array [N] with fields x, y (int16), t (int64) and p (uint8)."""
@@ -184,12 +213,16 @@ class Recording(ABC):
 
     Formats subclass it: `_decode` they must give; `_window`, `_bounds` and `_needed_size` they give
     if they can do better than to decode the whole file. They set `_size` to what the file states,
-    unless a size was given, `_rises` if they saw that times never fall, and raise FormatError for
+    unless a size was given, `_begins` and `_ends` to what it states of its time (`Events.start` and `end`),
+    `_rises` if they saw that times never fall, and raise FormatError for
     what is broken if `strict`. Otherwise they leave out what can't be decoded, count it by `_repair`,
     and hand out the rest.
     """
 
     format: ClassVar[str]
+    _begins: int | None = None
+    _ends: int | None = None
+    holds_samples: ClassVar[bool] = False  # whether frames and inertial samples are read of such files
     _rises = False  # whether what was decoded last is known to be in order of time
 
     def __init__(
@@ -225,6 +258,11 @@ class Recording(ABC):
         return extent(self._decode())
 
     @property
+    def knows_span(self) -> bool:
+        """Whether `span` can be told without decoding more than has been."""
+        return self._whole is not None or self._bounds() is not None
+
+    @property
     def span(self) -> tuple[int, int]:
         """Times of the first and the last event in µs; (0, 0) if there is none."""
         bounds = self._bounds()
@@ -246,7 +284,8 @@ class Recording(ABC):
         if self._whole is None:
             columns = self._window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
             if columns is not None:
-                return Events.trusted(self._sound(columns), self.sensor_size, start)
+                bounds = bounds_of(start, stop, self._begins, self._ends)
+                return Events.trusted(self._sound(columns), self.sensor_size, *bounds)
             self._whole = self.events()
         return self._whole.window(start, stop)
 
@@ -259,7 +298,68 @@ class Recording(ABC):
             columns = in_order(columns)
         if self._size is None:
             self._size = extent(columns)
-        return Events.trusted(columns, self._size)
+        if columns.t.size and self._begins is not None and self._ends is not None:
+            self._check_time(int(columns.t[0]), int(columns.t[-1]))
+        return Events.trusted(columns, self._size, self._begins, self._ends)
+
+    def _lasts(self, time: tuple[int, int] | None) -> None:
+        """Note the first and last moment that a file states, if it does."""
+        if time is None:
+            return
+        if -LATEST < time[0] <= time[1] < LATEST:
+            self._begins, self._ends = time
+        elif self.strict:
+            raise FormatError(self.path, None, f"states that it lasts from {time[0]} to {time[1]} µs")
+        else:
+            self._repair("times of beginning and end that make no sense, left out", 1)
+
+    def _check_time(self, first: int, last: int) -> None:
+        """The time that the file states must hold its first and last event."""
+        assert self._begins is not None
+        assert self._ends is not None
+        if self._begins <= first and last <= self._ends:
+            return
+        if self.strict:
+            stated = f"{self._begins} to {self._ends} µs"
+            raise FormatError(self.path, None, f"events at {first} to {last} µs, outside the time it states: {stated}")
+        self._repair("times of beginning and end that don't hold the events, left out", 1)
+        self._begins = self._ends = None
+
+    @property
+    def start(self) -> int:
+        """The first moment of the recording in µs: as the file states, else the time of its first event."""
+        return self.span[0] if self._begins is None else self._begins
+
+    @property
+    def end(self) -> int:
+        """The last moment of the recording in µs: as the file states, else the time of its last event."""
+        return self.span[1] if self._ends is None else self._ends
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
+        """Frames whose exposure begins at start <= t < stop (µs, as in the file), one by one; none if none are there.
+
+        Of HDF5, AEDAT 2 and a DAVIS camera's stream; FormatError for other formats: nvsdata reads events alone of them.
+        """
+        raise FormatError(self.path, None, f"frames aren't read of {self.format} files")
+
+    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
+        """Inertial samples with start <= t < stop (µs, as in the file), of the formats that `frames` are read of."""
+        raise FormatError(self.path, None, f"inertial samples aren't read of {self.format} files")
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """What the file says of its camera, as far as it does.
+
+        `camera` and `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (two numbers each, by name),
+        `temperature` (°C).
+        """
+        return {}
+
+    def pieces(self) -> Iterator[Events]:
+        """The whole recording as `nvsdata.write` takes it, with frames and inertial samples if the format has them."""
+        from nvsdata.samples import in_pieces
+
+        return in_pieces(self) if self.holds_samples else iter((self.read(),))
 
     def _sound(self, columns: Columns) -> Columns:
         """The columns as they are or, if not `strict`, without what no Events can hold."""
@@ -281,9 +381,10 @@ class Recording(ABC):
         """
         _, x, y, p = columns
         width, height = self._limits
-        bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
-        if not bad.any():
+        # least and greatest tell whether any event needs a closer look
+        if all(c.size == 0 or (c.min() >= 0 and c.max() < end) for c, end in ((x, width), (y, height), (p, 2))):
             return columns
+        bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
         if self.strict:
             where = f"event {first + int(np.argmax(bad))}"
             raise FormatError(self.path, None, f"{where}: outside the sensor of {width}x{height}, or no polarity")
@@ -312,14 +413,37 @@ class Recording(ABC):
         return f"<{self.format} recording {self.path}>"
 
 
-def as_events(sample: Events | Recording) -> Events:
-    """The events themselves: a Recording is read whole."""
-    return sample if isinstance(sample, Events) else sample.read()
+def as_events(sample: object) -> Events:
+    """The events themselves: a Recording is read whole. TypeError for anything else."""
+    if isinstance(sample, Events):
+        return sample
+    if isinstance(sample, Recording):
+        return sample.read()
+    raise misplaced("Events or a Recording", sample)
+
+
+def misplaced(wanted: str, given: object) -> TypeError:
+    """What to raise where a transform or a network is given something else than it takes."""
+    return TypeError(f"it takes {wanted}, but was given {_kind(given)}: are the steps in the right order?")
+
+
+def _kind(given: object) -> str:
+    name = type(given).__name__
+    if isinstance(given, list | tuple) and given:
+        return f"a {name} of {type(given[0]).__name__}"
+    shape = getattr(given, "shape", None)
+    return f"{name} {list(shape)}" if shape is not None else f"{name}"
 
 
 def joined(pieces: Sequence[Columns]) -> Columns:
     """The events of all pieces, one after the other; of one piece, itself."""
     return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
+
+
+def together(pieces: Sequence[Events]) -> Events:
+    """Pieces of a stream, in order of time, as one: it lasts from the first piece's start to the last one's end."""
+    columns = joined([piece.columns for piece in pieces])
+    return Events.trusted(columns, pieces[0].sensor_size, pieces[0].start, pieces[-1].stated_end)
 
 
 def extent(columns: Columns) -> tuple[int, int]:
@@ -332,6 +456,16 @@ def in_order(columns: Columns) -> Columns:
     if never_falls(columns.t):
         return columns
     return columns.at(np.argsort(columns.t, kind="stable"))
+
+
+def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int | None) -> tuple[int | None, int | None]:
+    """`begin` and `end` of the window [start, stop) of what lasts from `begin` to `end`; None for what is not known."""
+    if end is None:
+        # nor is it known then when it really begins
+        return begin if start is None else start, None
+    begin = begin if start is None else start if begin is None else max(start, begin)
+    end = end if stop is None else min(stop - 1, end)
+    return begin, end if begin is None else max(begin, end)
 
 
 def check_window(start: int | None, stop: int | None) -> None:
@@ -349,6 +483,16 @@ def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
+def _check_time(t: np.ndarray, start: int | None, end: int | None) -> None:
+    for name, bound in (("start", start), ("end", end)):
+        if bound is not None and not -LATEST < bound < LATEST:
+            raise ValueError(f"{name} must lie between -2^62 and 2^62 µs, not {bound}")
+    if start is not None and end is not None and end < start:
+        raise ValueError(f"events end at {end} µs, before they start at {start} µs")
+    if t.size and ((start is not None and start > t[0]) or (end is not None and end < t[-1])):
+        raise ValueError(f"events at {t[0]} to {t[-1]} µs don't lie within start={start} and end={end}")
+
+
 def _check_columns(given: dict[str, np.ndarray]) -> None:
     shapes = {name: column.shape for name, column in given.items()}
     if len(set(shapes.values())) != 1 or given["t"].ndim != 1:
@@ -360,6 +504,12 @@ def _check_columns(given: dict[str, np.ndarray]) -> None:
             raise ValueError(f"{name} must be integers (whole µs and pixels), not {given[name].dtype}")
     for name in ("x", "y"):
         if given[name].min() < 0 or given[name].max() > MAX_COORDINATE:
-            raise ValueError(f"{name} must lie between 0 and {MAX_COORDINATE}")
+            hint = ORDER if given[name].max() > MAX_COORDINATE else ""
+            raise ValueError(
+                f"{name} must lie between 0 and {MAX_COORDINATE}, not {given[name].min()} to {given[name].max()}{hint}"
+            )
+    t = given["t"]
+    if not -LATEST < int(t.min()) <= int(t.max()) < LATEST:
+        raise ValueError(f"times must lie between -2^62 and 2^62 µs, not {t.min()} to {t.max()}")
     if not np.isin(given["p"], (0, 1)).all():
         raise ValueError(f"polarity must be 0 (OFF) or 1 (ON), not {np.unique(given['p'])[:4].tolist()}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,12 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any, Self
 
+from nvsdata.locks import is_dead, locked, owner
+
 FLUSH_EVERY = 0.03  # s
+PART = ".part"  # ends the names of unfinished files
+_BLOCK = 1 << 20  # bytes that are read back
+_LONGEST = 100  # characters of a file's name that its temporary one has
 
 
 @contextmanager
@@ -22,19 +28,77 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. FileNotFoundError names
     the folder if there is none.
     """
-    target = Path(path)
+    # where a link points, as a plain `open` would write
+    target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(target.parent))
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f"{_prefix(target.name)}{owner()}-", suffix=PART)
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
-        _settle(temporary)
+        _settle(temporary, target)
         os.replace(temporary, target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def _prefix(name: str) -> str:
+    return f".{name[:_LONGEST]}."
+
+
+def sweep(folder: Path, name: str | None = None) -> int:
+    """Remove what processes that were killed left of files they wrote by `atomic`; how many there were.
+
+    `folder`: all below it or, with `name`, what was to become the file of that name in it. What a process that
+    still runs is writing stays, and so does what one of another host left.
+    """
+    found = folder.rglob(f".*{PART}") if name is None else folder.glob(f".*{PART}")
+    count = 0
+    for part in found:
+        # .NAME.HOST-PID-RANDOM.part
+        who = part.name.removesuffix(PART).rpartition(".")[2].rpartition("-")[0]
+        if (name is None or part.name.startswith(_prefix(name))) and is_dead(who):
+            part.unlink(missing_ok=True)
+            count += 1
+    return count
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Be the only process that writes to `folder` while the block runs; what killed ones left there is swept first.
+
+    Raises OutputInUse if there is one already.
+    """
+    with locked(folder):
+        sweep(folder)
+        try:
+            yield
+        finally:
+            # of processes of our own that were ended in the middle
+            sweep(folder)
+
+
+@contextmanager
+def creating(path: Path, *, overwrite: bool) -> Iterator[None]:
+    """Be the only process that writes the file `path` while the block runs; what killed ones left of it is swept.
+
+    Raises FileExistsError if it is there, unless to `overwrite`, and OutputInUse if another process writes it.
+    """
+    _refuse(path, overwrite)
+    with locked(path):
+        # another process may have finished it meanwhile
+        _refuse(path, overwrite)
+        sweep(path.parent, path.name)
+        yield
+
+
+def _refuse(path: Path, overwrite: bool) -> None:
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if os.path.lexists(path) and not overwrite:
+        raise FileExistsError(f"{path} is there already: --overwrite (overwrite=True) replaces it")
 
 
 @contextmanager
@@ -63,11 +127,39 @@ def flushed_early(path: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _settle(temporary: Path) -> None:
-    """Flush to disk and give the permissions that a plain `open` would have given."""
-    umask = os.umask(0)
-    os.umask(umask)
-    os.chmod(temporary, 0o666 & ~umask)
+@contextmanager
+def named(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Errors of writing within the block name `path`: those of a full disk name no file by themselves."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
+
+
+def put(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
+    """Have `path` hold `content`, or be as before: OSError, which names it, if the disk is full or gives back another.
+
+    Libraries that write files themselves tell of a full disk in many ways, or not at all: better let them make bytes.
+    """
+    with named(path), atomic(path) as temporary:
+        temporary.write_bytes(content)
+        with temporary.open("rb") as file:
+            file.seek(max(len(content) - _BLOCK, 0))
+            if file.read() != content[-_BLOCK:]:
+                raise OSError(errno.EIO, "doesn't hold what was written to it: is the disk full, or broken?")
+
+
+def _settle(temporary: Path, target: Path) -> None:
+    """Flush to disk and give the permissions that a plain `open` would have given, or left as they are."""
+    try:
+        mode = stat.S_IMODE(target.stat().st_mode)
+    except FileNotFoundError:
+        umask = os.umask(0)
+        os.umask(umask)
+        mode = 0o666 & ~umask
+    os.chmod(temporary, mode)
     with temporary.open("rb+") as file:
         os.fsync(file.fileno())
 

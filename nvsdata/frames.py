@@ -9,6 +9,7 @@ import numpy as np
 from nvsdata.events import Events
 
 MICROSECONDS = 1_000_000
+MOST = 1 << 24  # frames of a sequence, six days of 30 a second: more is a clock that is off
 
 
 def frame_edges(duration: int, fps: float | None) -> np.ndarray:
@@ -19,6 +20,9 @@ def frame_edges(duration: int, fps: float | None) -> np.ndarray:
     if fps is None:
         return np.array([0, max(duration, 1)])
     count = math.ceil(duration * fps / MICROSECONDS) + 1
+    if count > MOST:
+        seconds = duration / MICROSECONDS
+        raise ValueError(f"{seconds:,.0f} s are {count:,} frames: do the events begin when they say (`Events.start`)?")
     edges = np.round(np.arange(count + 1) * MICROSECONDS / fps).astype(np.int64)
     return edges[: max(int(np.searchsorted(edges, duration)), 1) + 1]
 

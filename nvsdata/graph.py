@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
+from nvsdata.events import misplaced
 from nvsdata.kernels import graph as kernel
 
 Reach = tuple[float, float]
@@ -157,3 +158,10 @@ def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torc
         return source, target, u
     order = torch.argsort(target, stable=True)
     return source[order], target[order], u[order]
+
+
+def sequence_of(graphs: Any) -> list[Graph]:
+    """The graphs of a sequence; TypeError for anything but a list or tuple of graphs."""
+    if not isinstance(graphs, list | tuple) or not all(isinstance(graph, Graph) for graph in graphs):
+        raise misplaced("a graph, or a list of graphs", graphs)
+    return list(graphs)

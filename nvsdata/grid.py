@@ -21,9 +21,10 @@ def grid_shape(sensor_size: Size, cluster: Size) -> Size:
 
 
 def cells(pos: torch.Tensor, cluster: Size, grid: Size) -> torch.Tensor:
-    """Cell of each node, row * columns + column: int64 [N]; what lies outside counts to the border."""
-    column = (pos[:, 0] / cluster[0]).floor().clamp(0, grid[0] - 1).long()
-    row = (pos[:, 1] / cluster[1]).floor().clamp(0, grid[1] - 1).long()
+    """Cell of each node, row * columns + column: int64 [N]; what lies outside counts to the border, NaN as 0."""
+    # NaN is no integer: on a GPU it would be an index that ends the process's use of it
+    column = (pos[:, 0] / cluster[0]).floor().clamp(0, grid[0] - 1).nan_to_num(0).long()
+    row = (pos[:, 1] / cluster[1]).floor().clamp(0, grid[1] - 1).nan_to_num(0).long()
     return row * grid[0] + column
 
 

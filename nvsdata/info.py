@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from nvsdata import formats
+from nvsdata.errors import shown
 
 
 def describe(path: Path) -> str:
@@ -16,7 +17,7 @@ def describe(path: Path) -> str:
     events = recording.read()
     width, height = recording.sensor_size
     lines = [
-        f"{path}",
+        shown(path),
         f"  format     {recording.format}",
         f"  sensor     {width}x{height}",
         f"  events     {len(events):,}",

@@ -1,14 +1,18 @@
-"""Processes that work side by side."""
+"""Processes that work side by side, and how they end."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_all_start_methods, get_context
+from functools import partial
+from multiprocessing import get_all_start_methods, get_context, parent_process
+from multiprocessing.connection import wait
+from threading import Thread
 
 
 def pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
-    """`count` processes, each of which calls `prepare` first.
+    """`count` processes, each of which calls `prepare` first. They end when this process does, even if it is killed.
 
     Forking a process that has threads (torch's, numba's) may hang. They are forked off one that has only
     imported `module`, which takes a second once; where the system can't, each imports it anew.
@@ -17,4 +21,24 @@ def pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> 
     context = get_context(method)
     if method == "forkserver":
         context.set_forkserver_preload([module])
-    return ProcessPoolExecutor(count, mp_context=context, initializer=prepare)
+    return ProcessPoolExecutor(count, mp_context=context, initializer=partial(_begin, prepare))
+
+
+def _begin(prepare: Callable[[], None] | None) -> None:
+    end_with_parent()
+    if prepare is not None:
+        prepare()
+
+
+def end_with_parent() -> None:
+    """Have this child of multiprocessing end as soon as the process that started it has ended."""
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        wait([parent.sentinel])
+        # what it does is of no use to anyone; the next run sweeps up what it was writing
+        os._exit(1)
+
+    Thread(target=watch, name="nvsdata-parent", daemon=True).start()

@@ -7,7 +7,9 @@ stopped, and processes that share the batches (torchrun) train as one process do
 from __future__ import annotations
 
 import json
+import math
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -22,23 +24,29 @@ import torch
 from torch import distributed, nn
 from torch.nn.functional import cross_entropy
 from torch.nn.parallel import DistributedDataParallel
-from torch.utils.data import DataLoader, Subset
+from torch.utils.data import DataLoader
 from tqdm import tqdm
 
-from nvsdata import models
+from nvsdata import models, runs
 from nvsdata.batching import collate
-from nvsdata.datasets import ASLANDVS, DATASETS, SeededBatches, SeededDataset, stratified
-from nvsdata.files import atomic
+from nvsdata.datasets import ASLANDVS, EventFolder, SeededBatches, SeededDataset, dataset_named, stratified
+from nvsdata.files import claimed
 from nvsdata.models.shared import total
+from nvsdata.processes import end_with_parent
+from nvsdata.signals import ENDING, end_of, ending_by_signals, exit_code
 
 
-def run(main: Callable[[], None]) -> None:
-    """Call a recipe's `main`; end in one line if it is interrupted, or if data or settings won't do."""
+def run(main: Callable[[], None], hint: str = "--resume goes on from the last epoch") -> None:
+    """Call a recipe's `main`; end in one line if it is interrupted, or if data or settings won't do.
+
+    `hint` tells who interrupted it how to go on.
+    """
     try:
-        main()
-    except KeyboardInterrupt:
-        print("interrupted: --resume goes on from the last epoch", file=sys.stderr)
-        sys.exit(130)
+        with ending_by_signals():
+            main()
+    except KeyboardInterrupt as error:
+        print(f"{end_of(error)}: {hint}", file=sys.stderr)
+        sys.exit(exit_code(error))
     except (OSError, ValueError) as error:
         text = str(error)
         # a loader's worker sends its traceback, whose last line tells
@@ -64,6 +72,19 @@ class Team:
         """Until all have come here."""
         if self.count > 1:
             distributed.barrier()
+
+    @contextmanager
+    def claiming(self, out: Path) -> Iterator[None]:
+        """Make the folder `out` and write to it alone while the block runs; what killed runs left there is swept.
+
+        Raises OutputInUse if another run writes to it.
+        """
+        if self.rank:
+            yield
+            return
+        out.mkdir(parents=True, exist_ok=True)
+        with claimed(out):
+            yield
 
     def say(self, text: str) -> None:
         """Print, once for all."""
@@ -107,51 +128,72 @@ def loader(
     part = team.rank, team.count
     batches = SeededBatches(len(dataset), batch, first=first, last=last, shuffle=shuffle, seed=seed, part=part)
     return DataLoader(
-        seeded, batch_sampler=batches, num_workers=team.workers, collate_fn=collate, persistent_workers=True
+        seeded,
+        batch_sampler=batches,
+        num_workers=team.workers,
+        collate_fn=collate,
+        persistent_workers=True,
+        worker_init_fn=_begin_worker,
     )
+
+
+def _begin_worker(_: int) -> None:
+    # or what a killed training left would go on, and hold its folder
+    end_with_parent()
+    for number in ENDING:
+        # the loader ends its workers so, and no handler of Python's runs within a kernel
+        signal.signal(number, signal.SIG_DFL)
 
 
 class Halves:
     """A dataset's recordings for training and for testing.
 
-    By its own split; where it has none, a fifth of each class is held back, by `seed`. ValueError for pairs.
+    By its own split; where it has none, a fifth of each class is held back, by `seed`. `errors` says what becomes of
+    damaged recordings, as for datasets. ValueError for pairs.
     """
 
-    def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0) -> None:
-        kind: Any = DATASETS[name]
+    def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0, errors: str = "raise") -> None:
+        kind: Any = dataset_named(name)
         if issubclass(kind, ASLANDVS):
             raise ValueError(f"{name} is of pairs of recordings, not of classes: see recipes/similarity_aslan.py")
-        self._kept: list[int] | None = None
-        self._held: list[int] | None = None
         try:
-            self._train, self._test = (kind(root, split, fold=fold) for split in ("train", "test"))
+            self._train, self._test = (kind(root, split, fold=fold, errors=errors) for split in ("train", "test"))
         except FileNotFoundError:
-            self._train = self._test = kind(root, "all" if name == "folder" else "train", fold=fold)
-            self._kept, self._held = stratified(self._train.targets, 0.2, seed=seed)
+            split = "all" if kind is EventFolder else "train"
+            whole = kind(root, split, fold=fold, errors=errors)
+            self._train, self._test = map(whole.subset, stratified(whole.names, 0.2, seed=seed))
         self.classes: list[str] = self._train.classes
         self.sensor_size: tuple[int, int] = self._train.sensor_size or (240, 180)
+        self.data = data_of(self._train, self._test, seed)
 
     def train(self, transform: Any) -> Any:
         """The dataset to train on."""
-        return _with(self._train, transform, self._kept)
+        return _with(self._train, transform)
 
     def test(self, transform: Any) -> Any:
         """The dataset to test on."""
-        return _with(self._test, transform, self._held)
+        return _with(self._test, transform)
 
 
-def _with(dataset: Any, transform: Any, indices: list[int] | None) -> Any:
-    """The dataset, listed once, with another transform; of its samples those at `indices`, all if None."""
+def _with(dataset: Any, transform: Any) -> Any:
+    """The dataset, listed once, with another transform."""
     changed = copy(dataset)
     changed.transform = transform
-    return changed if indices is None else Subset(changed, indices)
+    return changed
+
+
+def data_of(train: Any, test: Any, seed: int) -> dict[str, Any]:
+    """What is trained and tested on, for `Trainer`: dataset, split, fold, the run's seed, hashes of both sets."""
+    hashes = {"hash": train.split_hash, "test_hash": test.split_hash}
+    return {"dataset": train.info.name, "split": train.split, "fold": train.fold, "seed": seed, **hashes}
 
 
 class Trainer:
     """Trains a classifier by cross entropy, a JSON line an epoch in `out/log.jsonl` and its state in `checkpoint.pt`.
 
-    `schedule` steps once an epoch. `batch` counts over all processes. With `resume` it goes on from the checkpoint,
-    if there is one; `done` is the number of epochs so far. ValueError for a checkpoint of another run.
+    `schedule` steps once an epoch. `batch` counts over all processes. `data` (of `data_of`) is kept with checkpoint
+    and model. With `resume` it goes on from the checkpoint, if there is one; `done` is the number of epochs so far.
+    ValueError for a checkpoint of another run or of other data, FormatError for a damaged one.
     """
 
     def __init__(
@@ -161,6 +203,7 @@ class Trainer:
         schedule: Any,
         out: Path,
         *,
+        data: dict[str, Any],
         epochs: int,
         batch: int,
         team: Team,
@@ -169,12 +212,19 @@ class Trainer:
     ) -> None:
         self.model, self.optimizer, self.schedule = model, optimizer, schedule
         self.out, self.epochs, self.batch, self.seed, self.team = out, epochs, batch, seed, team
-        self.done = 0
+        self.data = data
+        self.lines: list[dict[str, Any]] = []
         out.mkdir(parents=True, exist_ok=True)
-        if resume and (out / "checkpoint.pt").exists():
-            self._restore(out / "checkpoint.pt")
+        if resume and (out / runs.CHECKPOINT).exists():
+            self._restore(runs.Checkpoint.read(out, team.device))
         if team.rank == 0:
-            self._cut_log()
+            runs.write_log(out, self.lines)
+        team.say(", ".join(f"{name} {value}" for name, value in data.items()))
+
+    @property
+    def done(self) -> int:
+        """Epochs so far."""
+        return len(self.lines)
 
     @property
     def parts(self) -> dict[str, Any]:
@@ -185,7 +235,8 @@ class Trainer:
         """Train on `train_set`, whose samples are `(input, target)`; the last epoch's line.
 
         `evaluate` is given the number of epochs done, after each, and what it says goes into the line.
-        ValueError if the last batch of an epoch has fewer samples than there are processes.
+        ValueError if the last batch of an epoch has fewer samples than there are processes, or the loss becomes NaN or
+        infinite: then the checkpoint is the last one before.
         """
         left = len(train_set) % self.batch
         if 0 < left < self.team.count or self.batch < self.team.count:
@@ -200,25 +251,28 @@ class Trainer:
         model: nn.Module = self.model
         if self.team.count > 1:
             model = DistributedDataParallel(self.model, broadcast_buffers=False)
-        line = self._logged()
         for epoch in range(self.done, self.epochs):
             start = time.perf_counter()
-            line = {"epoch": epoch + 1, "learning_rate": self.schedule.get_last_lr()[0]}
+            line: dict[str, Any] = {"epoch": epoch + 1, "learning_rate": self.schedule.get_last_lr()[0]}
             # what dropout draws depends on the epoch alone, so that a resumed run draws the same
             torch.manual_seed(self.seed * 1_000_003 + epoch)
             line |= self._epoch(model, batches, steps, f"epoch {epoch + 1}/{self.epochs}")
+            if not math.isfinite(line["loss"]):
+                raise ValueError(f"the loss became {line['loss']} in epoch {epoch + 1}: try a lower learning rate")
             self.schedule.step()
             line["seconds"] = round(time.perf_counter() - start, 2)
             line |= evaluate(epoch + 1)
-            self._save(epoch + 1, line)
-        return line
+            # what this process and its workers met since training began
+            if damaged := getattr(train_set, "num_damaged", 0):
+                line["damaged"] = damaged
+            self._save(line)
+        return self.lines[-1] if self.lines else {}
 
     def publish(self, classes: list[str], transform: Any, metrics: dict[str, Any]) -> None:
         """Keep the network in `out/model.safetensors`, for `models.load`."""
         if self.team.rank == 0:
-            models.save(
-                self.model, self.out / "model.safetensors", classes=classes, transform=transform, metrics=metrics
-            )
+            kept = {"classes": classes, "transform": transform, "metrics": metrics, "data": self.data}
+            models.save(self.model, self.out / "model.safetensors", **kept)
 
     def _epoch(self, model: nn.Module, batches: Iterator[Any], steps: int, title: str) -> dict[str, float]:
         """One pass over the training set: mean loss and accuracy."""
@@ -240,38 +294,29 @@ class Trainer:
         loss_sum, right, seen = total(sums).tolist()
         return {"loss": loss_sum / seen, "train_accuracy": right / seen}
 
-    def _restore(self, checkpoint: Path) -> None:
-        state = torch.load(checkpoint, map_location=self.team.device, weights_only=True)
-        if state["epochs"] != self.epochs:
-            raise ValueError(f"{checkpoint} belongs to a run of {state['epochs']} epochs, not {self.epochs}")
+    def _restore(self, state: runs.Checkpoint) -> None:
+        where = self.out / runs.CHECKPOINT
+        if state.epochs != self.epochs:
+            raise ValueError(f"{where} belongs to a run of {state.epochs} epochs, not {self.epochs}")
+        for name in self.data.keys() | state.data.keys():
+            theirs, ours = state.data.get(name), self.data.get(name)
+            if theirs != ours:
+                raise ValueError(f"{where} belongs to a run of other data: its {name} is {theirs}, not {ours}")
         try:
             for name, part in self.parts.items():
-                part.load_state_dict(state[name])
-        except (RuntimeError, ValueError, KeyError):
-            raise ValueError(f"{checkpoint} belongs to another network or optimizer") from None
-        self.done = state["epoch"]
+                runs.restore(part, getattr(state, name))
+        except Exception:  # whatever they make of another's
+            raise ValueError(f"{where} belongs to another network or optimizer") from None
+        self.lines = state.log
 
-    def _cut_log(self) -> None:
-        """Keep the lines of the epochs done: a run that was killed may have written one more."""
-        log = self.out / "log.jsonl"
-        kept = log.read_text().splitlines(keepends=True)[: self.done] if self.done else []
-        with atomic(log) as temporary:
-            temporary.write_text("".join(kept))
-
-    def _logged(self) -> dict[str, Any]:
-        """The last line of the log."""
-        lines = (self.out / "log.jsonl").read_text().splitlines() if self.done else []
-        return dict(json.loads(lines[self.done - 1])) if lines else {}
-
-    def _save(self, epoch: int, line: dict[str, Any]) -> None:
-        """Write and print the epoch's line, and its checkpoint."""
+    def _save(self, line: dict[str, Any]) -> None:
+        """Write and print an epoch's line, and write its checkpoint."""
+        self.lines.append(line)
         if self.team.rank:
             return
-        with (self.out / "log.jsonl").open("a") as log:
-            log.write(json.dumps(line) + "\n")
-        with atomic(self.out / "checkpoint.pt") as temporary:
-            states = {name: part.state_dict() for name, part in self.parts.items()}
-            torch.save({"epoch": epoch, "epochs": self.epochs, **states}, temporary)
+        runs.add_to_log(self.out, line)
+        states = {name: part.state_dict() for name, part in self.parts.items()}
+        runs.Checkpoint(epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, **states).write(self.out)
         self.team.say(json.dumps(line))
 
 
@@ -303,8 +348,13 @@ def accuracies(
     scores, targets = outputs(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
     wanted = targets.chunk(rounds * windows)[0]
-    single = (voters.argmax(3) == wanted).double().mean().item()
-    return single, (voters.sum(1).argmax(2) == wanted).double().mean().item()
+
+    def share(named: torch.Tensor) -> float:
+        # NaN names no class, although argmax gives one
+        right = (named.argmax(-1) == wanted) & ~named.isnan().any(-1)
+        return right.double().mean().item()
+
+    return share(voters), share(voters.sum(1))
 
 
 def sgd(

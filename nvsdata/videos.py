@@ -6,12 +6,11 @@ import errno
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 from nvsdata import formats
+from nvsdata.errors import FormatError
 
 # what recordings are written as, and the extension that says so
 FORMATS = {f.name: f.suffixes[0] for f in formats.FORMATS if f.name in ("hdf5", "aedat2", "aedat3", "text")}
@@ -31,7 +30,7 @@ class Video(NamedTuple):
 def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:
     """A video, or every video below a folder, sorted; recordings go to `out`, in the same tree of folders.
 
-    FileNotFoundError if there is no video, ValueError for an unknown format.
+    FileNotFoundError if there is no video, ValueError for an unknown format, FormatError for a name that isn't UTF-8.
     """
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, not {format!r}")
@@ -41,6 +40,8 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
     paths = sorted(p for p in source.rglob("*") if p.suffix.lower() in VIDEOS) if source.is_dir() else [source]
     if not paths:
         raise FileNotFoundError(f"no videos below {source}; they end in {' '.join(sorted(VIDEOS))}")
+    for path in paths:
+        check_name(path)
     stems = Counter(path.relative_to(root).with_suffix("") for path in paths)
     found = []
     for path in paths[:limit]:
@@ -51,30 +52,22 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
     return found
 
 
+def check_name(path: str | os.PathLike[str]) -> None:
+    """FormatError for a name that isn't UTF-8: OpenCV would end the process in a crash."""
+    try:
+        os.fspath(path).encode()
+    except UnicodeEncodeError:
+        raise FormatError(path, None, "a name that isn't UTF-8, which OpenCV can't open: rename the file") from None
+
+
 def fatal(error: OSError, video: Path) -> bool:
     """Whether an error met with a video is the disk's or the folder's, so that others would meet it, too."""
     if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
         return False
-    # h5py tells the reason in words only
-    return error.errno in FATAL or any(os.strerror(number) in str(error) for number in FATAL)
+    return error.errno in FATAL
 
 
 def sha256(path: Path) -> str:
     """A file's hash."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@contextmanager
-def swept(out: Path) -> Iterator[None]:
-    """Before and after the block, remove what killed processes left unfinished in `out`."""
-    _sweep(out)
-    try:
-        yield
-    finally:
-        _sweep(out)
-
-
-def _sweep(out: Path) -> None:
-    for part in out.rglob(".*.part"):
-        part.unlink(missing_ok=True)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
-from nvsdata.events import Columns, Events, Recording, check_window
+from nvsdata.events import Columns, Events, Recording, bounds_of, check_window
+
+if TYPE_CHECKING:
+    from nvsdata.samples import Frame, Inertial
 
 
 class _View(Recording):
@@ -22,6 +26,28 @@ class _View(Recording):
     @property
     def span(self) -> tuple[int, int]:
         return self.whole.span
+
+    @property
+    def start(self) -> int:
+        return self.whole.start
+
+    @property
+    def end(self) -> int:
+        return self.whole.end
+
+    @property
+    def holds_samples(self) -> bool:  # type: ignore[override]
+        return self.whole.holds_samples
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
+        return self.whole.frames(start, stop)
+
+    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
+        return self.whole.inertial(start, stop)
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        return self.whole.about
 
     def _decode(self) -> Columns:
         return self.read().columns
@@ -44,19 +70,36 @@ class Slice(_View):
     def __init__(self, whole: Recording, start: int, stop: int) -> None:
         check_window(start, stop)
         super().__init__(whole)
-        self.start, self.stop = start, stop
+        self._from, self._to = start, stop
+
+    @property
+    def start(self) -> int:
+        return self._from
+
+    @property
+    def end(self) -> int:
+        return max(self._to - 1, self._from)
 
     @property
     def span(self) -> tuple[int, int]:
         first, last = self.whole.span
-        return max(first, self.start), max(min(last, self.stop - 1), max(first, self.start))
+        return max(first, self._from), max(min(last, self._to - 1), max(first, self._from))
+
+    def _cut(self, start: int | None, stop: int | None) -> tuple[int, int]:
+        check_window(start, stop)
+        lo = self._from if start is None else min(max(start, self._from), self._to)
+        return lo, self._to if stop is None else max(min(stop, self._to), lo)
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
+        return self.whole.frames(*self._cut(start, stop))
+
+    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
+        return self.whole.inertial(*self._cut(start, stop))
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
-        check_window(start, stop)
-        lo = self.start if start is None else min(max(start, self.start), self.stop)
-        hi = self.stop if stop is None else max(min(stop, self.stop), lo)
-        events = self.whole.read(lo, hi)
-        return events if start is None else Events.trusted(events.columns, events.sensor_size, start)
+        events = self.whole.read(*self._cut(start, stop))
+        bounds = bounds_of(start, stop, self.start, self.end)
+        return Events.trusted(events.columns, events.sensor_size, *bounds)
 
 
 class Mapped(_View):
@@ -73,9 +116,10 @@ class Mapped(_View):
 
 
 class Scaled(_View):
-    """A recording whose times count in `unit` µs, in µs."""
+    """A recording of events alone whose times count in `unit` µs, in µs."""
 
     format = "scaled"
+    holds_samples = False
 
     def __init__(self, whole: Recording, unit: int) -> None:
         super().__init__(whole)
@@ -86,9 +130,20 @@ class Scaled(_View):
         first, last = self.whole.span
         return first * self.unit, last * self.unit
 
+    @property
+    def start(self) -> int:
+        return self.whole.start * self.unit
+
+    @property
+    def end(self) -> int:
+        return self.whole.end * self.unit
+
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
         check_window(start, stop)
         # rounded up: the first time that isn't before the bound
         events = self.whole.read(*(None if bound is None else -(-bound // self.unit) for bound in (start, stop)))
-        columns = events.columns._replace(t=events.t * self.unit)
-        return Events.trusted(columns, events.sensor_size, start)
+        columns, end = events.columns._replace(t=events.t * self.unit), events.stated_end
+        # the whole's units are coarser than the bounds
+        begin = events.start * self.unit if start is None else None
+        bounds = bounds_of(start, stop, begin, None if end is None else end * self.unit)
+        return Events.trusted(columns, events.sensor_size, *bounds)

@@ -23,7 +23,7 @@ import torch
 from nvsdata.actions import Actions
 from nvsdata.datasets import YUPENNDVS
 from nvsdata.files import Journal
-from nvsdata.training import Team, loader, outputs, run, team
+from nvsdata.training import Team, data_of, loader, outputs, run, team
 
 
 def main() -> None:
@@ -31,9 +31,8 @@ def main() -> None:
     protocol = Actions.of(args)
     everything = YUPENNDVS(args.root, "all")
     first, last = args.folds or (0, len(everything))
-    args.out.mkdir(parents=True, exist_ok=True)
     log = args.out / "log.jsonl"
-    with team(args.device) as here, ExitStack() as stack:
+    with team(args.device) as here, here.claiming(args.out), ExitStack() as stack:
         if here.rank == 0 and not args.resume:
             log.unlink(missing_ok=True)
         # the others read what is done once the first has cleared the way
@@ -60,7 +59,8 @@ def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team)
     torch.manual_seed(args.seed)
     train_set = YUPENNDVS(args.root, "train", fold=fold, transform=protocol.pipeline(training=True))
     test_set = YUPENNDVS(args.root, "test", fold=fold, transform=protocol.pipeline(training=False))
-    trainer = protocol.trainer(args, (240, 180), len(train_set.classes), here, args.out / f"fold-{fold:03d}")
+    data, out = data_of(train_set, test_set, args.seed), args.out / f"fold-{fold:03d}"
+    trainer = protocol.trainer(args, (240, 180), len(train_set.classes), data, here, out)
     trainer.fit(train_set, lambda epoch: {})
     scores, targets = outputs(trainer.model, loader(test_set, 1, here, seed=args.seed, last=args.votes), here)
     named = int(scores.log_softmax(1).sum(0).argmax())

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from tqdm import tqdm
 
 from nvsdata import collate, models, pictures
 from nvsdata.datasets import ASLANDVS, SeededDataset
-from nvsdata.files import atomic
+from nvsdata.files import claimed, put
 from nvsdata.metrics import area_under_roc, roc, similarities
 from nvsdata.training import run
 
@@ -39,6 +40,12 @@ def main() -> None:
     # another network's features are others
     where = args.out / "features" / hashlib.sha256(args.model.read_bytes()).hexdigest()[:16]
     where.mkdir(parents=True, exist_ok=True)
+    with claimed(args.out):
+        compared(args, pairs, trained, where)
+
+
+def compared(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained, where: Path) -> None:
+    """Tell same from different by features that are kept in `where`, and write how well."""
     extract(pairs, trained, where, args)
     described = np.stack([description(pair, where) for pair in tqdm(pairs.samples, "similarities", disable=None)])
     same, folds = np.array(pairs.targets), np.array(pairs.folds)
@@ -50,8 +57,7 @@ def main() -> None:
         print(json.dumps(lines[-1]))
     lines.append({"folds": len(lines), **over_folds(lines, "accuracy"), **over_folds(lines, "auc")})
     print(json.dumps(lines[-1]))
-    with atomic(args.out / "log.jsonl") as temporary:
-        temporary.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    put(args.out / "log.jsonl", "".join(json.dumps(line) + "\n" for line in lines).encode())
     draw(scores, same, args.out / "roc.png")
 
 
@@ -67,8 +73,9 @@ def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, args: argpars
             with torch.no_grad():
                 maps = trained.model.features(batch.to(device)).cpu()
             pooled = maps.flatten(2).mean(2)
-            with atomic(file) as temporary, temporary.open("wb") as out:
-                np.savez(out, *(normalize(values.flatten(1)).numpy()[0] for values in (maps, pooled)))
+            kept = io.BytesIO()
+            np.savez(kept, *(normalize(values.flatten(1)).numpy()[0] for values in (maps, pooled)))
+            put(file, kept.getbuffer())
 
 
 class _Recordings:
@@ -141,4 +148,4 @@ def arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    run(main)
+    run(main, "the same command goes on")

@@ -26,6 +26,7 @@ import torch
 
 from nvsdata.actions import Actions
 from nvsdata.datasets import DATASETS
+from nvsdata.datasets.damage import ERRORS
 from nvsdata.training import Halves, accuracies, loader, run, team
 
 
@@ -33,11 +34,11 @@ def main() -> None:
     args = arguments()
     protocol = Actions.of(args, flip=args.dataset != "dvs128-gesture")
     torch.manual_seed(args.seed)
-    with team(args.device) as here:
-        halves = Halves(args.dataset, args.root, fold=args.fold, seed=args.seed)
+    with team(args.device) as here, here.claiming(args.out):
+        halves = Halves(args.dataset, args.root, fold=args.fold, seed=args.seed, errors=args.errors)
         train_set = halves.train(protocol.pipeline(training=True))
         test_set = halves.test(protocol.pipeline(training=False))
-        trainer = protocol.trainer(args, halves.sensor_size, len(halves.classes), here, args.out)
+        trainer = protocol.trainer(args, halves.sensor_size, len(halves.classes), halves.data, here, args.out)
         load = partial(loader, test_set, args.batch, here, seed=args.seed)
         test_batches = load()
 
@@ -55,6 +56,7 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
+    add("--errors", choices=ERRORS, default="raise", help="what to do about damaged recordings (default raise)")
     add("--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings")
     add("--root", required=True, type=Path, help="where the recordings are")
     add("--out", required=True, type=Path, help="where log, checkpoint and model go")

@@ -26,6 +26,7 @@ from torch.utils.data import ConcatDataset
 from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.datasets import DATASETS
+from nvsdata.datasets.damage import ERRORS
 from nvsdata.training import Halves, Trainer, accuracies, adam, loader, run, sgd, team
 
 THESIS_EPOCHS = 150
@@ -43,8 +44,8 @@ IMAGE_NETWORKS = {
 def main() -> None:
     args = arguments()
     torch.manual_seed(args.seed)
-    with team(args.device) as here:
-        halves = Halves(args.dataset, args.root, seed=args.seed)
+    with team(args.device) as here, here.claiming(args.out):
+        halves = Halves(args.dataset, args.root, seed=args.seed, errors=args.errors)
         train_set = halves.train(pipeline(args, training=True))
         steps = -(-len(train_set) // args.batch)
         epochs = args.epochs or max(THESIS_EPOCHS, -(-LEAST_STEPS // steps))
@@ -55,7 +56,7 @@ def main() -> None:
         else:
             optimizer, schedule = adam(model, epochs, (60, 110))
         options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-        trainer = Trainer(model, optimizer, schedule, args.out, **options)
+        trainer = Trainer(model, optimizer, schedule, args.out, data=halves.data, **options)
 
         def test_on(low: float = 0.0, high: float = 1.0) -> Any:
             return halves.test(pipeline(args, training=False, within=(low, high)))
@@ -83,6 +84,7 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
+    add("--errors", choices=ERRORS, default="raise", help="what to do about damaged recordings (default raise)")
     add("--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings")
     add("--root", required=True, type=Path, help="where the recordings are")
     add("--out", required=True, type=Path, help="where log, checkpoint and model go")

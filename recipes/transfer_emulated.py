@@ -24,7 +24,7 @@ import torch
 from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.datasets import DATASETS
-from nvsdata.files import atomic
+from nvsdata.files import put
 from nvsdata.training import Halves, Team, Trainer, accuracies, loader, run, sgd, team
 
 KINDS = ("real", "emulated")
@@ -35,8 +35,7 @@ SCALES = (0.5, 0.667, 0.833, 1.0)
 
 def main() -> None:
     args = arguments()
-    args.out.mkdir(parents=True, exist_ok=True)
-    with team(args.device) as here:
+    with team(args.device) as here, here.claiming(args.out):
         data = {kind: Halves(args.dataset, getattr(args, kind), fold=args.fold, seed=args.seed) for kind in KINDS}
         if data["real"].classes != data["emulated"].classes:
             raise SystemExit(f"{args.real} and {args.emulated} don't have the same classes")
@@ -49,8 +48,7 @@ def main() -> None:
                 table[f"{source} -> {target}"] = accuracies(FourCropped(model), batches, args.votes, here)[1]
         here.say(as_text(table))
         if here.rank == 0:
-            with atomic(args.out / "table.json") as temporary:
-                temporary.write_text(json.dumps(table, indent=1))
+            put(args.out / "table.json", json.dumps(table, indent=1).encode())
 
 
 def trained(args: argparse.Namespace, halves: Halves, out: Path, here: Team) -> torch.nn.Module:
@@ -62,10 +60,11 @@ def trained(args: argparse.Namespace, halves: Halves, out: Path, here: Team) -> 
     model = models.reference.MotionVector3D(len(halves.classes), frames=args.frames, size=SIZE).to(here.device)
     optimizer, schedule = sgd(model, args.rate, max(1, round(epochs * 20 / 50)), epochs, decay=5e-4)
     options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-    trainer = Trainer(model, optimizer, schedule, out, **options)
+    trainer = Trainer(model, optimizer, schedule, out, data=halves.data, **options)
     here.say(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
-    trainer.publish(halves.classes, test_pipeline(args), metrics)
+    # for use, where windows of a recording vote, one crop
+    trainer.publish(halves.classes, T.Compose([*volumes(args), T.MotionCrop(SIZE), T.Normalise()]), metrics)
     return model
 
 

@@ -15,8 +15,10 @@ import nvsdata
 from nvsdata import metrics, pictures
 from nvsdata.comparison import score_curve, side_by_side
 from nvsdata.emulation import PRESETS
+from nvsdata.files import claimed, put
 from nvsdata.metrics.search import Search, Trial, search
 from nvsdata.metrics.tune import Pair, table
+from nvsdata.training import run
 
 ROWS = [name for name in PRESETS if name.startswith("table-3.3")]
 
@@ -35,6 +37,12 @@ def main() -> None:
 
     pair = Pair(nvsdata.open(args.real), args.video, seconds=args.seconds, offset=args.offset)
     args.out.mkdir(parents=True, exist_ok=True)
+    with claimed(args.out):
+        tuned(pair, args)
+
+
+def tuned(pair: Pair, args: argparse.Namespace) -> None:
+    """Score the table's rows, search, and write what was found."""
     rows = [Trial(PRESETS[name], pair(PRESETS[name])) for name in ROWS]
     note = {"real": str(args.real), "video": str(args.video), "seconds": args.seconds, "offset": args.offset}
     journal = args.out / "trials.jsonl"
@@ -47,10 +55,10 @@ def main() -> None:
     share = metrics.score([best.distances, rows[-1].distances])
     text += f"best: {best.settings!r}\nits score is {share[0] / share[1]:.3f} times that of the table's best row\n"
     print(text)
-    (args.out / "table.txt").write_text(text, encoding="utf-8")
+    put(args.out / "table.txt", text.encode())
     pictures.save(score_curve(found), args.out / "score.png")
     pictures.save(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
 
 
 if __name__ == "__main__":
-    main()
+    run(main, "the same command goes on")

@@ -23,6 +23,7 @@ import numpy as np
 import nvsdata
 from nvsdata import Events, metrics
 from nvsdata.emulation import PRESETS
+from nvsdata.files import put
 from nvsdata.frames import frame_edges
 from nvsdata.metrics.tune import Pair, aligned
 
@@ -64,7 +65,7 @@ def main() -> None:
     wrong = exceptions(figures)
     print("every step moves all three as in Table 3.2" if not wrong else "not as in Table 3.2: " + "; ".join(wrong))
     if args.out:
-        args.out.write_text(json.dumps(figures, indent=1))
+        put(args.out, json.dumps(figures, indent=1).encode())
 
 
 def distorted(events: Events, fps: float, rng: np.random.Generator) -> Iterator[tuple[str, Events]]:

@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import HealthCheck, settings
-
-SHARED = Path(__file__).parents[2] / "shared" / "data"
-RECIPES = Path(__file__).parents[1] / "recipes"
+from lookalikes import atis_bytes, saccade
+from places import RECIPES, SHARED
 
 settings.register_profile(
     "suite",
@@ -63,25 +62,6 @@ def fake_nmnist(tmp_path: Path) -> Path:
             for i in range(count):
                 (folder / f"{i + 1:05d}.bin").write_bytes(atis_bytes(*saccade(rng, digit, 600)))
     return tmp_path / "N-MNIST"
-
-
-def saccade(rng: np.random.Generator, digit: int, n: int) -> tuple[np.ndarray, ...]:
-    """Columns t, x, y, p of a bar that sweeps the sensor at an angle given by the digit."""
-    t = np.sort(rng.integers(0, 100_000, n))
-    along = rng.uniform(-12, 12, n)
-    across = 10 * np.sin(2 * np.pi * t / 100_000)
-    c, s = np.cos(digit * np.pi / 10), np.sin(digit * np.pi / 10)
-    x = np.clip(17 + c * along - s * across, 0, 33).astype(int)
-    y = np.clip(17 + s * along + c * across, 0, 33).astype(int)
-    return t, x, y, rng.integers(0, 2, n)
-
-
-def atis_bytes(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> bytes:
-    """ATIS records, straight from the format's description."""
-    out = bytearray()
-    for ti, xi, yi, pi in zip(t.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True):
-        out += bytes([xi, yi, pi << 7 | ti >> 16, ti >> 8 & 0xFF, ti & 0xFF])
-    return bytes(out)
 
 
 @pytest.fixture

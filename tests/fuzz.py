@@ -3,8 +3,10 @@
     python tests/fuzz.py --minutes 10 --seed 0
 
 Each round damages a sample file by a number that is printed if the round fails, so that
-`--only NUMBER` does it again. A round fails if reading neither gives valid Events nor raises
-FormatError, takes longer than five seconds, or takes memory beyond a few times the file's size.
+`--only NUMBER` does it again: random bytes of it, words of time, records and sizes (`damage.py`), or links, headers
+and values (`structures.py`). A round fails if reading neither gives valid Events nor raises FormatError, if a window
+or the span says otherwise than the whole file, or if it takes longer than five seconds or memory beyond a few times
+the file's size.
 The round in hand is kept in `nvsdata-fuzz-round` in the system's folder for temporary files, in
 case the process dies of it; a round that hangs is ended, and the process with it, after a minute.
 """
@@ -13,18 +15,25 @@ from __future__ import annotations
 
 import argparse
 import faulthandler
+import io
+import os
+import re
 import resource
 import sys
 import tempfile
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import trees
+from damage import KINDS, damage, disagreement, file_of
 from lookalikes import (
     AEDAT3_HEADER,
     MATLAB_73,
@@ -35,9 +44,11 @@ from lookalikes import (
     hdf5_bytes,
     matlab_bytes,
 )
+from structures import BY_SUFFIX
 
 import nvsdata
 from nvsdata import FormatError
+from nvsdata.formats import atis, hdf5, hdf5_columns, npy, text
 
 SLOW_S, HANGING_S = 5.0, 60.0
 MEMORY = 256 << 20  # bytes that reading a file of some kB may add to the most the process had
@@ -50,6 +61,7 @@ def main() -> int:
     parser.add_argument("--only", type=int, help="do this round only")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
+    read_in_small_pieces()
     end = time.monotonic() + 60 * args.minutes
     in_hand = Path(tempfile.gettempdir(), "nvsdata-fuzz-round")
     with tempfile.TemporaryDirectory() as home:
@@ -71,6 +83,15 @@ def main() -> int:
     return 1 if failed else 0
 
 
+def read_in_small_pieces() -> None:
+    """So that files of 400 events are bisected, and read in parts, as long ones are."""
+    text.CHUNK, text.PIECE, text.LINE = 300, 2_000, 8
+    hdf5_columns.BISECTED, hdf5_columns.SCANNED, hdf5_columns.BLOCK = 8, 64, 128
+    hdf5.AROUND = 4
+    npy.Recording.block = atis.Recording.block = 32
+    atis.SHORT = 0
+
+
 def make_samples(home: Path) -> dict[str, bytes]:
     """A small sound file of every format, by the name it is to have."""
     ev = trees.some(0, 400, (128, 128))
@@ -85,6 +106,9 @@ def make_samples(home: Path) -> dict[str, bytes]:
         + aedat3_packet(ev[:9], kind=3)
         + aedat3_packet(ev[200:]),
     }
+    # what no damaged file may make one open: the one waits for ever, the other holds other events
+    os.mkfifo(home / "pipe")
+    nvsdata.write(trees.some(1, 400, (128, 128)), home / "other.h5")
     for suffix in (".bin", ".dat", ".txt", ".h5", ".npy", ".aedat1", ".aedat", ".aedat3"):
         nvsdata.write(ev, home / f"w{suffix}")
         samples[f"w{suffix}"] = (home / f"w{suffix}").read_bytes()
@@ -95,10 +119,26 @@ def make_samples(home: Path) -> dict[str, bytes]:
     zipped = {"chunks": (50,), "compression": "gzip"}
     samples["dsec.h5"] = hdf5_bytes(events)
     samples["zip.h5"] = hdf5_bytes({name: how | zipped for name, how in events.items()})
+    samples["own-zip.h5"] = own_zipped(home / "w.h5")
+    samples["plain.h5"] = hdf5_bytes({name.removeprefix("events/"): how for name, how in events.items()})
     samples["cd.h5"] = hdf5_bytes({"CD/events": {"data": ev.to_structured(), "chunks": (50,)}})
     columns = {"ts": ev.t, "x": ev.x, "y": ev.y, "pol": ev.p}
+    samples |= {f"times-{kind}{suffix}": b"" for kind, (suffix, *_) in KINDS.items()}
     samples["v73.mat"] = hdf5_bytes({name: {"data": column} for name, column in columns.items()}, MATLAB_73)
     return samples
+
+
+def own_zipped(path: Path) -> bytes:
+    """Our own file as h5repack makes it smaller."""
+    columns: dict[str, dict[str, Any]] = {}
+    with h5py.File(path) as file:
+        for name in "txyp":
+            columns[f"events/{name}"] = {"data": file[f"events/{name}"][()], "chunks": (64,), "compression": "gzip"}
+        attributes = dict(file.attrs)
+    raw = io.BytesIO(hdf5_bytes(columns))
+    with h5py.File(raw, "r+") as file:
+        file.attrs.update(attributes)
+    return raw.getvalue()
 
 
 def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, str]:
@@ -106,17 +146,29 @@ def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, st
     rng = np.random.default_rng(number)
     name = list(samples)[number % len(samples)]
     path = home / name
-    path.write_bytes(damaged(bytearray(samples[name]), rng))
+    block = None
+    if name.startswith("times-"):
+        kind = path.stem.removeprefix("times-")
+        header, raw = file_of(kind, int(rng.integers(2, 900)), rng)
+        path.write_bytes(sizes_changed(header, rng) + damage(kind, raw, rng))
+        block = int(rng.choice((16, 64)))
+    else:
+        path.write_bytes(damaged(name, samples[name], rng, home))
     before, start = most_memory(), time.monotonic()
+    windows = some_windows(rng)
     for strict in (True, False):
         try:
-            check(nvsdata.open(path, strict=strict), rng)
-        except FormatError:
-            pass
+            check(path, strict, windows)
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
                 raise
             return name, f"strict={strict}: {type(error).__name__}: {error}"
+    try:
+        fault = disagreement(path, rng, block)
+    except (ArithmeticError, AssertionError, LookupError, OSError, TypeError, ValueError) as error:
+        fault = f"{type(error).__name__}: {error}"
+    if fault:
+        return name, fault
     if time.monotonic() - start > SLOW_S:
         return name, f"took {time.monotonic() - start:.1f} s"
     if most_memory() - before > MEMORY:
@@ -124,7 +176,26 @@ def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, st
     return name, ""
 
 
-def damaged(raw: bytearray, rng: np.random.Generator) -> bytes:
+def sizes_changed(header: bytes, rng: np.random.Generator) -> bytes:
+    """The header with another number in one of its places, once in a while."""
+    places = list(re.finditer(rb"\d+", header))
+    if not places or rng.random() < 0.8:
+        return header
+    where = places[int(rng.integers(0, len(places)))]
+    number = rng.choice([b"0", b"1", b"32767", b"32768", b"-5", b"4294967296", b"9" * 30, b"x"])
+    return header[: where.start()] + bytes(number) + header[where.end() :]
+
+
+def damaged(name: str, sample: bytes, rng: np.random.Generator, home: Path) -> bytes:
+    """The sample with damage that knows its format, with random damage, or with both."""
+    aware = next((how for suffix, how in BY_SUFFIX.items() if name.endswith(suffix)), None)
+    if aware is None or rng.random() < 0.4:
+        return at_random(bytearray(sample), rng)
+    raw = aware(sample, rng, home)
+    return at_random(bytearray(raw), rng) if rng.random() < 0.2 else raw
+
+
+def at_random(raw: bytearray, rng: np.random.Generator) -> bytes:
     """Some bytes changed, set to extremes, inserted, removed or repeated; the tail cut off."""
     for _ in range(int(rng.integers(1, 6))):
         at = int(rng.integers(0, max(len(raw), 1)))
@@ -147,20 +218,46 @@ def damaged(raw: bytearray, rng: np.random.Generator) -> bytes:
     return bytes(raw)
 
 
-def check(recording: nvsdata.Recording, rng: np.random.Generator) -> None:
-    """Read it whole and a window of it; AssertionError if the Events aren't valid or the window isn't theirs."""
-    start = int(rng.integers(0, 1_000_000))
+def some_windows(rng: np.random.Generator) -> list[tuple[int, int]]:
+    """Windows within the samples' times, at their edges, and of everything."""
+    edges = np.sort(rng.integers(-1_000, 130_000, (4, 2)))
+    return [*map(tuple, edges.tolist()), (-(2**63), 2**63 - 1), (0, 1 << 32)]
+
+
+def check(path: Path, strict: bool, windows: list[tuple[int, int]]) -> None:
+    """Read it whole and in windows; AssertionError if Events aren't valid, or a window isn't that of the whole."""
+    whole = outcome(path, strict)
+    found = [outcome(path, strict, *window) for window in windows]
+    with suppress(FormatError):
+        # and of one recording after the other, which remembers
+        recording = nvsdata.open(path, strict=strict)
+        found += [recording.read(*window) for window in windows[:2]]
+        windows = windows + windows[:2]
+    for window, events in zip(windows, found, strict=False):
+        if events is not None:
+            valid(events)
+            assert not len(events) or window[0] <= events.t[0] <= events.t[-1] < window[1], f"outside {window}"
+        if whole is not None:
+            assert events is not None, f"{window} is refused, the whole is not"
+            expected = whole.window(*window)
+            assert events == expected, f"{window}: {events}, the whole has {expected}"
+    if whole is not None:
+        valid(whole)
+
+
+def outcome(path: Path, strict: bool, *window: int) -> nvsdata.Events | None:
+    """The Events, None if the file is refused."""
     try:
-        window = recording.read(start, start + 100_000)
+        return nvsdata.read(path, *window, strict=strict)
     except FormatError:
-        window = None
-    ev = recording.read()
+        return None
+
+
+def valid(ev: nvsdata.Events) -> None:
     width, height = ev.sensor_size
     assert (np.diff(ev.t) >= 0).all(), "times fall"
+    assert not len(ev) or -(2**62) < ev.t[0] <= ev.t[-1] < 2**62, "times beyond 2^62"
     assert ((ev.x >= 0) & (ev.x < width) & (ev.y >= 0) & (ev.y < height) & (ev.p <= 1)).all(), "outside the sensor"
-    if window is not None:
-        assert (np.diff(window.t) >= 0).all(), "times of a window fall"
-        assert not len(window) or start <= window.t[0] <= window.t[-1] < start + 100_000, "outside the window"
 
 
 def most_memory() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -31,6 +32,19 @@ def hdf5_bytes(datasets: dict[str, dict[str, Any]], before: bytes = b"") -> byte
         for name, how in datasets.items():
             file.create_dataset(name, **how)
     return before + whole.getvalue()[len(before) :]
+
+
+def lead_elsewhere(file: h5py.File, name: str, how: str, other: Path, shape: tuple[int, ...], kind: Any) -> None:
+    """Make a dataset of an open file one whose values `other` holds, in one of the ways that HDF5 knows."""
+    if how == "external link":
+        file[name] = h5py.ExternalLink(other, name)
+    elif how == "virtual":
+        layout = h5py.VirtualLayout(shape, kind)
+        layout[:] = h5py.VirtualSource(other, name, shape)
+        file.create_virtual_dataset(name, layout)
+    else:
+        size = int(np.prod(shape)) * np.dtype(kind).itemsize
+        file.create_dataset(name, shape, kind, external=[(str(other), 0, size)])
 
 
 def evt2_bytes(ev: Events, header: bytes = b"% evt 2.0\n% end\n") -> bytes:
@@ -140,3 +154,22 @@ def _aedat4_packet(stream: int, body: bytes, compression: int) -> bytes:
 
         body = zstandard.ZstdCompressor().compress(body)
     return struct.pack("<ii", stream, len(body)) + body
+
+
+def saccade(rng: np.random.Generator, digit: int, n: int) -> tuple[np.ndarray, ...]:
+    """Columns t, x, y, p of a bar that sweeps the sensor at an angle given by the digit."""
+    t = np.sort(rng.integers(0, 100_000, n))
+    along = rng.uniform(-12, 12, n)
+    across = 10 * np.sin(2 * np.pi * t / 100_000)
+    c, s = np.cos(digit * np.pi / 10), np.sin(digit * np.pi / 10)
+    x = np.clip(17 + c * along - s * across, 0, 33).astype(int)
+    y = np.clip(17 + s * along + c * across, 0, 33).astype(int)
+    return t, x, y, rng.integers(0, 2, n)
+
+
+def atis_bytes(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> bytes:
+    """ATIS records, straight from the format's description."""
+    out = bytearray()
+    for ti, xi, yi, pi in zip(t.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True):
+        out += bytes([xi, yi, pi << 7 | ti >> 16, ti >> 8 & 0xFF, ti & 0xFF])
+    return bytes(out)

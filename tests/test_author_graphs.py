@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy.io
 import torch
-from conftest import SHARED
+from places import SHARED
 from torch.nn.functional import cross_entropy
 
 from nvsdata import FormatError, GraphBatch, models

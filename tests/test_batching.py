@@ -56,3 +56,14 @@ def test_batches_from_workers_equal_those_made_here(samples):
         assert isinstance(a, GraphBatch)
         assert_same(a, b)
         assert torch.equal(one, other)
+
+
+def test_a_loader_without_collate_fn_makes_the_same_batches(fake_nmnist):
+    dataset = nvsdata.NMNIST(fake_nmnist, transform=T.Compose([T.Window(0, 30_000), T.RadiusGraph()]))
+    (ours, targets), (plain, same) = (next(iter(DataLoader(dataset, 4, collate_fn=f))) for f in (nvsdata.collate, None))
+    assert isinstance(plain, GraphBatch)
+    assert torch.equal(same, targets)
+    assert all(torch.equal(getattr(ours, name), getattr(plain, name)) for name in FIELDS)
+    whole = nvsdata.NMNIST(fake_nmnist)
+    events, _ = next(iter(DataLoader(whole, 4)))
+    assert events == [whole[i][0] for i in range(4)]

@@ -1,3 +1,5 @@
+import io
+import os
 import subprocess
 import sys
 
@@ -5,10 +7,12 @@ import h5py
 import numpy as np
 import pytest
 import trees
+from processes_of_others import dead_owner
 
 import nvsdata
 from nvsdata import Events
 from nvsdata.cli import main
+from nvsdata.locks import locked
 
 
 @pytest.fixture
@@ -105,11 +109,15 @@ def test_datasets_says_what_is_here_and_how_to_get_the_rest(digits, capsys):
 def test_pack_then_verify_and_load(digits, tmp_path, capsys):
     (digits / "Train/3/00002.bin").write_bytes(b"abc")
     out = tmp_path / "n.h5"
-    assert main(["pack", str(digits), "--dataset", "n-mnist", "--out", str(out)]) == 0
+    # something was wrong with the data
+    assert main(["pack", str(digits), "--dataset", "n-mnist", "--out", str(out)]) == 1
     captured = capsys.readouterr()
     assert "49 recordings" in captured.out
     assert "left out Train/3/00002.bin" in captured.err
-    assert main(["verify", str(out)]) == 0
+    assert main(["verify", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert "Train/3/00002.bin: left out when it was packed: " in said
+    assert "n-mnist: 50 recordings, 70,000 expected" in said
     assert len(nvsdata.NMNIST(out)) == 29
     with h5py.File(out, "r+") as file:
         file["events/p"][0] ^= 1
@@ -165,3 +173,108 @@ def test_what_cannot_be_done_is_said(command, message, capsys, tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     assert main(command) == 1
     assert message in capsys.readouterr().err
+
+
+def test_a_file_that_is_there_is_replaced_only_if_asked(file, tmp_path, capsys):
+    (tmp_path / "b.h5").write_text("precious")
+    assert main(["convert", str(file), str(tmp_path / "b.h5")]) == 1
+    assert "b.h5 is there already: --overwrite (overwrite=True) replaces it" in capsys.readouterr().err
+    assert (tmp_path / "b.h5").read_text() == "precious"
+    assert main(["convert", str(file), str(tmp_path / "b.h5"), "--overwrite"]) == 0
+    assert nvsdata.read(tmp_path / "b.h5") == nvsdata.read(file)
+    (tmp_path / "c.h5").mkdir()
+    assert main(["convert", str(file), str(tmp_path / "c.h5"), "--overwrite"]) == 1
+    assert "directory" in capsys.readouterr().err
+
+
+def test_two_at_one_output(file, tmp_path, capsys):
+    with locked(tmp_path / "b.h5"):
+        assert main(["convert", str(file), str(tmp_path / "b.h5")]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "b.h5 is being written by process" in err
+    part = tmp_path / f".b.h5.{dead_owner()}-x.part"
+    part.touch()
+    assert main(["convert", str(file), str(tmp_path / "b.h5")]) == 0
+    assert not part.exists()
+
+
+def test_a_folder_of_ones_own_is_not_the_demos_to_delete(tmp_path, capsys):
+    (tmp_path / "shapes").mkdir()
+    (tmp_path / "shapes/thesis.tex").write_text("years of work")
+    assert main(["demo", "--out", str(tmp_path)]) == 1
+    assert "holds other files than the demo's" in capsys.readouterr().err
+    assert (tmp_path / "shapes/thesis.tex").exists()
+
+
+def test_sizes_are_explained(capsys, file):
+    with pytest.raises(SystemExit, match="2"):
+        main(["convert", str(file), "b.h5", "--sensor-size", "240,180"])
+    assert "WIDTHxHEIGHT, such as 240x180, not '240,180'" in capsys.readouterr().err
+
+
+ODD = os.fsdecode(b"new\nline \xff\xe9 \xce\xbc\x1b[31m")
+ODD_SHOWN = r"new\nline \udcff\udce9 μ\x1b[31m"
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """A function that runs a command at a terminal that knows ASCII only; its exit code and the lines it printed."""
+
+    def run(*words):
+        streams = {name: io.TextIOWrapper(io.BytesIO(), encoding="ascii") for name in ("stdout", "stderr")}
+        with monkeypatch.context() as patched:
+            for name, stream in streams.items():
+                patched.setattr(sys, name, stream)
+            code = main([str(word) for word in words])
+        for stream in streams.values():
+            stream.flush()
+        return code, *(stream.buffer.getvalue().decode("ascii").splitlines() for stream in streams.values())
+
+    return run
+
+
+@pytest.mark.skipif(sys.platform in ("darwin", "win32"), reason="names of files are Unicode here")
+def test_files_of_any_name_can_be_told_of_and_converted(tmp_path, terminal):
+    ascii_name = ODD_SHOWN.replace("μ", r"\u03bc")
+    ev = trees.some(5)
+    source, target = tmp_path / f"{ODD}.h5", tmp_path / f"{ODD}.aedat"
+    nvsdata.write(ev, source)
+    code, out, err = terminal("info", source, tmp_path / f"{ODD}.txt")
+    assert code == 1
+    assert out[0] == f"{tmp_path}/{ascii_name}.h5"
+    assert len(out) == 8
+    assert len(err) == 1
+    code, out, err = terminal("convert", source, target)
+    assert (code, err) == (0, [])
+    assert out == [f"60 events in {tmp_path}/{ascii_name}.aedat"]
+    assert nvsdata.read(target, sensor_size=(34, 34)) == ev
+    code, out, err = terminal("compare", source, target, "--picture", tmp_path / f"{ODD}.png", "--sensor-size", "34x34")
+    assert (code, err) == (0, [])
+    assert out[0].startswith(f"A  {tmp_path}/{ascii_name}.h5  Events(60 events")
+    assert out[-1] == f"drawn in {tmp_path}/{ascii_name}.png"
+    assert (tmp_path / f"{ODD}.png").stat().st_size > 0
+
+
+@pytest.mark.skipif(sys.platform in ("darwin", "win32"), reason="names of files are Unicode here")
+def test_verify_gives_a_fault_a_line_whatever_the_name(tmp_path, terminal):
+    folder = tmp_path / ODD
+    folder.mkdir()
+    (folder / f"{ODD}.bin").write_bytes(b"abcdefg")
+    (folder / f"{ODD}.h5").write_bytes(b"abcdefg")
+    (folder / "whole.bin").write_bytes(trees.atis(trees.some(1)))
+    code, out, _ = terminal("verify", tmp_path)
+    name = ODD_SHOWN.replace("μ", r"\u03bc")
+    assert code == 1
+    assert out[0] == f"{name}/{name}.bin: 2 bytes of a torn record, cut off"
+    assert out[1].startswith(f"{name}/{name}.h5: {tmp_path}/{name}/{name}.h5: ")
+    assert out[2:] == ["2 faults"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="shells as POSIX has them")
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_streams_that_are_closed(tmp_path, closed):
+    """A file that took the number of stderr would hold what libraries print there."""
+    command = f"{sys.executable} -m nvsdata record --simulate --seconds 0.2 --out {tmp_path / 'a.h5'} {closed}"
+    assert subprocess.run(["sh", "-c", command]).returncode == 0
+    assert len(nvsdata.read(tmp_path / "a.h5")) > 1_000

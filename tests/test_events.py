@@ -38,6 +38,10 @@ def test_columns_have_the_promised_types():
         (([1], [1], [1], [2]), "polarity"),
         (([1], [1], [1], [-1]), "polarity"),
         (([[1]], [[1]], [[1]], [[1]]), "one-dimensional"),
+        (([1, 2], [3, 4], [100_000, 200_000], [0, 1]), r"y .* not 100000 to 200000; the order is Events\(t, x, y, p\)"),
+        (([2**62], [1], [1], [1]), "times must lie"),
+        (([-(2**62)], [1], [1], [1]), "times must lie"),
+        ((np.array([2**63], np.uint64), [1], [1], [1]), "times must lie"),
     ],
 )
 def test_bad_columns_are_refused(columns, message):
@@ -46,8 +50,10 @@ def test_bad_columns_are_refused(columns, message):
 
 
 def test_coordinates_outside_the_sensor_are_refused():
-    with pytest.raises(ValueError, match="4x4 pixels, outside the sensor of 3x4"):
-        make([1, 2, 3, 4], sensor_size=(3, 4))
+    with pytest.raises(ValueError, match=r"4x4 pixels, outside the sensor of 3x4$"):
+        make([1, 2, 3, 40], sensor_size=(3, 4))
+    with pytest.raises(ValueError, match=r"outside the sensor of 34x34; the order is Events\(t, x, y, p\)"):
+        Events([1, 2], [3, 4], [1_000, 2_000], [0, 1], (34, 34))
 
 
 @given(events(), st.integers(-100, 50_000), st.integers(0, 50_000))
@@ -122,3 +128,36 @@ def test_every_public_name_can_be_had():
         assert getattr(nvsdata, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = nvsdata.nonsense
+
+
+def test_events_can_be_gone_through_and_end():
+    ev = make([1, 2, 3])
+    assert [one.t.tolist() for one in ev] == [[1], [2], [3]]
+    assert [len(one) for one in list(ev)] == [1, 1, 1]
+    assert ev[-1].t.tolist() == [3]
+    assert ev[np.int64(1)].t.tolist() == [2]
+    for beyond in (3, -4):
+        with pytest.raises(IndexError):
+            ev[beyond]
+    assert list(Events.empty((3, 3))) == []
+
+
+@given(events(), st.integers(-300, 50_000), st.integers(1, 50_000))
+def test_a_window_lasts_no_longer_than_what_it_is_cut_from(ev, start, length):
+    last = int(ev.t.max(initial=0))
+    known = Events(*ev.columns, ev.sensor_size, start=-200, end=last + 5)
+    cut = known.window(start, start + length)
+    begin = max(start, -200)
+    assert (cut.start, cut.end) == (begin, max(begin, min(start + length - 1, last + 5)))
+    assert (known.window().start, known.window().end) == (-200, last + 5)
+    # nothing is said of the end of what says nothing itself
+    cut = ev.window(start, start + length)
+    assert cut.end == (cut.t[-1] if len(cut) else start)
+
+
+@pytest.mark.parametrize(
+    "bounds", [{"start": 6}, {"end": 8}, {"start": -(2**62)}, {"end": 2**62}, {"start": 3, "end": 2}]
+)
+def test_a_time_that_does_not_hold_the_events_is_refused(bounds):
+    with pytest.raises(ValueError, match=r"events|lie between"):
+        make([5, 9], **bounds)

@@ -2,8 +2,10 @@ import os
 import stat
 
 import pytest
+from processes_of_others import dead_owner
 
-from nvsdata.files import atomic
+from nvsdata.files import atomic, creating, sweep
+from nvsdata.locks import owner
 
 
 def test_the_file_appears_whole(tmp_path):
@@ -40,4 +42,40 @@ def test_permissions_are_those_of_a_plain_open(tmp_path):
 
 def test_a_missing_folder_is_said(tmp_path):
     with pytest.raises(FileNotFoundError), atomic(tmp_path / "no" / "a"):
+        pass
+
+
+def test_only_what_dead_processes_left_is_swept(tmp_path):
+    (tmp_path / "deep").mkdir()
+    dead, alive, foreign = dead_owner(), owner(), "0a1b2c-1"
+    for who in (dead, alive, foreign):
+        (tmp_path / f".a.h5.{who}-x1.part").touch()
+        (tmp_path / f"deep/.b.h5.{who}-x1.part").touch()
+    (tmp_path / ".mine.part").touch()
+    assert sweep(tmp_path, "b.h5") == 0
+    assert sweep(tmp_path, "a.h5") == 1
+    assert not (tmp_path / f".a.h5.{dead}-x1.part").exists()
+    assert sweep(tmp_path) == 1
+    assert len(list(tmp_path.rglob("*.part"))) == 5
+
+
+def test_a_name_as_long_as_the_system_allows(tmp_path):
+    target = tmp_path / ("n" * 251 + ".txt")
+    with atomic(target) as temporary:
+        temporary.write_text("x")
+    assert target.read_text() == "x"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and permissions as POSIX has them")
+def test_links_stay_links_and_permissions_as_they_were(tmp_path):
+    (tmp_path / "a").write_text("old")
+    os.chmod(tmp_path / "a", 0o600)
+    (tmp_path / "link").symlink_to(tmp_path / "a")
+    with atomic(tmp_path / "link") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "a").read_text() == "new"
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o600
+    (tmp_path / "a").unlink()
+    with pytest.raises(FileExistsError), creating(tmp_path / "link", overwrite=False):
         pass

@@ -1,7 +1,11 @@
 import multiprocessing
 import operator
+import os
+import signal
+import time
 
 import pytest
+from processes_of_others import another_process
 
 from nvsdata import processes
 
@@ -13,3 +17,37 @@ def test_a_pool_works_however_its_processes_start(monkeypatch, method):
     monkeypatch.setattr(processes, "get_all_start_methods", lambda: [method])
     with processes.pool(2, "nvsdata.events") as workers:
         assert list(workers.map(operator.neg, range(5))) == [0, -1, -2, -3, -4]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills as POSIX does")
+@pytest.mark.parametrize("method", ["forkserver", "spawn"])
+def test_workers_end_with_the_process_that_started_them(method):
+    code = f"""
+        import os, time
+        from nvsdata import processes
+        processes.get_all_start_methods = lambda: [{method!r}]
+        if __name__ == "__main__":
+            pool = processes.pool(2, "nvsdata.events")
+            pids = set()
+            while len(pids) < 2:
+                pids |= set(pool.map(eval, ['__import__("time").sleep(0.2) or __import__("os").getpid()'] * 2))
+            futures = [pool.submit(time.sleep, 600) for _ in range(2)]
+            print(*pids, flush=True)
+            time.sleep(600)
+    """
+    with another_process(code) as (process, line):
+        pids = [int(word) for word in line.split()]
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        deadline = time.monotonic() + 20
+        while any(_runs(pid) for pid in pids):
+            assert time.monotonic() < deadline, "a worker outlives its parent"
+            time.sleep(0.05)
+
+
+def _runs(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -6,7 +7,8 @@ from strategies import events
 import nvsdata
 from nvsdata import Events
 from nvsdata.datasets.davis240 import upright
-from nvsdata.views import Mapped, Slice
+from nvsdata.samples import Frame, Inertial, Piece
+from nvsdata.views import Mapped, Scaled, Slice
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +33,7 @@ def test_a_slice_of_a_recording_is_the_window_of_its_events(folder, ev, a, b, c,
     assert cut.events() == inside
     found = cut.read(start, stop)
     assert found == inside.window(start, stop)
-    assert found.start == start
+    assert found.start == max(start, lo)
     assert cut.read(start) == inside.window(start)
     assert cut.read(None, stop) == inside.window(None, stop)
     first, last = cut.span
@@ -56,3 +58,19 @@ def test_upright_turns_rows():
 def test_a_slice_that_ends_before_it_begins(folder):
     with pytest.raises(ValueError, match="ends before"):
         Slice(recording(folder, Events([1], [1], [1], [1])), 5, 4)
+
+
+def test_views_have_the_frames_and_samples_of_what_they_show(tmp_path):
+    frames = [Frame(t, t, t + 5, t + 9, 0, 0, np.full((2, 3), t, np.uint16)) for t in (10, 40, 70)]
+    times = np.arange(0, 90, 10)
+    inertial = Inertial(times, np.zeros((9, 3), np.float32), np.zeros((9, 3), np.float32), np.zeros(9, np.float32))
+    piece = Piece.beside(Events([5, 50], [1, 1], [1, 1], [0, 1], (4, 4)), frames, inertial, {"serial": "7"})
+    nvsdata.write(piece, tmp_path / "a.h5")
+    whole = nvsdata.open(tmp_path / "a.h5")
+    mapped, cut = Mapped(whole, lambda events: events), Slice(whole, 20, 60)
+    assert [frame.start for frame in mapped.frames()] == [10, 40, 70]
+    assert mapped.about["serial"] == "7"
+    assert [frame.start for frame in cut.frames()] == [40]
+    assert cut.inertial().t.tolist() == [20, 30, 40, 50]
+    assert cut.inertial(30, 100).t.tolist() == [30, 40, 50]
+    assert not Scaled(whole, 10).holds_samples

@@ -5,9 +5,11 @@ To add one, write a module with its class and add its line to `DATASETS`.
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+
 from nvsdata.datasets.aslandvs import ASLANDVS
 from nvsdata.datasets.asldvs import ASLDVS
-from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.base import EventDataset, plain
 from nvsdata.datasets.cifar10dvs import CIFAR10DVS
 from nvsdata.datasets.dvs128gesture import DVS128Gesture
 from nvsdata.datasets.folder import EventFolder
@@ -40,6 +42,21 @@ DATASETS: dict[str, type[EventDataset]] = {
     )
 }
 
+
+def dataset_named(name: str) -> type[EventDataset]:
+    """The dataset of a name, which may be that of the table ("n-mnist") or of the class ("NMNIST"), in any case.
+
+    ValueError, with those that come close, if there is none.
+    """
+    names = {plain(known): kind for kind in DATASETS.values() for known in (kind.info.name, kind.__name__)}
+    kind = names.get(plain(name))
+    if kind is None:
+        close = dict.fromkeys(names[found].info.name for found in get_close_matches(plain(name), names, cutoff=0.5))
+        hint = f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(DATASETS)}"
+        raise ValueError(f"no dataset {name!r}; {hint}")
+    return kind
+
+
 __all__ = [
     "ASLANDVS",
     "ASLDVS",
@@ -58,5 +75,6 @@ __all__ = [
     "NCaltech101",
     "SeededBatches",
     "SeededDataset",
+    "dataset_named",
     "stratified",
 ]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import scipy.io
 
-from nvsdata.datasets.base import Archive, Info, numbered_fold
+from nvsdata.datasets.base import numbered_fold
 from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.source import joined, recordings_in
 from nvsdata.events import Recording
 
@@ -36,7 +37,7 @@ class ASLANDVS(Upright):
     `aslan_pairs.csv` (columns fold, video_a, video_b, same) below `root`. A video is named by its
     id, which is the number that the recording's name ends in, or by that name.
 
-    Pairs of which a recording is missing are left out; `skipped` names what is missing.
+    Pairs of which a recording is missing are left out; `missing` names what isn't there.
     """
 
     info = Info(
@@ -62,12 +63,14 @@ class ASLANDVS(Upright):
             ),
         ),
         recordings=3_697,
+        known_from="ASLAN's samples; one paper counts 3,631 recordings",
+        tree="<recording whose name ends in the id>.mat, and View2.mat or aslan_pairs.csv",
     )
 
     def _check_fold(self, fold: int | None) -> int:
         return numbered_fold(fold, range(1, 11), 1)
 
-    def _found(self) -> list[Any]:
+    def found(self) -> list[Any]:
         """The pairs of all folds whose recordings are there."""
         names = self._by_name()
         found = []
@@ -78,7 +81,7 @@ class ASLANDVS(Upright):
             if a in names and b in names:
                 found.append(Pair(names[a], names[b], same))
                 self.folds.append(fold)
-        self.skipped = sorted(missing)
+        self.missing = sorted(missing)
         return found
 
     def _select(self, found: list[Any]) -> Iterator[Any]:
@@ -91,7 +94,7 @@ class ASLANDVS(Upright):
         names = {}
         for where in recordings_in(self.listing):
             file = where.rsplit("/", 1)[-1]
-            if file not in (CSV, VIEW2):
+            if file not in (CSV, VIEW2) and where not in self.source.left_out:
                 stem = file.rsplit(".", 1)[0]
                 names[stem] = where
                 if number := re.search(r"(\d+)$", stem):
@@ -121,17 +124,27 @@ class ASLANDVS(Upright):
     def recording_names(self) -> list[str]:
         return sorted(set(self._by_name().values()))
 
-    def recordings(self, index: int) -> tuple[Recording, Recording]:
+    def total(self) -> tuple[int, int, str]:
+        return len(self.recording_names()), self.info.recordings, "recordings"
+
+    @property
+    def packed_split(self) -> str:
+        return "all"  # pairs of all splits are made of the same recordings
+
+    def recordings(self, index: int) -> tuple[Recording, ...]:
         """The two recordings of a pair, opened but not decoded."""
         pair: Any = self.samples[index]
         return self.named(pair.a), self.named(pair.b)
 
-    def named(self, name: str) -> Recording:
-        """A recording by its path below the root, opened but not decoded."""
-        return self._view(self.source.open(name, self.sensor_size))
+    def joined(self, parts: Sequence[Any]) -> Any:
+        return tuple(parts)
 
-    def __getitem__(self, index: int) -> tuple[Any, Any]:
-        change = self.transform or Recording.read
-        a, b = (change(recording) for recording in self.recordings(index))
-        same = self.targets[index]
-        return (a, b), same if self.target_transform is None else self.target_transform(same)
+    def _files(self, sample: Any) -> tuple[str, ...]:
+        return sample.a, sample.b
+
+    def _name_of(self, sample: Any) -> str:
+        return f"{_stem(sample.a)} {_stem(sample.b)}"
+
+
+def _stem(name: str) -> str:
+    return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from nvsdata.datasets.base import Archive, Info, RandomSplitDataset
+from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.holdings import Holding
 
 
 class ASLDVS(Upright, RandomSplitDataset):
@@ -25,5 +27,8 @@ class ASLDVS(Upright, RandomSplitDataset):
         # the host zips the folder anew for everyone, so that there is no one hash
         archives=(Archive("ICCV2019_DVS_dataset.zip", "", (), "ICCV2019_DVS_dataset", 5807293496),),
         recordings=100_800,
+        holds=tuple(Holding(letter, 4_200) for letter in "abcdefghiklmnopqrstuvwxy"),
+        known_from="the authors",
+        tree="<letter>/<letter>_<id>.mat",
     )
     aliases: ClassVar[dict[str, str]] = {f"Yin Bi - {letter}": letter for letter in "abcdefghiklmnopqrstuvwxy"}

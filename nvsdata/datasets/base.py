@@ -6,69 +6,22 @@ import gc
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, repeat
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Self
 
-from torch.utils.data import Dataset
-
+import nvsdata.batching  # noqa: F401  tells torch how samples become batches
+from nvsdata.datasets.facts import Info, Sample
+from nvsdata.datasets.layout import nothing_below
+from nvsdata.datasets.samples import Samples, Transform, check_choice
 from nvsdata.datasets.source import Folder, Source, joined, recordings_in
 from nvsdata.datasets.splits import stratified
 from nvsdata.events import Recording
 from nvsdata.views import Slice
 
-Transform = Callable[[Any], Any]
 
-
-class Sample(NamedTuple):
-    """A recording: its path below the root, the index of its class, and its slice in time (µs) if it is one."""
-
-    name: str
-    label: int
-    window: tuple[int, int] | None = None
-
-    @property
-    def file(self) -> str:
-        """The file's name."""
-        return self.name.rsplit("/", 1)[-1]
-
-    @property
-    def stem(self) -> str:
-        """The file's name without its extension."""
-        return self.file.rsplit(".", 1)[0]
-
-
-@dataclass(frozen=True)
-class Archive:
-    """A file to download: `urls` are tried in order, `folder` is what it unpacks to.
-
-    Without `urls` it needs a browser. `hash` is an md5 or a sha256, empty if none is known, as is
-    `size` in bytes.
-    """
-
-    name: str
-    hash: str
-    urls: tuple[str, ...]
-    folder: str
-    size: int = 0
-
-
-@dataclass(frozen=True)
-class Info:
-    """Facts about a dataset. `recordings` is how many there are."""
-
-    name: str
-    sensor_size: tuple[int, int] | None
-    classes: tuple[str, ...]
-    page: str
-    licence: str
-    archives: tuple[Archive, ...] = ()
-    recordings: int = 0
-
-
-class EventDataset(Dataset[tuple[Any, Any]]):
+class EventDataset(Samples):
     """Recordings with class labels.
 
     `root` is a folder, or a file that `nvsdata pack` made of one. Recordings are found wherever they
@@ -79,14 +32,19 @@ class EventDataset(Dataset[tuple[Any, Any]]):
     one, it is handed the undecoded `Recording`, so that a window transform in front decodes just
     its window; every transform of nvsdata takes either.
 
+    `seed` and `errors` (None and "raise" by default) say what transforms draw, and what becomes of damaged recordings;
+    see `Samples`.
+
     `classes` (names), `class_to_idx`, `targets` (list of ints, one a recording), `sensor_size`
-    and `samples` describe what was found. Subclasses give `info` and say how to split.
+    and `samples` describe what was found, `split_hash` tells one split from another. `ds[:10]` and `ds.subset(...)`
+    are datasets, too. Subclasses give `info` and say how to split.
     """
 
     info: ClassVar[Info]
     splits: ClassVar[tuple[str, ...]] = ("train", "test", "all")
     aliases: ClassVar[dict[str, str]] = {}  # other names of class folders
     smallest: ClassVar[int] = 0  # bytes; smaller recordings are empty, and left out
+    independent: ClassVar[tuple[str, ...]] = ("listing", "_labels")
 
     def __init__(
         self,
@@ -97,12 +55,13 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
+        seed: int | None = None,
+        errors: str = "raise",
     ) -> None:
-        if split not in self.splits:
-            raise ValueError(f"split must be {', '.join(map(repr, self.splits))}, not {split!r}")
-        self.root, self.split = Path(root), split
+        check_choice("split", split, self.splits)
+        self.root, self.split = Path(root).expanduser(), split
         self.fold = self._check_fold(fold)
-        self.transform, self.target_transform = transform, target_transform
+        self._set(transform, target_transform, seed, errors)
         if download:
             self._download()
         self.source = self._source()
@@ -110,10 +69,15 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         self.class_to_idx = {name: index for index, name in enumerate(self.classes)}
         self.skipped: list[str] = []
         with _no_collection():
-            self.samples = list(self._select(self._found()))
-        self.targets = [sample.label for sample in self.samples]
+            self.samples = list(self._usable(self._select(self._not_empty(self.found()))))
         if not self.samples:
-            raise FileNotFoundError(f"no recordings for split {split!r} below {self.root}; {self._how_to_get()}")
+            raise FileNotFoundError(self._nothing(f"no recordings for split {split!r}"))
+        self._count()
+
+    @classmethod
+    def whole(cls, root: str | os.PathLike[str]) -> Self:
+        """The dataset with all that it has: every split, and what its options leave out by default."""
+        return cls(root, "all")
 
     def _source(self) -> Source:
         if self.root.is_dir():
@@ -124,8 +88,18 @@ class EventDataset(Dataset[tuple[Any, Any]]):
             store = Store(self.root)
             if store.dataset != self.info.name:
                 raise ValueError(f"{self.root} holds {store.dataset}, not {self.info.name}")
+            # a part is no dataset that parts could be drawn from
+            if store.split != "all" and (store.split, store.fold) != (self.split, self.fold):
+                which = f"split {store.split!r}, fold {store.fold}"
+                raise ValueError(f"{self.root} was packed of {which} only: pack split='all' for all others")
             return store
         raise FileNotFoundError(f"{self.root} is no folder; {self._how_to_get()}")
+
+    def _nothing(self, lacking: str) -> str:
+        """What is said of a root in which something isn't found."""
+        names = {plain(name) for name in (*self.info.classes, *self.aliases, "train", "test")}
+        hint = nothing_below(self.root, self.listing, self.info.tree, names)
+        return f"{lacking} below {self.root}; {hint}; {self._how_to_get()}"
 
     def _classes(self) -> list[str]:
         return list(self.info.classes)
@@ -141,8 +115,8 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         """All files below the root: folder to sorted names."""
         return self.source.listing()
 
-    def _found(self) -> list[Sample]:
-        """All recordings, by class, then by name: whatever folders they were sorted into."""
+    def found(self) -> list[Sample]:
+        """The samples of all splits, by class, then by name: whatever folders they were sorted into."""
         by_label: dict[int, list[list[Sample]]] = {}
         for folder, names in self.listing.items():
             label = self._label_of(folder)
@@ -156,11 +130,16 @@ class EventDataset(Dataset[tuple[Any, Any]]):
             samples = list(chain.from_iterable(by_label[label]))
             # one folder is in order already: by file name, as several are put
             found += samples if len(by_label[label]) == 1 else sorted(samples, key=lambda s: (s.file, s.name))
-        if self.smallest:
-            self.skipped = [sample.name for sample in found if self.source.size(sample.name) < self.smallest]
-            dropped = set(self.skipped)
-            found = [sample for sample in found if sample.name not in dropped]
         return found
+
+    def _not_empty(self, found: list[Sample]) -> list[Sample]:
+        """The samples but for those whose file is too small to hold events."""
+        if not self.smallest:
+            return found
+        there = [sample.name for sample in found if sample.name not in self.source.left_out]
+        self.skipped = [name for name in there if self.source.size(name) < self.smallest]
+        dropped = set(self.skipped)
+        return [sample for sample in found if sample.name not in dropped]
 
     @cached_property
     def _labels(self) -> dict[str, int]:
@@ -179,21 +158,43 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         """The samples of the split: here, those below a folder whose name has the split's in it."""
         if self.split == "all":
             return found
-        inside = {folder for folder in self.listing if self._part_of(folder) == self.split}
+        inside = {folder for folder in self.listing if self.part_of(folder) == self.split}
         chosen = [sample for sample in found if os.path.dirname(sample.name) in inside]
         if not chosen:
-            raise FileNotFoundError(f"no folder {self.split.capitalize()} below {self.root}; {self._how_to_get()}")
+            raise FileNotFoundError(self._nothing(f"no folder {self.split.capitalize()} with recordings"))
         return chosen
+
+    def _usable(self, samples: Iterable[Any]) -> Iterable[Any]:
+        """The samples but for those that a store was packed without: they take part in the split first."""
+        left_out = self.source.left_out
+        if not left_out:
+            return samples
+        self.skipped += [name for name in left_out if name not in self.skipped]
+        return [sample for sample in samples if left_out.keys().isdisjoint(self._files(sample))]
 
     def _held_out(self, found: list[Sample], for_testing: Callable[[Sample], bool]) -> list[Sample]:
         """The samples of the split where a rule says which are for testing, and all others are for training."""
         return [s for s in found if self.split == "all" or for_testing(s) == (self.split == "test")]
 
-    def _part_of(self, folder: str) -> str | None:
+    def part_of(self, folder: str) -> str | None:
+        """The part, "train" or "test", that a folder's name or one above it has in it."""
         for part in folder.lower().split("/"):
             if "train" in part or "test" in part:
                 return "train" if "train" in part else "test"
         return None
+
+    def total(self) -> tuple[int, int, str]:
+        """How many samples of all splits there are, how many there should be, and what they are called."""
+        return len(self.found()), self.info.recordings, "recordings"
+
+    def listed(self) -> dict[str, list[str]]:
+        """Names of recordings, without extension, that lists beside them have: a list's name to what it names."""
+        return {}
+
+    @property
+    def packed_split(self) -> str:
+        """The split that `recording_names` are of."""
+        return self.split
 
     @property
     def sensor_size(self) -> tuple[int, int] | None:
@@ -205,28 +206,32 @@ class EventDataset(Dataset[tuple[Any, Any]]):
         """The sensor size that recordings are opened with; None for what each states."""
         return self.sensor_size
 
-    def recording_names(self) -> list[str]:
-        """The recordings that the samples are of, each once, by their path below the root."""
-        return list(dict.fromkeys(sample.name for sample in self.samples))
-
     def recording(self, index: int) -> Recording:
         """The recording of a sample, opened but not decoded."""
         name, _, window = self.samples[index]
-        whole = self._view(self.source.open(name, self.opened_with))
+        whole = self.named(name)
         return whole if window is None else Slice(whole, *window)
+
+    def named(self, name: str) -> Recording:
+        """A recording by its path below the root, opened but not decoded, as users are to see it."""
+        return self._view(self.source.open(name, self.opened_with, strict=self.errors != "repair"))
 
     def _view(self, recording: Recording) -> Recording:
         """The recording as users are to see it."""
         return recording
 
     def _how_to_get(self) -> str:
-        return f"pass download=True (`nvsdata download {self.info.name}`), or unpack it by hand from {self.info.page}"
+        by_hand = f"unpack it by hand from {self.info.page}"
+        if not self.info.by_program:
+            return by_hand
+        return f"pass download=True (`nvsdata download {self.info.name}`), or {by_hand}"
 
     def _download(self) -> None:
-        from nvsdata.datasets.download import fetch_and_unpack
+        from nvsdata.datasets.download import download
 
-        for archive in self.info.archives:
-            fetch_and_unpack(archive, self.root, self.info.page)
+        # a packed store has all that there is
+        if not self.root.is_file():
+            download(self.info, self.root)
 
     def _side_file(self, name: str) -> str | None:
         """Text of the file of that name, wherever it lies below the root; None if it doesn't."""
@@ -235,23 +240,16 @@ class EventDataset(Dataset[tuple[Any, Any]]):
                 return self.source.data(joined(folder, name)).decode("utf-8-sig", "replace")
         return None
 
-    def __len__(self) -> int:
-        return len(self.samples)
-
-    def __getitem__(self, index: int) -> tuple[Any, Any]:
-        recording = self.recording(index)
-        label = self.samples[index].label
-        sample = recording.read() if self.transform is None else self.transform(recording)
-        return sample, label if self.target_transform is None else self.target_transform(label)
-
     def __repr__(self) -> str:
         lines = [
             f"{type(self).__name__}: {len(self)} recordings, {len(self.classes)} classes",
             f"root: {self.root}",
-            f"split: {self.split}" + (f", fold {self.fold}" if self.fold else ""),
+            f"split: {self.split}" + (f", fold {self.fold}" if self.fold else "") + f", hash {self.split_hash}",
         ]
         if self.skipped:
-            lines.append(f"left out as empty: {len(self.skipped)}")
+            lines.append(f"left out: {len(self.skipped)}")
+        if self._damage is not None and (found := self._damage.found()):
+            lines.append(f"damaged: {len(found)}")
         if self.transform is not None:
             lines.append(f"transform: {self.transform!r}")
         return "\n    ".join(lines)
@@ -260,8 +258,8 @@ class EventDataset(Dataset[tuple[Any, Any]]):
 class RandomSplitDataset(EventDataset):
     """A dataset without a split of its own: a fifth of each class is for testing, drawn by the seed `fold`.
 
-    For a seed the split is the same on every machine: it depends on the classes and names of the
-    recordings, not on the folders they lie in.
+    For a seed the split is the same on every machine: whether a recording is for testing depends on the names in
+    its class, not on folders, other classes or the files' format; one more or less moves at most one other.
     """
 
     def _check_fold(self, fold: int | None) -> int:
@@ -270,9 +268,10 @@ class RandomSplitDataset(EventDataset):
         return fold or 0
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        if self.split == "all" or not found:
+        if self.split in ("all", self.source.split) or not found:
             return found
-        train, test = stratified([sample.label for sample in found], 0.2, seed=self.fold)
+        names = [(self.classes[sample.label], self._name_of(sample)) for sample in found]
+        train, test = stratified(names, 0.2, seed=self.fold)
         return [found[i] for i in (train if self.split == "train" else test)]
 
 

@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import hashlib
 import os
+import time
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, Subset
 
 from nvsdata import __version__
+from nvsdata.checksum import crc32
 from nvsdata.datasets.base import EventDataset
-from nvsdata.events import Columns, Events
-from nvsdata.files import atomic
-from nvsdata.graph import Graph
+from nvsdata.datasets.identity import described
+from nvsdata.datasets.keeping import kept, restored
+from nvsdata.datasets.source import CACHE_TAG
+from nvsdata.events import Recording
+from nvsdata.files import atomic, put, sweep
 from nvsdata.transforms.compose import Compose
 
+TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"
 SHARD = 1000  # samples a folder
+CHECKSUM = 4  # bytes, CRC-32 of all that follows
+# what of a dataset makes no difference to what the head gives
+INDIFFERENT = ("transform", "target_transform", "seed", "errors", "split", "fold", "_damage", "_passes")
+# what a dataset found, which its samples and their files' stamps tell
+FOUND = ("source", "class_to_idx", "samples", "targets", "skipped")
 
 
 class Cached(Dataset[tuple[Any, Any]]):
@@ -32,23 +43,54 @@ class Cached(Dataset[tuple[Any, Any]]):
         if steps and not cut:
             raise ValueError(f"nothing to keep: the pipeline begins with {steps[0]!r}, which isn't deterministic")
         self.dataset, self.head, self.tail = dataset, Compose(steps[:cut]), Compose(steps[cut:])
-        key = "\n".join((__version__, *_identity(dataset), repr(self.head)))
-        self.folder = path / hashlib.sha256(key.encode()).hexdigest()[:16]
+        key = "\n".join((__version__, *_identity(dataset), *map(described, steps[:cut])))
+        self.folder = path / hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()[:16]
+        self._full = False
+        if self.folder.is_dir():
+            sweep(self.folder)
 
     def __len__(self) -> int:
         return len(self.dataset)
 
-    def __getitem__(self, index: int) -> tuple[Any, Any]:
-        index = range(len(self))[index]
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return Subset(self, range(len(self))[index])
+        return self.dataset.taken(range(len(self))[index], self._made)
+
+    def _made(self, index: int) -> tuple[Any, Any]:
         file = self.folder / str(index // SHARD) / f"{index}.pt"
-        sample = _load(file)
-        if sample is None:
-            recording = self.dataset.recording(index)
-            sample = self.head(recording if self.head.transforms else recording.read())
-            _save(sample, file)
-        label = self.dataset.targets[index]
-        change = self.dataset.target_transform
-        return self.tail(sample), label if change is None else change(label)
+        stamps = self._stamps(index)
+        parts = _load(file, stamps)
+        if parts is None:
+            at = time.time_ns()
+            recordings = self.dataset.recordings(index)
+            change = self.head if self.head.transforms else Recording.read
+            parts = [change(recording) for recording in recordings]
+            repaired = self.dataset.note_repairs(index, recordings)
+            # a file that changed just now may do so again, and look the same; what was repaired is to be counted again
+            if not (self._full or repaired) and all(
+                self.dataset.source.settled(name, at) for name in self._files(index)
+            ):
+                self._keep(parts, stamps, file)
+        return self.dataset.joined([self.tail(part) for part in parts]), self.dataset.target(index)
+
+    def _files(self, index: int) -> Sequence[str]:
+        return list(self.dataset.files_of([self.dataset.samples[index]]))
+
+    def _stamps(self, index: int) -> list[list[int]]:
+        return [list(self.dataset.source.stamp(name)) for name in self._files(index)]
+
+    def _keep(self, parts: list[Any], stamps: list[list[int]], file: Path) -> None:
+        try:
+            tag = self.folder.parent / CACHE_TAG
+            if not tag.exists():
+                tag.parent.mkdir(parents=True, exist_ok=True)
+                put(tag, TAG)
+            _save(parts, stamps, file)
+        except OSError as error:
+            # training goes on; this process no longer tries
+            self._full = True
+            warnings.warn(f"{self.folder}: can't be written to, samples are made anew each time: {error}", stacklevel=2)
 
     def __getattr__(self, name: str) -> Any:
         if name == "dataset":  # while it is unpickled
@@ -64,70 +106,64 @@ def cache(dataset: EventDataset, path: str | os.PathLike[str]) -> Cached:
 
     The head are the first transforms that have `deterministic = True` (`Window`, `RadiusGraph`, and
     your own that say so); what follows, such as augmentation, is called each time. What is kept
-    belongs to the dataset's files, its options and the head's repr: change one and it is made anew.
-    Several workers and processes may share a cache: files appear whole.
+    belongs to the samples' names, the dataset's options, and the settings of the head's transforms: change one and
+    all is made anew. A sample is made anew, too, if its file has changed since, by size or time of change. What is
+    not seen is a change of your own transforms' code: empty the folder then.
 
-    ValueError if the pipeline begins with a transform that isn't deterministic.
+    Several workers and processes may share a cache: files appear whole. What killed ones left unfinished is removed
+    when a cache is opened. If the disk is full or may not be written to, that is warned of once in each process, and
+    samples are made anew each time.
+
+    ValueError if the pipeline begins with a transform that isn't deterministic; TypeError if one of the head's
+    doesn't tell its settings (it is neither a dataclass nor has a `__repr__` of its own), and, when a sample is
+    taken, for one that can't be kept: Events, graphs, tensors, arrays, numbers, texts, and tuples, lists and dicts of
+    them can.
     """
-    return Cached(dataset, Path(path))
+    return Cached(dataset, Path(path).expanduser())
 
 
 def _steps(transform: Callable[[Any], Any] | None) -> list[Callable[[Any], Any]]:
+    """The transforms in a row, those of a Compose within a Compose each by itself."""
     if transform is None:
         return []
-    return list(transform.transforms) if isinstance(transform, Compose) else [transform]
+    # a subclass may call them in a way of its own
+    if type(transform) is not Compose:
+        return [transform]
+    return [step for part in transform.transforms for step in _steps(part)]
 
 
 def _identity(dataset: EventDataset) -> Sequence[str]:
-    """What tells one dataset from another: class, options, and the samples it has, with their files' sizes."""
-    options = {k: v for k, v in vars(dataset).items() if isinstance(v, str | int | bool | Path | tuple | None)}
+    """What tells one dataset from another: class, options, and the samples it has."""
+    options = {
+        name: described(value)
+        for name, value in vars(dataset).items()
+        if name not in (*INDIFFERENT, *FOUND)
+        # nor is what was worked out meanwhile
+        and not isinstance(getattr(type(dataset), name, None), cached_property)
+    }
     digest = hashlib.sha256()
     for sample in dataset.samples:
-        digest.update(repr(sample).encode())
-    for name in dataset.recording_names():
-        digest.update(dataset.source.size(name).to_bytes(8, "little"))
-    return type(dataset).__qualname__, repr(sorted(options.items())), digest.hexdigest()
+        digest.update(repr(sample).encode("utf-8", "surrogatepass"))
+    return type(dataset).__module__, type(dataset).__qualname__, repr(sorted(options.items())), digest.hexdigest()
 
 
-def _save(sample: Any, file: Path) -> None:
-    kept = _plain(sample)
+def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
+    content = BytesIO()
+    torch.save({"stamps": stamps, "parts": [kept(part) for part in parts]}, content)
+    data = content.getbuffer()
     file.parent.mkdir(parents=True, exist_ok=True)
-    with atomic(file) as temporary:
-        torch.save(kept, temporary)
+    with atomic(file) as temporary, temporary.open("wb") as out:
+        out.write(crc32(data).to_bytes(CHECKSUM, "little"))
+        out.write(data)
 
 
-def _load(file: Path) -> Any:
-    """What was kept, None if nothing was or it can't be read."""
+def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
+    """What was kept of files with these stamps, None if nothing was or it can't be read."""
     try:
-        return _restored(torch.load(file, weights_only=True))
-    except FileNotFoundError:
+        data = file.read_bytes()
+    except OSError:
         return None
-    except Exception:  # whatever a damaged file brings about: it is made anew
-        return None
-
-
-def _plain(sample: Any) -> Any:
-    """The sample in tensors, numbers, lists and dicts, which are safe to load."""
-    if isinstance(sample, Events):
-        return {"events": sample.torch(), "sensor_size": sample.sensor_size, "start": sample.start}
-    if isinstance(sample, Graph):
-        return {"graph": {field.name: getattr(sample, field.name) for field in fields(sample)}}
-    if isinstance(sample, list | tuple):
-        return {"list": [_plain(item) for item in sample]}
-    if isinstance(sample, torch.Tensor):
-        return {"tensor": sample}
-    if isinstance(sample, np.ndarray):
-        return {"array": torch.from_numpy(sample)}
-    raise TypeError(f"a cache keeps Events, graphs, tensors, arrays and lists of them, not {type(sample).__name__}")
-
-
-def _restored(kept: dict[str, Any]) -> Any:
-    ((kind, value),) = [item for item in kept.items() if item[0] not in ("sensor_size", "start")]
-    if kind == "events":
-        columns = Columns(*(value[name].numpy() for name in ("t", "x", "y", "p")))
-        return Events.trusted(columns, kept["sensor_size"], kept["start"])
-    if kind == "graph":
-        return Graph(**value)
-    if kind == "list":
-        return [_restored(item) for item in value]
-    return value.numpy() if kind == "array" else value
+    if not data or int.from_bytes(data[:CHECKSUM], "little") != crc32(memoryview(data)[CHECKSUM:]):
+        return None  # damaged: it is made anew
+    found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
+    return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from nvsdata.datasets.base import Archive, Info, RandomSplitDataset
+from nvsdata.datasets.base import RandomSplitDataset
+from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.holdings import numbered
 
 # figshare file, bytes, md5 of a class's zip
 ZIPS = {
@@ -46,4 +48,7 @@ class CIFAR10DVS(RandomSplitDataset):
             Archive(f"{name}.zip", md5, figshare(number), name, size) for name, (number, size, md5) in ZIPS.items()
         ),
         recordings=10_000,
+        holds=tuple(numbered(name, f"cifar10_{name}_{{}}", range(1000)) for name in ZIPS),
+        known_from="two public readers",
+        tree="<class>/cifar10_<class>_<id>.aedat",
     )

@@ -11,6 +11,11 @@ from nvsdata.events import Columns, Events, Recording
 from nvsdata.views import Mapped
 
 
+def google_drive(file: str) -> str:
+    """Address of a file that its authors have on Google Drive, without the page that asks about viruses."""
+    return f"https://drive.usercontent.google.com/download?id={file}&export=download&confirm=t"
+
+
 class Upright(EventDataset):
     """A dataset whose .mat files count y from the bottom; it is turned where they are read."""
 
@@ -25,4 +30,4 @@ class Upright(EventDataset):
 def upright(events: Events) -> Events:
     """Events whose y was counted from the bottom of the sensor, counted from the top."""
     y = np.subtract(np.int16(events.sensor_size[1] - 1), events.y)
-    return Events.trusted(Columns(events.t, events.x, y, events.p), events.sensor_size, events.start)
+    return events.of(Columns(events.t, events.x, y, events.p))

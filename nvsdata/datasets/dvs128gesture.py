@@ -8,7 +8,8 @@ import re
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 
-from nvsdata.datasets.base import Archive, EventDataset, Info, Sample
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.facts import Archive, Info, Sample
 from nvsdata.datasets.source import joined
 from nvsdata.events import Recording
 from nvsdata.views import Scaled
@@ -29,6 +30,7 @@ CLASSES = (
 FIRST_TEST_USER = 24
 TRIAL = re.compile(r"user(\d+)_([a-z_]+)(?=[./])")  # a file's name, or a folder's in the preprocessed release
 PREPROCESSED = re.compile(r"(\d+)\.npy")
+PREPROCESSED_GESTURES = 1_341
 MILLISECOND = 1_000  # µs: what times of the preprocessed release count in
 
 
@@ -52,11 +54,20 @@ class DVS128Gesture(EventDataset):
         classes=CLASSES,
         page="https://ibm.ent.box.com/s/3hiq58ww1pbbjrinh367ykfdf60xsfm8/folder/50167556794",
         licence="CC BY 4.0",
-        archives=(Archive("DvsGesture.tar.gz", "8a5c71fb11e24e5ca5b11866ca6c00a1", (), "DvsGesture"),),
+        archives=(
+            Archive(
+                "DvsGesture.tar.gz",
+                "8a5c71fb11e24e5ca5b11866ca6c00a1",
+                ("https://www.dropbox.com/s/cct5kyilhtsliup/DvsGesture.tar.gz?dl=1",),
+                "DvsGesture",
+            ),
+        ),
         recordings=1_464,
+        known_from="the rows of the archive's 122 tables; the paper counts 1,342 gestures",
+        tree="user<NN>_<lighting>.aedat with user<NN>_<lighting>_labels.csv, and trials_to_train.txt",
     )
 
-    def _found(self) -> list[Sample]:
+    def found(self) -> list[Sample]:
         """One sample a labelled gesture, by trial."""
         found: list[Sample] = []
         for folder, names in self.listing.items():
@@ -70,12 +81,31 @@ class DVS128Gesture(EventDataset):
                     found.append(Sample(place, int(cut[1])))
         return sorted(found, key=lambda sample: (_trial(sample)[0], sample.window or (), sample.label))
 
+    def total(self) -> tuple[int, int, str]:
+        found = self.found()
+        cut = any(sample.window is None for sample in found)
+        return len(found), PREPROCESSED_GESTURES if cut else self.info.recordings, "gestures"
+
+    def listed(self) -> dict[str, list[str]]:
+        names = (f"trials_to_{part}.txt" for part in ("train", "test"))
+        return {name: listed for name in names if (listed := self._trials_in(name))}
+
+    def _trials_in(self, name: str) -> list[str] | None:
+        """The trials that a list names; None if there is no list."""
+        listed = self._side_file(name)
+        if listed is None:
+            return None
+        return [line.strip().rsplit(".", 1)[0] for line in listed.splitlines() if line.strip()]
+
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        listed = self._side_file(f"trials_to_{self.split}.txt")
-        if listed is not None:
-            trials = {line.strip().rsplit(".", 1)[0] for line in listed.splitlines() if line.strip()}
-            return [sample for sample in found if _trial(sample)[0] in trials]
+        trials = self._trials_in(f"trials_to_{self.split}.txt")
+        if trials is not None:
+            wanted = set(trials)
+            return [sample for sample in found if _trial(sample)[0] in wanted]
         return self._held_out(found, lambda sample: int(_trial(sample)[1]) >= FIRST_TEST_USER)
+
+    def _name_of(self, sample: Sample) -> str:
+        return f"{_trial(sample)[0]} {super()._name_of(sample)}"
 
     def _view(self, recording: Recording) -> Recording:
         return Scaled(recording, MILLISECOND) if recording.format == "npy" else recording

@@ -4,25 +4,38 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from functools import cached_property
 from typing import Any
 
 from nvsdata import formats
-from nvsdata.datasets.base import EventDataset, Info, Sample
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.source import recordings_in
+
+PARTS = ("train", "test")
 
 
 class EventFolder(EventDataset):
     """A folder of class folders of recordings, in any known format (as torchvision's ImageFolder).
 
-    `split` "all" takes the class folders of `root` itself, "train" and "test" those of
-    `root/train` and `root/test`. The classes are the sorted folder names. `sensor_size` applies to
-    every recording; by default each states its own, and the dataset that of its first.
+    `split` "train" and "test" take the class folders of `root/train` and `root/test`, in any case of letters. "all"
+    takes those of `root` itself; where recordings lie below `root/train` and `root/test` only, both of these. The
+    classes are the sorted folder names, the same for all splits. `sensor_size` applies to every recording; by
+    default each states its own, and the dataset that of its first.
 
-    FileNotFoundError if there is no such folder, no class folder in it, or no recording.
+    FileNotFoundError if there is no such folder, no class folder in it, or no recording. ValueError for "all" where
+    there are both parts and other folders of recordings.
     """
 
-    info = Info(name="folder", sensor_size=None, classes=(), page="your own files", licence="your own")
-    splits = ("all", "train", "test")
+    info = Info(
+        name="folder",
+        sensor_size=None,
+        classes=(),
+        page="your own files",
+        licence="your own",
+        tree="<class>/<recording>, or train/<class>/<recording> and test/<class>/<recording>",
+    )
+    splits = ("all", *PARTS)
 
     def __init__(
         self,
@@ -34,7 +47,16 @@ class EventFolder(EventDataset):
     ) -> None:
         self._size = sensor_size
         super().__init__(root, split, **options)
-        self._first_size = sensor_size or self.source.open(self.samples[0].name, None).sensor_size
+
+    @cached_property
+    def _first_size(self) -> tuple[int, int]:
+        """Sensor size of the first recording or, if damage is put up with, of the first that can be read."""
+        if self._size is not None:
+            return self._size
+        if self._damage is None:
+            return self.recording(0).sensor_size
+        size: tuple[int, int] = self._damage.first_sound(0, lambda index: self.recording(index).sensor_size)
+        return size
 
     @property
     def sensor_size(self) -> tuple[int, int] | None:
@@ -44,31 +66,57 @@ class EventFolder(EventDataset):
     def opened_with(self) -> tuple[int, int] | None:
         return self._size
 
-    def _classes(self) -> list[str]:
-        home = "" if self.split == "all" else self.split + "/"
-        if home and not any(folder == self.split or folder.startswith(home) for folder in self.listing):
-            raise FileNotFoundError(f"{self.root / self.split} is no folder; split={self.split!r} needs it")
-        names = {folder[len(home) :].split("/")[0] for folder in self.listing if folder.startswith(home)} - {"", "."}
-        if not names:
-            raise FileNotFoundError(
-                f"no class folders in {self.root / home}: put each class's recordings in a folder of its name"
-            )
-        return sorted(names)
+    @property
+    def packed_split(self) -> str:
+        return "all"
 
-    def _found(self) -> list[Sample]:
-        home = "" if self.split == "all" else self.split + "/"
+    @cached_property
+    def _parts(self) -> dict[str, str]:
+        """The parts that there are: "train" and "test" to the names of their folders."""
+        top = {folder.split("/")[0] for folder in self.listing} - {"."}
+        # a folder that has recordings itself is a class, such as of railway trains
+        classes = {name.split("/")[0] for name in recordings_in(self.listing) if name.count("/") == 1}
+        return {name.lower(): name for name in sorted(top - classes) if name.lower() in PARTS}
+
+    @cached_property
+    def _homes(self) -> list[str]:
+        """What the paths of the split's class folders begin with."""
+        if self.split != "all":
+            if self.split not in self._parts:
+                raise FileNotFoundError(f"{self.root / self.split} is no folder; split={self.split!r} needs it")
+            return [self._parts[self.split] + "/"]
+        if not self._parts:
+            return [""]
+        used = {name.split("/")[0] for name in recordings_in(self.listing) if "/" in name}
+        if others := used - set(self._parts.values()):
+            which = f"{' and '.join(self._parts.values())}, and class folders ({', '.join(sorted(others)[:3])})"
+            raise ValueError(f"{self.root} has {which}: say split='train' or 'test', or give a folder that has either")
+        return [name + "/" for name in self._parts.values()]
+
+    def _classes(self) -> list[str]:
+        # of all parts, lest a class that one lacks shifts its labels
+        homes = {*self._homes, *(name + "/" for name in self._parts.values())} - {""} or {""}
+        names = {
+            folder[len(home) :].split("/")[0] for home in homes for folder in self.listing if folder.startswith(home)
+        }
+        if not names - {"", "."}:
+            raise FileNotFoundError(self._nothing("no class folders with recordings"))
+        return sorted(names - {"", "."})
+
+    def found(self) -> list[Sample]:
         found = []
-        for folder, names in self.listing.items():
-            label = self.class_to_idx.get(folder[len(home) :].split("/")[0]) if folder.startswith(home) else None
-            if label is not None:
-                found += [Sample(name, label) for name in recordings_in({folder: names})]
+        for home in self._homes:
+            for folder, names in self.listing.items():
+                label = self.class_to_idx.get(folder[len(home) :].split("/")[0]) if folder.startswith(home) else None
+                if label is not None:
+                    found += [Sample(name, label) for name in recordings_in({folder: names})]
         return sorted(found, key=lambda sample: (sample.label, sample.name))
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         return found
 
     def recording_names(self) -> list[str]:
-        # those of all splits: which folders are classes depends on the split
+        # those of all splits
         return [name for name in recordings_in(self.listing) if "/" in name]
 
     def _how_to_get(self) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
-from nvsdata.datasets.base import Archive, Info, Sample, numbered_fold
-from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.base import numbered_fold
+from nvsdata.datasets.davis240 import Upright, google_drive
+from nvsdata.datasets.facts import Archive, Info, Sample
 
 CLASSES = """
     brush_hair cartwheel catch chew clap climb climb_stairs dive draw_sword dribble drink eat fall_floor fencing
@@ -33,8 +34,10 @@ class HMDB51DVS(Upright):
         classes=tuple(CLASSES),
         page="https://github.com/PIX2NVS/NVS_FeatureLearning",
         licence="not stated",
-        archives=(Archive("HMDB-DVS.zip", "", (), "HMDB51_DVS"),),
+        archives=(Archive("HMDB-DVS.zip", "", (google_drive("1TVHsmv-Pt2jZVcxfPgpGonXDzqbAAGDB"),), "HMDB51_DVS"),),
         recordings=6_766,
+        known_from="the paper; one of the releases has 6,765",
+        tree="<class>/<video>.mat or .aedat, and testTrainMulti_7030_splits/<class>_test_split1.txt and so on",
     )
     aliases: ClassVar[dict[str, str]] = {"clibmstairs": "climb_stairs"}
     smallest: ClassVar[int] = 1024
@@ -45,17 +48,26 @@ class HMDB51DVS(Upright):
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         if self.split == "all":
             return found
-        chosen: set[tuple[int, str]] = set()
-        for label, name in enumerate(self.classes):
-            listed = self._side_file(f"{name}_test_split{self.fold}.txt")
-            if listed is None:
-                continue
-            for line in listed.splitlines():
-                video, _, part = line.strip().rpartition(" ")
-                if part == PARTS[self.split]:
-                    chosen.add((label, video.strip().rsplit(".", 1)[0]))
+        wanted = PARTS[self.split]
+        chosen = {
+            (label, stem)
+            for label, name in enumerate(self.classes)
+            for stem, part in self._listed_in(f"{name}_test_split{self.fold}.txt")
+            if part == wanted
+        }
         if not chosen:
             raise FileNotFoundError(
                 f"no <class>_test_split{self.fold}.txt below {self.root}; HMDB51's split files are at {LISTS}"
             )
         return [sample for sample in found if (sample.label, sample.stem) in chosen]
+
+    def listed(self) -> dict[str, list[str]]:
+        names = [f"{name}_test_split{self.fold}.txt" for name in self.classes]
+        found = {name: [stem for stem, _ in self._listed_in(name)] for name in names}
+        return {name: stems for name, stems in found.items() if stems}
+
+    def _listed_in(self, name: str) -> Iterator[tuple[str, str]]:
+        """Stem and part of each video that a list names."""
+        for line in (self._side_file(name) or "").splitlines():
+            video, _, part = line.strip().rpartition(" ")
+            yield video.strip().rsplit(".", 1)[0], part

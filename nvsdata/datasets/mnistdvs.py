@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
-from nvsdata.datasets.base import Archive, EventDataset, Info, Sample
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.holdings import numbered
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
 SCALES = (4, 8, 16)
@@ -46,6 +48,13 @@ class MNISTDVS(EventDataset):
             for d, (size, sha256) in enumerate(ZIPS)
         ),
         recordings=30_000,
+        holds=tuple(
+            numbered(str(d), f"mnist_{d}_scale{scale:02d}_{{:04d}}", range(1, 1001))
+            for d in range(10)
+            for scale in SCALES
+        ),
+        known_from="the files of digit 0 and a public reader's list of the others",
+        tree="grabbed_data<digit>/scale<4, 8 or 16>/mnist_<digit>_scale<04, 08 or 16>_<id>.aedat",
     )
     # scale folders lie below the digit's, and are no digits
     aliases: ClassVar[dict[str, str]] = {f"grabbed_data{d}": str(d) for d in range(10)} | {
@@ -59,6 +68,10 @@ class MNISTDVS(EventDataset):
             raise ValueError(f"scale must be 4, 8, 16 or None for all, not {scale}")
         self.scale = scale
         super().__init__(root, split, **options)
+
+    @classmethod
+    def whole(cls, root: str | os.PathLike[str]) -> Self:
+        return cls(root, "all", scale=None)
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         for sample in found:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import os
-import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from nvsdata.datasets.base import Archive, Info, RandomSplitDataset, Sample
+from nvsdata.datasets.base import RandomSplitDataset
+from nvsdata.datasets.facts import Archive, Info, Sample
 from nvsdata.datasets.source import joined
 from nvsdata.errors import FormatError
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
+_ALL = Archive(
+    "cy6cvx3ryv-1.zip",
+    "5cf34932049665c4740c7c3fa126bc6b8a5e007691fdd3a4e3171d30f8908930",
+    ("https://prod-dcd-datasets-cache-zipfiles.s3.eu-west-1.amazonaws.com/cy6cvx3ryv-1.zip",),
+    "",
+    3991470277,
+)
 BACKGROUND = "BACKGROUND_Google"
 CLASSES = """
     BACKGROUND_Google Faces_easy Leopards Motorbikes accordion airplanes anchor ant barrel bass beaver binocular
@@ -58,10 +65,19 @@ class NCaltech101(RandomSplitDataset):
                 "66201824eabb0239c7ab992480b50ba3",
                 (f"{_MENDELEY}/36b5c52a-b49d-4853-addb-a836a8883e49/file_downloaded",),
                 "Caltech101",
+                within=_ALL,
             ),
-            Archive("Caltech101_annotations.zip", "25e64cea645291e368db1e70f214988e", (), "Caltech101_annotations"),
+            Archive(
+                "Caltech101_annotations.zip",
+                "25e64cea645291e368db1e70f214988e",
+                (),
+                "Caltech101_annotations",
+                optional=True,
+            ),
         ),
         recordings=8_709,
+        known_from="Caltech101's 9,144 pictures without the 435 of Faces; how many a class has nobody lists",
+        tree="Caltech101/<class>/image_<id>.bin",
     )
 
     def __init__(
@@ -73,9 +89,9 @@ class NCaltech101(RandomSplitDataset):
     def _classes(self) -> list[str]:
         return [name for name in self.info.classes if self.background or name != BACKGROUND]
 
-    def _found(self) -> list[Sample]:
+    def found(self) -> list[Sample]:
         # annotations are .bin files in class folders, too
-        return [sample for sample in super()._found() if not sample.stem.startswith("annotation")]
+        return [sample for sample in super().found() if not sample.stem.startswith("annotation")]
 
     def box(self, index: int) -> Box | None:
         """The bounding box of a sample, cut to the sensor; None if it has no annotation.
@@ -89,16 +105,6 @@ class NCaltech101(RandomSplitDataset):
                 where = joined(folder, wanted)
                 return _box(where, self.source.data(where))
         return None
-
-    def _download(self) -> None:
-        from nvsdata.datasets.download import DownloadError, fetch_and_unpack
-
-        recordings, annotations = self.info.archives
-        fetch_and_unpack(recordings, self.root, self.info.page)
-        try:
-            fetch_and_unpack(annotations, self.root, self.info.page)
-        except DownloadError as error:
-            warnings.warn(f"without annotations: {error}", stacklevel=4)
 
 
 def _box(name: str, data: bytes) -> Box:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from nvsdata.datasets.base import Archive, EventDataset, Info
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.holdings import numbered
 
 
 class NCARS(EventDataset):
@@ -25,5 +27,13 @@ class NCARS(EventDataset):
             Archive("Prophesee_Dataset_n_cars.zip", "553ce464d6e5e617b3c21ce27c19368e", (), "n-cars", 450543128),
         ),
         recordings=24_029,
+        holds=(
+            numbered("background", "obj_{:06d}_td", range(4_211, 11_693), "train"),
+            numbered("cars", "obj_{:06d}_td", range(4_396, 12_336), "train"),
+            numbered("background", "obj_{:06d}_td", range(4_211), "test"),
+            numbered("cars", "obj_{:06d}_td", range(4_396), "test"),
+        ),
+        known_from="a public reader",
+        tree="n-cars_train/<class>/obj_<id>_td.dat and n-cars_test/<class>/obj_<id>_td.dat",
     )
     aliases: ClassVar[dict[str, str]] = {"car": "cars"}

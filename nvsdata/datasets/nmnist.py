@@ -7,11 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.datasets.base import Archive, EventDataset, Info
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.holdings import Holding, numbered
 from nvsdata.events import Columns, Events, Recording
 from nvsdata.views import Mapped, Slice
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
+_BOTH = Archive(
+    "468j46mzdv-1.zip",
+    "e6964c15ef4013c91127790ea570d46200778262b9f5f8acd5c1366099d8e351",
+    ("https://prod-dcd-datasets-cache-zipfiles.s3.eu-west-1.amazonaws.com/468j46mzdv-1.zip",),
+    "",
+    1178661068,
+)
+# recordings of each digit
+COUNTS = {
+    "train": (5923, 6742, 5958, 6131, 5842, 5421, 5918, 6265, 5851, 5949),
+    "test": (980, 1135, 1032, 1010, 982, 892, 958, 1028, 974, 1009),
+}
 FIRST_SACCADE_US = 100_000
 SACCADE_US = 105_000
 
@@ -40,15 +54,23 @@ class NMNIST(EventDataset):
                 "20959b8e626244a1b502305a9e6e2031",
                 (f"{_MENDELEY}/39c25547-014b-4137-a934-9d29fa53c7a0/file_downloaded",),
                 "Train",
+                within=_BOTH,
             ),
             Archive(
                 "Test.zip",
                 "69ca8762b2fe404d9b9bad1103e97832",
                 (f"{_MENDELEY}/05a4d654-7e03-4c15-bdfa-9bb2bcbea494/file_downloaded",),
                 "Test",
+                within=_BOTH,
             ),
         ),
         recordings=70_000,
+        holds=tuple(
+            Holding(str(digit), count, part) for part, counts in COUNTS.items() for digit, count in enumerate(counts)
+        )
+        + tuple(numbered("", "{:05d}", range(1, sum(counts) + 1), part) for part, counts in COUNTS.items()),
+        known_from="counts and numbers are MNIST's",
+        tree="Train/<digit>/<id>.bin and Test/<digit>/<id>.bin",
     )
 
     def __init__(
@@ -82,4 +104,4 @@ def stabilise(events: Events) -> Events:
     width, height = events.sensor_size
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])
-    return Events.trusted(columns, events.sensor_size, events.start)
+    return events.of(columns)

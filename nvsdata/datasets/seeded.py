@@ -3,13 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import torch
 from torch.utils.data import Dataset, Sampler
 
+from nvsdata.datasets.shared import Shared
+
 Key = tuple[int, int]
 """What `SeededBatches` yields and `SeededDataset` takes: the epoch, and the index of a sample."""
+
+_seeding = False
+
+
+@contextmanager
+def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
+    """Within the block, torch's generator starts from (seed, epoch, index); after it, it is as it was before.
+
+    A block within another one changes nothing: the outer seed holds.
+    """
+    global _seeding
+    if _seeding:
+        yield
+        return
+    # odd constants keep (seed, epoch, index) from meeting in one number
+    mixed = (seed * 0x9E3779B97F4A7C15 + epoch * 0xBF58476D1CE4E5B9 + index * 0x94D049BB133111EB) % 2**63
+    with torch.random.fork_rng(devices=[]):
+        torch.default_generator.manual_seed(mixed)
+        _seeding = True
+        try:
+            yield
+        finally:
+            _seeding = False
+
+
+class Passes:
+    """How often each of `count` samples was taken, by all workers of a loader together: its epoch so far."""
+
+    def __init__(self, count: int) -> None:
+        self._taken = Shared(count, np.int64)
+
+    def next(self, index: int) -> int:
+        """How often the sample was taken before; from now on it is one more."""
+        epoch = int(self._taken.values[index])
+        self._taken.values[index] += 1
+        return epoch
 
 
 class SeededDataset(Dataset[Any]):
@@ -27,10 +67,7 @@ class SeededDataset(Dataset[Any]):
 
     def __getitem__(self, key: Key) -> Any:
         epoch, index = key
-        # odd constants keep (seed, epoch, index) from meeting in one number
-        mixed = (self.seed * 0x9E3779B97F4A7C15 + epoch * 0xBF58476D1CE4E5B9 + index * 0x94D049BB133111EB) % 2**63
-        with torch.random.fork_rng(devices=[]):
-            torch.default_generator.manual_seed(mixed)
+        with seeded(self.seed, epoch, index):
             return self.dataset[index]
 
 

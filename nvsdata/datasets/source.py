@@ -11,11 +11,12 @@ from typing import Protocol
 
 from nvsdata import formats
 from nvsdata.events import Recording
-from nvsdata.files import atomic
+from nvsdata.files import atomic, sweep
 
 INDEX, VERSION = ".nvsdata-index.json", 1
 REMEMBERED = 2_000  # files from which on an index is worth its place on the disk
 SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before it was listed may change unseen
+CACHE_TAG = "CACHEDIR.TAG"  # in folders that caches make, by a convention of backup programs
 DEEPEST = 8  # levels of folders, in case links make a circle
 
 Listing = dict[str, list[str]]
@@ -39,12 +40,14 @@ class Source(Protocol):
     """Files by their path relative to the root, with slashes."""
 
     root: Path
+    split: str  # of which it holds the recordings
+    left_out: dict[str, str]  # recordings that are listed but can't be had, and why
 
     def listing(self) -> Listing:
-        """All files but hidden ones."""
+        """All files but hidden ones, and folders without files, too."""
 
-    def open(self, name: str, sensor_size: tuple[int, int] | None) -> Recording:
-        """The recording of that name."""
+    def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
+        """The recording of that name; unless `strict`, one that is damaged in part is read without that part."""
 
     def data(self, name: str) -> bytes:
         """The bytes of a small file that is no recording."""
@@ -52,12 +55,20 @@ class Source(Protocol):
     def size(self, name: str) -> int:
         """Bytes of a file, or an equivalent: what empty recordings are told by."""
 
+    def stamp(self, name: str) -> tuple[int, ...]:
+        """Numbers that change when the recording does."""
+
+    def settled(self, name: str, at: int) -> bool:
+        """Whether what was read of the recording `at` that time (ns since 1970) is what its stamp is of."""
+
 
 class Folder:
     """Files below a folder."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self.split = "all"
+        self.left_out: dict[str, str] = {}
 
     def listing(self) -> Listing:
         """All files but hidden ones, from the index in the root if no folder changed since it was made."""
@@ -69,8 +80,11 @@ class Folder:
         times: dict[str, int] = {}
         for parent, folders, names in os.walk(self.root, followlinks=True):
             folder = os.path.relpath(parent, self.root).replace(os.sep, "/")
+            if folder != "." and CACHE_TAG in names:
+                folders.clear()
+                continue
             times[folder] = os.stat(parent).st_mtime_ns
-            folders[:] = [f for f in folders if not f.startswith(".")] if folder.count("/") < DEEPEST else []
+            folders[:] = [f for f in folders if not f.startswith((".", "__"))] if folder.count("/") < DEEPEST else []
             found[folder] = sorted(name for name in names if not name.startswith("."))
         found = {folder: found[folder] for folder in sorted(found)}
         if sum(map(len, found.values())) >= REMEMBERED:
@@ -95,6 +109,7 @@ class Folder:
     def _remember(self, made: int, times: dict[str, int], files: Listing) -> None:
         index = {"version": VERSION, "made": made, "times": times, "files": files}
         try:
+            sweep(self.root, INDEX)
             with atomic(self.root / INDEX) as temporary:
                 temporary.write_text(json.dumps(index))
             # writing it touched the root, which else would seem to have changed
@@ -102,9 +117,9 @@ class Folder:
         except OSError:
             pass  # a folder that can't be written to is listed anew each time
 
-    def open(self, name: str, sensor_size: tuple[int, int] | None) -> Recording:
+    def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
         """The recording of that name."""
-        return formats.open(os.path.join(self.root, name), sensor_size=sensor_size)
+        return formats.open(os.path.join(self.root, name), sensor_size=sensor_size, strict=strict)
 
     def data(self, name: str) -> bytes:
         """The bytes of a small file that is no recording."""
@@ -113,3 +128,12 @@ class Folder:
     def size(self, name: str) -> int:
         """Bytes of the file."""
         return os.stat(self.root / name).st_size
+
+    def stamp(self, name: str) -> tuple[int, ...]:
+        """Bytes of the file, and when it was changed."""
+        status = os.stat(os.path.join(self.root, name))
+        return status.st_size, status.st_mtime_ns
+
+    def settled(self, name: str, at: int) -> bool:
+        """Whether the file wasn't changed about then: it may change once more within a tick of the disk's clock."""
+        return abs(at - self.stamp(name)[1]) > SETTLED_NS

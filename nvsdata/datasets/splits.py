@@ -1,35 +1,46 @@
-"""Random splits that are the same everywhere for a seed."""
+"""Random splits that depend on names alone, and a digest that tells one split from another."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
+from hashlib import blake2b
 
-import numpy as np
 
+def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: int = 0) -> tuple[list[int], list[int]]:
+    """Indices for training and testing: a share `test` of each class, drawn by `seed`. Both are sorted.
 
-def stratified(targets: Sequence[int], test: float = 0.2, seed: int = 0) -> tuple[list[int], list[int]]:
-    """Indices for training and testing: a share `test` of each class, drawn by `seed`.
+    `recordings` are (class, name) each. The names of a class are ranked by a hash of seed, class and name, and the
+    first of them are held back, as many as `test` times their number, rounded. So the order they are given in makes
+    no difference, and one recording more or less moves at most one other, of its own class. Those of one class and
+    one name rank in the order they are given in.
 
-    Both are sorted. Which samples are drawn depends on the targets' order and the seed alone.
     ValueError unless 0 < test < 1.
     """
     if not 0 < test < 1:
         raise ValueError(f"test must lie between 0 and 1, not {test}")
-    # PCG64 with its raw draws: the stream is fixed by definition, not by numpy's version
-    draws = np.random.PCG64(seed).random_raw(len(targets))
-    labels = np.asarray(targets)
-    names, counts = np.unique(labels, return_counts=True)
-    held = np.zeros(len(labels), bool)
-    for name, share in zip(names, _shares(counts, test), strict=True):
-        members = np.flatnonzero(labels == name)
-        held[members[np.argsort(draws[members], kind="stable")][:share]] = True
-    return np.flatnonzero(~held).tolist(), np.flatnonzero(held).tolist()
+    classes: dict[str, list[int]] = {}
+    for index, (group, _) in enumerate(recordings):
+        classes.setdefault(group, []).append(index)
+    held = bytearray(len(recordings))
+    for group, members in classes.items():
+        begun = blake2b(f"{seed}\0{group}\0".encode("utf-8", "surrogatepass"), digest_size=8)
+        digests = [_followed(begun, recordings[index][1]) for index in members]
+        ranked = sorted(range(len(members)), key=digests.__getitem__)
+        for place in ranked[: math.floor(len(members) * test + 0.5)]:
+            held[members[place]] = 1
+    return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
 
 
-def _shares(counts: np.ndarray, test: float) -> np.ndarray:
-    """How many of each class to hold back: largest remainders, so that the sum is right too."""
-    exact = counts * test
-    shares = np.floor(exact).astype(int)
-    missing = round(counts.sum() * test) - shares.sum()
-    shares[np.argsort(shares - exact, kind="stable")[:missing]] += 1
-    return shares
+def _followed(begun: blake2b, name: str) -> bytes:
+    """The digest of what was hashed so far, and a name after it."""
+    whole = begun.copy()
+    whole.update(name.encode("utf-8", "surrogatepass"))
+    return whole.digest()
+
+
+def split_hash(samples: Iterable[tuple[str, str, int]]) -> str:
+    """16 hex digits over the (class, name, label) of samples, in whatever order they are given."""
+    # no name of a file has a zero in it; what isn't UTF-8 in one is a surrogate
+    lines = sorted(f"{group}\0{name}\0{label}\0" for group, name, label in samples)
+    return blake2b("".join(lines).encode("utf-8", "surrogatepass"), digest_size=8).hexdigest()

@@ -3,42 +3,51 @@
 from __future__ import annotations
 
 import os
-import zlib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
+from nvsdata.checksum import crc32
 from nvsdata.datasets.source import Listing
-from nvsdata.errors import FormatError
-from nvsdata.events import EVER, Columns, Recording
-from nvsdata.formats.hdf5 import STORE, check_version, dataset_of, number_of, opened, text_of
+from nvsdata.errors import FormatError, shown
+from nvsdata.events import EVER, MAX_COORDINATE, Columns, Recording
+from nvsdata.formats.hdf5 import STORE
+from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
-VERSION = 1
+VERSION = 2
 COLUMNS = ("t", "x", "y", "p")
 INDEX = (
     "offset",
     "base",
     "duration",
+    "time",
     "mark",
     "size",
     "bytes",
     "crc",
     "format",
     "name",
+    "folder",
+    "left_out",
+    "reason",
     "file_name",
     "file_offset",
     "file_data",
 )
+UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't say when it begins and ends
 MARKED = 256  # events from one time in the index to the next
 
 
 class Store:
     """A packed store, opened for reading: a `Source` of recordings and side files.
 
-    Cheap to send to workers: what travels is the path, and each process maps the file itself.
-    Raises FormatError for a file that is no store, was cut short, is of a newer version, or whose
+    `split` and `fold` say what of the dataset was packed, `left_out` which recordings couldn't be, and why.
+
+    Cheap to send to workers: what travels is the path, and each process opens the file itself.
+    Raises FormatError for a file that is no store, was cut short, is of another version, or whose
     index fails its checksum.
     """
 
@@ -48,27 +57,34 @@ class Store:
             if text_of(file, "format") != STORE:
                 raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
             check_version(path, file, VERSION)
-            self.dataset = text_of(file, "dataset")
+            if number_of(path, file, "version") < VERSION:
+                raise FormatError(path, None, f"a store of before version {VERSION}: pack it again")
+            self.dataset, self.split = text_of(file, "dataset"), text_of(file, "split")
+            self.fold = number_of(path, file, "fold")
             index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
             if checksum(index) != number_of(path, file, "checksum"):
                 raise FormatError(path, None, "its index fails its checksum: pack it again")
-            places = {name: _place(path, dataset_of(path, file, f"events/{name}")) for name in COLUMNS}
+            columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
+            places = [_place(path, column) for column in columns]
+            shapes = {column.shape for column in columns}
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
         # lists, for a number out of an array costs as much as all the rest of a look-up
         self._offset, self._base, self._duration = (index[name].tolist() for name in ("offset", "base", "duration"))
         self._first_mark = first_mark.tolist()
+        self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
         self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
-        self.names = _lines(index["name"])
-        self.formats = _lines(index["format"])
+        self.names = unpacked(index["name"])
+        self.formats = unpacked(index["format"])
+        self._folders = unpacked(index["folder"])
+        self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
         self._number = {name: i for i, name in enumerate(self.names)}
-        self._files = {name: i for i, name in enumerate(_lines(index["file_name"]))}
+        self._files = {name: i for i, name in enumerate(unpacked(index["file_name"]))}
         self._file_offset, self._file_data = index["file_offset"], index["file_data"]
         self._marks = index["mark"]
-        counts = {len(self.names), len(self.formats), len(self._base), len(self._offset) - 1, len(self._crc)}
-        if len(counts) > 1 or (np.diff(index["offset"]) < 0).any() or first_mark[-1] != len(self._marks):
+        if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
             raise FormatError(path, None, "its index contradicts itself: pack it again")
         # None for compressed columns
-        self._places = [place for place in places.values() if place is not None]
+        self._places = [place for place in places if place is not None]
         # what `read_window` is told of them, where it can read
         begins, like = [begin for *_, begin in self._places], [np.empty(0, kind) for kind, *_ in self._places]
         self._direct = (*begins, *like) if len(like) == len(COLUMNS) and hasattr(os, "pread") else ()
@@ -78,16 +94,26 @@ class Store:
     def __reduce__(self) -> tuple[type, tuple[Path]]:
         return Store, (self.root,)
 
+    def _is_sound(self, index: dict[str, np.ndarray]) -> bool:
+        """Whether the index speaks of as many recordings everywhere, one after the other, of sensors that can be."""
+        counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
+        counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
+        in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
+        sizes = index["size"]
+        return len(counts) == 1 and in_line and bool(((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
+
     def listing(self) -> Listing:
-        """The files that were packed, and the side files."""
-        found: Listing = {}
-        for name in (*self.names, *self._files):
+        """The folders and recordings that there were, those that were left out included, and the side files."""
+        found: Listing = {folder: [] for folder in self._folders}
+        for name in (*self.names, *self.left_out, *self._files):
             folder, _, file = name.rpartition("/")
             found.setdefault(folder or ".", []).append(file)
         return {folder: sorted(found[folder]) for folder in sorted(found)}
 
-    def open(self, name: str, sensor_size: tuple[int, int] | None) -> StoredRecording:
-        """The recording of that name."""
+    def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> StoredRecording:
+        """The recording of that name, which was sound when it was packed; FormatError for one that was left out."""
+        if name in self.left_out:
+            raise FormatError(self.root, None, f"{shown(name)} was left out when it was packed: {self.left_out[name]}")
         return StoredRecording(self, self._number[name], sensor_size)
 
     def data(self, name: str) -> bytes:
@@ -96,8 +122,19 @@ class Store:
         return self._file_data[self._file_offset[i] : self._file_offset[i + 1]].tobytes()
 
     def size(self, name: str) -> int:
-        """Bytes of the file that the recording was packed from."""
+        """Bytes of the file that was packed."""
+        if name in self._files:
+            return len(self.data(name))
         return int(self._sources[self._number[name]])
+
+    def stamp(self, name: str) -> tuple[int, ...]:
+        """Checksum of the events, and what isn't in it."""
+        number = self._number[name]
+        return int(self._crc[number]), self._base[number], *self.sensor_size(number)
+
+    def settled(self, name: str, at: int) -> bool:
+        """A store doesn't change."""
+        return True
 
     def read(self, number: int, start: int, stop: int, bottom: int = -1) -> Columns:
         """Events of a recording with start <= t < stop: a bisection of the index, then its part of each column.
@@ -122,6 +159,10 @@ class Store:
         base: int = self._base[number]
         return base, base + self._duration[number]
 
+    def time(self, number: int) -> tuple[int | None, int | None]:
+        """First and last moment of a recording as its file stated them."""
+        return self._time[number] or (None, None)
+
     def sensor_size(self, number: int) -> tuple[int, int]:
         """(width, height) of a recording, as it was packed."""
         width, height = self._sizes[number].tolist()
@@ -136,7 +177,7 @@ class Store:
             n = hi - lo
             return [np.frombuffer(self._bytes(n * size, begin + lo * size), kind) for kind, size, begin in self._places]
         with opened(self.root, f"can't read events {lo} to {hi}") as file:
-            return [np.asarray(file[f"events/{name}"][lo:hi]) for name in COLUMNS]
+            return [np.asarray(dataset_of(self.root, file, f"events/{name}")[lo:hi]) for name in COLUMNS]
 
     def _bytes(self, size: int, at: int) -> bytes:
         """Bytes of the file, read without a position that forked workers would share."""
@@ -163,6 +204,7 @@ class StoredRecording(Recording):
         self._store, self._number = store, number
         self.strict, self.repairs, self._whole = True, {}, None
         self._size = store.sensor_size(number) if sensor_size is None else sensor_size
+        self._begins, self._ends = store.time(number)
         self._bottom = -1
 
     def upright(self) -> StoredRecording:
@@ -179,6 +221,12 @@ class StoredRecording(Recording):
     def format(self) -> str:  # type: ignore[override]
         """That of the file it was packed from."""
         return self._store.formats[self._number]
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
+        raise FormatError(self.path, None, "a packed store holds events alone, no frames")
+
+    def inertial(self, start: int | None = None, stop: int | None = None) -> NoReturn:
+        raise FormatError(self.path, None, "a packed store holds events alone, no inertial samples")
 
     def _decode(self) -> Columns:
         return self._store.read(self._number, *EVER, self._bottom)
@@ -199,14 +247,14 @@ def crc_of(arrays: list[np.ndarray]) -> int:
     """CRC-32 over the bytes of arrays, one after the other."""
     value = 0
     for array in arrays:
-        value = zlib.crc32(np.ascontiguousarray(array).data.cast("B") if array.size else b"", value)
+        value = crc32(np.ascontiguousarray(array).data.cast("B") if array.size else b"", value)
     return value
 
 
 def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
     """Type, its size and first byte of a column that lies in the file as it is; None for a compressed one."""
     offset = dataset.id.get_offset()
-    if dataset.size and (dataset.chunks is not None or offset is None):
+    if dataset.size and (links_are_followed() or dataset.chunks is not None or offset is None):
         return None
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
         raise FormatError(path, offset, f"cut short within {dataset.name}")
@@ -222,5 +270,11 @@ def _seek_and_read(handle: int, size: int, at: int) -> bytes:
 _pread = getattr(os, "pread", _seek_and_read)
 
 
-def _lines(packed: np.ndarray) -> list[str]:
-    return packed.tobytes().decode("utf-8").split("\n")[:-1]
+def packed(texts: Iterable[str]) -> np.ndarray:
+    """Texts as bytes: UTF-8, each with a zero after it, which no name of a file has in it."""
+    return np.frombuffer("".join(text + "\0" for text in texts).encode("utf-8", "surrogatepass"), np.uint8)
+
+
+def unpacked(kept: np.ndarray) -> list[str]:
+    """The texts that `packed` was given."""
+    return kept.tobytes().decode("utf-8", "surrogatepass").split("\0")[:-1]

@@ -7,8 +7,10 @@ from collections.abc import Iterable
 from functools import cached_property
 from typing import ClassVar
 
-from nvsdata.datasets.base import Archive, Info, Sample, numbered_fold
-from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.base import numbered_fold
+from nvsdata.datasets.davis240 import Upright, google_drive
+from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.holdings import Holding
 
 UCF101_CLASSES = """
     ApplyEyeMakeup ApplyLipstick Archery BabyCrawling BalanceBeam BandMarching BaseballPitch Basketball
@@ -31,6 +33,60 @@ UCF50_CLASSES = """
     PommelHorse PullUps Punch PushUps RockClimbingIndoor RopeClimbing Rowing SalsaSpin SkateBoarding Skiing Skijet
     SoccerJuggling Swing TaiChi TennisSwing ThrowDiscus TrampolineJumping VolleyballSpiking WalkingWithDog YoYo
 """.split()
+# videos of each of UCF50's classes
+UCF50_COUNTS = (
+    *(
+        150,
+        137,
+        160,
+        145,
+        150,
+        101,
+        112,
+        153,
+        161,
+        111,
+        142,
+        123,
+        127,
+        197,
+        125,
+        117,
+        122,
+        148,
+        123,
+        157,
+        141,
+        127,
+        141,
+    ),
+    *(
+        150,
+        114,
+        160,
+        105,
+        124,
+        100,
+        160,
+        123,
+        120,
+        160,
+        106,
+        148,
+        130,
+        137,
+        133,
+        120,
+        144,
+        100,
+        156,
+        137,
+        100,
+        167,
+        131,
+    ),
+    *(119, 116, 123, 128),
+)
 
 
 class _UCF(Upright):
@@ -61,8 +117,10 @@ class UCF101DVS(_UCF):
         classes=tuple(UCF101_CLASSES),
         page="https://github.com/PIX2NVS/NVS_FeatureLearning",
         licence="not stated",
-        archives=(Archive("UCF101-DVS.zip", "", (), "UCF101_DVS"),),
+        archives=(Archive("UCF101-DVS.zip", "", (google_drive("1icJFUNJZEofOke-9bizfD-m4643G1ycg"),), "UCF101_DVS"),),
         recordings=13_523,
+        known_from="two public readers' counts; the paper has UCF101's 13,320, and nobody says which the others are",
+        tree="<Class>/v_<Class>_g<NN>_c<MM>.mat, and perhaps trainlist01.txt and so on",
     )
     aliases: ClassVar[dict[str, str]] = {"Billards": "Billiards"}
 
@@ -72,22 +130,30 @@ class UCF101DVS(_UCF):
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         if self.split == "all":
             return found
-        name = f"{self.split}list0{self.fold}.txt"
-        listed = self._side_file(name)
-        if listed is None:
+        stems = self._stems_in(f"{self.split}list0{self.fold}.txt")
+        if stems is None:
             # what the lists amount to: seven groups are for testing, the next seven in the next split
             held = range(7 * self.fold - 6, 7 * self.fold + 1)
             return self._held_out(found, lambda sample: group_of(sample) in held)
-        lines = [line.split()[0] for line in listed.splitlines() if line.strip()]
-        stems = {line.rsplit("/", 1)[-1].rsplit(".", 1)[0].lower() for line in lines}
-        # file names are spelt in more ways than one
         return [sample for sample in found if sample.stem.lower() in stems]
+
+    def listed(self) -> dict[str, list[str]]:
+        names = (f"{part}list0{fold}.txt" for fold in (1, 2, 3) for part in ("train", "test"))
+        return {name: list(stems) for name in names if (stems := self._stems_in(name))}
+
+    def _stems_in(self, name: str) -> dict[str, None] | None:
+        """What a list names, in lower case, for names are spelt in more ways than one; None if there is no list."""
+        listed = self._side_file(name)
+        if listed is None:
+            return None
+        lines = [line.split()[0] for line in listed.splitlines() if line.strip()]
+        return {line.rsplit("/", 1)[-1].rsplit(".", 1)[0].lower(): None for line in lines}
 
 
 class UCF50DVS(_UCF):
     """UCF50-DVS (Hu et al. 2016): UCF50's videos on a monitor before a DAVIS240C, 240x180, AEDAT 2.
 
-    6,676 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.aedat`. One group at a time is for testing: `fold`
+    6,681 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.aedat`. One group at a time is for testing: `fold`
     1 to 25 (default 1). The file names spell some classes differently from the folders, which count.
     """
 
@@ -98,7 +164,10 @@ class UCF50DVS(_UCF):
         page="http://dgyblog.com/projects-term/dvs-dataset.html",
         licence="not stated",
         archives=(Archive("UCF50-DVS.zip", "", (), "UCF50_DVS"),),
-        recordings=6_676,
+        recordings=6_681,
+        holds=tuple(Holding(name, count) for name, count in zip(UCF50_CLASSES, UCF50_COUNTS, strict=True)),
+        known_from="the authors' statistics, which are of UCF50's videos; elsewhere 6,676 are counted",
+        tree="<Class>/v_<Class>_g<NN>_c<MM>.aedat",
     )
 
     def _check_fold(self, fold: int | None) -> int:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.base import Info, Sample
 from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.facts import Info, Sample
+from nvsdata.datasets.holdings import Holding
 
 CLASSES = (
     "beach",
@@ -42,6 +43,8 @@ class YUPENNDVS(Upright):
         page="https://github.com/PIX2NVS/NVS_FeatureLearning",
         licence="not stated",
         recordings=420,
+        holds=tuple(Holding(name, 30) for name in CLASSES),
+        known_from="the set of videos; nobody describes the recordings",
     )
     aliases: ClassVar[dict[str, str]] = {"city street": "street", "sky-clouds": "sky_clouds"}
 
@@ -51,7 +54,7 @@ class YUPENNDVS(Upright):
         return fold or 0
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        if self.split == "all" or not found:
+        if self.split in ("all", self.source.split) or not found:
             return found
         if self.fold >= len(found):
             raise ValueError(f"fold must be below the {len(found)} recordings, not {self.fold}")

@@ -20,10 +20,11 @@ from nvsdata import formats
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.video import TruncatedVideo
 from nvsdata.events import Events
+from nvsdata.files import claimed
 from nvsdata.manifest import Manifest
 from nvsdata.processes import pool
 from nvsdata.threads import stay_in_one_thread
-from nvsdata.videos import fatal, sha256, swept, videos_in
+from nvsdata.videos import fatal, sha256, videos_in
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def convert_videos(
     target.mkdir(parents=True, exist_ok=True)
     report = Report()
     made = {"settings": asdict(found[0].settings), "format": format, "size": size, "fps": fps}
-    with swept(target), Manifest(target, "nvsdata-videos", made) as manifest:
+    with claimed(target), Manifest(target, "nvsdata-videos", made) as manifest:
         waiting = [job for job in found if not manifest.has(job.name, job.video, job.target, ("converted",))]
         report.kept = len(found) - len(waiting)
         started = time.monotonic()
@@ -143,6 +144,7 @@ def _counted(pieces: Iterable[Events], line: dict[str, Any]) -> Iterator[Events]
             line["frames"] += 1
             line["events"] += len(piece)
             line["sensor_size"] = piece.sensor_size
+            line["duration"] = piece.end
             yield piece
     except TruncatedVideo as error:
         line |= {"status": "truncated", "reason": str(error)}
@@ -171,8 +173,10 @@ def _by_processes(jobs: list[Job], count: int) -> Iterator[tuple[Job, dict[str, 
         except BaseException:
             # what is in hand may take minutes; the next run does it again
             workers.shutdown(wait=False, cancel_futures=True)
-            for process in active_children():
+            for process in (children := active_children()):
                 process.terminate()
+            for process in children:
+                process.join()
             raise
 
 

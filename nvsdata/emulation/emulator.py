@@ -43,7 +43,7 @@ class Spikes:
         """As events, sorted by time."""
         count, keys = self.keys.size, self.keys
         if count == 0:
-            return Events.empty(self.sensor_size, self.before)
+            return Events.empty(self.sensor_size, self.before, self.now)
         columns = Columns.room(count)
         bits = int(self.now - self.before).bit_length() if self.timestamps in TIMINGS else 0
         read(keys, bits, self.before, *columns)
@@ -51,7 +51,7 @@ class Spikes:
             columns.t[:] = self.now
         elif self.timestamps == "linear":
             columns.t[:] = self.before + np.arange(1, count + 1) * (self.now - self.before) // count
-        return Events.trusted(columns, self.sensor_size, self.before)
+        return Events.trusted(columns, self.sensor_size, self.before, self.now)
 
 
 @cache

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.sensor import Imperfections
 from nvsdata.emulation.video import Frame, Video, frames_of
-from nvsdata.events import Events, joined
+from nvsdata.events import Events, together
 from nvsdata.threads import ahead
 
 Mode = Literal["LI", "CE", "LICE"]
@@ -103,7 +103,7 @@ class PIX2NVS:
     def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
         """All events of a video; times count from its first frame. See `stream`."""
         parts = list(self.stream(video, fps, size=size))
-        return Events.trusted(joined([part.columns for part in parts]), parts[0].sensor_size, 0)
+        return together(parts)
 
     def stream(
         self,

@@ -67,4 +67,5 @@ class Imperfections:
             )
             self._busy -= now - before
             columns = columns._replace(t=times).at(kept)
-        return Events.trusted(columns, self.size, before)
+        last = int(columns.t[-1]) if columns.t.size else now
+        return Events.trusted(columns, self.size, before, max(now, last))

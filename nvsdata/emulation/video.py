@@ -16,6 +16,7 @@ from nvsdata.emulation.decoder import FULL, Decoder
 from nvsdata.errors import FormatError
 from nvsdata.frames import MICROSECONDS
 from nvsdata.threads import ahead
+from nvsdata.videos import check_name
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
 USUAL_RATE = 30.0  # frames a second of what has no times of its own
@@ -88,6 +89,7 @@ def _file(path: Path, size: tuple[int, int] | None, colour: bool) -> Iterator[Fr
         raise FileNotFoundError(f"{path}: no such video")
     if path.is_dir():
         raise FormatError(path, None, "is a folder, not a video")
+    check_name(path)
     decoder = Decoder(path, colour)
     try:
         gap = MICROSECONDS / (decoder.rate or USUAL_RATE)
@@ -130,6 +132,7 @@ def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Fram
         if isinstance(given, Frame):
             yield given._replace(pixels=_scaled(given.pixels, size))
         elif isinstance(given, str | os.PathLike):
+            check_name(given)
             frame = cv2.imread(os.fspath(given), cv2.IMREAD_UNCHANGED)
             if frame is None:
                 if not Path(given).exists():

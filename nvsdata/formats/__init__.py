@@ -1,25 +1,33 @@
 """Files of events: one module a format, found by content first and by extension second.
 
 To add a format, write a module with `Recording` (a subclass of `nvsdata.events.Recording`) and,
-if it can be written, `write(pieces, sensor_size, path)`, and add its line to `FORMATS`.
+if it can be written, `write(pieces, path)`, which is given `Pieces`, and add its line to `FORMATS`.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import re
-from collections.abc import Iterable, Iterator
+import stat
+import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from types import ModuleType
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Events, Recording
-from nvsdata.files import atomic
-from nvsdata.formats.records import HEAD
+from nvsdata.files import atomic, named
+from nvsdata.formats.contents import HEAD
+from nvsdata.formats.pieces import Pieces
+from nvsdata.samples import without_samples
+
+# a pipe that nobody writes to would be waited for
+_READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+READ_BACK = 4096  # events at the end of a file that are compared after it was written
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,7 @@ def _module(name: str) -> ModuleType:
 # the first that matches is it
 FORMATS = (
     Format("hdf5", "hdf5", (".h5", ".hdf5"), re.compile(rb"\x89HDF\r\n\x1a\n")),
+    Format("davis", "davis", (".davis",), re.compile(rb"#!DAVIS-STREAM1 ")),
     Format("aedat2", "aedat2", (".aedat",), re.compile(rb"#!AER-DAT2\.")),
     Format("aedat1", "aedat1", (".aedat1", ".aedat"), re.compile(rb"#!AER-DAT1\.")),
     Format("aedat3", "aedat3", (".aedat3", ".aedat"), re.compile(rb"#!AER-DAT3\.")),
@@ -71,7 +80,7 @@ def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = 
     Raises FileNotFoundError, and FormatError for a directory, an empty file of a format that
     needs a header, or content that no known format explains.
     """
-    path = os.fspath(path)
+    path = os.path.expanduser(os.fspath(path))
     head = _head(path)
     recording: Recording = _identify(path, head).load().Recording(path, sensor_size, head, strict)
     return recording
@@ -83,27 +92,66 @@ def read(
     stop: int | None = None,
     *,
     sensor_size: tuple[int, int] | None = None,
+    relative: bool = False,
     strict: bool = True,
 ) -> Events:
-    """Events of a file with start <= t < stop (µs, as in the file); see `open`."""
-    return open(path, sensor_size=sensor_size, strict=strict).read(start, stop)
+    """Events of a file with start <= t < stop, in µs of the file's own clock; see `open`.
+
+    Few cameras' clocks begin at 0, so `read(path, 0, 30_000)` holds no event of most files, and warns. With
+    `relative`, `start` and `stop` count from the recording's first event; the events keep the file's times.
+    """
+    recording = open(path, sensor_size=sensor_size, strict=strict)
+    if relative:
+        first = recording.span[0]
+        start, stop = (None if bound is None else first + bound for bound in (start, stop))
+    events = recording.read(start, stop)
+    if not len(events) and (start, stop) != (None, None):
+        _warn_outside(recording, start, stop)
+    return events
 
 
-def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike[str]) -> None:
+def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> None:
+    """Tell of a window that lies before the first or after the last event."""
+    first, last = recording.span if recording.knows_span else (0, 0)
+    if first < last and ((stop is not None and stop <= first) or (start is not None and start > last)):
+        window = f"[{'' if start is None else start}, {'' if stop is None else stop})"
+        warnings.warn(
+            f"{recording.path}: the window {window} holds nothing, its events lie at {first} to {last} µs;"
+            " relative=True counts from the first",
+            stacklevel=3,
+        )
+
+
+def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike[str]) -> int:
     """Write events in the format that the extension of `path` names; the file appears whole or not at all.
 
+    Returns how many events were written.
+
     An iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream` gives them), is
-    written as it comes, in constant memory; the first piece states the sensor.
+    written as it comes, in constant memory; the first piece states the sensor. HDF5 and AEDAT 2 keep frames and
+    inertial samples of a Recording, or of a `Piece`; other formats hold events alone.
 
     Raises ValueError for an unknown extension, a format that can't be written, events that
     the format can't hold (every format but HDF5 and text has such), and pieces that are out of
     order, of different sensors, or none.
     """
+    path = os.path.expanduser(path)
     module = writer_of(path)
-    pieces = [events] if isinstance(events, Events) else [events.read()] if isinstance(events, Recording) else events
-    sensor_size, checked = _in_line(pieces)
-    with atomic(path) as temporary:
-        module.write(checked, sensor_size, temporary)
+    given = [events] if isinstance(events, Events) else events.pieces() if isinstance(events, Recording) else events
+    if not module.Recording.holds_samples:
+        given = map(without_samples, given)
+    pieces = Pieces(given)
+    with named(path), atomic(path) as temporary:
+        module.write(pieces, temporary)
+        _check_written(module, temporary, pieces)
+    return pieces.count
+
+
+def left_out(recording: Recording, path: str | os.PathLike[str]) -> bool:
+    """Whether a recording has frames or inertial samples that a file of this extension can't hold."""
+    if not recording.holds_samples or writer_of(path).Recording.holds_samples:
+        return False
+    return bool(recording.inertial().t.size) or next(iter(recording.frames()), None) is not None
 
 
 def writer_of(path: str | os.PathLike[str]) -> ModuleType:
@@ -116,26 +164,20 @@ def writer_of(path: str | os.PathLike[str]) -> ModuleType:
     return module
 
 
-def _in_line(pieces: Iterable[Events]) -> tuple[tuple[int, int], Iterator[Events]]:
-    """The sensor of the first piece, and the pieces that are not empty, checked as they pass."""
-    waiting = iter(pieces)
-    first = next(waiting, None)
-    if first is None:
-        raise ValueError("can't write no piece of events: not even an empty one states the sensor")
-    return first.sensor_size, _checked(first, waiting)
-
-
-def _checked(first: Events, others: Iterator[Events]) -> Iterator[Events]:
-    last = None
-    for piece in chain((first,), others):
-        if piece.sensor_size != first.sensor_size:
-            raise ValueError(f"pieces of different sensors: {first.sensor_size} and {piece.sensor_size}")
-        if len(piece) == 0:
-            continue
-        if last is not None and piece.t[0] < last:
-            raise ValueError(f"a piece begins at {piece.t[0]} µs, but the one before it ends at {last} µs")
-        last = piece.t[-1]
-        yield piece
+def _check_written(module: ModuleType, path: Path, pieces: Pieces) -> None:
+    """OSError unless the file's last events are those that were written: not every full disk tells by itself."""
+    if pieces.last is None:
+        return
+    first = int(pieces.last.t[-READ_BACK:][0])
+    wanted = pieces.last.window(first, None)
+    try:
+        found = module.Recording(str(path), pieces.sensor_size, _head(str(path)), True).read(first, None)
+        # those at the same time may have come with the piece before
+        same = found[max(len(found) - len(wanted), 0) :] == wanted
+    except FormatError as error:
+        raise OSError(errno.EIO, f"can't be read back after it was written: {error.reason}") from error
+    if not same:
+        raise OSError(errno.EIO, "doesn't hold what was written to it: is the disk full, or broken?")
 
 
 def suffixes() -> tuple[str, ...]:
@@ -146,9 +188,14 @@ def suffixes() -> tuple[str, ...]:
 def _head(path: str) -> bytes:
     """The first bytes of a file; all of it if it is small."""
     # plain system calls: a file object costs twice as much, and small files come by the 100,000
-    handle = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+    handle = os.open(path, _READING)
     try:
-        return os.read(handle, HEAD)
+        head = os.read(handle, HEAD)
+        if not head and not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise FormatError(path, None, "is a pipe or a device, not a recording")
+        return head
+    except BlockingIOError:
+        raise FormatError(path, None, "is a pipe or a device, not a recording") from None
     except IsADirectoryError:
         raise FormatError(path, None, "is a directory, not a recording") from None
     finally:

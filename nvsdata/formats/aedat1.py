@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from nvsdata.events import Events
 from nvsdata.formats import aedat2
 from nvsdata.formats.aedat2 import CHIPS, header
-from nvsdata.formats.records import header_lines, with_times_of_32_bits
+from nvsdata.formats.clocked import with_times_of_32_bits
+from nvsdata.formats.contents import header_lines
+from nvsdata.formats.pieces import Pieces, headed
 from nvsdata.kernels.aedat import aedat2_encode
-from nvsdata.kernels.decode import WRAP_US
+from nvsdata.kernels.clock import WRAP_US
 
 
 class Recording(aedat2.Recording):
     """An AEDAT 1.0 file."""
 
     format = "aedat1"
+    holds_samples = False
     record_size = 6
+
+    def _wide(self, raw: np.ndarray) -> np.ndarray:
+        wide = np.zeros((raw.size // 6, 8), np.uint8)
+        wide[:, 2:] = raw.reshape(-1, 6)
+        wide.flags.writeable = False
+        return wide.reshape(-1)
 
 
 def looks_like(head: bytes, _: int) -> bool:
@@ -35,14 +43,13 @@ def looks_like(head: bytes, _: int) -> bool:
     return bool(0 < np.diff(t, axis=0).sum(dtype=np.int64) < WRAP_US // 2)
 
 
-def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+def write(pieces: Pieces, path: Path) -> None:
     """Write AEDAT 1.0 records of a DVS128. ValueError for a larger sensor, and times as for AEDAT 2.0."""
     size, layout, name = CHIPS["DVS128"]
-    width, height = sensor_size
+    width, height = pieces.sensor_size
     if width > size[0] or height > size[1]:
         raise ValueError(f"AEDAT 1.0 is written for sensors up to 128x128, not {width}x{height}")
-    with path.open("wb") as file:
-        file.write(header("1.0", name))
+    with headed(path, pieces, partial(header, "1.0", name)) as file:
         for events in with_times_of_32_bits(pieces, "AEDAT 1.0"):
             # the upper half of the address, which is 0, is left out
             records = aedat2_encode(*events.columns, layout, *size).view(np.uint8).reshape(-1, 8)

@@ -7,19 +7,42 @@ those that it touches; packets of other types are passed over by their size.
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events, in_order
+from nvsdata.events import EVER, LATEST, Columns, Events, in_order
 from nvsdata.events import Recording as BaseRecording
-from nvsdata.formats.records import bytes_of, header_lines
-from nvsdata.kernels.aedat import NONSENSE, POLARITY_EVENT, TORN, aedat3_decode, aedat3_packets
+from nvsdata.formats.contents import PIECE, Contents
+from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.records import stated_size
+from nvsdata.kernels.aedat import (
+    ADDED,
+    CUT,
+    DISORDER_US,
+    FIRST,
+    FIRST_BYTE,
+    LAST,
+    NONSENSE,
+    NUMBER,
+    PACKET_HEADER,
+    POLARITY_EVENT,
+    SOME_INVALID,
+    TORN,
+    aedat3_decode,
+    aedat3_packets,
+)
+from nvsdata.kernels.clock import kept_words
 
+CAN_SEEK = hasattr(os, "pread")  # else the index of packets is made of the whole file in memory
+FAULTS = {TORN: "truncated within a packet", NONSENSE: "no packet begins here", CUT: "truncated while it was read"}
 SENSORS = {"DVS128": (128, 128), "DAVIS240": (240, 180), "DAVIS346": (346, 260), "DVXPLORER": (640, 480)}
 PACKET = 8192  # events of a packet that is written
 
@@ -31,102 +54,141 @@ class Recording(BaseRecording):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        memory = bytes_of(path, head)
-        lines, end = header_lines(memory, b"#")
+        self._contents = Contents(path, head)
+        lines, end = self._contents.header(b"#")
         if not lines or (lines[0] == "#!AER-DAT3.1" and lines[-1].lower() != "#!end-header"):
             raise FormatError(path, end, "truncated or damaged: the header has no line #!END-HEADER")
         source = next((m[1].upper() for line in lines if (m := re.match(r"#Source \d+: (\S+)", line))), "")
-        self._size = self._size or _size_of(source)
+        self._size = self._size or self._size_of(source)
         # 3.0 had its origin at the bottom left
         self._upside_down = lines[0].startswith("#!AER-DAT3.0")
         if self._upside_down and self._size is None:
             raise FormatError(path, 0, "AEDAT 3.0 of an unknown camera counts y from the bottom: pass sensor_size")
-        self._raw = np.frombuffer(memory, np.uint8)
         self._start = end
+        self._lasts(stated_time(lines))
         self._found: np.ndarray | None = None
+        self._contents.let_go()
+
+    def _size_of(self, source: str) -> tuple[int, int] | None:
+        stated = re.fullmatch(r"NVSDATA-(\d+)X(\d+)", source)
+        if stated:
+            return stated_size(self.path, stated[1], stated[2])
+        return next((size for name, size in SENSORS.items() if source.startswith(name)), None)
 
     @property
     def packets(self) -> np.ndarray:
         """The index of polarity packets, as `aedat3_packets` gives it; made at its first use."""
         if self._found is None:
-            self._found, fault, at = aedat3_packets(self._raw, self._start)
-            if fault and self.strict:
-                reason = {TORN: "truncated within a packet", NONSENSE: "no packet begins here"}[fault]
-                raise FormatError(self.path, int(at), reason)
-            self._repair("bytes of torn or damaged packets, cut off", int(self._raw.size - at))
+            contents = self._contents
+            known = np.frombuffer(contents.head, np.uint8) if CAN_SEEK else contents.read(0, contents.size)
+            with contents.handle() as handle:
+                found, fault, at = aedat3_packets(known, handle, contents.size, self._start)
+            if fault == CUT or (fault and self.strict):
+                raise FormatError(self.path, int(at), FAULTS[fault])
+            self._repair("bytes of torn or damaged packets, cut off", contents.size - int(at))
+            self._found = found
         return self._found
 
     def _of_packets(self, packets: np.ndarray) -> Columns:
         width, height = self._size or (0, 0)
-        words, phase, starts = self._words(packets)
-        room = Columns.room(int(packets[:, 1].sum()))
-        count, bad, unmarked = aedat3_decode(words, phase, starts, packets, width, height, *room)
-        columns = room.first(count)
-        if bad >= 0 and self.strict:
-            raise FormatError(self.path, int(bad), f"coordinates outside the sensor of {width}x{height}")
+        columns = Columns.room(int(packets[:, NUMBER].sum()))
+        kept = unmarked = dropped = 0
+        for some, raw, base in self._read(packets):
+            count, bad, without, strayed = aedat3_decode(raw, base, some, width, height, kept, *columns)
+            if self.strict and bad >= 0:
+                raise FormatError(self.path, int(bad), f"coordinates outside the sensor of {width}x{height}")
+            if strayed >= 0:
+                at = int(some[strayed, FIRST_BYTE]) - PACKET_HEADER
+                if self.strict:
+                    raise FormatError(self.path, at, "a packet of events before its first, after its last, or before 0")
+                count, lost = self._mended(raw, base, some, kept, columns)
+                dropped += lost
+            kept += count
+            unmarked += without
+        self._repair("events of times that fit no packet, dropped", dropped)
         if unmarked:
             warnings.warn(
                 f"{self.path}: {unmarked} events are not marked valid, though their packets count them as valid; kept",
                 stacklevel=2,
             )
+        columns = columns.first(kept)
         if self._upside_down:
             columns = columns._replace(y=(height - 1 - columns.y).astype(np.int16))
         return columns
 
-    def _words(self, packets: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
-        """32-bit words that hold `packets`, the byte that they begin at, and where in them each packet begins."""
-        starts = packets[:, 0]
-        phase = int(starts[0]) % 4 if len(starts) else 0
-        if (starts % 4 == phase).all():
-            return np.ndarray((self._raw.size - phase) // 4, "<u4", self._raw, phase), phase, starts
-        # frames between them may be of odd sizes
-        pieces = [self._raw[start : start + 8 * number] for start, number in packets[:, :2].tolist()]
-        return np.concatenate(pieces).view("<u4"), 0, np.cumsum(8 * packets[:, 1]) - 8 * packets[:, 1]
+    def _read(self, packets: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+        """Some packets at a time, the bytes that hold them, and where in the file those begin."""
+        begins, ends = packets[:, FIRST_BYTE], packets[:, FIRST_BYTE] + 8 * packets[:, NUMBER]
+        # the last packet reaches beyond: so that it seldom makes more than a piece
+        edges = [0, *(np.flatnonzero(np.diff(begins // (PIECE // 2))) + 1).tolist(), len(packets)]
+        parts = [(lo, hi) for lo, hi in pairwise(edges) if lo < hi]
+        pieces = self._contents.ranges([(int(begins[lo]), int(ends[hi - 1])) for lo, hi in parts])
+        for (lo, hi), raw in zip(parts, pieces, strict=True):
+            yield packets[lo:hi], raw, int(begins[lo])
+
+    def _mended(self, raw: np.ndarray, base: int, packets: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
+        """Decode damaged packets without the events whose times don't fit; how many are kept, and how many are not."""
+        begin, lost = kept, 0
+        width, height = self._size or (0, 0)
+        for k in range(len(packets)):
+            count, _, _, strayed = aedat3_decode(raw, base, packets[k : k + 1], width, height, kept, *columns)
+            if strayed >= 0:
+                some = columns.at(slice(kept, kept + count))
+                # times have 31 bits and a sign
+                since = (some.t - packets[k, ADDED]).astype(np.uint32).view(np.int32).astype(np.int64)
+                fits = kept_words(since, 40, DISORDER_US) & (since >= 0)
+                lost += count - np.count_nonzero(fits)
+                count = np.count_nonzero(fits)
+                for column, fitting in zip(columns, some.at(fits), strict=True):
+                    column[kept : kept + count] = fitting
+            kept += count
+        return kept - begin, lost
 
     def _decode(self) -> Columns:
         return self._of_packets(self.packets)
 
     def _window(self, start: int, stop: int) -> Columns | None:
         """Decode the packets that reach into the window, in whatever order they lie in the file."""
-        first, last = self.packets[:, 3], self.packets[:, 4]
-        columns = in_order(self._of_packets(self.packets[(last >= start) & (first < stop)]))
+        if not self.strict:
+            return None
+        first, last = self.packets[:, FIRST], self.packets[:, LAST]
+        # the first or last event of a packet with invalid ones may be one of them
+        touched = (last >= start - DISORDER_US) & (first < stop + DISORDER_US) | (self.packets[:, SOME_INVALID] > 0)
+        columns = in_order(self._of_packets(self.packets[touched]))
         a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
         return columns.at(slice(a, b))
 
     def _bounds(self) -> tuple[int, int] | None:
+        if not self.strict or self.packets[:, SOME_INVALID].any():
+            return None
         if not len(self.packets):
             return 0, 0
-        # times rise within a packet, but the first or last event may be an invalid one
-        if self.packets[:, 5].any():
-            return None
-        return int(self.packets[:, 3].min()), int(self.packets[:, 4].max())
+        first, last = int(self.packets[:, FIRST].min()), int(self.packets[:, LAST].max())
+        head, tail = self._window(EVER[0], first + 1), self._window(last, EVER[1])
+        return None if head is None or tail is None else (int(head.t[0]), int(tail.t[-1]))
 
 
-def _size_of(source: str) -> tuple[int, int] | None:
-    stated = re.fullmatch(r"NVSDATA-(\d+)X(\d+)", source)
-    if stated:
-        return int(stated[1]), int(stated[2])
-    return next((size for name, size in SENSORS.items() if source.startswith(name)), None)
-
-
-def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+def write(pieces: Pieces, path: Path) -> None:
     """Write AEDAT 3.1 polarity packets. ValueError for times outside [0, 2^62) µs.
 
     The source is named after the sensor where one of its size is known, else `nvsdata-WxH`.
     """
-    width, height = sensor_size
+    width, height = pieces.sensor_size
     name = next((name for name, size in SENSORS.items() if size == (width, height)), f"nvsdata-{width}x{height}")
-    lines = ("#!AER-DAT3.1", "#Format: RAW", f"#Source 1: {name}", "#!END-HEADER")
-    with path.open("wb") as file:
-        file.write("".join(f"{line}\r\n" for line in lines).encode())
+    with headed(path, pieces, partial(_header, name)) as file:
         for events in pieces:
             for packet in _packets(events):
                 file.write(packet)
 
 
+def _header(source: str, pieces: Pieces) -> bytes:
+    lines = ("#!AER-DAT3.1", "#Format: RAW", f"#Source 1: {source}", time_comment(pieces), "#!END-HEADER")
+    return "".join(f"{line}\r\n" for line in lines).encode()
+
+
 def _packets(events: Events) -> Iterator[bytes]:
     t = events.t
-    if t[0] < 0 or t[-1] >= 1 << 62:
+    if t[0] < 0 or t[-1] >= LATEST:
         raise ValueError("AEDAT 3.1 holds times from 0 to 2^62 - 1 µs only")
     records = np.empty((t.size, 2), "<u4")
     records[:, 0] = events.x.astype(np.uint32) << 17 | events.y.astype(np.uint32) << 2

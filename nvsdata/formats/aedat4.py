@@ -17,9 +17,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns
+from nvsdata.events import LATEST, Columns
 from nvsdata.events import Recording as BaseRecording
-from nvsdata.formats.records import bytes_of
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.records import stated_size
 
 MAGIC = 14  # bytes
 EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
@@ -35,21 +36,23 @@ class Recording(BaseRecording):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        self._data = memoryview(bytes_of(path, head))
+        self._contents = Contents(path, head)
         try:
-            (length,) = struct.unpack_from("<I", self._data, MAGIC)
+            (length,) = struct.unpack_from("<I", head, MAGIC)
             self._first = MAGIC + 4 + length
-            if self._first > len(self._data):
+            if self._first > self._contents.size:
                 raise FormatError(path, MAGIC, f"truncated: a header of {length} bytes")
-            header = _Table.root(self._data[MAGIC + 4 : self._first], 0, b"IOHE")
+            header = _Table.root(self._contents.read(MAGIC + 4, self._first).data, 0, b"IOHE")
             self._inflate = self._inflater(header.number(0, "<i", 0))
             end = header.number(1, "<q", -1)
-            self._end = end if self._first <= end <= len(self._data) else len(self._data)
+            self._end = end if self._first <= end <= self._contents.size else self._contents.size
             streams = ElementTree.fromstring(header.string(2))
             self._stream, stated = _events_stream(streams)
         except (struct.error, ValueError, IndexError, ElementTree.ParseError) as error:
             raise error if isinstance(error, FormatError) else self._fault(MAGIC, error) from error
-        self._size = self._size or stated
+        if self._size is None and stated is not None:
+            self._size = stated_size(path, *stated)
+        self._contents.let_go()
 
     def _fault(self, at: int, error: BaseException) -> FormatError:
         return FormatError(self.path, at, f"damaged AEDAT 4: {error}")
@@ -73,13 +76,13 @@ class Recording(BaseRecording):
 
     def _packets(self) -> Iterator[tuple[int, memoryview]]:
         """Place and bytes of the packets of the stream."""
-        at = self._first
+        data, at = self._contents.read(self._first, self._end).data, self._first
         while at + 8 <= self._end:
-            stream, size = struct.unpack_from("<ii", self._data, at)
+            stream, size = struct.unpack_from("<ii", data, at - self._first)
             if not 0 <= size <= self._end - at - 8:
                 raise FormatError(self.path, at, f"truncated: a packet of {size} bytes, {self._end - at - 8} are left")
             if stream == self._stream:
-                yield at, self._data[at + 8 : at + 8 + size]
+                yield at, data[at + 8 - self._first : at + 8 + size - self._first]
             at += 8 + size
         if at < self._end:
             raise FormatError(self.path, at, f"truncated: {self._end - at} bytes are left over")
@@ -95,8 +98,18 @@ class Recording(BaseRecording):
             self._repair("packets from the first damaged one on, cut off", 1)
         if not parts:
             return Columns.room(0)
-        events = np.concatenate(parts)
+        events = self._timed(np.concatenate(parts))
         return Columns(*(np.ascontiguousarray(column) for column in self._inside([events[name] for name in EVENTS])))
+
+    def _timed(self, events: np.ndarray) -> np.ndarray:
+        """The events without those whose times no Events can hold."""
+        late = (events["t"] <= -LATEST) | (events["t"] >= LATEST)
+        if not late.any():
+            return events
+        if self.strict:
+            raise FormatError(self.path, None, f"event {int(np.argmax(late))}: a time at or beyond 2^62 µs")
+        self._repair("events at or beyond 2^62 µs, dropped", int(np.count_nonzero(late)))
+        return events[~late]
 
     def _events_of(self, at: int, packet: memoryview) -> np.ndarray:
         try:
@@ -156,15 +169,15 @@ class _Table:
         return bytes(self.data[first : first + length]).decode("utf-8")
 
 
-def _events_stream(root: Any) -> tuple[int, tuple[int, int] | None]:
-    """Number of the first stream of events, and the size of its sensor."""
+def _events_stream(root: Any) -> tuple[int, tuple[str, str] | None]:
+    """Number of the first stream of events, and the width and height of its sensor."""
     for node in root.iter("node"):
         attributes = {attr.get("key"): attr.text or "" for attr in node.findall("attr")}
         if attributes.get("typeIdentifier") != "EVTS":
             continue
         inner = {attr.get("key"): attr.text or "" for info in node.findall("node") for attr in info.findall("attr")}
-        stated = (int(inner.get("sizeX", 0)), int(inner.get("sizeY", 0)))
-        return int(node.get("name", "")), stated if all(0 < side < 1 << 15 for side in stated) else None
+        stated = (inner["sizeX"], inner["sizeY"]) if "sizeX" in inner and "sizeY" in inner else None
+        return int(node.get("name", "")), stated
     raise ValueError("no stream of events")
 
 

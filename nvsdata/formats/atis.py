@@ -1,34 +1,52 @@
 """ATIS 40-bit records, `.bin` (N-MNIST, N-Caltech101): no header, five bytes an event.
 
 Byte 0 is x, byte 1 y, bit 7 of byte 2 the polarity, the other 23 bits the time in µs, most
-significant first. A record with y = 240 is no event: it adds 2^13 µs to every later time.
+significant first. A record with y = 240 is no event: it adds 2^13 µs to every later time. A larger y is damage.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile
-from nvsdata.kernels.decode import ATIS_OVERFLOW_Y, atis_blocks, atis_decode, atis_encode
+from nvsdata.errors import FormatError
+from nvsdata.events import Columns
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.pieces import Pieces
+from nvsdata.formats.records import Blocks, PiecedFile
+from nvsdata.kernels.decode import (
+    ATIS_BEGUN,
+    ATIS_FIRST,
+    ATIS_LAST,
+    ATIS_OVERFLOW_Y,
+    BOTTOM,
+    DAMAGE,
+    FALLS,
+    MARKERS,
+    RIGHT,
+    atis_decode,
+    atis_encode,
+    atis_walk,
+)
 
 SHORT = 32  # blocks of a file that is decoded as a whole
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
 
 
-class Recording(RecordFile):
+class Recording(PiecedFile):
     """An ATIS `.bin` file; it holds no sensor size: by default the one that its events need."""
 
     format = "atis"
     record_size = 5
     block = 256
 
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
+        super().__init__(Contents(path, head), sensor_size, strict)
+
     def _needed_size(self) -> tuple[int, int]:
-        width, height = atis_blocks(self._raw, self.block)[4]
-        return width, height
+        walk = self._walk()[0]
+        return int(walk[RIGHT]), int(walk[BOTTOM])
 
     @property
     def _short(self) -> bool:
@@ -41,20 +59,47 @@ class Recording(RecordFile):
     def _bounds(self) -> tuple[int, int] | None:
         return None if self._short else super()._bounds()
 
-    def _index(self) -> Blocks:
-        times, offsets, ordered, span, size, _ = atis_blocks(self._raw, self.block)
-        if self._size is None:
-            self._size = size
-        return Blocks(times, offsets, ordered, span)
+    def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What `atis_walk` knows after all records, and times and overflow of the blocks; FormatError if `strict`."""
+        count = -(-self.records // self.block)
+        walk, times, offsets = np.array(ATIS_BEGUN), np.empty(count, np.int64), np.empty((count, 1), np.int64)
+        for raw in self._pieces(0, self.records):
+            atis_walk(raw, self.block, walk, times, offsets)
+            self._check_rows(int(walk[DAMAGE]))
+        return walk, times, offsets
 
-    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
+    def _index(self) -> Blocks:
+        walk, times, offsets = self._walk()
+        if self._size is None:
+            self._size = int(walk[RIGHT]), int(walk[BOTTOM])
+        return Blocks(times, offsets, not walk[FALLS], (int(walk[ATIS_FIRST]), int(walk[ATIS_LAST])))
+
+    def _state(self, record: int) -> np.ndarray:
+        overflow = int(self.blocks.states[record // self.block, 0]) if record else 0
+        return np.array([overflow, record, 0, -1])
+
+    def _check(self, state: np.ndarray) -> None:
+        self._check_rows(int(state[3]))
+
+    def _check_rows(self, damaged: int) -> None:
+        """FormatError if `strict` and there is a damaged record."""
+        if self.strict and damaged >= 0:
+            y = int(self.contents.read(self._byte(damaged), self._byte(damaged + 1))[1])
+            reason = f"y = {y} is damage: of an event it is below {ATIS_OVERFLOW_Y}; strict=False drops the record"
+            raise FormatError(self.path, self._byte(damaged), reason)
+
+    def _decode(self) -> Columns:
+        columns, state = self._run(0, self.records)
+        self._repair(f"records of y above {ATIS_OVERFLOW_Y}, dropped", int(state[2]))
+        return columns
+
+    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         width, height = self._size or (0, 0)
-        columns = Columns.room(hi - lo)
-        count, bad = atis_decode(self._raw, lo, hi, offset, width, height, *columns)
-        return columns.first(count), bad
+        count, bad = atis_decode(raw, width, height, state, kept, *columns)
+        return count, bad
 
     def anomalies(self) -> dict[str, int]:
-        return {**super().anomalies(), "time overflow records": int(atis_blocks(self._raw, self.block)[5])}
+        return {**super().anomalies(), "time overflow records": int(self._walk()[0][MARKERS])}
 
 
 def looks_like(head: bytes, size: int) -> bool:
@@ -67,7 +112,7 @@ def looks_like(head: bytes, size: int) -> bool:
     return bool((np.diff(t) >= 0).all() and t[-1] > t[0] and (raw[:, 1] <= ATIS_OVERFLOW_Y).all())
 
 
-def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+def write(pieces: Pieces, path: Path) -> None:
     """Write ATIS records. ValueError for x > 255, y > 239, t < 0 or t >= 2^33 µs."""
     offset = 0
     with path.open("wb") as file:

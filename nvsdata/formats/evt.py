@@ -7,61 +7,130 @@ the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.events import Columns
-from nvsdata.formats.records import Blocks, RecordFile, header_lines
-from nvsdata.kernels.evt import evt2_decode, evt2_states, evt3_decode, evt3_states
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.records import Blocks, PiecedFile, stated_size
+from nvsdata.kernels.clock import BACK_US, SILENT_US, kept_words
+from nvsdata.kernels.evt import (
+    FALLS,
+    FIRST,
+    IGNORED,
+    JUMP,
+    LAST,
+    UNDATED,
+    UNSEEN,
+    evt2_decode,
+    evt2_highs,
+    evt2_walk,
+    evt3_decode,
+    evt3_highs,
+    evt3_walk,
+)
 
 ENCODING = re.compile(r"^% (?:evt |format EVT)([23])", re.IGNORECASE | re.MULTILINE)
 
 
-class Recording(RecordFile):
+class Recording(PiecedFile):
     """An EVT2 or EVT3 file. Events before the first word that gives the time are left out, as nothing dates them."""
 
     format = "evt"
     block = 4096
-    _states: np.ndarray
-    _events: np.ndarray
+    _events: np.ndarray  # of each block, EVT3 only
+    _dropped: np.ndarray | None = None  # words of damaged files that are passed over
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
-        lines, end = header_lines(head, b"%")
+        contents = Contents(path, head)
+        lines, end = contents.header(b"%")
         text = "\n".join(lines)
         encoding = ENCODING.search(text)
         if encoding is None:
             raise FormatError(path, 0, "the header names neither EVT2 nor EVT3")
         self.version = int(encoding[1])
         self.record_size = 4 if self.version == 2 else 2
-        super().__init__(path, sensor_size, head, strict, header_size=end)
-        self._words = self._raw.view("<u4" if self.version == 2 else "<u2")
-        self._size = self._size or _stated_size(text)
+        super().__init__(contents, sensor_size, strict, header_size=end)
+        stated = _stated_size(text)
+        if self._size is None and stated:
+            self._size = stated_size(path, *stated)
 
     def _index(self) -> Blocks:
         """By the last event before each block, for the block's first word needn't be an event."""
-        if self.version == 2:
-            self._states, times, ordered, span = evt2_states(self._words, self.block)
-        else:
-            self._states, times, self._events, ordered, span = evt3_states(self._words, self.block)
-        return Blocks(times, np.zeros_like(times), bool(ordered), span)
+        walk = self._walk()
+        if walk[0][JUMP] >= 0:
+            strays = self._strays()
+            if self.strict:
+                reason = "a time that no camera writes: the word is damaged, or the clock was set back"
+                raise FormatError(self.path, self._byte(int(strays[0])), reason)
+            self._dropped = strays
+            self._repair("words of times that no camera writes, dropped", self._dropped.size)
+            walk = self._walk()
+        seen, states, times = walk
+        return Blocks(times, states, not seen[FALLS], (max(int(seen[FIRST]), 0), max(int(seen[LAST]), 0)))
 
-    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        first, last = lo // self.block, -(-hi // self.block)
-        if not self.blocks.times.size:
-            return Columns.room(0), -1
+    def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What a walk has seen, and the blocks' states and times."""
+        count = -(-self.records // self.block)
+        state = np.array(UNDATED[: 1 if self.version == 2 else 5])
+        states, times = np.empty((count, state.size), np.int64), np.empty(count, np.int64)
+        seen, self._events = np.array(UNSEEN), np.zeros(count, np.int64)
+        for raw in self._pieces(0, self.records):
+            if self.version == 2:
+                evt2_walk(raw, self.block, state, seen, states, times)
+            else:
+                evt3_walk(raw, self.block, state, seen, states, times, self._events)
+        return seen, states, times
+
+    def _strays(self) -> np.ndarray:
+        """The words of time that no camera wrote."""
+        find, bits, shift = (evt2_highs, 28, 6) if self.version == 2 else (evt3_highs, 12, 12)
+        begin, places, highs = 0, [], []
+        for raw in self._pieces(0, self.records):
+            where, high = find(raw)
+            places.append(begin + where)
+            highs.append(high)
+            begin += raw.size // self.record_size
+        kept = kept_words(np.concatenate(highs), bits, BACK_US >> shift, SILENT_US >> shift)
+        strays: np.ndarray = np.concatenate(places)[~kept]
+        return strays
+
+    def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
+        for raw in super()._pieces(lo, hi):
+            if self._dropped is not None:
+                raw = raw.copy()
+                first, lo = lo, lo + raw.size // self.record_size
+                inside = self._dropped[(self._dropped >= first) & (self._dropped < lo)] - first
+                raw.reshape(-1, self.record_size)[inside, -1] = IGNORED << 4
+                raw.flags.writeable = False
+            yield raw
+
+    def _state(self, record: int) -> np.ndarray:
+        # a file without words has no state
+        states = self.blocks.states
+        return states[record // self.block].copy() if len(states) else np.empty(0, np.int64)
+
+    def _room(self, lo: int, hi: int) -> int:
+        self._state(lo)
+        return hi - lo if self.version == 2 else int(self._events[lo // self.block : -(-hi // self.block)].sum())
+
+    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         width, height = self._size or (0, 0)
-        if self.version == 2:
-            decode, columns = evt2_decode, Columns.room(hi - lo)
-        else:
-            decode, columns = evt3_decode, Columns.room(int(self._events[first:last].sum()))
-        count, bad = decode(self._words, lo, hi, self._states[first], width, height, *columns)
-        return columns.first(count), bad
+        decode = evt2_decode if self.version == 2 else evt3_decode
+        count, bad = decode(raw, width, height, state, kept, *columns)
+        return count, bad
+
+    def _decode(self) -> Columns:
+        columns = super()._decode()
+        self._rises = bool(self.blocks.ordered)
+        return columns
 
 
-def _stated_size(text: str) -> tuple[int, int] | None:
+def _stated_size(text: str) -> tuple[str, str] | None:
     both = re.search(r"geometry (\d+)x(\d+)", text)
     if both:
-        return int(both[1]), int(both[2])
+        return both[1], both[2]
     width, height = (re.search(rf"\b{side}[ =](\d+)", text, re.IGNORECASE) for side in ("width", "height"))
-    return (int(width[1]), int(height[1])) if width and height else None
+    return (width[1], height[1]) if width and height else None

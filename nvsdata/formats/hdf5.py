@@ -1,7 +1,8 @@
 """HDF5: nvsdata's own files, and the layouts of DSEC, of Metavision, and of plain columns.
 
-Our own: `/events/t`, `x`, `y`, `p`, contiguous, so that a window is a slice of a memory map, or in
-chunks of 2^18 events if there are more than 2^21 (they are written as they come); `/` has
+Our own: `/events/t`, `x`, `y`, `p`, contiguous, so that a window is a slice of each, or in
+chunks of 2^18 events if there are more than 2^21 (they are written as they come); frames and inertial samples as
+`nvsdata.formats.hdf5_samples` says; `/` has
 attributes `format` ("nvsdata-events"), `version`, `width`, `height`. t is uint32 µs, to which `/t_offset` is
 added if there is one, or int64 where 71 minutes are not enough; x and y are uint8 where the sensor has at most
 256 columns or rows, else int16, and p is uint8: 7 to 9 bytes an event.
@@ -9,42 +10,50 @@ Compressed copies (h5repack) are read too, through h5py.
 
 Others: columns x, y, t, p below `/events` or `/`, with `/t_offset`, too (DSEC), or one
 compound `/CD/events` (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the
-package hdf5plugin, which is used if it is installed.
+package hdf5plugin (`nvsdata[hdf5]`), which is used if it is installed.
+
+All but plain columns promise that times never fall: a window is found by bisection. A file that breaks the promise is
+refused, or sorted if it is not to be read strictly; of plain columns all times are looked at before the first window.
 """
 
 from __future__ import annotations
 
-import math
-import mmap
-from bisect import bisect_left
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
-import h5py
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, check_sensor_size
+from nvsdata.events import LATEST, Columns
 from nvsdata.events import Recording as BaseRecording
+from nvsdata.formats.hdf5_columns import Column, Stored, column_of, narrowed, rises
+from nvsdata.formats.hdf5_file import attribute, check_version, dataset_of, found_in, number_of, opened, text_of
+from nvsdata.formats.hdf5_samples import about_in, frames_in, inertial_in
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
+from nvsdata.formats.ondisk import OnDisk
+from nvsdata.formats.records import stated_size
 from nvsdata.kernels.order import never_falls
+from nvsdata.samples import Frame, Inertial
 
-__all__ = ["STORE", "Recording", "check_version", "dataset_of", "number_of", "opened", "text_of", "write"]
+__all__ = ["STORE", "Recording", "write"]
 
 STORE = "nvsdata-store"
-LATEST = 1 << 62  # µs
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
+AROUND = 64  # events on either side of a window that must be in order with it
 
 
 class Recording(BaseRecording):
     """An HDF5 file of events."""
 
     format = "hdf5"
+    holds_samples = True
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        self._offset, self._long = 0, False  # what is added to times, and whether that might take one too far
+        self._offset = 0  # what is added to times
+        self._file = OnDisk(path)
         with opened(path, "damaged HDF5") as file:
             kind = text_of(file, "format")
             if kind == STORE:
@@ -52,234 +61,134 @@ class Recording(BaseRecording):
             if kind == NAME:
                 check_version(path, file, VERSION)
             self._size = self._size or self._stated(file, kind == NAME)
+            if kind == NAME and attribute(file, "start") is not None:
+                self._lasts((number_of(path, file, "start"), number_of(path, file, "end")))
             self._columns = self._find(file)
+            promised = strict and (kind == NAME or self._promises_order(file))
+        self._ordered = True if promised else None  # None: not known
         lengths = {name: column.size for name, column in self._columns.items()}
         if len(set(lengths.values())) != 1:
             raise FormatError(path, None, f"columns of different lengths: {lengths}")
 
     def _stated(self, file: Any, own: bool) -> tuple[int, int] | None:
-        if not own and (_attribute(file, "width") is None or _attribute(file, "height") is None):
+        if not own and (attribute(file, "width") is None or attribute(file, "height") is None):
             return None
-        try:
-            return check_sensor_size((number_of(self.path, file, "width"), number_of(self.path, file, "height")))
-        except ValueError as error:
-            raise FormatError(self.path, None, str(error)) from None
+        return stated_size(self.path, number_of(self.path, file, "width"), number_of(self.path, file, "height"))
+
+    def _promises_order(self, file: Any) -> bool:
+        """Whether the layout is one of those whose times never fall: Metavision's, and DSEC's with its index."""
+        return any(found_in(self.path, file.id, name) is not None for name in ("CD/events", "ms_to_idx"))
 
     def _find(self, file: Any) -> dict[str, Column]:
-        if "CD/events" in file:
+        if found_in(self.path, file.id, "CD/events") is not None:
             table = dataset_of(self.path, file, "CD/events")
             kinds = dict(table.dtype.fields or {}) if table.ndim == 1 else {}
             if not all(name in kinds and kinds[name][0].kind in "iub" for name in TYPES):
                 raise FormatError(self.path, None, f"/CD/events is {table}, no row of x, y, p and t")
-            return {name: Column(self.path, "CD/events", table.size, field=name) for name in TYPES}
-        homes = [home for home in map(file.get, ("events", "/")) if isinstance(home, h5py.Group)]
-        home = next((home for home in homes if all(name in home for name in TYPES)), None)
-        if home is None:
+            return {name: Stored(self._file, "CD/events", table.size, name) for name in TYPES}
+        for home in ("events", ""):
+            place = found_in(self.path, file.id, home)
+            found = {} if place is None else {name: found_in(self.path, place, name) for name in TYPES}
+            if found and None not in found.values():
+                break
+        else:
             raise FormatError(self.path, None, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
-        memory = _map(self.path)
-        # by the lower level of h5py: its datasets take five times as long to open
-        datasets = {name: h5py.h5d.open(home.id, name.encode()) for name in TYPES}
-        if "t_offset" in file:
-            self._offset = self._stated_offset(file["t_offset"])
-            self._long = datasets["t"].dtype.itemsize > 4
-        return {name: self._column(dataset, memory) for name, dataset in datasets.items()}
+        if found_in(self.path, file.id, "t_offset") is not None:
+            self._offset = self._stated_offset(file)
+        return {name: column_of(self._file, f"{home}/{name}".lstrip("/"), found[name]) for name in TYPES}
 
-    def _stated_offset(self, dataset: Any) -> int:
-        value = np.asarray(dataset[()] if isinstance(dataset, h5py.Dataset) else None)
-        if value.size == 1 and value.dtype.kind in "iuf" and abs(value.item()) <= LATEST:
+    def _stated_offset(self, file: Any) -> int:
+        value = np.asarray(dataset_of(self.path, file, "t_offset")[()])
+        if value.size == 1 and value.dtype.kind in "iuf" and abs(value.item()) < LATEST:
             return int(value.item())
-        raise FormatError(self.path, None, f"/t_offset is {value}, no time in µs up to 2^62")
+        raise FormatError(self.path, None, f"/t_offset is {value}, no time in µs below 2^62")
 
-    def _column(self, dataset: Any, memory: mmap.mmap) -> Column:
-        name, kind = _name(dataset), dataset.dtype
-        if dataset.rank != 1 or kind.kind not in "iub":
-            raise FormatError(self.path, None, f"{name} is no column of integers")
-        (count,) = dataset.shape
-        if count == 0:
-            return Column(self.path, name, 0)
-        places, length = _places(self.path, dataset)
-        kind = np.dtype(np.uint8) if kind.kind == "b" else kind
-        mapped = []
-        for i, place in enumerate(places):
-            size = min(length, count - i * length)
-            if place + size * kind.itemsize > len(memory):
-                raise FormatError(self.path, place, f"truncated within {name}")
-            mapped.append(np.frombuffer(memory, kind, size, place))
-        return Column(self.path, name, count, mapped)
+    @contextmanager
+    def _sources(self) -> Iterator[dict[type, Any]]:
+        """What the columns of each kind are read from."""
+        with ExitStack() as stack:
+            kinds = {type(column): column for column in self._columns.values()}
+            yield {kind: stack.enter_context(column.opened()) for kind, column in kinds.items()}
 
     def _decode(self) -> Columns:
-        return self._slice(0, self._columns["t"].size)
+        with self._sources() as sources:
+            t = self._times(sources, 0, self._columns["t"].size)
+            if self._ordered and not self._rises:
+                late = int(np.argmax(t[1:] < t[:-1])) + 1
+                raise FormatError(self.path, None, f"event {late} is earlier than the one before it")
+            return self._events(sources, 0, t)
 
-    def _slice(self, lo: int, hi: int) -> Columns:
-        raw = {name: self._columns[name].read(slice(lo, hi), np.int64 if name == "t" else None) for name in TYPES}
-        t = raw["t"]
-        if self._offset and self._long and t.size and not -LATEST <= t.min() <= t.max() <= LATEST:
-            raise FormatError(self.path, None, f"times from {t.min()} to {t.max()}: beyond 2^62 µs")
-        if raw["p"].dtype.kind == "i":
-            raw["p"] = np.where(raw["p"] == -1, 0, raw["p"])
-        inside = self._inside([raw[name] for name in TYPES], lo)
-        t, x, y, p = (column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True))
-        return Columns(t + self._offset if self._offset else t, x, y, p)
+    def _events(self, sources: dict[type, Any], first: int, t: np.ndarray) -> Columns:
+        """Events from the first on, of which the times are known."""
+        x, y, p = (self._read(sources, name, first, first + t.size) for name in "xyp")
+        inside = self._inside((t, x, y, np.where(p == -1, 0, p) if p.dtype.kind == "i" else p), first)
+        return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
+
+    def _read(self, sources: dict[type, Any], name: str, lo: int, hi: int) -> np.ndarray:
+        column = self._columns[name]
+        return column.read(sources[type(column)], lo, hi, TYPES[name])
+
+    def _times(self, sources: dict[type, Any], lo: int, hi: int) -> np.ndarray:
+        """Times lo..hi; `_rises` says whether they never fall."""
+        t = self._read(sources, "t", lo, hi)
+        ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
+        if not ends or ends[0] < LATEST - self._offset:
+            t = t.astype(np.int64, copy=False)
+            self._rises = never_falls(t)
+            ends = [int(end) for end in ((t[0], t[-1]) if self._rises else (t.min(), t.max()))] if t.size else []
+        far = next((end for end in ends if not -LATEST < end + self._offset < LATEST), None)
+        if far is not None:
+            raise FormatError(self.path, None, f"/{self._columns['t'].name} holds {far}: at or beyond 2^62 µs")
+        if self._offset:
+            # they are in memory of their own
+            t += self._offset
+        return t
 
     def _window(self, start: int, stop: int) -> Columns | None:
-        """A bisection over t; the slice is checked to be sorted."""
+        """A bisection over t; None if the times that it comes to tell that it went astray."""
         t = self._columns["t"]
-        lo, hi = t.bisect(start - self._offset), t.bisect(stop - self._offset)
-        columns = self._slice(lo, max(lo, hi))
-        inside = columns.t.size == 0 or (start <= columns.t[0] and columns.t[-1] < stop)
-        return columns if inside and never_falls(columns.t) else None
+        with self._sources() as sources:
+            if not self._in_order(sources):
+                return None
+            before, _ = narrowed(t, sources[type(t)], start - self._offset)
+            _, after = narrowed(t, sources[type(t)], stop - self._offset)
+            first, last = max(before - AROUND, 0), min(after + AROUND, t.size)
+            around = self._times(sources, first, last)
+            lo, hi = around.searchsorted((start, stop)).tolist()
+            if not self._rises or (lo == 0 < first) or (hi == around.size and last < t.size):
+                return None
+            return self._events(sources, first + lo, around[lo:hi])
+
+    def _in_order(self, sources: dict[type, Any]) -> bool:
+        """Whether times never fall; if no layout promises it, all of them are looked at once."""
+        if self._ordered is None:
+            t = self._columns["t"]
+            self._ordered = rises(t, sources[type(t)])
+            if self._ordered and t.size:
+                edges = self._edges(sources)
+                if self._begins is not None:
+                    self._check_time(*edges)
+        return self._ordered
+
+    def _edges(self, sources: dict[type, Any]) -> tuple[int, int]:
+        last = self._columns["t"].size - 1
+        return int(self._times(sources, 0, 1)[0]), int(self._times(sources, last, last + 1)[0])
 
     def _bounds(self) -> tuple[int, int] | None:
-        t = self._columns["t"]
-        return (int(t[0:1][0]) + self._offset, int(t[t.size - 1 :][0]) + self._offset) if t.size else (0, 0)
+        if not self.strict or not self._columns["t"].size:
+            return None
+        with self._sources() as sources:
+            return self._edges(sources) if self._in_order(sources) else None
 
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
+        with opened(self.path, "damaged /frames") as file:
+            yield from frames_in(self.path, file, partial(dataset_of, self.path, file), start, stop)
 
-@contextmanager
-def opened(path: Any, reason: str) -> Iterator[Any]:
-    """h5py's file, to read; what goes wrong while it is open is a FormatError that begins with `reason`."""
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except FormatError:
-        raise
-    except (OSError, KeyError, RuntimeError, TypeError, ValueError, MemoryError) as error:
-        raise FormatError(path, None, f"{reason}: {error}") from error
+    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
+        with opened(self.path, "damaged /inertial") as file:
+            return inertial_in(self.path, file, partial(dataset_of, self.path, file), start, stop)
 
-
-def _attribute(file: Any, name: str) -> Any:
-    """An attribute of a file, None if it has none; in a third of the time that h5py's own way takes."""
-    if not h5py.h5a.exists(file.id, name.encode()):
-        return None
-    found = h5py.h5a.open(file.id, name.encode())
-    if found.shape is None:
-        return None
-    value = np.empty(found.shape, found.dtype)
-    found.read(value)
-    return value[()]
-
-
-def text_of(file: Any, name: str) -> str:
-    """An attribute of a file that is a text, empty if it has none."""
-    value = _attribute(file, name)
-    if isinstance(value, bytes):
-        return value.decode("ascii", "replace")
-    return "" if value is None else str(value)
-
-
-def number_of(path: Any, file: Any, name: str) -> Any:
-    """An attribute of a file that is a number; FormatError if it has none."""
-    value = np.asarray(_attribute(file, name))
-    if value.size != 1 or value.dtype.kind not in "iuf":
-        raise FormatError(path, None, f"attribute {name} is {value}, no number")
-    return value.item()
-
-
-def check_version(path: Any, file: Any, known: int) -> None:
-    """FormatError for a file of a newer version than the one that is known."""
-    version = number_of(path, file, "version")
-    if version > known:
-        raise FormatError(path, None, f"version {version} is newer than {known}: update nvsdata")
-
-
-def dataset_of(path: Any, file: Any, name: str) -> Any:
-    """A dataset of a file, all of whose values are in it; else FormatError."""
-    found = file[name]
-    if not isinstance(found, h5py.Dataset):
-        raise FormatError(path, None, f"{found.name} is no dataset")
-    _check_stored(path, found.id)
-    return found
-
-
-def _name(dataset: Any) -> str:
-    name: str = h5py.h5i.get_name(dataset).decode("utf-8", "replace")
-    return name
-
-
-def _check_stored(path: Any, dataset: Any) -> None:
-    """FormatError if values that a dataset claims aren't in the file: HDF5 would make them up, however many."""
-    layout = dataset.get_create_plist()
-    claimed = found = 1
-    if layout.get_layout() == h5py.h5d.CHUNKED:
-        claimed = math.prod(-(-side // chunk) for side, chunk in zip(dataset.shape, layout.get_chunk(), strict=True))
-        found = dataset.get_num_chunks()
-    elif layout.get_layout() == h5py.h5d.CONTIGUOUS and 0 not in dataset.shape and not layout.get_external_count():
-        found = int(dataset.get_offset() is not None)
-    if found < claimed:
-        what = f"{found} of {claimed} pieces of {_name(dataset)} are there"
-        raise FormatError(path, None, f"{what}: cut off, or never written")
-
-
-def _places(path: str, dataset: Any) -> tuple[list[int], int]:
-    """Bytes at which a dataset's values lie as they are, and how many lie together; none if it is compressed."""
-    (count,) = dataset.shape
-    offset = dataset.get_offset()
-    if offset is not None:
-        return [offset], count
-    _check_stored(path, dataset)
-    layout = dataset.get_create_plist()
-    if layout.get_layout() != h5py.h5d.CHUNKED or layout.get_nfilters():
-        return [], 0
-    found: dict[int, int] = {}
-    dataset.chunk_iter(lambda chunk: found.update({chunk.chunk_offset[0]: chunk.byte_offset}))
-    (length,) = layout.get_chunk()
-    return [found[first] for first in range(0, count, length)], length
-
-
-class Column:
-    """A column, `mapped` in equally long parts if it lies in the file as it is; else h5py reads what is asked for."""
-
-    def __init__(
-        self, path: str, name: str, size: int, mapped: Sequence[np.ndarray] = (), field: str | None = None
-    ) -> None:
-        self.path, self.name, self.size, self.mapped, self.field = path, name, int(size), mapped, field
-
-    def __getitem__(self, which: slice) -> np.ndarray:
-        return self.read(which)
-
-    def read(self, which: slice, kind: Any = None) -> np.ndarray:
-        """A slice, in its own type or another."""
-        if self.mapped:
-            lo, hi, _ = which.indices(self.size)
-            hi, length = max(lo, hi), self.mapped[0].size
-            first = min(lo // length, len(self.mapped) - 1)
-            parts = self.mapped[first : max((hi - 1) // length, first) + 1]
-            cut = [part[max(lo - i * length, 0) : hi - i * length] for i, part in enumerate(parts, first)]
-            if len(cut) > 1 and cut[0].dtype != np.uint64:
-                return np.concatenate(cut, dtype=kind, casting="unsafe")
-            return self._as(kind, cut[0] if len(cut) == 1 else np.concatenate(cut))
-        with suppress(ImportError):
-            import hdf5plugin  # noqa: F401  registers its filters
-        with opened(self.path, f"can't read {self.name}") as file:
-            found = file[self.name][which]
-        column = np.asarray(found if self.field is None else found[self.field])
-        return self._as(kind, column.astype(np.uint8) if column.dtype.kind == "b" else column)
-
-    def _as(self, kind: Any, values: np.ndarray) -> np.ndarray:
-        """Values in another type, if `kind` is one."""
-        if kind is not None and values.dtype == np.uint64 and values.max(initial=0) > LATEST:
-            raise FormatError(self.path, None, f"{self.name} holds {values.max()}: beyond 2^62")
-        return values if kind is None else values.astype(kind, copy=False)
-
-    def bisect(self, value: int) -> int:
-        """First index whose value is at least `value`; reads one value a step."""
-        if self.mapped:
-            kind = self.mapped[0].dtype
-            if not np.iinfo(kind).min <= value <= np.iinfo(kind).max:
-                return 0 if value < np.iinfo(kind).min else self.size
-            part = max(bisect_left(self.mapped, value, key=lambda values: int(values[0])) - 1, 0)
-            # of the column's own type, or numpy would convert the whole column
-            return int(part * self.mapped[0].size + self.mapped[part].searchsorted(kind.type(value), "left"))
-        lo, hi = 0, self.size
-        while lo < hi:
-            middle = (lo + hi) // 2
-            if self[middle : middle + 1][0] < value:
-                lo = middle + 1
-            else:
-                hi = middle
-        return lo
-
-
-def _map(path: str) -> mmap.mmap:
-    with open(path, "rb") as file:
-        # private, not read-only: numba would compile every kernel once more for arrays that can't be written
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+    @property
+    def about(self) -> dict[str, Any]:
+        with opened(self.path, "damaged HDF5") as file:
+            return about_in(partial(text_of, file), partial(attribute, file))

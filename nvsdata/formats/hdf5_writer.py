@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from nvsdata.events import Columns, Events, joined
 from nvsdata.files import flushed_early
+from nvsdata.formats.hdf5_disk import created
+from nvsdata.formats.hdf5_samples import Beside
+from nvsdata.formats.pieces import Pieces
 
 NAME, VERSION = "nvsdata-events", 1
 CHUNK = 1 << 18  # events of a piece of a long file
 CONTIGUOUS = 8  # pieces up to which a file's columns are kept in memory and written whole
-# the newer layout has checksums, and texts of fixed length need no heap: the library loops on some damaged ones
-WRITING: dict[str, Any] = {"libver": ("v110", "latest")}
 SHORT = 1 << 32  # µs that uint32 can tell apart
 
 
-def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+def write(pieces: Pieces, path: Path) -> None:
     """Write the four columns: contiguous if they are short, else in chunks as they come; never compressed."""
-    chunks = _of_one_size(pieces)
-    waiting = list(islice(chunks, CONTIGUOUS + 1)) or [Columns.room(0)]
-    clock, offset = _clock(waiting)
-    kinds = {"t": clock, "x": _coordinate(sensor_size[0]), "y": _coordinate(sensor_size[1]), "p": np.uint8}
-    with h5py.File(path, "w", **WRITING) as file:
-        file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=sensor_size[0], height=sensor_size[1])
+    width, height = pieces.sensor_size
+    with created(path) as (file, disk):
+        beside = Beside(file, disk.check)
+        chunks = _of_one_size(beside.passing(pieces))
+        waiting = list(islice(chunks, CONTIGUOUS + 1)) or [Columns.room(0)]
+        clock, offset = _clock(waiting)
+        kinds = {"t": clock, "x": _coordinate(width), "y": _coordinate(height), "p": np.uint8}
+        file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=width, height=height)
         if len(waiting) > CONTIGUOUS:
             with flushed_early(path):
-                offset = _write_chunks(file, chain(waiting, chunks), kinds, offset)
+                offset = _write_chunks(file, disk.check, chain(waiting, chunks), kinds, offset)
         else:
             for name, column in zip(kinds, _stored(joined(waiting), kinds, offset), strict=True):
                 file.create_dataset(f"events/{name}", data=column)
         if offset:
             file["t_offset"] = np.int64(offset)
+        file.attrs.update(start=np.int64(pieces.start), end=np.int64(pieces.end))
+        beside.finish()
 
 
 def _coordinate(side: int) -> Any:
@@ -59,8 +63,10 @@ def _stored(columns: Columns, kinds: dict[str, Any], offset: int) -> list[np.nda
     return [values.astype(kind, copy=False) for values, kind in zip((t, *columns[1:]), kinds.values(), strict=True)]
 
 
-def _write_chunks(file: Any, pieces: Iterable[Columns], kinds: dict[str, Any], offset: int) -> int:
-    """Write pieces of `CHUNK` events; what is taken off the times in the end."""
+def _write_chunks(
+    file: Any, check: Callable[[], None], pieces: Iterable[Columns], kinds: dict[str, Any], offset: int
+) -> int:
+    """Write pieces of `CHUNK` events, and `check` the disk after each; what is taken off the times in the end."""
     datasets = {name: _endless(file, name, kind) for name, kind in kinds.items()}
     count = 0
     for piece in pieces:
@@ -76,6 +82,7 @@ def _write_chunks(file: Any, pieces: Iterable[Columns], kinds: dict[str, Any], o
                 else np.concatenate((values, np.zeros(CHUNK - values.size, values.dtype)))
             )
             dataset.id.write_direct_chunk((count,), np.ascontiguousarray(whole))
+        check()
         count += piece.t.size
     return offset
 

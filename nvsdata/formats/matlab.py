@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import Any
+from itertools import islice
 
 import h5py
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns
+from nvsdata.events import LATEST, Columns
 from nvsdata.events import Recording as BaseRecording
-from nvsdata.formats.hdf5 import dataset_of, opened
-from nvsdata.formats.records import all_bytes_of
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.hdf5_file import check_stored, found_in, opened
+from nvsdata.formats.inflation import most_bytes
 
 try:
     # inflates in three quarters of zlib's time, which is most of what a file takes
@@ -34,7 +35,7 @@ COMPRESSED, MATRIX = 15, 14
 _CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 NUMBERS = {kind: np.dtype(f"<{code}") for kind, code in _CODES.items()}
 NUMERIC_CLASSES = range(6, 16)  # double, single and the integers
-MOST = 1 << 31  # bytes that an element may inflate to
+MOST_FIELDS = 4096  # of a struct
 _TAG = struct.Struct("<II").unpack_from
 
 
@@ -45,10 +46,11 @@ class Recording(BaseRecording):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        self._head = head
+        self._contents = Contents(path, head)
+        self._v73_signed = head[512:520] == b"\x89HDF\r\n\x1a\n"
 
     def _decode(self) -> Columns:
-        found = self._v73() if self._head[512:520] == b"\x89HDF\r\n\x1a\n" else self._v5()
+        found = self._v73() if self._v73_signed else self._v5()
         columns = {}
         for name, known in NAMES.items():
             column = next((found[key] for key in known if key in found), None)
@@ -63,16 +65,11 @@ class Recording(BaseRecording):
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
         t, x, y, p = (self._integers(name, columns[name]) for name in ("t", "x", "y", "p"))
         width, height = self._limits
-        right, bottom = _greatest(x), _greatest(y)
-        if (right == width or bottom == height) and x.min() >= 1 and y.min() >= 1:
+        if (_greatest(x) == width or _greatest(y) == height) and x.min() >= 1 and y.min() >= 1:
             x, y = x.astype(np.int64) - 1, y.astype(np.int64) - 1
-            right, bottom = right - 1, bottom - 1
         if _least(p) == -1:
             p = np.where(p == -1, 0, p)
-        # least and greatest tell whether any event needs a closer look
-        least = min(map(_least, (x, y, p)))
-        if least < 0 or right >= width or bottom >= height or _greatest(p) > 1:
-            t, x, y, p = self._inside((t, x, y, p))
+        t, x, y, p = self._inside((t, x, y, p))
         return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def _integers(self, name: str, column: np.ndarray) -> np.ndarray:
@@ -84,18 +81,20 @@ class Recording(BaseRecording):
             if not (np.abs(column) < 2.0**62).all() or (column != np.rint(column)).any():
                 raise FormatError(self.path, None, f"variable {name!r} holds numbers that aren't whole")
             return column.astype(np.int64)
-        if column.dtype.itemsize == 8 and not -(2**62) < _least(column) <= _greatest(column) < 2**62:
+        if column.dtype.itemsize == 8 and column.size and not -LATEST < column.min() <= column.max() < LATEST:
             raise FormatError(self.path, None, f"variable {name!r} holds numbers beyond 2^62")
         return column
 
     def _v5(self) -> dict[str, np.ndarray]:
-        data = memoryview(all_bytes_of(self.path, self._head))
+        data = self._contents.read(0, self._contents.size).data
         if bytes(data[124:128]) != b"\x00\x01IM":
             raise FormatError(self.path, 124, "no little-endian MATLAB v5 file, or truncated")
         found: dict[str, np.ndarray] = {}
+        left = most_bytes(len(data))
         for at, kind, body in self._elements(data, HEADER):
             if kind == COMPRESSED:
-                body = self._inflated(at, body)
+                body = self._inflated(at, body, left)
+                left -= len(body)
                 kind = int.from_bytes(body[:4], "little")
                 body = body[8:]
             if kind == MATRIX:
@@ -117,29 +116,35 @@ class Recording(BaseRecording):
             yield at, kind, data[at + 8 : at + 8 + size]
             at += 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
 
-    def _inflated(self, at: int, body: memoryview) -> memoryview:
+    def _inflated(self, at: int, body: memoryview, left: int) -> memoryview:
+        """The body of a compressed element; FormatError, before it is made, if it comes to more than `left` bytes."""
         inflater = decompressobj()
         try:
-            inflated = inflater.decompress(body, MOST)
+            inflated = inflater.decompress(body, left + 1)
         except ZlibError as error:
             raise FormatError(self.path, at, f"damaged compressed element: {error}") from None
-        if not inflater.eof or len(inflated) < 8:
-            reason = f"a compressed element that is cut short, or of more than {MOST} bytes"
+        if len(inflated) > left:
+            size = self._contents.size
+            reason = f"inflates too far: a file of {size} bytes is taken to hold {most_bytes(size)} at most"
             raise FormatError(self.path, at, reason)
+        if not inflater.eof or len(inflated) < 8:
+            raise FormatError(self.path, at, "a compressed element that is cut short")
         return memoryview(inflated)
 
     def _matrix(self, at: int, body: memoryview, found: dict[str, np.ndarray], prefix: str | None = None) -> None:
         """Add a numeric matrix, or the fields of a struct of such, to `found` under its name."""
-        parts = [(kind, part) for _, kind, part in self._elements(body, 0)]
+        elements = ((kind, part) for _, kind, part in self._elements(body, 0))
+        parts = list(islice(elements, 4))
         if len(parts) < 4 or len(parts[0][1]) < 8:
             return
         category = parts[0][1][0]
         name = prefix or bytes(parts[2][1]).decode("latin-1")
         if category == 2 and prefix is None and len(parts[3][1]) == 4:
             length = max(int.from_bytes(parts[3][1], "little"), 1)
-            names = bytes(parts[4][1])
-            fields = [names[i : i + length].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), length)]
-            for field, (_, part) in zip(fields, parts[5:], strict=False):
+            _, names = next(elements, (0, memoryview(b"")))
+            starts = range(0, min(len(names), MOST_FIELDS * length), length)
+            for start, (_, part) in zip(starts, elements, strict=False):
+                field = bytes(names[start : start + length]).split(b"\0")[0].decode("latin-1")
                 self._matrix(at, part, found, field)
         elif category in NUMERIC_CLASSES:
             kind, numbers = parts[3]
@@ -148,17 +153,25 @@ class Recording(BaseRecording):
             found[name] = np.frombuffer(numbers, NUMBERS[kind])
 
     def _v73(self) -> dict[str, np.ndarray]:
-        places: dict[str, str] = {}
-
-        def add(path: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and item.dtype.kind in "iufb":
-                places[path.rsplit("/", 1)[-1]] = path
-
         wanted = {name for names in NAMES.values() for name in names}
+        found: dict[str, np.ndarray] = {}
         with opened(self.path, "damaged MATLAB v7.3 file") as file:
-            file.visititems(add)
-            # of others their names are enough
-            return {k: dataset_of(self.path, file, v)[()] if k in wanted else np.empty(0) for k, v in places.items()}
+            root = h5py.h5g.open(file.id, b"/")
+            # a variable, or a field of a struct, which is a group; MATLAB's own things begin with #
+            names = [name for name in root if not name.startswith(b"#")]
+            groups = [n for n in names if h5py.h5g.get_objinfo(root, n, False).type == h5py.h5g.GROUP]
+            for place in (root, *(h5py.h5g.open(root, name) for name in groups)):
+                for name in (name.decode("latin-1") for name in place):
+                    if name not in wanted:
+                        # of others their names are enough
+                        found.setdefault(name, np.empty(0))
+                        continue
+                    item = found_in(self.path, place, name)
+                    if isinstance(item, h5py.h5d.DatasetID):
+                        check_stored(self.path, item)
+                        if item.dtype.kind in "iufb":
+                            found[name] = h5py.Dataset(item)[()]
+        return found
 
 
 def _least(column: np.ndarray) -> int:

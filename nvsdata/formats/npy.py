@@ -8,7 +8,6 @@ seconds, others µs; polarity may be 0/1 or -1/1. We write records of x, y, t an
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,15 @@ import numpy as np
 from numpy.lib import format as npy
 
 from nvsdata.errors import FormatError
-from nvsdata.events import STRUCTURE, Columns, Events
+from nvsdata.events import LATEST, STRUCTURE, Columns
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.pieces import Pieces, headed
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.frames import MICROSECONDS
+from nvsdata.kernels.order import never_falls
 
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "pol", "polarity")}
 POLARITIES = (-1, 0, 1)
-MOST = 2**62  # µs
 
 
 class Recording(RecordFile):
@@ -32,44 +33,78 @@ class Recording(RecordFile):
     block = 4096
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
-        shape, transposed, kind, end = _header(path, head)
-        self.record_size = kind.itemsize * (shape[1] if len(shape) == 2 else 1)
-        super().__init__(path, sensor_size, head, strict, end)
+        shape, self._transposed, self._kind, end = _header(path, head)
+        self.record_size = self._kind.itemsize * (shape[1] if len(shape) == 2 else 1)
+        contents = Contents(path, head)
+        super().__init__(contents, sensor_size, strict, end)
         lost = shape[0] - self.records
-        if lost > 0 and (strict or transposed):
-            raise FormatError(path, len(self._raw) + end, f"truncated: {shape[0]} events, {self.records} are there")
+        if lost > 0 and (strict or self._transposed):
+            raise FormatError(path, contents.size, f"truncated: {shape[0]} events, {self.records} are there")
         if lost > 0:
             self._repair("events that are cut off", lost)
-        self._raw = self._raw[: shape[0] * self.record_size]
-        array = self._raw.view(kind)
-        if len(shape) == 2:
-            array = array.reshape(4, -1).T if transposed else array.reshape(-1, 4)
-        self._columns = _columns(path, array)
-        first = self._columns["t"][: self.block]
-        self._scale = MICROSECONDS if first.dtype.kind == "f" and (first != np.rint(first)).any() else 1
+        self.records = min(self.records, shape[0])
+        first = self._array(0, min(self.records, self.block))
+        self._fields = _fields(path, first)
+        t = self._column(first, "t")
+        self._scale = MICROSECONDS if t.dtype.kind == "f" and (t != np.rint(t)).any() else 1
+
+    def _array(self, lo: int, hi: int) -> np.ndarray:
+        """Records lo..hi, [N] with fields or [N, 4]."""
+        if self._transposed:
+            size, first = (
+                self._kind.itemsize,
+                [self.header_size + k * self._kind.itemsize * self.records for k in range(4)],
+            )
+            rows = [self.contents.read(begin + lo * size, begin + hi * size).view(self._kind) for begin in first]
+            return np.stack(rows, 1)
+        array = self.contents.read(self._byte(lo), self._byte(hi)).view(self._kind)
+        return array if self._kind.fields else array.reshape(-1, 4)
+
+    def _column(self, array: np.ndarray, name: str) -> np.ndarray:
+        field = self._fields[name]
+        return array[field] if isinstance(field, str) else array[:, field]
 
     def _index(self) -> Blocks:
-        times = self._times(self._columns["t"][:: self.block])
-        return Blocks(times, np.zeros_like(times))
+        size = self._kind.itemsize
+        if self._transposed:
+            begin = self.header_size + int(self._fields["t"]) * size * self.records
+            first = self.contents.samples(begin, begin + self.records * size, self.block * size, size).view(self._kind)
+            times = self._times(first.reshape(-1))
+        else:
+            first = self.contents.samples(
+                self.header_size, self._byte(self.records), self.block * self.record_size, self.record_size
+            ).view(self._kind)
+            times = self._times(self._column(first.reshape(-1) if self._kind.fields else first, "t"))
+        return Blocks(times, times)
 
-    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        x, y, p = (self._whole_numbers(name, self._columns[name][lo:hi]) for name in "xyp")
-        t, x, y, p = self._inside((self._times(self._columns["t"][lo:hi]), x, y, np.where(p == -1, 0, p)), lo)
-        return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8)), -1
+    def _between(self, lo: int, hi: int) -> Columns:
+        array = self._array(lo, hi)
+        x, y, p = (self._whole_numbers(name, self._column(array, name)) for name in "xyp")
+        t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, np.where(p == -1, 0, p)), lo)
+        return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
+
+    def _decode(self) -> Columns:
+        columns = self._between(0, self.records)
+        self._rises = never_falls(columns.t)
+        if self.strict and not self._rises:
+            begins = np.arange(0, self.records, self.block)
+            edges = np.minimum.reduceat(columns.t, begins), np.maximum.reduceat(columns.t, begins)
+            self._check_blocks(columns.t[begins], *edges)
+        return columns
 
     def _times(self, column: np.ndarray) -> np.ndarray:
         if self._scale == 1:
             return self._whole_numbers("t", column)
-        if not (np.abs(column) < MOST / self._scale).all():
+        if not (np.abs(column) < LATEST / self._scale).all():
             raise FormatError(self.path, None, "holds times that are no numbers, or beyond 2^62 µs")
         # float32 has too few digits for what comes
         return np.rint(column.astype(np.float64) * self._scale).astype(np.int64)
 
     def _whole_numbers(self, name: str, column: np.ndarray) -> np.ndarray:
         # NaN fails the comparison, too
-        if column.dtype.kind == "f" and not ((np.abs(column) < MOST) & (column == np.rint(column))).all():
+        if column.dtype.kind == "f" and not ((np.abs(column) < LATEST) & (column == np.rint(column))).all():
             raise FormatError(self.path, None, f"column {name!r} holds numbers that aren't whole")
-        if column.dtype.itemsize == 8 and column.size and not -MOST < column.min() <= column.max() < MOST:
+        if column.dtype.itemsize == 8 and column.size and not -LATEST < column.min() <= column.max() < LATEST:
             raise FormatError(self.path, None, f"column {name!r} holds numbers beyond 2^62")
         return column.astype(np.int64)
 
@@ -93,36 +128,32 @@ def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any
     return shape, transposed and len(shape) == 2, kind, file.tell()
 
 
-def _columns(path: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    """The columns by name, views of `array`."""
+def _fields(path: str, array: np.ndarray) -> dict[str, str | int]:
+    """What the columns are called, or which they are, as the first records tell."""
     if array.dtype.names is None:
-        head = array[: Recording.block]
         for names in ("xytp", "xypt"):
-            if np.isin(head[:, names.index("p")], POLARITIES).all():
-                return {name: array[:, k] for k, name in enumerate(names)}
+            if np.isin(array[:, names.index("p")], POLARITIES).all():
+                return {name: k for k, name in enumerate(names)}
         raise FormatError(path, None, "neither the third nor the fourth column is of polarities: -1, 0 or 1")
     given = {name.lower(): name for name in array.dtype.names}
-    found = {}
+    found: dict[str, str | int] = {}
     for name, known in NAMES.items():
         field = next((given[key] for key in known if key in given), None)
         if field is None:
             raise FormatError(path, None, f"no field {name!r}; it holds {list(array.dtype.names)}")
-        found[name] = array[field]
+        found[name] = field
     return found
 
 
-def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+def write(pieces: Pieces, path: Path) -> None:
     """Write records of x, y (int16), t (int64, µs) and p (uint8); the sensor size is not kept."""
-    count = 0
-    with path.open("wb") as file:
-        _begin(file, count)
+    with headed(path, pieces, _begin) as file:
         for events in pieces:
             file.write(events.to_structured().tobytes())
-            count += len(events)
-        # the header leaves room for any number
-        file.seek(0)
-        _begin(file, count)
 
 
-def _begin(file: Any, count: int) -> None:
-    npy.write_array_header_1_0(file, {"shape": (count,), "fortran_order": False, "descr": STRUCTURE.descr})
+def _begin(pieces: Pieces) -> bytes:
+    file = io.BytesIO()
+    # numpy leaves room for any number
+    npy.write_array_header_1_0(file, {"shape": (pieces.count,), "fortran_order": False, "descr": STRUCTURE.descr})
+    return file.getvalue()

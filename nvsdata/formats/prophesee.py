@@ -8,65 +8,72 @@ version 1 has x in bits 0-8, y in 9-16, polarity in 17.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events
-from nvsdata.formats.records import Blocks, RecordFile, header_lines, unwrapped_index, with_times_of_32_bits
-from nvsdata.kernels.decode import WRAP_US, dat_decode
+from nvsdata.events import Columns
+from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.records import stated_size
+from nvsdata.kernels.clock import WRAP_US
+from nvsdata.kernels.decode import dat_decode
 
 MAX_ADDRESS = 0x3FFF
 
 
-class Recording(RecordFile):
+class Recording(ClockedFile):
     """A Prophesee `.dat` file."""
 
     format = "prophesee-dat"
     record_size = 8
-    block = 4096
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
-        lines, end = header_lines(head, b"%")
-        if len(head) < end + 2:
-            raise FormatError(path, len(head), "truncated: the header has no event type and size after it")
-        kind, size = head[end], head[end + 1]
+        contents = Contents(path, head)
+        lines, end = contents.header(b"%")
+        if contents.size < end + 2:
+            raise FormatError(path, contents.size, "truncated: the header has no event type and size after it")
+        kind, size = contents.read(end, end + 2).tolist()
         if kind not in (0x00, 0x0C) or size != 8:
             raise FormatError(path, end, f"event type {kind:#04x} of {size} bytes is no change-detection event")
-        super().__init__(path, sensor_size, head, strict, header_size=end + 2)
-        numbers = {m[1].lower(): int(m[2]) for line in lines if (m := re.match(r"%\s*(\w+)\s+(\d+)\s*$", line))}
-        self.version = numbers.get("version", 1)
-        stated = (numbers.get("width", 0), numbers.get("height", 0))
-        self._size = self._size or (stated if all(stated) else None)
-        self._words = self._raw.view("<u4").reshape(-1, 2)
+        super().__init__(contents, sensor_size, strict, header_size=end + 2)
+        numbers = {m[1].lower(): m[2] for line in lines if (m := re.match(r"%\s*(\w+)\s+(\d+)\s*$", line))}
+        self.version = 1 if numbers.get("version", "1") in ("0", "1") else 2
+        if self._size is None and "width" in numbers and "height" in numbers:
+            self._size = stated_size(path, numbers["width"], numbers["height"])
+        self._lasts(stated_time(lines))
 
-    def _index(self) -> Blocks:
-        return unwrapped_index(self._words[:: self.block, 0])
+    def _times(self, raw: np.ndarray) -> np.ndarray:
+        return raw.view("<u4")[::2]
 
-    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
+    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         width, height = self._size or (0, 0)
-        columns = Columns.room(hi - lo)
-        count, bad = dat_decode(self._words.reshape(-1), lo, hi, offset, self.version, width, height, *columns)
-        return columns.first(count), bad
+        count, bad = dat_decode(raw, self.block, self.version, width, height, state, kept, *columns)
+        return count, bad
 
 
-def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
+def write(pieces: Pieces, path: Path) -> None:
     """Write version 2 records, type 0x0C. ValueError for a pixel beyond 16383 or a time that wraps out of reach.
 
-    The first time must lie in [0, 2^32) µs, and no gap may reach 2^31 µs: only so can a reader
+    The first time must lie in [0, 2^32 - 1) µs, and no gap may reach 2^31 µs, or five
+    minutes where the 32 bits wrap: only so can a reader
     unwrap the 32-bit times.
     """
-    width, height = sensor_size
+    width, height = pieces.sensor_size
     if max(width, height) > MAX_ADDRESS + 1:
         raise ValueError("Prophesee .dat holds coordinates up to 16383 only")
-    header = f"% Data file containing CD events.\n% Version 2\n% Width {width}\n% Height {height}\n"
-    with path.open("wb") as file:
-        file.write(header.encode() + b"\x0c\x08")
+    with headed(path, pieces, _header) as file:
         for events in with_times_of_32_bits(pieces, "Prophesee .dat"):
             words = np.empty((len(events), 2), "<u4")
             words[:, 0] = (events.t % WRAP_US).astype(np.uint32)
             words[:, 1] = events.x.astype(np.uint32) | events.y.astype(np.uint32) << 14
             words[:, 1] |= events.p.astype(np.uint32) << 28
             file.write(words.data)
+
+
+def _header(pieces: Pieces) -> bytes:
+    width, height = pieces.sensor_size
+    lines = ("% Data file containing CD events.", time_comment(pieces, "%"), "% Version 2")
+    return "".join(f"{line}\n" for line in (*lines, f"% Width {width}", f"% Height {height}")).encode() + b"\x0c\x08"

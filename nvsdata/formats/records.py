@@ -2,84 +2,76 @@
 
 from __future__ import annotations
 
-import mmap
-import re
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events, Recording
-from nvsdata.kernels.decode import IN_ORDER, WRAP_US
+from nvsdata.events import Columns, Recording, check_sensor_size
+from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.kernels.order import never_falls
-
-LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends here whatever follows
-# an AEDAT record may begin with the mark by chance; Prophesee's hardly do, but their headers may hold foreign names
-_PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
-HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
 
 
 class Blocks(NamedTuple):
-    """Time of every block's first record and the µs to add to raw times there, both int64.
+    """Time of every block's first record, int64 [M], and the state that a decoder goes on from there, [M, ...].
 
     `ordered` says whether times never fall, None if only the first records of blocks were looked
     at; `span` is the first and the last time of those that are known to be in order.
     """
 
     times: np.ndarray
-    offsets: np.ndarray
+    states: np.ndarray
     ordered: bool | None = None
     span: tuple[int, int] = (0, 0)
 
 
 class RecordFile(Recording):
-    """Fixed-size records after a header, in order of time unless the file is broken."""
+    """Fixed-size records after a header, in order of time unless the file is broken.
+
+    What isn't `strict` is decoded as a whole: what a damaged file holds can't be told from its parts.
+    """
 
     record_size: int
     block: int  # records between two entries of the index
 
     def __init__(
-        self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool, header_size: int = 0
+        self, contents: Contents, sensor_size: tuple[int, int] | None, strict: bool, header_size: int = 0
     ) -> None:
-        super().__init__(path, sensor_size, strict)
+        super().__init__(contents.path, sensor_size, strict)
+        self.contents = contents
         self.header_size = header_size
-        self._raw = np.frombuffer(bytes_of(path, head), np.uint8, offset=header_size)
         self._blocks: Blocks | None = None
-        torn = self._raw.size % self.record_size
-        if torn:
-            whole = self._raw.size - torn
-            if strict:
-                reason = f"truncated: {torn} bytes are left over, a record takes {self.record_size}"
-                raise FormatError(path, header_size + whole, reason)
-            self._raw = self._raw[:whole]
-            self._repair("bytes of a torn record, cut off", torn)
-
-    @property
-    def records(self) -> int:
-        """Number of records in the file."""
-        return int(self._raw.size // self.record_size)
+        self.records, torn = divmod(contents.size - header_size, self.record_size)
+        if torn and strict:
+            reason = f"truncated: {torn} bytes are left over, a record takes {self.record_size}"
+            raise FormatError(self.path, contents.size - torn, reason)
+        self._repair("bytes of a torn record, cut off", torn)
+        contents.let_go()
 
     @abstractmethod
     def _index(self) -> Blocks:
         """The index of blocks."""
 
     @abstractmethod
-    def _records(self, lo: int, hi: int, offset: int) -> tuple[Columns, int]:
-        """Events of records lo..hi, `offset` µs being in force at lo; and the first bad record, -1, or `IN_ORDER`."""
+    def _between(self, lo: int, hi: int) -> Columns:
+        """Events of records lo..hi; `lo` begins a block."""
 
-    def _between(self, lo: int, hi: int, offset: int) -> Columns:
-        columns, bad = self._records(lo, hi, offset)
-        self._rises = bad == IN_ORDER
-        if bad >= 0 and self.strict:
-            width, height = self.sensor_size
-            where = self.header_size + bad * self.record_size
-            raise FormatError(self.path, where, f"coordinates outside the sensor of {width}x{height}")
-        return columns
+    def _check_blocks(self, starts: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """FormatError if windows would miss events, by the times of all blocks, each int64 [M]."""
+        early, late = lowest[1:] < starts[:-1], highest[:-2] > starts[2:]
+        # where blocks themselves are in disorder, windows are cut from the whole
+        if never_falls(starts) and (early.any() or late.any()):
+            where = np.argmax(early) + 1 if early.any() else np.argmax(late)
+            reason = f"events strayed by more than {self.block} records: they are out of order, or damaged"
+            raise FormatError(self.path, self._byte(int(where) * self.block), reason)
+
+    def _byte(self, record: int) -> int:
+        return self.header_size + record * self.record_size
 
     def _decode(self) -> Columns:
-        return self._between(0, self.records, 0)
+        return self._between(0, self.records)
 
     @property
     def blocks(self) -> Blocks:
@@ -89,31 +81,37 @@ class RecordFile(Recording):
         return self._blocks
 
     def _bounds(self) -> tuple[int, int] | None:
-        times, offsets, ordered, span = self.blocks
+        if not self.strict:
+            return None
+        times, _, ordered, span = self.blocks
         if not self.records or ordered:
             return span
         if ordered is False or not never_falls(times):
             return None
-        head = self._between(0, min(self.block, self.records), 0).t
-        tail = self._between((times.size - 1) * self.block, self.records, int(offsets[-1])).t
-        if not (head.size and tail.size and never_falls(head) and never_falls(tail)):
+        # events that strayed over a block's edge may be earlier than the first, or later than the last
+        head = self._between(0, min(2 * self.block, self.records)).t
+        tail = self._between((times.size - 2) * self.block, self.records).t if times.size > 2 else head
+        if not (head.size and tail.size):
             return None
-        return int(head[0]), int(tail[-1])
+        first, last = int(head.min()), int(tail.max())
+        return (first, last) if times.size < 3 or (first <= times[1] and last >= times[-1]) else None
 
     def _window(self, start: int, stop: int) -> Columns | None:
         """Decode the blocks that the window touches; None if they are in disorder.
 
-        If only the blocks' first records are known, one more block is decoded on each side: events
-        that strayed further show in the index, or only when the whole is read.
+        If only the blocks' first records are known, one more block is decoded on each side: an event
+        that strayed further is found when the whole is read.
         """
-        times, offsets, ordered, _ = self.blocks
+        if not self.strict:
+            return None
+        times, _, ordered, _ = self.blocks
         if ordered is False or (ordered is None and not never_falls(times)):
             return None
         margin = 0 if ordered else 1
         first = max(int(times.searchsorted(start, "left")) - 1 - margin, 0)
         last = int(times.searchsorted(stop, "left")) + margin
         lo, hi = first * self.block, min(last * self.block, self.records)
-        columns = self._between(lo, max(lo, hi), int(offsets[first]) if offsets.size else 0)
+        columns = self._between(lo, max(lo, hi))
         t = columns.t
         if not ordered and (not never_falls(t) or (hi < self.records and t.size and t[-1] > times[last])):
             return None
@@ -121,56 +119,57 @@ class RecordFile(Recording):
         return columns.at(slice(a, b))
 
 
-def bytes_of(path: str, head: bytes) -> bytes | mmap.mmap:
-    """The whole file: `head` if that is all of it, else a memory map."""
-    if len(head) < HEAD:
-        return head
-    with open(path, "rb") as file:
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+class PiecedFile(RecordFile):
+    """Records that a kernel decodes in pieces, each from where the last one ended."""
+
+    @abstractmethod
+    def _state(self, record: int) -> np.ndarray:
+        """What `_piece` goes on from before `record`, which begins a block."""
+
+    @abstractmethod
+    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
+        """Decode the bytes of some records, going on from `state`, which is changed, to place `kept` of the columns.
+
+        Returns how many events there are, and the first of the records that lies outside the sensor, or -1.
+        """
+
+    def _check(self, state: np.ndarray) -> None:
+        """FormatError if `state` tells of damage; called in strict mode after each piece."""
+
+    def _room(self, lo: int, hi: int) -> int:
+        """The most events that records lo..hi can hold."""
+        return hi - lo
+
+    def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
+        """Bytes of records lo..hi, in pieces of whole blocks."""
+        step = max(PIECE // (self.record_size * self.block), 1) * self.block
+        return self.contents.pieces(self._byte(lo), self._byte(hi), step * self.record_size)
+
+    def _run(self, lo: int, hi: int) -> tuple[Columns, np.ndarray]:
+        """Events of records lo..hi, and the state after them; `lo` begins a block."""
+        state = self._state(lo)
+        columns = Columns.room(self._room(lo, hi))
+        kept, record = 0, lo
+        for raw in self._pieces(lo, hi):
+            count, bad = self._piece(raw, state, kept, columns)
+            if self.strict:
+                self._check(state)
+                if bad >= 0:
+                    width, height = self.sensor_size
+                    reason = f"coordinates outside the sensor of {width}x{height}"
+                    raise FormatError(self.path, self._byte(record + bad), reason)
+            kept += count
+            record += raw.size // self.record_size
+        return columns.first(kept), state
+
+    def _between(self, lo: int, hi: int) -> Columns:
+        return self._run(lo, hi)[0]
 
 
-def all_bytes_of(path: str, head: bytes) -> bytes:
-    """The whole file in memory: for formats that need all of it, a read is cheaper than a map's pages."""
-    if len(head) < HEAD:
-        return head
-    with open(path, "rb", buffering=0) as file:
-        file.seek(len(head))
-        return head + file.read()
-
-
-def unwrapped_index(raw: np.ndarray) -> Blocks:
-    """Index from the raw 32-bit times of the blocks' first records; a fall of more than 2^31 µs is a wrap."""
-    times = raw.astype(np.int64)
-    offsets = np.zeros_like(times)
-    np.cumsum(times[:-1] - times[1:] > WRAP_US // 2, out=offsets[1:])
-    offsets *= WRAP_US
-    return Blocks(times + offsets, offsets)
-
-
-def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Events]:
-    """The pieces; ValueError where a reader could not unwrap times: a first one beyond 32 bits, or a gap of 2^31 µs."""
-    last = None
-    for events in pieces:
-        t = events.t
-        # the first time is bounded as a step from 0 is, but by a whole wrap
-        first = t[:1] - last if last is not None else t[:1] // 2
-        if t[0] < 0 or max(first.max(), np.diff(t).max(initial=0)) >= WRAP_US // 2:
-            raise ValueError(f"{name} holds a first time below 2^32 µs and gaps below 2^31 µs only")
-        last = t[-1]
-        yield events
-
-
-def header_lines(head: bytes | mmap.mmap, mark: bytes) -> tuple[list[str], int]:
-    """The lines at the start that begin with `mark` and are printable, and the byte after them."""
-    lines: list[str] = []
-    end = 0
-    while head[end : end + len(mark)] == mark:
-        newline = head.find(b"\n", end)
-        line = head[end:newline] if newline >= 0 else b"\0"
-        if not _PRINTABLE[mark].fullmatch(line):
-            break
-        lines.append(line.decode("latin-1").rstrip("\r"))
-        end = newline + 1
-        if lines[-1].lower() in LAST_LINES:
-            break
-    return lines, end
+def stated_size(path: str, width: str | int, height: str | int) -> tuple[int, int]:
+    """The size that a header states; FormatError if no sensor has it."""
+    try:
+        # Python refuses to make a number of thousands of digits, but with a ValueError
+        return check_sensor_size((int(width), int(height)))
+    except ValueError as error:
+        raise FormatError(path, 0, f"the header states no sensor: {str(error)[:200]}") from None

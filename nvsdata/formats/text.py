@@ -8,15 +8,17 @@ events are sorted, so that a window is found by bisection over the bytes.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from nvsdata.errors import FormatError
-from nvsdata.events import Columns, Events
+from nvsdata.events import Columns, joined
 from nvsdata.events import Recording as BaseRecording
-from nvsdata.formats.records import bytes_of
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.records import stated_size
 from nvsdata.kernels import text as kernel
 from nvsdata.kernels.order import never_falls
 
@@ -24,11 +26,15 @@ FAULTS = {
     kernel.BAD_NUMBER: "not a number",
     kernel.BAD_COUNT: "a line must hold four numbers",
     kernel.OUT_OF_RANGE: "coordinates must lie between 0 and 32766 and polarity between -1 and 1",
+    kernel.TOO_LATE: "a time at or beyond 2^62 µs",
 }
-OWN = re.compile(rb"# nvsdata events: x y t p, sorted, sensor (\d+)x(\d+)\n")
+OWN = re.compile(rb"# nvsdata events: x y t p, sorted, sensor (\d+)x(\d+)\n([^\n]* us\n)?")
+EVENT = re.compile(rb"\d+ \d+ (-?\d{1,19}) \d\r?\n?")  # a line of ours
 SIZE = re.compile(rb"[ \t]*(\d+)[ \t]+(\d+)[ \t]*\r?\n")
 SECONDS = re.compile(rb"[ \t]*-?\d+\.\d")
 CHUNK = 1 << 14  # bytes that are parsed rather than bisected further
+LINE = 128  # bytes that are read to find a line
+PIECE = 1 << 24  # bytes that are parsed together
 
 
 class Recording(BaseRecording):
@@ -38,64 +44,99 @@ class Recording(BaseRecording):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        self._raw = np.frombuffer(bytes_of(path, head), np.uint8)
+        self._contents = Contents(path, head)
+        self._probed: dict[int, tuple[int, int | None]] = {}
         self._body = 0
         own = OWN.match(head)
         size = own or SIZE.match(head)
         self._sorted = own is not None
         if size:
             self._body = size.end()
-            self._size = self._size or (int(size[1]), int(size[2]))
+            self._size = self._size or stated_size(path, size[1].decode(), size[2].decode())
+        if own and own[3]:
+            self._lasts(stated_time([own[3].decode("latin-1")]))
         self._seconds = not own and (size is not None or SECONDS.match(_first_line(head)) is not None)
 
     def _decode(self) -> Columns:
-        return self._parse(self._body, self._raw.size)
+        columns = self._parse(self._body, self._contents.size)
+        self._rises = never_falls(columns.t)
+        if self._sorted and self.strict and not self._rises:
+            late = int(np.argmax(columns.t[1:] < columns.t[:-1])) + 1
+            raise FormatError(self.path, None, f"event {late} is earlier than the one before it")
+        return columns
 
     def _parse(self, start: int, stop: int) -> Columns:
-        lines = int(np.count_nonzero(self._raw[start:stop] == kernel.NEWLINE)) + 1
-        columns = np.empty((4, lines), np.int64)
-        kept, fault, where, dropped = kernel.text_decode(
-            self._raw, start, stop, self._seconds, not self.strict, columns
-        )
-        self._repair("lines that are no event, dropped", int(dropped))
+        """Events of the lines between two bytes."""
+        cuts = [start]
+        while cuts[-1] < stop:
+            cuts.append(min(self._line_from(cuts[-1] + PIECE)[0], stop))
+        parsed = [self._lines(lo, hi) for lo, hi in pairwise(cuts)] or [(Columns.room(0), 0)]
+        self._repair("lines that are no event, dropped", sum(dropped for _, dropped in parsed))
+        columns = joined([columns for columns, _ in parsed])
+        return Columns(*self._inside(columns)) if self._size is not None else columns
+
+    def _lines(self, start: int, stop: int) -> tuple[Columns, int]:
+        """Events of a piece of the file, and how many of its lines are none."""
+        raw = self._contents.read(start, stop)
+        # as a short file's are, or the kernel is compiled once more
+        raw.flags.writeable = False
+        columns = np.empty((4, int(np.count_nonzero(raw == kernel.NEWLINE)) + 1), np.int64)
+        kept, fault, where, dropped = kernel.text_decode(raw, 0, raw.size, self._seconds, not self.strict, columns)
         if fault:
-            raise FormatError(self.path, int(where), FAULTS[fault])
+            raise FormatError(self.path, start + int(where), FAULTS[fault])
         t, x, y, p = columns[:, :kept]
-        if self._size is not None:
-            t, x, y, p = self._inside((t, x, y, p))
-        return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
+        # a copy: the others' memory needn't be kept
+        return Columns(t.copy(), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8)), int(dropped)
 
     def _window(self, start: int, stop: int) -> Columns | None:
-        if not self._sorted:
+        """A bisection over the lines; None if the times that it comes to tell that it went astray."""
+        if not (self._sorted and self.strict):
             return None
-        lo, hi = self._line_before(start), self._line_before(stop)
-        hi = self._next_line(min(hi + 2 * CHUNK, self._raw.size))
+        size = self._contents.size
+        lo, (_, hi) = self._around(start)[0], self._around(stop)
+        hi = self._line_from(max(lo, hi) + CHUNK)[0]
         columns = self._parse(lo, hi)
-        if not never_falls(columns.t):
+        t = columns.t
+        first, last = t.searchsorted((start, stop)).tolist()
+        if not never_falls(t) or (first == 0 and lo > self._body) or (last == t.size and hi < size):
             return None
-        a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
-        return columns.at(slice(a, b))
+        return columns.at(slice(first, last))
 
-    def _line_before(self, time: int) -> int:
-        """Byte of a line at most CHUNK bytes before the first event at or after `time`."""
-        lo, hi = self._body, self._raw.size
+    def _around(self, time: int) -> tuple[int, int]:
+        """Two bytes, the first at a line's begin, between which the first event begins at or after `time`."""
+        lo, hi = self._body, self._contents.size
         while hi - lo > CHUNK:
-            middle = self._next_line((lo + hi) // 2)
-            end = self._next_line(middle + 1)
-            if middle >= hi or end <= middle:
+            middle = (lo + hi) // 2
+            begin, t = self._probe(middle)
+            if begin >= hi or t is None:
                 break
-            t = self._parse(middle, end).t
-            if t.size and t[0] < time:
-                lo = middle
+            if t < time:
+                lo = begin
             else:
-                hi = (lo + hi) // 2
-        return lo
+                hi = middle
+        return lo, hi
 
-    def _next_line(self, at: int) -> int:
-        """First byte at or after `at` that begins a line, or the end of the file."""
-        while at < self._raw.size and at > self._body and self._raw[at - 1] != kernel.NEWLINE:
-            at += 1
-        return min(at, self._raw.size)
+    def _probe(self, at: int) -> tuple[int, int | None]:
+        """Where the next line from a byte on begins, and its time if it is an event; a bisection begins as the last."""
+        if at not in self._probed:
+            begin, line = self._line_from(at)
+            event = EVENT.fullmatch(line)
+            self._probed[at] = begin, int(event[1]) if event else None
+        return self._probed[at]
+
+    def _line_from(self, at: int) -> tuple[int, bytes]:
+        """The first line that begins at byte `at` or after it, and the byte at which it does."""
+        size, length = self._contents.size, LINE
+        while at < size:
+            stop = min(at + length, size)
+            # a line begins behind the end of another
+            piece = self._contents.read(at - 1, stop).tobytes()
+            begin = piece.find(b"\n") + 1
+            end = piece.find(b"\n", begin) + 1 if begin else 0
+            if end or stop == size:
+                return (at - 1 + begin, piece[begin : end or None]) if begin else (size, b"")
+            length *= 16
+        return size, b""
 
 
 def _first_line(head: bytes) -> bytes:
@@ -112,13 +153,17 @@ def looks_like(head: bytes, size: int) -> bool:
     return re.fullmatch(rb"\s*-?[\d.]+([ \t,]+-?[\d.]+)([ \t,]+-?[\d.]+[ \t,]+-?[\d.]+)?\s*", line) is not None
 
 
-def write(pieces: Iterable[Events], sensor_size: tuple[int, int], path: Path) -> None:
-    """Write lines `x y t p` under a comment that states sensor and order."""
-    width, height = sensor_size
-    with path.open("w", encoding="ascii", newline="\n") as file:
-        file.write(f"# nvsdata events: x y t p, sorted, sensor {width}x{height}\n")
+def write(pieces: Pieces, path: Path) -> None:
+    """Write lines `x y t p` under comments that state sensor, order and time."""
+    with headed(path, pieces, _header) as file:
         for events in pieces:
             table = np.column_stack((events.x, events.y, events.t, events.p))
             for start in range(0, len(table), 1 << 16):
                 rows = table[start : start + (1 << 16)].tolist()
-                file.write("".join(f"{x} {y} {t} {p}\n" for x, y, t, p in rows))
+                file.write("".join(f"{x} {y} {t} {p}\n" for x, y, t, p in rows).encode("ascii"))
+
+
+def _header(pieces: Pieces) -> bytes:
+    width, height = pieces.sensor_size
+    lines = (f"# nvsdata events: x y t p, sorted, sensor {width}x{height}", time_comment(pieces))
+    return "".join(f"{line}\n" for line in lines).encode("ascii")

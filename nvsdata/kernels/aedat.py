@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.decode import IN_ORDER, WRAP_US
+from nvsdata.kernels.clock import LAST as LAST_TIME
+from nvsdata.kernels.clock import MIXED, WRAP_US, begin, go_evenly, nearest, unwrap
+from nvsdata.kernels.reading import pread
 
 DVS128, DAVIS = 0, 1
 PROBE = 4096  # records that tell whether a file has others than events
@@ -36,40 +38,46 @@ def _little_endian(raw, j):
 
 
 @njit(cache=True, nogil=True)
-def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width, height, t, x, y, p):
-    """Decode AEDAT 2 records lo..hi, `offset` µs of wraps in force at `lo`. O(hi - lo).
+def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, state, kept, t, x, y, p):
+    """Decode AEDAT 2 records. O(N).
 
-    `words` uint32 [2 N]: address and time in turns, as they lie in the file (big-endian). `layout` DVS128
-    or DAVIS says what the address bits mean; x and y are mirrored within the chip. Records that are
-    no polarity events are left out. Times are unsigned and wrap at 2^32.
+    `state` is that of `kernels.clock`, and `block` the number of records in a block. `layout` DVS128 or DAVIS
+    says what the address bits mean; x and y are mirrored within the chip. Records that are no polarity events
+    are left out.
     """
-    room = hi - lo
+    words = raw.view(np.uint32)
+    size = words.size // 2
+    if size == 0:
+        return 0, -1
+    t, x, y, p = t[kept : kept + size], x[kept : kept + size], y[kept : kept + size], p[kept : kept + size]
     right, bottom = np.int32(chip_width - 1), np.int32(chip_height - 1)
-    odd = np.int64(chip_width > width or chip_height > height)
-    begin = 0
+    begun, ended = np.int64(_swapped(words[1])), np.int64(_swapped(words[2 * size - 1]))
+    odd = np.int64(chip_width > width or chip_height > height or ended - begun >= WRAP_US // 2) + state[MIXED]
+    begin(state, begun)
+    offset = nearest(begun, state[LAST_TIME], 32) - begun
+    done = 0
     # frames and the like show early: so the most of a file is begun only where its first records were events
-    for end in (min(1, room), min(PROBE, room), room):
-        if odd == 0 and begin < end:
-            some = words[2 * (lo + begin) : 2 * (lo + end)]
-            back = 2 * (lo + max(begin - 1, 0))
+    for end in (1, min(PROBE, size), size):
+        if odd == 0 and done < end:
+            some = words[2 * done : 2 * end]
+            back = 2 * max(done - 1, 0)
             before = words[back : back + some.size]
-            ts, xs, ys, ps = t[begin:end], x[begin:end], y[begin:end], p[begin:end]
+            ts, xs, ys, ps = t[done:end], x[done:end], y[done:end], p[done:end]
             if layout == DVS128:
                 odd = _dvs128_odd(some, before, offset, right, bottom, ts, xs, ys, ps)
             else:
                 odd = _davis_odd(some, before, offset, right, bottom, ts, xs, ys, ps)
-        begin = end
+        done = end
     if odd == 0:
-        return room, IN_ORDER
+        go_evenly(state, t, block)
+        return size, -1
+    for i in range(np.uint64(size)):
+        t[i] = _swapped(words[_U(2) * i + _U(1)])
+    unwrap(state, t, block)
     bad = -1
-    kept = np.uint64(0)
-    last = np.int64(0)
-    for i in range(np.uint64(room)):
-        k = _U(2) * (_U(lo) + i)
-        address, time = _swapped(words[k]), np.int64(_swapped(words[k + _U(1)]))
-        if last - time > WRAP_US // 2:
-            offset += WRAP_US
-        last = time
+    count = np.uint64(0)
+    for i in range(np.uint64(size)):
+        address = _swapped(words[_U(2) * i])
         if layout == DVS128:
             column = chip_width - 1 - np.int32(address >> np.uint32(1) & np.uint32(0x7F))
             row = chip_height - 1 - np.int32(address >> np.uint32(8) & np.uint32(0x7F))
@@ -80,14 +88,15 @@ def aedat2_decode(words, lo, hi, offset, layout, chip_width, chip_height, width,
             row = chip_height - 1 - np.int32(address >> np.uint32(22) & np.uint32(0x1FF))
             polarity = address >> np.uint32(11) & np.uint32(1)
             polar = (address & np.uint32(0x80000400)) == 0
-        t[kept] = time + offset
-        x[kept] = column
-        y[kept] = row
-        p[kept] = polarity
+        t[count] = t[i]
+        x[count] = column
+        y[count] = row
+        p[count] = polarity
         if polar and (column < 0 or row < 0 or column >= width or row >= height) and bad < 0:
-            bad = lo + np.int64(i)
-        kept += np.uint64(polar)
-    return np.int64(kept), bad
+            bad = np.int64(i)
+        count += np.uint64(polar)
+    state[MIXED] |= np.int64(count) < size
+    return np.int64(count), bad
 
 
 @njit(cache=True, nogil=True)
@@ -141,35 +150,45 @@ def aedat2_encode(t, x, y, p, layout, chip_width, chip_height):
 
 POLARITY_EVENT = 1
 PACKET_HEADER = 28
-# What can be wrong with a packet
-FINE, TORN, NONSENSE = 0, 1, 2
+NEAR = 512  # bytes that are read at a packet's beginning: the whole of a small one, and the next
+DISORDER_US = 1_000  # that an event may lie before the first or after the last of its packet
+# What can be wrong with a file of packets: torn, damaged, or cut while it was read
+FINE, TORN, NONSENSE, CUT = 0, 1, 2, 3
+# Columns of the index of packets: byte of the first event, number of events, µs to add to their times, first and last
+# time, whether the header counts fewer valid events than events
+FIRST_BYTE, NUMBER, ADDED, FIRST, LAST, SOME_INVALID = range(6)
 
 
 @njit(cache=True, nogil=True)
-def aedat3_packets(raw, start):
-    """Walk the packet headers from byte `start`. O(packets).
+def aedat3_packets(known, handle, size, start):
+    """Walk the packet headers of a file of `size` bytes from byte `start` on. O(packets).
 
-    Returns int64 [M, 6] for polarity packets: byte of the first event, number of events, µs to add
-    to their times, first and last time, whether the header counts fewer valid events than events;
-    then a fault code and the byte of the packet that has it (the file's size if none).
+    `known` uint8 are its first bytes; unless it is all of them, `handle` is the open file. Returns the index of
+    polarity packets, int64 [M, 6]; then a fault code and the byte of the packet that has it (the file's size if none).
     """
     packets = np.empty((16, 6), np.int64)
     count = 0
     at = start
-    while at < raw.size:
-        if raw.size - at < PACKET_HEADER:
+    near = known
+    begin = np.int64(0)  # where in the file `near` begins
+    while at < size:
+        if size - at < PACKET_HEADER:
             return packets[:count], TORN, at
-        kind = np.int64(_little_endian(raw, at) & 0xFFFF)
-        size, when = np.int64(_little_endian(raw, at + 4)), np.int64(_little_endian(raw, at + 8))
-        overflow, number = np.int64(_little_endian(raw, at + 12)), np.int64(_little_endian(raw, at + 20))
-        valid = np.int64(_little_endian(raw, at + 24))
-        if size == 0 or size >= 1 << 31 or number >= 1 << 31 or valid > number or overflow >= 1 << 31:
+        near, begin = _near(near, begin, handle, at, min(at + PACKET_HEADER + 8, size), size)
+        if near.size == 0:
+            return packets[:count], CUT, at
+        j = at - begin
+        kind = np.int64(_little_endian(near, j) & 0xFFFF)
+        length, when = np.int64(_little_endian(near, j + 4)), np.int64(_little_endian(near, j + 8))
+        overflow, number = np.int64(_little_endian(near, j + 12)), np.int64(_little_endian(near, j + 20))
+        valid = np.int64(_little_endian(near, j + 24))
+        if length == 0 or length >= 1 << 31 or number >= 1 << 31 or valid > number or overflow >= 1 << 31:
             return packets[:count], NONSENSE, at
-        if kind == POLARITY_EVENT and (size != 8 or when != 4):
+        if kind == POLARITY_EVENT and (length != 8 or when != 4):
             return packets[:count], NONSENSE, at
         first = at + PACKET_HEADER
         # of a torn packet the whole events are kept
-        whole = min(number, (raw.size - first) // size)
+        whole = min(number, (size - first) // length)
         torn = whole < number
         number = whole
         if kind == POLARITY_EVENT and number:
@@ -179,40 +198,60 @@ def aedat3_packets(raw, start):
                     longer[i, field] = packets[i, field]
                 packets = longer
             add = overflow << 31
-            packets[count, 0], packets[count, 1], packets[count, 2] = first, number, add
-            packets[count, 3] = add + np.int64(_little_endian(raw, first + 4))
-            packets[count, 4] = add + np.int64(_little_endian(raw, first + 8 * number - 4))
-            packets[count, 5] = valid < number
+            packets[count, FIRST_BYTE], packets[count, NUMBER], packets[count, ADDED] = first, number, add
+            packets[count, FIRST] = add + np.int64(_little_endian(near, first + 4 - begin))
+            last = first + 8 * number - 4
+            # the next packet's header, which follows, is read with it
+            near, begin = _near(near, begin, handle, last, last + 4, size)
+            if near.size == 0:
+                return packets[:count], CUT, last
+            packets[count, LAST] = add + np.int64(_little_endian(near, last - begin))
+            packets[count, SOME_INVALID] = valid < number
             count += 1
-        at = first + number * size
+        at = first + number * length
         if torn:
             return packets[:count], TORN, at
     return packets[:count], FINE, at
 
 
 @njit(cache=True, nogil=True)
-def aedat3_decode(words, phase, starts, packets, width, height, t, x, y, p):
-    """Decode polarity packets as `aedat3_packets` lists them. O(events).
+def _near(near, begin, handle, at, end, size):
+    """Bytes of the file that hold at..end, and where they begin: `near` (at `begin`) or others; none if it was cut."""
+    if begin <= at and end <= begin + near.size:
+        return near, begin
+    fresh = np.empty(min(NEAR, size - at), np.uint8)
+    if pread(handle, fresh.ctypes.data, fresh.size, at) != fresh.size:
+        return fresh[:0], at
+    return fresh, at
 
-    `words` uint32 hold the events of packet k from byte `starts[k]` on, counted from `phase` bytes
-    before them.
-    Events that aren't marked valid are dropped where the packet's header counts them as invalid.
-    Returns the number of events, the byte of the first one outside the sensor (-1: none), and how many
-    were kept without the mark.
+
+@njit(cache=True, nogil=True)
+def aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p):
+    """Decode polarity packets of the index. O(events).
+
+    `raw` uint8 holds the file from byte `base` on, as far as these packets. Events that aren't marked valid are
+    dropped where the packet's header counts them as invalid. Returns the number of events, the byte of the first
+    one outside the sensor (-1: none), how many were kept without the mark, and the first packet whose events don't
+    lie between its first and last (-1: none).
     """
-    kept = unmarked = 0
-    bad = np.int64(-1)
+    begin = kept
+    unmarked = 0
+    bad = strayed = np.int64(-1)
     right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 15)
     for k in range(len(packets)):
         first, number, add, some_invalid = packets[k, 0], packets[k, 1], packets[k, 2], packets[k, 5]
-        at = (starts[k] - phase) // 4
-        records = words[at : at + 2 * number]
+        # of 31 bits; the first or last event of a packet with invalid ones may be one of them
+        early = np.uint32(max(packets[k, FIRST] - add - DISORDER_US, 0) if not some_invalid else 0)
+        late = np.uint32(
+            min(packets[k, LAST] - add + DISORDER_US, (1 << 31) - 1) if not some_invalid else (1 << 31) - 1
+        )
+        records = raw[first - base : first - base + 8 * number].view(np.uint32)
         end = kept + number
-        if _packet_sound(records, add, right, bottom, t[kept:end], x[kept:end], y[kept:end], p[kept:end]):
+        if _packet_sound(records, add, right, bottom, early, late, t[kept:end], x[kept:end], y[kept:end], p[kept:end]):
             kept = end
             continue
         for i in range(number):
-            data = records[2 * i]
+            data, time = records[2 * i], records[2 * i + 1]
             marked = data & np.uint32(1)
             if some_invalid and not marked:
                 continue
@@ -220,24 +259,26 @@ def aedat3_decode(words, phase, starts, packets, width, height, t, x, y, p):
             column, row = np.int64(data >> np.uint32(17)), np.int64(data >> np.uint32(2) & np.uint32(0x7FFF))
             if (column >= right or row >= bottom) and bad < 0:
                 bad = first + 8 * i
-            t[kept] = add + np.int64(records[2 * i + 1])
+            t[kept] = add + np.int64(time)
+            if (time < early or time > late) and strayed < 0:
+                strayed = k
             x[kept] = column
             y[kept] = row
             p[kept] = data >> np.uint32(1) & np.uint32(1)
             kept += 1
-    return kept, bad, unmarked
+    return kept - begin, bad, unmarked, strayed
 
 
 @njit(cache=True, nogil=True)
-def _packet_sound(records, add, right, bottom, t, x, y, p):
-    """Decode a packet as if all its events were valid and within the sensor, without branches; whether it was so."""
+def _packet_sound(records, add, right, bottom, early, late, t, x, y, p):
+    """Decode a packet as if all its events were sound, without branches; whether it was so."""
     odd = 0
     for i in range(np.uint64(t.size)):
         data, time = records[np.uint64(2) * i], records[np.uint64(2) * i + np.uint64(1)]
         column = np.int32(data >> np.uint32(17))
         row = np.int32(data >> np.uint32(2) & np.uint32(0x7FFF))
-        odd += (column >= right) | (row >= bottom) | ((data & np.uint32(1)) == 0)
         t[i] = add + np.int64(time)
+        odd += (column >= right) | (row >= bottom) | ((data & np.uint32(1)) == 0) | (time < early) | (time > late)
         x[i] = column
         y[i] = row
         p[i] = data >> np.uint32(1) & np.uint32(1)

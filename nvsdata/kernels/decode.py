@@ -1,8 +1,9 @@
 """Bytes to event columns and back, a loop for each wire format.
 
-A decoder fills `t`, `x`, `y`, `p` (int64 µs, int16, int16, uint8), which have room for an event a record, and
-returns `(count, bad)`: how many events there are, and the index of the first record whose coordinates lie outside
-the sensor (-1 if none, or `IN_ORDER` if it saw besides that times never fall; a width of 0 means "unknown").
+A decoder takes `raw`, uint8, some records of a file, and the `state` before them, which it changes into that after
+them. It fills `t`, `x`, `y`, `p` (int64 µs, int16, int16, uint8) from place `kept` on, where there is room for an
+event a record, and returns `(count, bad)`: how many events there are, and the index of the first of the records
+whose coordinates lie outside the sensor (-1 if none; a width of 0 means "unknown").
 """
 
 from __future__ import annotations
@@ -10,69 +11,80 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from nvsdata.kernels.clock import LAST, WRAP_US, begin, go_evenly, nearest, unwrap
+
 BLOCK = 512  # ATIS records that are decoded at a time
 ATIS_OVERFLOW_Y = 240
 ATIS_OVERFLOW_US = 1 << 13
-IN_ORDER = -2
-WRAP_US = 1 << 32  # of a 32-bit counter of µs
 
 _U = np.uint64
 
 
-@njit(cache=True, nogil=True)
-def atis_blocks(raw, block):
-    """Walk ATIS records once. O(N).
+# What an ATIS file's walk knows: µs of overflow in force, times of the last and the first event, the number of times
+# that fell, the size of the sensor that the events need, the numbers of overflow records, of all records and of damaged
+# ones, whose y no camera writes, and the number of the first of these
+OVERFLOW, ATIS_LAST, ATIS_FIRST, FALLS, RIGHT, BOTTOM, MARKERS, RECORDS, DAMAGED, DAMAGE = range(10)
+ATIS_BEGUN = (0, 0, 0, 0, 1, 1, 0, 0, 0, -1)
 
-    Returns the unwrapped time of every `block`-th record (int64), the overflow offset in force
-    there (int64), whether times never fall, the first and the last time, the (width, height) that
-    the events need, and the number of overflow markers.
+
+@njit(cache=True, nogil=True)
+def atis_walk(raw, block, state, times, offsets):
+    """Walk a piece of ATIS records, the `state` before them changed into that after them. O(N).
+
+    Writes the unwrapped time of every `block`-th record of the file and the µs of overflow in force there.
     """
     n = raw.size // 5
     records = raw.reshape(-1, 5)
-    count = (n + block - 1) // block
-    times = np.empty(count, np.int64)
-    offsets = np.zeros(count, np.int64)
     right = bottom = np.uint8(0)
     last = np.int32(0)
     falls = 0
-    # branch-free for the common file, which has no markers
+    # branch-free for the common piece, which has no markers
     for i in range(np.uint64(n)):
         right, bottom = max(right, records[i, 0]), max(bottom, records[i, 1])
         time = np.int32(records[i, 2] & 0x7F) << 16 | np.int32(records[i, 3]) << 8 | np.int32(records[i, 4])
         falls += time < last
         last = time
-    if bottom < ATIS_OVERFLOW_Y:
-        for b in range(count):
-            times[b] = _atis_time(raw, 5 * block * b)
-        first = times[0] if n else np.int64(0)
-        return times, offsets, falls == 0, (first, np.int64(last)), (int(right) + 1, int(bottom) + 1), 0
-    return _atis_blocks_with_markers(raw, block, times, offsets)
+    begin = state[RECORDS]
+    if bottom >= ATIS_OVERFLOW_Y:
+        _atis_walk_with_markers(raw, block, state, times, offsets)
+    elif n:
+        offset = state[OVERFLOW]
+        for i in range((block - begin % block) % block, n, block):
+            times[(begin + i) // block] = _atis_time(raw, 5 * i) + offset
+            offsets[(begin + i) // block, 0] = offset
+        first = _atis_time(raw, 0) + offset
+        if begin == state[MARKERS] + state[DAMAGED]:
+            state[ATIS_FIRST] = state[ATIS_LAST] = first
+        state[FALLS] += falls + (first < state[ATIS_LAST])
+        state[ATIS_LAST] = np.int64(last) + offset
+        state[RIGHT], state[BOTTOM] = max(state[RIGHT], np.int64(right) + 1), max(state[BOTTOM], np.int64(bottom) + 1)
+    state[RECORDS] = begin + n
 
 
 @njit(cache=True, nogil=True)
-def _atis_blocks_with_markers(raw, block, times, offsets):
-    offset = np.int64(0)
-    width = height = 1
-    markers = falls = 0
-    first = last = np.int64(0)
-    n = raw.size // 5
-    for i in range(n):
+def _atis_walk_with_markers(raw, block, state, times, offsets):
+    begin = state[RECORDS]
+    for i in range(raw.size // 5):
         j = 5 * i
-        marker = raw[j + 1] == ATIS_OVERFLOW_Y
+        marker, damaged = raw[j + 1] == ATIS_OVERFLOW_Y, raw[j + 1] > ATIS_OVERFLOW_Y
         # a marker's own time says nothing
-        time = last if marker else _atis_time(raw, j) + offset
-        if i % block == 0:
-            times[i // block], offsets[i // block] = time, offset
+        time = state[ATIS_LAST] if marker or damaged else _atis_time(raw, j) + state[OVERFLOW]
+        if (begin + i) % block == 0:
+            times[(begin + i) // block], offsets[(begin + i) // block, 0] = time, state[OVERFLOW]
         if marker:
-            offset += ATIS_OVERFLOW_US
-            markers += 1
+            state[OVERFLOW] += ATIS_OVERFLOW_US
+            state[MARKERS] += 1
             continue
-        if i == markers:
-            first = last = time
-        falls += time < last
-        last = time
-        width, height = max(width, int(raw[j]) + 1), max(height, int(raw[j + 1]) + 1)
-    return times, offsets, falls == 0, (first, last), (width, height), markers
+        if damaged:
+            state[DAMAGE] = begin + i if state[DAMAGED] == 0 else state[DAMAGE]
+            state[DAMAGED] += 1
+            continue
+        if begin + i == state[MARKERS] + state[DAMAGED]:
+            state[ATIS_FIRST] = state[ATIS_LAST] = time
+        state[FALLS] += time < state[ATIS_LAST]
+        state[ATIS_LAST] = time
+        state[RIGHT] = max(state[RIGHT], np.int64(raw[j]) + 1)
+        state[BOTTOM] = max(state[BOTTOM], np.int64(raw[j + 1]) + 1)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -81,33 +93,46 @@ def _atis_time(raw, j):
 
 
 @njit(cache=True, nogil=True)
-def atis_decode(raw, lo, hi, offset, width, height, t, x, y, p):
-    """Decode ATIS records lo..hi, `offset` µs of overflow being in force at `lo`. O(hi - lo)."""
-    size = hi - lo
+def atis_decode(raw, width, height, state, kept, t, x, y, p):
+    """Decode a piece of ATIS records. O(N).
+
+    `state` int64 [4] is the µs of overflow in force, the numbers of records and of damaged ones before, and the number
+    of the first damaged one; these are left out.
+    """
+    size = raw.size // 5
+    t, x, y, p = t[kept : kept + size], x[kept : kept + size], y[kept : kept + size], p[kept : kept + size]
+    offset = state[0]
     right = width if width > 0 else 256
     bottom = min(height, ATIS_OVERFLOW_Y) if height > 0 else ATIS_OVERFLOW_Y
     record = np.empty(BLOCK, np.uint64)
     odd = 0
-    # branch-free for the common file, in which no record is odd
+    # branch-free for the common piece, in which no record is odd
     for start in range(0, size, BLOCK):
         stop = min(start + BLOCK, size)
-        _atis_words(raw[5 * (lo + start) :], record[: stop - start])
+        _atis_words(raw[5 * start :], record[: stop - start])
         block = t[start:stop], x[start:stop], y[start:stop], p[start:stop]
         odd += _atis_odd(record[: stop - start], offset, right, bottom, *block)
+    begin = state[1]
+    state[1] += size
     if odd == 0:
         return size, -1
-    kept = 0
+    count = 0
     bad = -1
     for i in range(size):
         if y[i] == ATIS_OVERFLOW_Y:
             offset += ATIS_OVERFLOW_US
             continue
+        if y[i] > ATIS_OVERFLOW_Y:
+            state[3] = begin + i if state[2] == 0 else state[3]
+            state[2] += 1
+            continue
         if width > 0 and (x[i] >= right or y[i] >= bottom) and bad < 0:
-            bad = lo + i
-        x[kept], y[kept], p[kept] = x[i], y[i], p[i]
-        t[kept] = _atis_time(raw, 5 * (lo + i)) + offset
-        kept += 1
-    return kept, bad
+            bad = i
+        x[count], y[count], p[count] = x[i], y[i], p[i]
+        t[count] = _atis_time(raw, 5 * i) + offset
+        count += 1
+    state[0] = offset
+    return count, bad
 
 
 @njit(cache=True, nogil=True)
@@ -171,42 +196,43 @@ def atis_encode(t, x, y, p, offset):
 
 
 @njit(cache=True, nogil=True)
-def dat_decode(words, lo, hi, offset, version, width, height, t, x, y, p):
-    """Decode Prophesee .dat records lo..hi. O(hi - lo).
+def dat_decode(raw, block, version, width, height, state, kept, t, x, y, p):
+    """Decode Prophesee .dat records. O(N).
 
-    `words` uint32 [2 N], time and address in turns; `offset` µs of wraps in force at `lo`. A step back of
-    more than 2^31 µs is a wrap of the 32-bit counter; a smaller one is disorder and stays.
+    `state` is that of `kernels.clock`, and `block` the number of records in a block.
     """
-    size = hi - lo
+    words = raw.view(np.uint32)
+    size = words.size // 2
+    if size == 0:
+        return 0, -1
+    t, x, y, p = t[kept : kept + size], x[kept : kept + size], y[kept : kept + size], p[kept : kept + size]
     right, bottom = (width, height) if width > 0 else (1 << 14, 1 << 14)
-    if version >= 2 and size:
-        first, rest, before = words[2 * lo : 2 * lo + 2], words[2 * lo + 2 : 2 * hi], words[2 * lo : 2 * hi - 2]
+    if version >= 2 and np.int64(words[2 * size - 2]) - np.int64(words[0]) < WRAP_US // 2:
+        begin(state, words[0])
+        offset = nearest(words[0], state[LAST], 32) - np.int64(words[0])
+        first, rest, before = words[:2], words[2:], words[: 2 * size - 2]
         odd = _dat_odd(first, first, offset, right, bottom, t[:1], x[:1], y[:1], p[:1])
         odd += _dat_odd(rest, before, offset, right, bottom, t[1:], x[1:], y[1:], p[1:])
         if odd == 0:
-            return size, IN_ORDER
+            go_evenly(state, t, block)
+            return size, -1
     bad = -1
-    last = np.int64(words[2 * lo]) if size else np.int64(0)
-    for i in range(lo, hi):
-        k = i - lo
-        time = np.int64(words[2 * i])
-        if last - time > WRAP_US // 2:
-            offset += WRAP_US
-        last = time
+    for i in range(size):
         address = words[2 * i + 1]
         if version >= 2:
             column = address & 0x3FFF
             row = address >> 14 & 0x3FFF
-            p[k] = (address >> 28) & 1
+            p[i] = (address >> 28) & 1
         else:
             column = address & 0x1FF
             row = address >> 9 & 0xFF
-            p[k] = address >> 17 & 1
+            p[i] = address >> 17 & 1
         if width > 0 and (column >= width or row >= height) and bad < 0:
             bad = i
-        t[k] = time + offset
-        x[k] = column
-        y[k] = row
+        t[i] = words[2 * i]
+        x[i] = column
+        y[i] = row
+    unwrap(state, t, block)
     return size, bad
 
 

@@ -2,7 +2,11 @@
 
 Both formats send the high bits of the time in words of their own, so a walk over all words finds
 the state in force at each block of words; a window then decodes only its blocks. See `kernels.decode` for what a
-decoder takes and returns; EVT3's columns have room for the events that its states count.
+decoder takes and returns, and `kernels.clock` for the times; EVT3's columns have room for the events that its walk
+counts.
+
+`state` is int64 [1] or [5]: the high part of the time in µs (wraps added), and of EVT3 the low part, y, base x and
+polarity. What a walk has seen is int64 [5], by the names below.
 """
 
 from __future__ import annotations
@@ -10,58 +14,89 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from nvsdata.kernels.clock import BACK_US, SILENT_US, first_time, is_jump, nearest
+
 EVT2_OFF, EVT2_ON, EVT2_TIME = 0x0, 0x1, 0x8
 EVT3_Y, EVT3_X, EVT3_BASE, EVT3_VECTOR_12, EVT3_VECTOR_8, EVT3_LOW, EVT3_HIGH = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x8
+IGNORED = 0xF  # a kind of words that neither decoder looks at
 NO_TIME = -1  # before the first word with high bits: events there have no time
+# Times of the last and the first event, the number of times that fell, of words, and the first that no camera wrote
+LAST, FIRST, FALLS, WORDS, JUMP = range(5)
+UNSEEN = (-1, -1, 0, 0, -1)
+UNDATED = (NO_TIME, 0, 0, 0, 0)
 
 
 @njit(cache=True, nogil=True)
-def evt2_states(words, block):
-    """Walk the words once. O(N). Returns, for every `block`-th word,
+def evt2_walk(raw, block, state, seen, states, times):
+    """Walk a piece of the words. O(N). Writes for every `block`-th word of the file
 
-    - the high part of the time in force there, in µs (int64 [M], wraps at 2^34 µs added),
-    - the time of the last event before it (int64 [M], -1 if there is none);
-
-    then whether times never fall, and the first and the last time.
+    - the state in force there (int64 [M, 1]),
+    - the time of the last event before it (int64 [M], -1 if there is none).
     """
-    count = (words.size + block - 1) // block
-    states, times = np.empty(count, np.int64), np.empty(count, np.int64)
-    high = last = first = np.int64(NO_TIME)
+    words = raw.view(np.uint32)
+    begin, last, first = seen[WORDS], seen[LAST], seen[FIRST]
+    high = state[0]
     falls = 0
     for i in range(words.size):
-        if i % block == 0:
-            states[i // block], times[i // block] = high, last
+        if (begin + i) % block == 0:
+            states[(begin + i) // block, 0], times[(begin + i) // block] = high, last
         kind = words[i] >> 28
         if kind == EVT2_TIME:
+            before = high
             high = _next_high(high, np.int64(words[i] & 0xFFFFFFF), 28, 6)
+            if seen[JUMP] < 0 and _is_jump(before, high, 34):
+                seen[JUMP] = begin + i
         elif kind <= EVT2_ON and high >= 0:
             time = high + np.int64(words[i] >> 22 & 0x3F)
             falls += time < last
             last = time
             if first < 0:
                 first = time
-    return states, times, falls == 0, (max(first, 0), max(last, 0))
+    state[0] = high
+    seen[LAST], seen[FIRST], seen[WORDS] = last, first, begin + words.size
+    seen[FALLS] += falls
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _next_high(before, raw, bits, shift):
-    """The high part that `raw` (of `bits` bits) stands for, in µs: a fall of over half its range is a wrap."""
-    if before < 0:
-        return raw << shift
-    wraps = before >> (bits + shift)
-    last = (before >> shift) & ((1 << bits) - 1)
-    if last - raw > 1 << (bits - 1):
-        wraps += 1
-    return (wraps << (bits + shift)) | raw << shift
+    """The high part that `raw` (of `bits` bits) stands for, in µs."""
+    if before >= 0:
+        return nearest(raw, before >> shift, bits) << shift
+    return first_time(raw, bits) << shift
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _is_jump(before, high, bits):
+    """Whether no camera goes on at `high` µs; of a counter's first word, whether none begins there."""
+    return high < 0 if before < 0 else is_jump(before, high, bits, BACK_US, SILENT_US)
 
 
 @njit(cache=True, nogil=True)
-def evt2_decode(words, lo, hi, high, width, height, t, x, y, p):
-    """Decode words lo..hi, `high` being in force at `lo`. O(hi - lo)."""
+def evt2_highs(raw):
+    """Which words of a piece hold the high part of the time, and that part."""
+    words = raw.view(np.uint32)
+    found = np.flatnonzero(words >> 28 == EVT2_TIME)
+    return found, (words[found] & 0xFFFFFFF).astype(np.int64)
+
+
+@njit(cache=True, nogil=True)
+def evt3_highs(raw):
+    """Which words of a piece hold the high part of the time, and that part."""
+    words = raw.view(np.uint16)
+    found = np.flatnonzero(words >> 12 == EVT3_HIGH)
+    return found, (words[found] & 0xFFF).astype(np.int64)
+
+
+@njit(cache=True, nogil=True)
+def evt2_decode(raw, width, height, state, kept, t, x, y, p):
+    """Decode a piece of the words. O(N)."""
+    words = raw.view(np.uint32)
     bad = -1
-    kept = np.uint64(0)
+    begin = np.uint64(kept)
+    kept = np.uint64(kept)
+    high = state[0]
     right, bottom = (width, height) if width > 0 else (1 << 11, 1 << 11)
-    for i in range(lo, hi):
+    for i in range(words.size):
         word = words[i]
         kind = word >> 28
         if kind == EVT2_TIME:
@@ -75,37 +110,34 @@ def evt2_decode(words, lo, hi, high, width, height, t, x, y, p):
         if event and (column >= right or row >= bottom) and bad < 0:
             bad = i
         kept += np.uint64(event)
-    return np.int64(kept), bad
+    state[0] = high
+    return np.int64(kept - begin), bad
 
 
 @njit(cache=True, nogil=True)
-def evt3_states(words, block):
-    """Walk the words once. O(N). As `evt2_states`, and the number of events of every block.
-
-    A state (int64 [M, 5]) is: high part of the time in µs (wraps at 2^24 µs added), low part, y,
-    base x, polarity.
-    """
-    count = (words.size + block - 1) // block
-    states, times = np.empty((count, 5), np.int64), np.empty(count, np.int64)
-    events = np.zeros(count, np.int64)
-    state = np.array([NO_TIME, 0, 0, 0, 0])
-    last = first = np.int64(NO_TIME)
-    falls = 0
+def evt3_walk(raw, block, state, seen, states, times, events):
+    """Walk a piece of the words. O(N). As `evt2_walk` (states int64 [M, 5]), and adds up the events of every block."""
+    words = raw.view(np.uint16)
+    begin = seen[WORDS]
     for i in range(words.size):
-        if i % block == 0:
-            states[i // block] = state
-            times[i // block] = last
+        k = (begin + i) // block
+        if (begin + i) % block == 0:
+            states[k] = state
+            times[k] = seen[LAST]
         kind = words[i] >> 12
         found = _events_of(words[i], kind) if state[0] >= 0 else 0
         if found:
-            events[i // block] += found
+            events[k] += found
             time = state[0] + state[1]
-            falls += time < last
-            last = time
-            if first < 0:
-                first = time
+            seen[FALLS] += time < seen[LAST]
+            seen[LAST] = time
+            if seen[FIRST] < 0:
+                seen[FIRST] = time
+        before = state[0]
         _advance(state, words[i], kind)
-    return states, times, events, falls == 0, (max(first, 0), max(last, 0))
+        if kind == EVT3_HIGH and seen[JUMP] < 0 and _is_jump(before, state[0], 24):
+            seen[JUMP] = begin + i
+    seen[WORDS] = begin + words.size
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -144,13 +176,13 @@ def _advance(state, word, kind):
 
 
 @njit(cache=True, nogil=True)
-def evt3_decode(words, lo, hi, before, width, height, t, x, y, p):
-    """Decode words lo..hi, the state `before` being in force at `lo`. O(hi - lo + events)."""
-    state = before.copy()
+def evt3_decode(raw, width, height, state, kept, t, x, y, p):
+    """Decode a piece of the words. O(N + events)."""
+    words = raw.view(np.uint16)
     bad = -1
-    kept = 0
+    begin = kept
     right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 11)
-    for i in range(lo, hi):
+    for i in range(words.size):
         word = words[i]
         kind = word >> 12
         if state[0] >= 0 and kind in (EVT3_X, EVT3_VECTOR_12, EVT3_VECTOR_8):
@@ -170,4 +202,4 @@ def evt3_decode(words, lo, hi, before, width, height, t, x, y, p):
                 bits >>= 1
                 column += 1
         _advance(state, word, kind)
-    return kept, bad
+    return kept - begin, bad

@@ -11,8 +11,8 @@ def clusters(pos, t, ptr, width, height, columns, rows):
     """Cluster of every node, and where and when the clusters lie. O(N + B · columns · rows).
 
     `pos` float [N, 2], `t` int64 [N]; graph b owns nodes ptr[b]..ptr[b + 1]; a cluster is a cell of
-    `width` x `height` pixels; nodes outside the grid belong to its border. Clusters are numbered by
-    graph, row, column.
+    `width` x `height` pixels; nodes outside the grid belong to its border, nodes nowhere (NaN) to cell 0.
+    Clusters are numbered by graph, row, column.
 
     Returns `cluster` int64 [N]; of the clusters `position` float32 [M, 2] (floor of the mean, eq. 4.8),
     `time` int64 [M] (likewise) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
@@ -32,8 +32,9 @@ def clusters(pos, t, ptr, width, height, columns, rows):
     for b in range(graphs):
         slot[:] = -1
         for i in range(ptr[b], ptr[b + 1]):
-            column = min(max(int(np.floor(pos[i, 0] / width)), 0), columns - 1)
-            row = min(max(int(np.floor(pos[i, 1] / height)), 0), rows - 1)
+            # clipped as numbers, for NaN and infinities aren't integers; in this order NaN becomes 0
+            column = int(min(max(0.0, pos[i, 0] / width), columns - 1.0))
+            row = int(min(max(0.0, pos[i, 1] / height), rows - 1.0))
             cluster[i] = row * columns + column
             slot[cluster[i]] = 0
         for cell in range(slot.size):
@@ -95,7 +96,7 @@ def merged_edges(source, target, cluster, count):
 def max_rows(features, cluster, count):
     """Maximum of each channel over each cluster, and the first node that has it. O(N · C).
 
-    Returns float [M, C] and int32 [M, C].
+    NaN counts as more than any number, as in torch. Returns float [M, C] and int32 [M, C].
     """
     channels = features.shape[1]
     best = np.empty((count, channels), features.dtype)
@@ -110,7 +111,8 @@ def max_rows(features, cluster, count):
                 where[m, c] = i
             continue
         for c in range(channels):
-            if features[i, c] > best[m, c]:
+            # true of NaN, unless there was one before
+            if not features[i, c] <= best[m, c] and best[m, c] == best[m, c]:
                 best[m, c] = features[i, c]
                 where[m, c] = i
     return best, where

@@ -8,7 +8,8 @@ from numba import njit
 NEWLINE, RETURN, SPACE, TAB, COMMA, MINUS, DOT, HASH = 10, 13, 32, 9, 44, 45, 46, 35
 
 # What can be wrong with a line
-OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE = 0, 1, 2, 3
+OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE, TOO_LATE = 0, 1, 2, 3, 4
+LATEST = 2**62
 
 
 @njit(cache=True, nogil=True)
@@ -34,6 +35,8 @@ def text_decode(raw, start, stop, seconds_first, skip_faults, columns):
             t, x, y = values[2], values[0], values[1]
         if fault == OK and (x < 0 or y < 0 or x > 32766 or y > 32766 or values[3] < -1 or values[3] > 1):
             fault = OUT_OF_RANGE
+        if fault == OK and (t <= -LATEST or t >= LATEST):
+            fault = TOO_LATE
         if fault != OK:
             if not skip_faults:
                 return kept, fault, where, dropped

@@ -40,9 +40,10 @@ from numba import njit
     AT,  # where the next pixel goes, how far it is to the one after it, and how many the column has room for
     STEP,
     ROOM,
+    BEGUN,  # whether a reset has come
     SAMPLE_0,  # seven values
     STATES,
-) = [*range(34), 40]
+) = [*range(35), 41]
 
 # what was amiss, counted in an int64 array
 (
@@ -55,8 +56,12 @@ from numba import njit
     SHORT_COLUMNS,
     BROKEN_FRAMES,
     BROKEN_SAMPLES,
+    LOST_WRAPS,
+    LATE_RESETS,
     COMPLAINTS,
-) = range(10)
+) = range(12)
+
+WRAP_LENGTH = 1 << 15  # µs that the camera's clock counts between wraps
 
 # special events, by the vendor's numbers
 WRAP, RESET, RISING, FALLING, PULSE, GENERATOR_RISING, GENERATOR_FALLING = 0, 1, 2, 3, 4, 12, 13
@@ -71,15 +76,16 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
     """Decode words from `start` on, until they end, a frame is complete or an output is full. O(words).
 
     `words` uint16 [N]; `setting` int64: columns and rows of events, 0, then width, height, swap, flip x, flip y of
-    frames, factor of their samples. `state`, `complaints` and `pixels` (uint16 [width * height]) live on between
-    calls. Filled: `t` int64, `x`, `y` int16 (the device's column and row), `p` uint8 [at least N]; `specials` int64
-    [M, 4]: word, µs, type, events before it; `samples` int64 [M, 12]: word, µs, contents, scales of acceleration and
-    rotation, seven values.
+    frames, factor of their samples, and whether times never fall: then a time that would is taken for one of a wrap
+    that was lost, and resets but the first are passed over. `state`, `complaints` and `pixels` (uint16 [width *
+    height]) live on between calls. Filled: `t` int64, `x`, `y` int16 (the device's column and row), `p` uint8 [at
+    least N]; `specials` int64 [M, 4]: word, µs, type, events before it; `samples` int64 [M, 12]: word, µs, contents,
+    scales of acceleration and rotation, seven values.
 
     Returns the word it stopped at, the numbers of events, specials and samples, and whether a frame ended there.
     """
     columns, rows = setting[0], setting[1]
-    factor = setting[8]
+    factor, steady = setting[8], setting[9]
     base = (state[OVERFLOW] << 31) + state[BASE]
     now = (state[OVERFLOW] << 31) + state[NOW]
     row = state[ROW]
@@ -96,7 +102,13 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
         if word >= 0x8000:
             before = now
             now = base + (word & 0x7FFF)
-            falls += now <= before
+            if now <= before:
+                falls += 1
+                if steady and now < before:
+                    wraps = (before - now + WRAP_LENGTH - 1) // WRAP_LENGTH
+                    complaints[LOST_WRAPS] += wraps
+                    base += wraps * WRAP_LENGTH
+                    now += wraps * WRAP_LENGTH
             i += one
             continue
         data = word & 0xFFF
@@ -135,7 +147,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
             if n_specials == specials.shape[0]:
                 break
             base += data << 15
-            now = base
+            now = max(base, now) if steady else base
             if (base >> 31) != state[OVERFLOW]:
                 # one big wrap at most: a word holds 4,095 wraps, 2^31 are 65,536
                 state[OVERFLOW] += 1
@@ -149,7 +161,10 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                 # a column begins or ends: the pixels so far
                 state[RESET_ROWS + signal] += state[ROOM] - room
                 state[ROOM] = room
-            if data == 1:
+            if data == 1 and steady and state[BEGUN]:
+                complaints[LATE_RESETS] += 1
+            elif data == 1:
+                state[BEGUN] = 1
                 state[OVERFLOW] = base = now = 0
                 in_frame = state[IN_SAMPLE] = 0
                 kind = RESET

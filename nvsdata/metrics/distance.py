@@ -112,9 +112,9 @@ def compare(
 ) -> Comparison:
     """All three distances between two sequences, cut into frames of 1 / `fps` s (None: all is one frame).
 
-    Each stream's time counts from its `start` (its first event, unless it was cut or emulated);
-    `offset` µs are added to the real stream's. Polarity is summed at each position and frame, and
-    sums of 0 are no spikes.
+    Each stream's time counts from its `start` (its first event, unless it was cut or emulated, or its file
+    says more); `offset` µs are added to the real stream's. Frames go on until both have ended. Polarity is
+    summed at each position and frame, and sums of 0 are no spikes.
 
     Raises ValueError for different sensors and settings out of range.
     """
@@ -130,8 +130,7 @@ def _measure(
         raise ValueError(f"events of different sensors can't be compared: {a.sensor_size} and {b.sensor_size}")
     if fps is not None:
         positive("fps", fps)
-    ends = [int(events.t[-1]) - origin for events, origin in ((a, a.start), (b, b.start - offset)) if len(events)]
-    edges = frame_edges(max(*ends, 0, 0), fps)
+    edges = frame_edges(max(a.end - a.start, b.end - b.start + offset, 0), fps)
     pairs = zip(spikes_of_frames(a, a.start, edges), spikes_of_frames(b, b.start - offset, edges), strict=True)
     found = np.full((len(measures), edges.size - 1), np.nan)
     empty = np.zeros(2, int)

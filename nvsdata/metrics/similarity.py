@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 COUNT = 12
 FLOOR = 1e-10  # the least that a logarithm is taken of
+_LARGEST = np.finfo(np.float64).max
+_TINY = np.finfo(np.float64).smallest_subnormal
+_LEAST = -(1 << 20)  # exponent of 0
+_USUAL = 2.0**-100, 2.0**100  # of numbers in between, squares of differences are float64's
 
 
 def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
@@ -16,7 +22,9 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
     0 log 0 is 0, and a feature that only one of them has counts with a finite ratio. No. 5 sums absolute
     differences, and no. 12 divides by the product of the two sums.
 
-    Finite for all finite features. ValueError for negative or infinite features, or shapes that differ.
+    Finite for all finite features, and right to 12 digits for features from 1e-300 to 1e300: a similarity beyond the
+    range of float64, such as no. 1 of features above 1e154, is the end of that range. ValueError for negative or
+    infinite features or NaN, or shapes that differ.
     """
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
     if x.shape != y.shape or x.ndim == 0:
@@ -24,48 +32,119 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
     for name, values in (("a", x), ("b", y)):
         if not np.isfinite(values).all() or (values < 0).any():
             raise ValueError(f"{name} must hold finite features that are not negative")
-    both, product, least = x + y, x * y, np.minimum(x, y)
-    root_x, root_y = np.sqrt(x), np.sqrt(y)
-    logs = np.log(np.maximum(x, FLOOR)) - np.log(np.maximum(y, FLOOR))
-
-    def total(values: np.ndarray) -> np.ndarray:
-        return np.asarray(values.sum(-1))
-
-    dot = total(product)
+    least, most = np.minimum(x, y), np.maximum(x, y)
+    apart = most - least
+    # of the larger one: all quotients are made of these two, in which nothing exceeds float64
+    whole = np.maximum(most, _TINY)
+    share, gap = least / whole, apart / whole
+    sums, root_sums = 1 + share, 1 + np.sqrt(share)
+    of = _Scaled.usual if _USUAL[0] <= _smallest(x, y) and most.max(initial=1) <= _USUAL[1] else _Scaled.any
+    of_x, of_y, of_least, of_apart = of(x), of(y), of(least), of(apart)
+    dot = of_x.times(of_y).sum()
+    lengths = of_x.times(of_x).sum().root().times(of_y.times(of_y).sum().root())
     columns = (
         dot,
-        np.sqrt(dot),
-        np.sqrt(total(root_x * root_y)),
-        np.sqrt(total(_ratio(product, both))),
-        total(np.abs(x - y)),
-        np.sqrt(total(_ratio((x - y) ** 2, both))),
-        _ratio(dot, np.sqrt(total(x * x)) * np.sqrt(total(y * y))),
-        np.sqrt(total((root_x - root_y) ** 2)),
-        np.sqrt(total((x - y) ** 2)),
-        total((x - y) * logs) / 2,
-        total(_ratio(np.sqrt(np.maximum(x, y)), np.sqrt(both))),
-        _ratio(total(least), total(x) * total(y)),
+        dot.root(),
+        of(np.sqrt(x) * np.sqrt(y)).sum().root(),
+        of_least.scaled(1 / sums).sum().root(),
+        of_apart.sum(),
+        of_apart.scaled(gap / sums).sum().root(),
+        dot.over(lengths),
+        of_apart.scaled(gap / (root_sums * root_sums)).sum().root(),
+        of_apart.times(of_apart).sum().root(),
+        of_apart.scaled(_logarithm(least, most) / 2).sum(),
+        of((most > 0) / np.sqrt(sums)).sum(),
+        of_least.sum().over(of_x.sum().times(of_y.sum())),
     )
-    return np.stack(columns, -1)
+    return np.stack([column.value() for column in columns], -1)
+
+
+class _Scaled(NamedTuple):
+    """Numbers that float64 may be too narrow for: `part` * 2 ** `power`, none negative.
+
+    One `power`, 0, serves all numbers of usual size, which are as fast as without.
+    """
+
+    part: np.ndarray
+    power: np.ndarray
+
+    @classmethod
+    def any(cls, values: np.ndarray) -> _Scaled:
+        return cls(*np.frexp(values))
+
+    @classmethod
+    def usual(cls, values: np.ndarray) -> _Scaled:
+        return cls(values, np.zeros((), np.int32))
+
+    def scaled(self, factor: np.ndarray) -> _Scaled:
+        """Times numbers of no unusual size."""
+        return _Scaled(self.part * factor, self.power)
+
+    def times(self, other: _Scaled) -> _Scaled:
+        return _Scaled(self.part * other.part, self.power + other.power)
+
+    def over(self, other: _Scaled) -> _Scaled:
+        return _Scaled(_ratio(self.part, other.part), self.power - other.power)
+
+    def root(self) -> _Scaled:
+        odd = self.power & 1
+        return _Scaled(np.sqrt(np.ldexp(self.part, odd)), (self.power - odd) // 2)
+
+    def sum(self) -> _Scaled:
+        """Over the last axis."""
+        if not self.power.ndim:
+            return _Scaled(self.part.sum(-1), self.power)
+        power = np.where(self.part > 0, self.power, _LEAST)
+        largest = power.max(-1, initial=_LEAST, keepdims=True)
+        return _Scaled(np.ldexp(self.part, self.power - largest).sum(-1), largest[..., 0])
+
+    def value(self) -> np.ndarray:
+        """As float64, at most its largest."""
+        with np.errstate(over="ignore", under="ignore"):
+            return np.asarray(np.minimum(np.ldexp(self.part, self.power), _LARGEST))
+
+
+def _smallest(*arrays: np.ndarray) -> float:
+    """The smallest value above 0, 1 at most."""
+    return min(float(np.where(values > 0, values, 1).min(initial=1)) for values in arrays)
+
+
+def _logarithm(least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """log(most / least), both of at least FLOOR."""
+    low, high = np.maximum(least, FLOOR), np.maximum(most, FLOOR)
+    root = np.sqrt(low)
+    # by the ratio of the roots, which is never out of range, less 1, for the difference of two logarithms is rounding
+    return np.asarray(2 * np.log1p((high - low) / (np.sqrt(high) + root) / root))
 
 
 def roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """False and true positive rates, float64, for every threshold from above the highest score down.
 
-    `scores` [N], the higher the more likely the same; `same` [N] 1 or 0. Equal scores make one step.
-    ValueError unless there are some of both kinds.
+    `scores` [N], the higher the more likely the same, infinite ones included; `same` [N] 1 or 0. Equal scores make one
+    step. ValueError for scores that are NaN, other shapes or values, or unless there are some of both kinds.
     """
-    values, truth = np.asarray(scores, np.float64), np.asarray(same).astype(bool)
+    values, given = np.asarray(scores, np.float64), np.asarray(same)
+    if values.ndim != 1 or values.shape != given.shape:
+        raise ValueError(f"scores and same must be of one shape [N], not {values.shape} and {given.shape}")
+    if np.isnan(values).any():
+        raise ValueError(f"{np.isnan(values).sum()} of {values.size} scores are NaN")
+    truth = given == 1
+    if not (truth | (given == 0)).all():
+        raise ValueError("same must hold 1 and 0 only")
     if truth.all() or not truth.any():
         raise ValueError("pairs that are the same and pairs that differ are both needed")
     order = np.argsort(-values, kind="stable")
-    ends = np.append(np.flatnonzero(np.diff(values[order])), values.size - 1)
+    ranked = values[order]
+    ends = np.append(np.flatnonzero(ranked[1:] != ranked[:-1]), values.size - 1)
     hits, alarms = np.cumsum(truth[order])[ends], np.cumsum(~truth[order])[ends]
     return np.append(0.0, alarms / (~truth).sum()), np.append(0.0, hits / truth.sum())
 
 
 def area_under_roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> float:
-    """Area under `roc`: the probability that a pair of the same scores higher than one that differs."""
+    """Area under `roc`: the probability that a pair of the same scores higher than one that differs.
+
+    ValueError as of `roc`.
+    """
     return float(np.trapezoid(*roc(scores, same)[::-1]))
 
 

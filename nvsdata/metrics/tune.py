@@ -52,11 +52,8 @@ class Pair:
         last = self.frames[-1].time
         self.fps = (len(self.frames) - 1) * 1e6 / last
         self.offset = offset
-        if isinstance(real, Recording):
-            first = real.span[0]
-            self.real = real.read(first, first + max(last - offset, 1))
-        else:
-            self.real = real.window(real.start, real.start + max(last - offset, 1))
+        cut = real.read if isinstance(real, Recording) else real.window
+        self.real = cut(real.start, real.start + max(last - offset, 1))
 
     def emulate(self, settings: PIX2NVS) -> Events:
         """The video by these settings."""

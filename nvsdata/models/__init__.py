@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from nvsdata.models import reference
-from nvsdata.models.checkpoint import Trained, load, save
+from nvsdata.models.checkpoint import load, save
 from nvsdata.models.complexity import Complexity, complexity
 from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.fused import fused
@@ -22,6 +22,7 @@ from nvsdata.models.rgcnn import GCNN, RGCNN
 from nvsdata.models.rgcnn3d import RGCNN3D
 from nvsdata.models.spline import SplineConv
 from nvsdata.models.temporal import TEMPORAL
+from nvsdata.models.trained import Trained
 from nvsdata.models.zoo import NETWORKS
 
 __all__ = [

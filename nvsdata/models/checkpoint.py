@@ -9,19 +9,22 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import get_ident
+from types import NoneType
 from typing import Any
 
-import pooch
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors import safe_open
+from safetensors.torch import save as as_safetensors
 from torch import nn
+from torch.nn.modules.module import register_module_parameter_registration_hook
 
-from nvsdata.errors import FormatError
-from nvsdata.files import atomic
+from nvsdata.errors import FormatError, line_of
+from nvsdata.files import put
 from nvsdata.models import reference, rgcnn, rgcnn3d
+from nvsdata.models.trained import Trained
 from nvsdata.models.zoo import NETWORKS
 from nvsdata.transforms import from_repr
 
@@ -31,41 +34,6 @@ SUFFIX = ".safetensors"
 _ = reference, rgcnn, rgcnn3d
 
 
-@dataclass(frozen=True)
-class Trained:
-    """A network from a file, in evaluation mode, and what was kept with it.
-
-    `transform` makes the network's input of a recording; None if none was kept.
-    """
-
-    model: nn.Module
-    classes: tuple[str, ...]
-    transform: Any
-    metrics: Mapping[str, Any]
-
-    @torch.no_grad()
-    def __call__(self, recording: Any) -> torch.Tensor:
-        """Class probabilities [num_classes] of a recording: its path, a `Recording` or `Events`.
-
-        ValueError if the file keeps no transform.
-        """
-        from nvsdata import formats
-        from nvsdata.batching import collate
-
-        if self.transform is None:
-            raise ValueError("no transform was saved with this network: make its input yourself, and call .model")
-        opened = formats.open(recording) if isinstance(recording, str | os.PathLike) else recording
-        batch, _ = collate([(self.transform(opened), 0)])
-        device = next(self.model.parameters()).device
-        probabilities: torch.Tensor = self.model(batch.to(device)).softmax(1)[0]
-        return probabilities
-
-    def predict(self, recording: Any) -> str:
-        """Name of the most probable class."""
-        best = int(self(recording).argmax())
-        return self.classes[best] if self.classes else str(best)
-
-
 def save(
     model: nn.Module,
     path: str | os.PathLike[str],
@@ -73,11 +41,13 @@ def save(
     classes: Sequence[str] = (),
     transform: Any = None,
     metrics: Mapping[str, Any] | None = None,
+    data: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write a network of `nvsdata.models` with what belongs to it; the path of the file.
 
     A bare name ("asl", without folder or suffix) goes to the model folder, where `load` looks for it:
-    $NVSDATA_MODELS, or `models` in nvsdata's cache. `transform` is kept as its repr, `metrics` as JSON.
+    $NVSDATA_MODELS, or `models` in nvsdata's cache. `transform` is kept as its repr, `metrics` and `data`
+    (what it was trained on) as JSON.
     ValueError for a network that isn't of the zoo or is fused, or a transform whose repr doesn't build it.
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
@@ -91,12 +61,12 @@ def save(
         "classes": list(classes),
         "transform": _checked(transform),
         "metrics": dict(metrics or {}),
+        "data": dict(data or {}),
     }
     text = json.dumps(header)
     where = _place(path)
     where.parent.mkdir(parents=True, exist_ok=True)
-    with atomic(where) as temporary:
-        save_file(state, temporary, {"nvsdata": text, "sha256": _digest(text, state)})
+    put(where, as_safetensors(state, {"nvsdata": text, "sha256": _digest(text, state)}))
     return where
 
 
@@ -115,30 +85,79 @@ def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") ->
         with safe_open(where, framework="pt") as file:
             kept = file.metadata() or {}
             state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        text = kept["nvsdata"]
-        header = json.loads(text)
-        version = int(header["version"])
-    except KeyError:
-        raise FormatError(where, None, "holds no network of nvsdata") from None
-    except (SafetensorError, ValueError, OSError) as error:
-        raise FormatError(where, None, f"is no network that nvsdata saved: {error}") from None
-    if version > VERSION:
-        raise FormatError(where, None, f"is of version {version}, this nvsdata reads up to {VERSION}")
-    if kept.get("sha256") != _digest(text, state):
+    except Exception as error:  # its own, and what torch makes of odd sizes
+        raise FormatError(where, None, f"is no network that nvsdata saved: {line_of(error)}") from None
+    if "nvsdata" not in kept:
+        raise FormatError(where, None, "holds no network of nvsdata")
+    header = _header(where, kept["nvsdata"])
+    if kept.get("sha256") != _digest(kept["nvsdata"], state):
         raise FormatError(where, None, "doesn't have the checksum it was written with: it was damaged or altered")
-    return _built(where, header, state, device)
-
-
-def _built(where: Path, header: dict[str, Any], state: dict[str, torch.Tensor], device: Any) -> Trained:
-    if header["network"] not in NETWORKS:
-        raise FormatError(where, None, f"is of a network {header['network']!r}, which this nvsdata doesn't have")
     try:
-        model = NETWORKS[header["network"]](**_tuples(header["settings"]))
-        model.load_state_dict(state)
-        transform = from_repr(header["transform"]) if header["transform"] else None
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise FormatError(where, None, f"doesn't fit the network {header['network']!r}: {error}") from None
-    return Trained(model.to(device).eval(), tuple(header["classes"]), transform, header["metrics"])
+        model = _network(header.network, header.settings, state)
+        transform = None if header.transform is None else from_repr(header.transform)
+    except Exception as error:  # whatever constructors make of odd settings
+        raise FormatError(where, None, f"doesn't fit the network {header.network!r}: {line_of(error)}") from None
+    if transform is not None and not callable(transform):
+        raise FormatError(where, None, f"holds no transform, but {header.transform!r:.200}")
+    model = model.to_empty(device=device)
+    model.load_state_dict(state)
+    return Trained(model.eval(), tuple(header.classes), transform, header.metrics, header.data)
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the file says of its network, as JSON; the defaults state the types."""
+
+    version: int = VERSION
+    network: str = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+    classes: list[str] = field(default_factory=list)
+    transform: str | None = None
+    metrics: dict[str, Any] = field(default_factory=dict)
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+def _header(where: Path, text: str) -> _Header:
+    """The header; FormatError for one that lacks something, or has something of another type."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FormatError(where, None, f"has a header that is no JSON: {line_of(error)}") from None
+    version = found.get("version") if isinstance(found, dict) else None
+    if type(version) is not int:
+        raise FormatError(where, None, "has a header without a version")
+    if version != VERSION:
+        raise FormatError(where, None, f"is of version {version!r:.20}, this nvsdata reads {VERSION}")
+    expected = asdict(_Header())
+    for name, default in expected.items():
+        kinds = (str, NoneType) if name == "transform" else type(default)
+        if name not in found or not isinstance(found[name], kinds):
+            raise FormatError(where, None, f"has a header whose {name} is {found.get(name, 'missing')!r:.100}")
+    if not all(isinstance(name, str) for name in found["classes"]):
+        raise FormatError(where, None, "has a header whose classes aren't names")
+    if found["network"] not in NETWORKS:
+        raise FormatError(where, None, f"is of a network {found['network']!r:.100}, which this nvsdata doesn't have")
+    return _Header(**{name: found[name] for name in expected})
+
+
+def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tensor]) -> nn.Module:
+    """The network, with nothing in memory yet; ValueError unless these are its weights."""
+    room, here = len(state), get_ident()
+
+    def count(*_: Any) -> None:
+        nonlocal room
+        room -= get_ident() == here
+        if room < 0 and get_ident() == here:
+            raise ValueError(f"it has more than the file's {len(state)} weights")
+
+    # settings of a thousand million layers end with the first that is too much
+    with torch.device("meta"), register_module_parameter_registration_hook(count):
+        model = NETWORKS[kind](**_tuples(settings))
+    expected = {name: (tuple(v.shape), v.is_floating_point()) for name, v in model.state_dict().items()}
+    given = {name: (tuple(v.shape), v.is_floating_point()) for name, v in state.items()}
+    if odd := sorted(name for name in expected.keys() | given.keys() if expected.get(name) != given.get(name)):
+        raise ValueError(f"{len(odd)} weights are missing or of another size, first {odd[0]!r:.100}")
+    return model
 
 
 def _tuples(value: Any) -> Any:
@@ -149,11 +168,20 @@ def _tuples(value: Any) -> Any:
 
 
 def _place(path: str | os.PathLike[str]) -> Path:
-    given = Path(path)
+    given = Path(path).expanduser()
     if given.suffix or len(given.parts) > 1:
         return given
-    home = os.environ.get("NVSDATA_MODELS") or Path(pooch.os_cache("nvsdata")) / "models"
-    return Path(home) / f"{given}{SUFFIX}"
+    return _home() / f"{given}{SUFFIX}"
+
+
+def _home() -> Path:
+    """The folder of networks that are named without one."""
+    if chosen := os.environ.get("NVSDATA_MODELS"):
+        return Path(chosen)
+    # it takes a quarter of a second to import
+    import pooch
+
+    return Path(pooch.os_cache("nvsdata")) / "models"
 
 
 def _checked(transform: Any) -> str | None:

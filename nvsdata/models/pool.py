@@ -114,13 +114,17 @@ def mean_rows(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tenso
 
 
 def max_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
-    """Maximum of `x` [N, C] over clusters, on any device; the gradient goes to the first maximal node."""
+    """Maximum of `x` [N, C] over clusters, on any device; the gradient goes to the first maximal node.
+
+    NaN counts as more than any number.
+    """
     nodes, channels = x.shape
     where = cluster.unsqueeze(1).expand(nodes, channels)
     with torch.no_grad():
         best = x.new_zeros(count, channels).scatter_reduce(0, where, x, "amax", include_self=False)
         index = torch.arange(nodes, device=x.device).unsqueeze(1).expand(nodes, channels)
-        index = torch.where(x == best[cluster], index, nodes)
+        # NaN equals nothing, so without the second question no node would have given it
+        index = torch.where((x == best[cluster]) | x.isnan(), index, nodes)
         first = torch.full((count, channels), nodes, device=x.device).scatter_reduce(0, where, index, "amin")
     return x.gather(0, first)
 

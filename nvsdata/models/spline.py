@@ -119,7 +119,8 @@ def spline_conv_torch(
     source, target = edge_index
     nodes, size = x.shape[0], kernel_size
     v = edge_attr.detach().to(x.dtype).clamp(0, 1) * (size - 1)
-    lower = v.floor().clamp(max=max(size - 2, 0)).long()
+    # NaN is no integer; it stays in `upper`
+    lower = v.nan_to_num(0).floor().clamp(max=max(size - 2, 0)).long()
     upper = v - lower
     degree = torch.zeros(nodes, dtype=x.dtype, device=x.device).index_add_(0, target, torch.ones_like(v[:, 0]))
     gathered = x[source] / degree[target].unsqueeze(1)

@@ -16,11 +16,13 @@ from typing import Any
 import usb.core
 import usb.util
 
+from nvsdata.processes import end_with_parent
 from nvsdata.recording.transfers import Gone, Single
+from nvsdata.signals import ENDING
 
 READY = b""
 STARTING = 20.0  # s that the process may take to begin
-ENDING = 2.0  # s that it may take to send the rest
+LEAVING = 2.0  # s that it may take to send the rest
 GLIMPSE = 50  # ms of a read, between looks at whether more is wanted
 OURS = "usb.backend."
 
@@ -76,7 +78,7 @@ class Apart:
 
     def close(self) -> None:
         self._stop.set()
-        deadline = time.monotonic() + ENDING
+        deadline = time.monotonic() + LEAVING
         while time.monotonic() < deadline:
             # what isn't taken keeps the process from ending
             try:
@@ -85,7 +87,7 @@ class Apart:
             except (EOFError, OSError):
                 break
         self._blocks.close()
-        self._process.join(ENDING)
+        self._process.join(LEAVING)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
@@ -103,7 +105,10 @@ def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
 
 def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: Event) -> None:
     """Read until told to stop, or the device is gone; what was read goes to `blocks` from a thread beside."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one that started it
+    # Ctrl-C, and what else ends a whole terminal or group, are for the one that started it
+    for number in (signal.SIGINT, *ENDING):
+        signal.signal(number, signal.SIG_IGN)
+    end_with_parent()
     try:
         source = Single(opener(), endpoint)
     except Exception as error:

@@ -16,7 +16,8 @@ import cv2
 from tqdm import tqdm
 
 from nvsdata import formats
-from nvsdata.files import Journal
+from nvsdata.files import Journal, claimed
+from nvsdata.locks import locked
 from nvsdata.manifest import NAME, Manifest
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.monitor import Monitor, MonitorError
@@ -25,7 +26,7 @@ from nvsdata.recording.registers import Settings
 from nvsdata.recording.sheets import Sheets
 from nvsdata.recording.sync import host_time
 from nvsdata.recording.take import Spoilt, develop, shoot
-from nvsdata.videos import Video, fatal, sha256, swept
+from nvsdata.videos import Video, fatal, sha256
 
 TAKES = 3  # of a video, before it is given up
 RETRY = 1_000_000  # µs between looks for a camera that is gone
@@ -62,7 +63,7 @@ def manifest_of(out: Path, settings: Settings, format: str, monitor: Monitor, *,
         },
         "flashes": {"dim": DIM, "bright": BRIGHT, "refreshes": STEP},
     }
-    with swept(out), Manifest(out, KIND, made, told) as manifest:
+    with claimed(out), Manifest(out, KIND, made, told) as manifest:
         if manifest.lines and not resume:
             raise FileExistsError(f"{out} holds recordings: --resume goes on with them")
         try:
@@ -204,7 +205,7 @@ def verify(videos: list[Video], out: Path) -> dict[str, str]:
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file, so nothing was recorded there")
     found = {}
-    with Journal(path, {}) as journal:
+    with locked(out), Journal(path, {}) as journal:
         lines = {line["video"]: line for line in journal.lines}
         for video in tqdm(videos, desc="verifying", unit="video", disable=None):
             line = lines.get(video.name)

@@ -16,6 +16,7 @@ from nvsdata.pictures import OFF, ON, curves, save
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import LONGEST, Fit, NoSync
 
+FIGURES = "calibration.json"
 BIN = 500  # µs of the spectrum's time
 SLOWEST = 20.0  # Hz from which on it counts as flicker
 NEAR = 1.0  # Hz around a frequency
@@ -194,7 +195,7 @@ def write_calibration(found: Calibration, settings: Settings, size: tuple[int, i
         "cover": round(found.cover, 4),
         "flicker": found.flicker,
     }
-    for name, value in (("calibration.json", figures), ("settings.json", asdict(settings))):
+    for name, value in ((FIGURES, figures), ("settings.json", asdict(settings))):
         with atomic(out / name) as temporary:
             temporary.write_text(json.dumps(value, indent=1) + "\n")
     save(_picture(found), out / "corners.png")

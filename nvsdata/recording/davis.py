@@ -263,7 +263,7 @@ class Davis:
         return self.get64(MUX, 83) if "statistics" in self.facts.has else None
 
     def decoder(self) -> Decoder:
-        """A decoder for this camera's stream."""
+        """A decoder for this camera's stream, whose times never fall."""
         facts = self.facts
         return Decoder(
             facts.width,
@@ -274,7 +274,14 @@ class Davis:
             facts.chip,
             facts.inertial,
             facts.inertial_flips,
+            steady=True,
         )
+
+    def about(self) -> dict[str, Any]:
+        """What recordings say of the camera: its name, its serial number, and the biases that were set."""
+        numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
+        numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
+        return {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
 
     def close(self) -> None:
         """Let the camera go."""

@@ -27,18 +27,19 @@ class Recorder(Thread):
         *,
         seconds: float | None = None,
         watch: Callable[[Report, Events], None] = lambda report, events: None,
+        journaled: bool = True,
     ) -> None:
         super().__init__(name="nvsdata-recorder", daemon=True)
-        self.camera, self.path, self.settings, self.seconds = camera, path, settings, seconds
+        self.camera, self.path, self.settings = camera, path, settings
         self.report = Report(path)
         self.begun, self.over = Event(), Event()
         self._watch, self._asked = watch, Event()
+        self._how: dict[str, Any] = {"seconds": seconds, "journaled": journaled}
         self._error: BaseException | None = None
 
     def run(self) -> None:
         try:
-            how: dict[str, Any] = {"seconds": self.seconds, "stop": self._asked, "watch": self._seen}
-            self.report = record(self.camera, self.path, self.settings, **how)
+            self.report = record(self.camera, self.path, self.settings, stop=self._asked, watch=self._seen, **self._how)
         except BaseException as error:
             self._error = error
         finally:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from threading import Event
@@ -13,16 +14,19 @@ from typing import Any
 from tqdm import tqdm
 
 from nvsdata.events import Events
+from nvsdata.files import claimed, creating
 from nvsdata.recording.batch import manifest_of, record_videos, verify
 from nvsdata.recording.calibrate import calibrate
-from nvsdata.recording.calibration import described, write_calibration
-from nvsdata.recording.capture import Report, record, stopped_by_interrupt
+from nvsdata.recording.calibration import FIGURES, described, write_calibration
+from nvsdata.recording.capture import Report, check_format, check_place, record, stopped_by_interrupt
 from nvsdata.recording.davis import Davis
+from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.live import Live
 from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.simulation import Simulation
+from nvsdata.recording.terminal import Terminal, say
 from nvsdata.videos import videos_in
 
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
@@ -36,17 +40,25 @@ def run(
     simulate: Simulation | None,
     *,
     live: bool,
+    overwrite: bool,
 ) -> int:
-    """Record to `out` for so many seconds, or until Ctrl-C; say how it went. 0 if nothing was lost, else 1.
+    """Record to `out` for so many seconds, or until Ctrl-C, SIGTERM or SIGHUP; say how it went. 0 if nothing was lost,
+    else 1.
 
-    If `live`, events are shown in a window, and closing it ends the recording; there need be no `out` then.
+    If `live`, events are shown in a window, and closing it ends the recording; there need be no `out` then. A file
+    that is there is replaced only if to `overwrite`. OutputInUse if another process records to `out`.
     """
     backend = simulate and simulate.alone()
-    with Davis.find(serial, backend=backend) as camera, stopped_by_interrupt() as stop:
+    with (
+        _place(out, settings, overwrite),
+        stopped_by_interrupt() as stop,
+        Davis.find(serial, backend=backend) as camera,
+    ):
         facts = camera.facts
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
-        print(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}", file=sys.stderr)
-        with tqdm(total=seconds, unit="s", disable=None, bar_format="{desc}{bar:20}{r_bar}") as bar:
+        say(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
+        shown: Any = Terminal(sys.stderr)
+        with tqdm(total=seconds, unit="s", disable=None, file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar:
 
             def watch(report: Report, events: Events) -> None:
                 rate = report.events / report.seconds if report.seconds else 0
@@ -57,8 +69,29 @@ def run(
                 report = _shown(camera, out, settings, seconds, stop, watch)
             else:
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
-    print(told(report))
+    say(told(report), sys.stdout)
     return 0 if report.whole else 1
+
+
+@contextmanager
+def _place(out: Path | None, settings: Settings, overwrite: bool) -> Iterator[None]:
+    """Where a recording goes, kept from other processes; what killed ones left there is swept or told."""
+    if out is None:
+        yield
+        return
+    if not check_format(out, settings) and settings.inertial:
+        say(f"{out.suffix} files hold no inertial samples: they are left out")
+    check_place(out)
+    with creating(out, overwrite=overwrite):
+        check_finished(out)
+        for journal in left_over(out.parent):
+            say(told_of(journal))
+        try:
+            yield
+        except KeyboardInterrupt:
+            if (left := journal_of(out)).exists():
+                say(told_of(left))
+            raise
 
 
 def _shown(
@@ -94,17 +127,26 @@ def run_calibration(
     settings: Settings,
     simulate: Simulation | None,
     screen: dict[str, Any],
+    *,
+    overwrite: bool,
 ) -> int:
-    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`."""
+    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`.
+
+    FileExistsError if there are some already, unless to `overwrite`.
+    """
     backend, look = simulate.watched() if simulate else (None, None)
-    with (
-        Davis.find(serial, backend=backend) as camera,
-        Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
-    ):
-        print("aim and focus until the picture is sharp, then press Enter (Escape to leave)", file=sys.stderr)
-        found = calibrate(camera, monitor, settings, seconds)
-        size = (camera.facts.width, camera.facts.height)
-    write_calibration(found, replace(settings, region=found.roi), size, out)
+    out.mkdir(parents=True, exist_ok=True)
+    with claimed(out):
+        if (out / FIGURES).exists() and not overwrite:
+            raise FileExistsError(f"{out / FIGURES} is there already: --overwrite replaces it and the files beside it")
+        with (
+            Davis.find(serial, backend=backend) as camera,
+            Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
+        ):
+            say("aim and focus until the picture is sharp, then press Enter (Escape to leave)")
+            found = calibrate(camera, monitor, settings, seconds)
+            size = (camera.facts.width, camera.facts.height)
+        write_calibration(found, replace(settings, region=found.roi), size, out)
     print(described(found, size))
     print(f"figures and pictures are in {out}; record with --settings {out / 'settings.json'}")
     return 0
@@ -125,6 +167,7 @@ def run_batch(
 ) -> int:
     """Play and record a folder of videos, or `check` what was recorded. 0 if all of it went well, else 1."""
     videos = videos_in(source, out, format, limit)
+    check_format(videos[0].target, settings)
     if check:
         found = verify(videos, out)
         for name, fault in found.items():
@@ -144,7 +187,7 @@ def run_batch(
         try:
             result = record_videos(videos, out, manifest, find, monitor, settings)
         except KeyboardInterrupt:
-            print(f"{len(manifest.videos):,} of {len(videos):,} are done: --resume goes on with them", file=sys.stderr)
+            say(f"{len(manifest.videos):,} of {len(videos):,} are done: --resume goes on with them")
             raise
     for name, reason in result.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
@@ -156,6 +199,8 @@ def run_batch(
 def told(report: Report) -> str:
     """The report in a few lines: what went wrong, if anything, is named."""
     lines = [f"{report.path or 'not kept'}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
+    if report.frames:
+        lines.append(f"{report.frames:,} frames")
     if report.lost:
         lines.append(f"{report.lost:,} bytes came faster than they could be decoded and written, and are lost")
     if report.dropped:

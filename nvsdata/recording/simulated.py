@@ -28,6 +28,9 @@ SAMPLE_WORDS = [
     *(0x5000 | byte for value in (0, -16384, 0, (25 - 35) * 340, 0, 0, 0) for byte in divmod(value & 0xFFFF, 256)),
     0x0007,
 ]
+FRAME_START, COLUMN_OF_RESET, COLUMN_OF_SIGNAL, COLUMN_END = 0x0008, 0x000B, 0x000C, 0x000D
+EXPOSURE_START, EXPOSURE_END, FRAME_END = 0x000E, 0x000F, 0x000A
+DARK_SAMPLE = 500  # what the converter says of a pixel without light; a DAVIS240's counts by twos
 FIFO = 1 << 22  # bytes that wait to be read; beyond that the camera drops events
 
 # what a DAVIS240C answers, by register
@@ -90,12 +93,13 @@ class Camera:
 
     def __post_init__(self) -> None:
         self._lock = Lock()
+        self._asked = False
         self._random = np.random.default_rng(0)
         self._fifo = bytearray()
         self._began: int | None = None  # host time at which its clock was reset
         self._time = 0  # µs up to which the scene was seen
         self._state = np.array([0, 0, -1], np.int64)
-        self._sampled = 0
+        self._sampled = self._framed = 0
         self._extra = 0.0
 
     def control(self, kind: int, request: int, value: int, index: int, data: Any) -> int:
@@ -118,15 +122,19 @@ class Camera:
         if not all(_writable(module, parameter) for module, parameter, _ in writes):
             raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
         self.log.append((kind, request, value, index, sent))
+        self._asked = True
         with self._lock:
             for module, parameter, number in writes:
                 self._write(module, parameter, number)
+            self._asked = False
         return len(sent)
 
     def _write(self, module: int, parameter: int, number: int) -> None:
         self._see()
         self.registers[module, parameter] = number
         if (module, parameter) == (MUX, 2) and number:
+            # a camera's own memory holds next to nothing
+            self._fifo.clear()
             self._fifo += RESET_WORD.to_bytes(2, "little")
             self._begin()
         if not self._streams():
@@ -136,7 +144,8 @@ class Camera:
 
     def _begin(self) -> None:
         """Time begins anew."""
-        self._began, self._time, self._sampled, self._extra = int(host_time()), 0, 0, 0.0
+        self._began, self._time, self._extra = int(host_time()), 0, 0.0
+        self._sampled = self._framed = 0
         self._state[:] = 0, 0, -1
 
     def _streams(self) -> bool:
@@ -167,7 +176,17 @@ class Camera:
             dropped = self.registers.get((MUX, 84), 0) + len(seen)
             self.registers[MUX, 84] = dropped & 0xFFFFFFFF
             t, seen = t[:0], seen[:0]
-        self._fifo += self._words(t, seen, pulses, now).tobytes()
+        first, last = self._frame(now)
+        self._fifo += first + self._words(t, seen, pulses, now).tobytes() + last
+
+    def _frame(self, now: int) -> tuple[bytes, bytes]:
+        """The two readings of a frame if it is time for one: its exposure is what comes between them."""
+        interval = self.registers.get((APS, 13), 0) / self.registers.get((SYSTEM, 4), 30)
+        if not self.registers.get((APS, 4)) or now - self._framed < interval:
+            return b"", b""
+        self._framed = now
+        region = [self.registers.get((APS, parameter), 0) for parameter in (8, 9, 10, 11)]
+        return readings(picture(region), region)
 
     def _words(self, t: np.ndarray, seen: Events, pulses: list[int], now: int) -> np.ndarray:
         """What is sent of events at `t`, pulses, and the clock up to `now`."""
@@ -198,6 +217,9 @@ class Camera:
 
     def bulk(self, buffer: Any) -> int:
         """Fill `buffer` with what there is."""
+        while self._asked:
+            # a reader that never pauses would keep the lock to itself
+            time.sleep(1e-4)
         with self._lock:
             self._see(GLANCE)
             count = min(len(buffer), len(self._fifo)) // 2 * 2
@@ -207,6 +229,30 @@ class Camera:
                 return count
         time.sleep(0.001)
         raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
+
+
+def picture(region: list[int]) -> np.ndarray:
+    """What frames of a region (first column, first row, last column, last row) show: a ramp, 0..838, by twos."""
+    x, y = np.arange(region[0], region[2] + 1), np.arange(region[1], region[3] + 1)
+    return 2 * (x[None, :] + y[:, None])
+
+
+def readings(light: np.ndarray, region: list[int]) -> tuple[bytes, bytes]:
+    """A frame as it is sent, column by column: the reading of dark pixels, and that after the exposure."""
+    announced = [word for edge in region for word in (0x5100 | edge >> 8, 0x5200 | edge & 0xFF)]
+
+    def columns(kind: int, samples: np.ndarray) -> np.ndarray:
+        words = np.full((samples.shape[1], samples.shape[0] + 2), kind, "<u2")
+        words[:, 1:-1] = 0x4000 | samples.T
+        words[:, -1] = COLUMN_END
+        return words.ravel()
+
+    def sent(*parts: Any) -> bytes:
+        return np.concatenate(parts).astype("<u2").tobytes()
+
+    dark, lit = np.full_like(light, DARK_SAMPLE), DARK_SAMPLE - light // 2
+    first = sent([FRAME_START, *announced], columns(COLUMN_OF_RESET, dark), [EXPOSURE_START])
+    return first, sent([EXPOSURE_END], columns(COLUMN_OF_SIGNAL, lit), [FRAME_END])
 
 
 def _writable(module: int, parameter: int) -> bool:

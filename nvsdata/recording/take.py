@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.events import Columns, Events, Recording, joined
+from nvsdata.events import Events, Recording, joined
 from nvsdata.frames import MICROSECONDS
 from nvsdata.recording.capture import Report
 from nvsdata.recording.davis import Davis
@@ -20,6 +20,7 @@ from nvsdata.recording.playback import Performance, perform
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import MOST_DRIFT, Fit, NoSync, fit
+from nvsdata.samples import cut
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 BESIDE = 500_000  # µs around the flashes
@@ -55,7 +56,8 @@ class Tally:
 
 def shoot(camera: Davis, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
     """Record while a video plays; whatever the monitor, the video or the camera raises ends both."""
-    recorder = Recorder(camera, raw, settings)
+    # a take that is cut short is done again
+    recorder = Recorder(camera, raw, settings, journaled=False)
     recorder.start()
     try:
         recorder.begun.wait()
@@ -114,7 +116,7 @@ def develop(take: Take, target: Path) -> dict[str, Any]:
     tally = _tally(recording, *span)
     _check(report, done, line, tally, span[1] - span[0])
     target.parent.mkdir(parents=True, exist_ok=True)
-    formats.write(_trimmed(recording, *span), target)
+    formats.write(cut(recording, *span, every=PIECE), target)
     return {
         "recording": target.stat().st_size,
         "duration": span[1] - span[0],
@@ -163,10 +165,3 @@ def _tally(recording: Recording, start: int, stop: int) -> Tally:
         full += int((np.bincount((piece.t - piece.start) // BIN) > FULL * BIN / MICROSECONDS).sum())
     tally.full = full * BIN / max(stop - start, 1)
     return tally
-
-
-def _trimmed(recording: Recording, start: int, stop: int) -> Iterator[Events]:
-    """The events between two times, counted from the first."""
-    for piece in _pieces(recording, start, stop):
-        columns = Columns(piece.t - start, piece.x, piece.y, piece.p)
-        yield Events.trusted(columns, piece.sensor_size, piece.start - start)

@@ -12,6 +12,7 @@ import numpy as np
 
 from nvsdata.events import Columns, Events
 from nvsdata.kernels import wire as kernel
+from nvsdata.samples import Frame, Inertial
 
 ROOM = 1024  # special events and samples that a call of the kernel has room for
 SPECIALS = {
@@ -37,6 +38,8 @@ COMPLAINTS = (
     "short_columns",
     "broken_frames",
     "broken_samples",
+    "lost_wraps",
+    "late_resets",
     "odd_bytes",
 )
 
@@ -51,34 +54,8 @@ class Specials(NamedTuple):
     before: np.ndarray
 
 
-class Samples(NamedTuple):
-    """Samples of the inertial unit: word and time (µs) int64 [n]; acceleration (g) and rotation (degrees/s) float32
-    [n, 3], temperature (°C) float32 [n]. What the camera doesn't send is 0."""
-
-    word: np.ndarray
-    t: np.ndarray
-    acceleration: np.ndarray
-    rotation: np.ndarray
-    temperature: np.ndarray
-
-
-NONE, NO_VECTORS = np.empty(0, np.int64), np.empty((0, 3), np.float32)
+NONE = np.empty(0, np.int64)
 NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
-NO_SAMPLES = Samples(NONE, NONE, NO_VECTORS, NO_VECTORS, np.empty(0, np.float32))
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A frame: `pixels` uint16 [height, width], bright is large, whose upper left one lies at (x, y). Times in µs."""
-
-    word: int
-    start: int
-    exposure_start: int
-    exposure_end: int
-    end: int
-    x: int
-    y: int
-    pixels: np.ndarray
 
 
 @dataclass
@@ -91,9 +68,13 @@ class Decoder:
 
     `feed` returns the events of a piece, in order of the stream (µs; times begin anew at a "timestamp_reset", and
     only there, or in damaged streams, they fall). `specials`, `samples` and `frames` hold what else the last piece
-    brought. `complaints` counts what was amiss, by name, since the start: addresses that aren't there, unknown words,
-    broken frames and samples (which are dropped), columns of a frame with too few pixels (which keeps what was there
-    before), pieces whose last byte is half a word (which is dropped).
+    brought, `sample_words` and `frame_words` the words at which samples and frames ended. `complaints` counts what was
+    amiss, by name, since the start: addresses that aren't there, unknown words, broken frames and samples (which are
+    dropped), columns of a frame with too few pixels (which keeps what was there before), pieces whose last byte is
+    half a word (which is dropped).
+
+    If `steady`, times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
+    clock that fits ("lost_wraps"), and so they do at every reset but the first ("late_resets").
     """
 
     width: int
@@ -104,10 +85,13 @@ class Decoder:
     chip: int = 2
     inertial: int = 1
     inertial_flips: int = 0
+    steady: bool = False
     words: int = field(default=0, init=False)
     specials: Specials = field(init=False)
-    samples: Samples = field(init=False)
+    samples: Inertial = field(init=False)
+    sample_words: np.ndarray = field(init=False)
     frames: list[Frame] = field(default_factory=list, init=False)
+    frame_words: list[int] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         columns, rows = (self.height, self.width) if self.swap else (self.width, self.height)
@@ -115,7 +99,7 @@ class Decoder:
         flips = self.frame_orientation >> 2 & 1, self.frame_orientation >> 1 & 1, self.frame_orientation & 1
         # the converter of the DAVIS240 has a bit less
         factor = 2 if self.chip in (0, 1, 2) else 1
-        self._setting = np.array([columns, rows, self.swap, wide, high, *flips, factor], np.int64)
+        self._setting = np.array([columns, rows, self.swap, wide, high, *flips, factor, self.steady], np.int64)
         self._state = np.zeros(kernel.STATES, np.int64)
         self._counts = np.zeros(kernel.COMPLAINTS, np.int64)
         self._odd = 0
@@ -130,6 +114,11 @@ class Decoder:
         """How often what was amiss."""
         return dict(zip(COMPLAINTS, (*self._counts.tolist(), self._odd), strict=True))
 
+    @property
+    def now(self) -> int:
+        """The camera's time (µs) where the last piece ended."""
+        return int(self._state[kernel.OVERFLOW] << 31) + int(self._state[kernel.NOW])
+
     def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> Events:
         """Events of the next piece of the stream, as `start` 0 and `sensor_size` (width, height)."""
         piece = np.frombuffer(data, np.uint8)
@@ -140,7 +129,7 @@ class Decoder:
             self._scratch = Columns.room(words.size)
         notes: list[np.ndarray] = []
         rows: list[np.ndarray] = []
-        self.frames = []
+        self.frames, self.frame_words = [], []
         at = count = 0
         while at < words.size:
             at, events, specials, samples, whole = kernel.decode(
@@ -160,7 +149,8 @@ class Decoder:
             if samples:
                 rows.append(self._samples[:samples].copy())
             if whole:
-                self.frames.append(self._frame(at - 1))
+                self.frames.append(self._frame())
+                self.frame_words.append(self.words + at - 1)
             count += events
         self._note(notes, rows)
         self.words += words.size
@@ -171,31 +161,30 @@ class Decoder:
 
     def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
         """Put the special events and samples of a piece together."""
-        self.specials, self.samples = NO_SPECIALS, NO_SAMPLES
+        self.specials, self.samples, self.sample_words = NO_SPECIALS, Inertial.empty(), NONE
         if notes:
             word, t, kind, before = (notes[0] if len(notes) == 1 else np.concatenate(notes)).T
             self.specials = Specials(self.words + word, t, kind, before)
         if rows:
-            self.samples = self._measured(rows[0] if len(rows) == 1 else np.concatenate(rows))
+            found = rows[0] if len(rows) == 1 else np.concatenate(rows)
+            self.samples, self.sample_words = self._measured(found), self.words + found[:, 0]
 
-    def _measured(self, rows: np.ndarray) -> Samples:
+    def _measured(self, rows: np.ndarray) -> Inertial:
         """Inertial samples in their units, from the kernel's."""
         n = len(rows)
         measures = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32), np.empty(n, np.float32)
         slope, zero = (333.87, 21) if self.inertial == 2 else (340, 35)
         kernel.measure(rows, self.inertial_flips, np.float32(slope), np.float32(zero), *measures)
-        return Samples(self.words + rows[:, 0], rows[:, 1], *measures)
+        return Inertial(rows[:, 1], *measures)
 
-    def _frame(self, word: int) -> Frame:
+    def _frame(self) -> Frame:
         state = self._state
         wide, high = int(state[kernel.SIZE_X]), int(state[kernel.SIZE_Y])
-        now = int(state[kernel.OVERFLOW] << 31) + int(state[kernel.NOW])
         return Frame(
-            self.words + word,
             int(state[kernel.FRAME_START]),
             int(state[kernel.EXPOSURE_START]),
             int(state[kernel.EXPOSURE_END]),
-            now,
+            self.now,
             int(state[kernel.LEFT]),
             int(state[kernel.TOP]),
             self._pixels[: wide * high].reshape(high, wide).copy(),

@@ -17,7 +17,7 @@ import torch
 
 from nvsdata.checks import not_negative, positive, probability
 from nvsdata.events import Columns, Events, Recording, as_events
-from nvsdata.graph import Graph
+from nvsdata.graph import Graph, sequence_of
 from nvsdata.transforms.draws import uniform
 
 Graphs = TypeVar("Graphs", Graph, Sequence[Graph])
@@ -124,12 +124,12 @@ def affine(
     y = np.rint(s * (events.x - cx) + c * (events.y - cy) + cy + dy)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])
-    return Events.trusted(columns, events.sensor_size, events.start)
+    return events.of(columns)
 
 
 def alike(graphs: Any, change: Callable[[Graph], Graph]) -> Any:
-    """`change` of a graph, or of each of a sequence of graphs."""
-    return change(graphs) if isinstance(graphs, Graph) else [change(graph) for graph in graphs]
+    """`change` of a graph, or of each of a sequence of graphs. TypeError for anything else."""
+    return change(graphs) if isinstance(graphs, Graph) else [change(graph) for graph in sequence_of(graphs)]
 
 
 def scale(graph: Graph, factor: float) -> Graph:

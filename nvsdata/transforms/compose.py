@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nvsdata.events import misplaced
+
 
 @dataclass(frozen=True)
 class Each:
@@ -18,6 +20,8 @@ class Each:
             raise TypeError(f"a transform must be callable, not {self.transform!r}")
 
     def __call__(self, samples: Iterable[Any]) -> list[Any]:
+        if not isinstance(samples, list | tuple):
+            raise misplaced("a list, such as Volumes gives", samples)
         return [self.transform(sample) for sample in samples]
 
 
@@ -28,13 +32,19 @@ class Compose:
     transforms: Sequence[Callable[[Any], Any]]
 
     def __post_init__(self) -> None:
+        if not isinstance(self.transforms, list | tuple):
+            raise TypeError(f"Compose takes a list of transforms, not {self.transforms!r}")
         for transform in self.transforms:
             if not callable(transform):
                 raise TypeError(f"a transform must be callable, not {transform!r}")
 
     def __call__(self, sample: Any) -> Any:
-        for transform in self.transforms:
-            sample = transform(sample)
+        for number, transform in enumerate(self.transforms, 1):
+            try:
+                sample = transform(sample)
+            except (TypeError, AttributeError) as error:
+                error.add_note(f"in step {number} of the pipeline, {transform!r}, given {type(sample).__name__}")
+                raise
         return sample
 
     def __repr__(self) -> str:

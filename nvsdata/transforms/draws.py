@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import torch
 
@@ -17,18 +19,45 @@ class _Drawn(threading.local):
         self.real = torch.empty(())
         self.whole = torch.empty((), dtype=torch.int64)
         self.real_value, self.whole_value = self.real.numpy(), self.whole.numpy()
+        self.generator: torch.Generator | None = None  # torch's default one
+        self.share: float | None = None
 
 
 _drawn = _Drawn()
 
 
 def uniform(low: float, high: float) -> float:
-    """A number in [low, high) from torch's generator."""
-    _drawn.real.uniform_()
+    """A number in [low, high)."""
+    _drawn.real.uniform_(generator=_drawn.generator)
     return low + (high - low) * float(_drawn.real_value[()])
 
 
 def below(bound: int) -> int:
-    """An integer in [0, bound) from torch's generator."""
-    _drawn.whole.random_(bound)
+    """An integer in [0, bound)."""
+    _drawn.whole.random_(bound, generator=_drawn.generator)
     return int(_drawn.whole_value[()])
+
+
+def place(bound: int) -> int:
+    """Where in time a window begins: an integer in [0, bound), drawn, or a voter's."""
+    return below(bound) if _drawn.share is None else min(int(_drawn.share * bound), bound - 1)
+
+
+def generator() -> torch.Generator | None:
+    """What torch's functions are to draw from."""
+    return _drawn.generator
+
+
+@contextmanager
+def of_voter(number: int, count: int) -> Iterator[None]:
+    """While the block runs, this thread's transforms draw what depends on `number` alone, the same each time.
+
+    Places in time aren't drawn: those of `count` voters are spread evenly. torch's own generators are neither read
+    nor moved on.
+    """
+    before = _drawn.generator, _drawn.share
+    _drawn.generator, _drawn.share = torch.Generator().manual_seed(number), (number + 0.5) / count
+    try:
+        yield
+    finally:
+        _drawn.generator, _drawn.share = before

@@ -12,7 +12,7 @@ from nvsdata.checks import positive
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.frames import frame_bounds, frame_edges
 from nvsdata.kernels.frames import sum_frames as kernel
-from nvsdata.transforms.draws import below
+from nvsdata.transforms.draws import place
 from nvsdata.transforms.image import centre_crop, crop
 
 
@@ -20,7 +20,8 @@ from nvsdata.transforms.image import centre_crop, crop
 class SumFrames:
     """Polarity summed at each pixel over frames of 1 / `fps` s, (3.18), averaged over `factor` x `factor` pixels.
 
-    Gives float32 [frames, H, W], ON +1 and OFF -1, as many frames as the events last, at least one.
+    Gives float32 [frames, H, W], ON +1 and OFF -1, as many frames as
+    the time lasts that the events are of (`Events.start` to `end`), at least one.
     Pixels that are over at the right and below make smaller cells. The thesis downsamples by 8.
     """
 
@@ -50,7 +51,7 @@ class RandomVolume:
         positive("length", self.length)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
-        return volume(frames, below(max(frames.shape[0] - self.length, 0) + 1), self.length)
+        return volume(frames, place(max(frames.shape[0] - self.length, 0) + 1), self.length)
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class MedianDenoise:
 def sum_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -> torch.Tensor:
     """Frames of summed polarity; see `SumFrames`."""
     events = as_events(sample)
-    edges = frame_edges(int(events.t[-1]) - events.start if len(events) else 0, fps)
+    edges = frame_edges(events.end - events.start, fps)
     bounds = frame_bounds(events, events.start, edges)
     return torch.from_numpy(kernel(events.x, events.y, events.p, bounds, events.sensor_size, factor))
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import torch
 
-from nvsdata.graph import Graph, GraphBatch
+from nvsdata.graph import Graph, GraphBatch, sequence_of
 from nvsdata.grid import check_cluster, grid_shape, to_grid
 
 
@@ -32,7 +32,7 @@ class Graph2Grid:
 
 def graph2grid(graphs: Graph | Sequence[Graph], cluster: tuple[int, int] = (1, 1)) -> torch.Tensor:
     """Frames [C, S, H, W]; ValueError for no graph, or one without `sensor_size`. See `Graph2Grid`."""
-    sequence = [graphs] if isinstance(graphs, Graph) else list(graphs)
+    sequence = [graphs] if isinstance(graphs, Graph) else sequence_of(graphs)
     batch = GraphBatch.from_graphs(sequence, volumes=len(sequence))
     if batch.sensor_size is None:
         raise ValueError("a graph without sensor_size has no grid")

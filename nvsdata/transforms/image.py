@@ -105,7 +105,7 @@ class Normalise:
 
 def event_image(sample: Events | Recording | Sequence[Events]) -> torch.Tensor:
     """Counts of ON and OFF events; see `EventImage`. ValueError for an empty sequence, or sensors that differ."""
-    if not isinstance(sample, Events | Recording):
+    if isinstance(sample, list | tuple):
         images = [event_image(events) for events in sample]
         if not images or any(image.shape != images[0].shape for image in images):
             raise ValueError(f"can't stack images of {sorted({tuple(image.shape) for image in images})}")

@@ -8,6 +8,7 @@ import torch
 
 from nvsdata.checks import positive
 from nvsdata.events import Events, Recording, as_events
+from nvsdata.transforms.draws import generator
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,9 @@ class Points:
         if not len(events):
             return torch.zeros(self.count, 4)
         if len(events) >= self.count:
-            drawn = torch.randperm(len(events))[: self.count]
+            drawn = torch.randperm(len(events), generator=generator())[: self.count]
         else:
-            drawn = torch.randint(len(events), (self.count,))
+            drawn = torch.randint(len(events), (self.count,), generator=generator())
         return points(events, drawn.sort().values)
 
 

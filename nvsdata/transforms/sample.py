@@ -10,7 +10,7 @@ import torch
 from nvsdata.checks import not_negative, positive, probability
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
-from nvsdata.transforms.draws import below, uniform
+from nvsdata.transforms.draws import below, generator, uniform
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 
         return events
     chosen = kernel(events.t, events.x, events.y, k, math.sqrt(alpha), math.sqrt(beta), below(2**62))
     # the indices are sorted, so the events are
-    return Events.trusted(events.columns.at(chosen), events.sensor_size, events.start)
+    return events.of(events.columns.at(chosen))
 
 
 def drop(sample: Events | Recording, share: float) -> Events:
     """Keep each event with probability 1 - `share`, independently."""
     probability("share", share)
     events = as_events(sample)
-    return events[(torch.rand(len(events)) >= share).numpy()]
+    return events[(torch.rand(len(events), generator=generator()) >= share).numpy()]

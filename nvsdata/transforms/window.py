@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
-from nvsdata.checks import positive
-from nvsdata.events import Events, Recording, check_window
-from nvsdata.transforms.draws import below
+from nvsdata.checks import microseconds, positive, whole_microseconds
+from nvsdata.events import Events, Recording, as_events, check_window
+from nvsdata.transforms.draws import place
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,8 @@ class Window:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
+        for name in ("start", "stop"):
+            whole_microseconds(name, getattr(self, name))
         check_window(self.start, self.stop)
 
     def __call__(self, sample: Events | Recording) -> Events:
@@ -38,7 +40,7 @@ class RandomWindow:
     within: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
-        positive("duration", self.duration)
+        microseconds("duration", self.duration)
         if not 0 <= self.within[0] < self.within[1] <= 1:
             raise ValueError(f"within must be (low, high) with 0 <= low < high <= 1, not {self.within}")
 
@@ -59,7 +61,7 @@ class Volumes:
 
     def __post_init__(self) -> None:
         positive("count", self.count)
-        positive("duration", self.duration)
+        microseconds("duration", self.duration)
 
     def __call__(self, sample: Events | Recording) -> list[Events]:
         return volumes(sample, self.count, self.duration)
@@ -71,7 +73,7 @@ def volumes(sample: Events | Recording, count: int = 8, duration: int = 33_333) 
     edges = [first + (last + 1 - first) * n // count for n in range(count + 1)]
     windows = []
     for start, stop in pairwise(edges):
-        at = start + below(max(stop - start - duration, 0) + 1)
+        at = start + place(max(stop - start - duration, 0) + 1)
         windows.append(_cut(sample, at, at + duration))
     return windows
 
@@ -91,14 +93,15 @@ def random_window(
     places = max(last + 1 - duration - first, 0) + 1
     low = int(within[0] * places)
     high = max(int(within[1] * places), low + 1)
-    start = first + low + below(high - low)
+    start = first + low + place(high - low)
     return _cut(sample, start, start + duration)
 
 
 def _span(sample: Events | Recording) -> tuple[int, int]:
     if isinstance(sample, Recording):
         return sample.span
-    return (int(sample.t[0]), int(sample.t[-1])) if len(sample) else (0, 0)
+    t = as_events(sample).t
+    return (int(t[0]), int(t[-1])) if t.size else (0, 0)
 
 
 def _cut(sample: Events | Recording, start: int, stop: int) -> Events:

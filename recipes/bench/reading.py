@@ -200,7 +200,7 @@ def store(home: Path, recordings: int) -> list[Row]:
 
 def repeat(path: Path, recordings: int) -> None:
     """Make a store larger by repeating what it holds under other names."""
-    from nvsdata.datasets.store import COLUMNS, INDEX, checksum
+    from nvsdata.datasets.store import COLUMNS, INDEX, checksum, packed
 
     with h5py.File(path, "r+") as file:
         index = {name: file[f"index/{name}"][()] for name in INDEX}
@@ -216,9 +216,10 @@ def repeat(path: Path, recordings: int) -> None:
         index["offset"] = np.concatenate(([0], np.cumsum(counts)))
         for name in ("base", "duration", "mark", "bytes", "crc"):
             index[name] = np.tile(index[name], times)
-        index["size"] = np.tile(index["size"], (times, 1))
-        for name, line in (("format", "matlab\n"), ("name", "a/a_{:05d}.mat\n")):
-            index[name] = np.frombuffer("".join(line.format(i) for i in range(recordings)).encode(), np.uint8)
+        for name in ("size", "time"):
+            index[name] = np.tile(index[name], (times, 1))
+        for name, text in (("format", "matlab"), ("name", "a/a_{:05d}.mat")):
+            index[name] = packed(text.format(i) for i in range(recordings))
         for name in INDEX:
             del file[f"index/{name}"]
             file[f"index/{name}"] = index[name]

@@ -8,7 +8,7 @@ from torch.utils.data import DataLoader
 import nvsdata
 from nvsdata import NMNIST, EventFolder, Events, GraphBatch
 from nvsdata import transforms as T
-from nvsdata.datasets import DATASETS, SeededBatches, SeededDataset, stratified
+from nvsdata.datasets import DATASETS, SeededBatches, SeededDataset
 
 PIPELINE = T.Compose([T.RandomWindow(30_000), T.NonUniformSample(2), T.RadiusGraph(), T.RandomScale()])
 
@@ -122,25 +122,6 @@ def test_seeding_a_sample_leaves_the_generator_alone(fake_nmnist):
     torch.manual_seed(3)
     dataset[0, 0]
     assert torch.equal(torch.rand(1), before)
-
-
-def test_stratified_splits_are_fixed_by_the_seed():
-    targets = [0] * 10 + [1] * 25 + [2] * 3
-    train, test = stratified(targets, 0.2, seed=1)
-    assert sorted(train + test) == list(range(38))
-    assert np.bincount(np.array(targets)[test]).tolist() == [2, 5, 1]
-    assert (train, test) == stratified(targets, 0.2, seed=1)
-    assert test != stratified(targets, 0.2, seed=2)[1]
-    # written down: the same on every machine and with every numpy
-    assert stratified([0, 1] * 10, 0.2, seed=0)[1] == EXPECTED
-
-
-EXPECTED = [2, 3, 11, 18]
-
-
-def test_a_fifth_of_real_nmnist_is_200(real_nmnist):
-    train, test = stratified(NMNIST(real_nmnist).targets, 0.2)
-    assert (len(train), len(test)) == (800, 200)
 
 
 def test_every_dataset_of_the_registry_states_its_facts():

@@ -26,7 +26,7 @@ from nvsdata.datasets import (
     DVS128Gesture,
     NCaltech101,
 )
-from nvsdata.datasets.download import unpack
+from nvsdata.datasets.unpack import unpack
 
 
 @pytest.fixture
@@ -34,6 +34,8 @@ def home(tmp_path):
     """A function that puts a distribution's files on disk, zips unpacked as `download` would."""
 
     def make(files):
+        # a distribution takes the place of the one before
+        shutil.rmtree(tmp_path / "data", ignore_errors=True)
         (tmp_path / "all.zip").write_bytes(trees.zipped(files))
         unpack(tmp_path / "all.zip", tmp_path / "data")
         return tmp_path / "data"
@@ -226,6 +228,7 @@ def test_gesture_without_its_lists_goes_by_user(home):
 
 def test_a_gesture_reads_only_its_own_packets(tmp_path, monkeypatch):
     from nvsdata.formats import aedat3
+    from nvsdata.kernels.aedat import NUMBER
 
     ev = trees.some(0, 400_000, (128, 128), first=80_000_000, gap=60)
     nvsdata.write(ev, tmp_path / "user01_lab.aedat3")
@@ -233,10 +236,10 @@ def test_a_gesture_reads_only_its_own_packets(tmp_path, monkeypatch):
     (tmp_path / "user01_lab_labels.csv").write_text(f"class,startTime_usec,endTime_usec\n1,{a},{b}\n")
     read = []
     kernel = aedat3.aedat3_decode
-    monkeypatch.setattr(aedat3, "aedat3_decode", lambda *args: read.append(args[3][:, 1].sum()) or kernel(*args))
+    monkeypatch.setattr(aedat3, "aedat3_decode", lambda *args: read.append(args[2][:, NUMBER].sum()) or kernel(*args))
     sample, _ = DVS128Gesture(tmp_path, "all")[0]
     assert sample == ev.window(a, b)
-    assert 8 * sum(read) <= 8 * (len(sample) + 2 * aedat3.PACKET)
+    assert 0 < sum(read) <= len(sample) + 2 * aedat3.PACKET
 
 
 @pytest.mark.parametrize("rows", ["1,5,2", "12,1,2", "1,x,2", "1,2"])
@@ -286,7 +289,7 @@ def test_aslan_pairs(home, view2):
     assert test.targets == [0, 1]
     (a, b), same = test[1]
     assert (a, b, same) == (trees.some(3, 300, (240, 180)), trees.some(12, 300, (240, 180)), 1)
-    assert train.skipped == ["99" if view2 else "v_99"]
+    assert train.missing == ["99" if view2 else "v_99"]
     (graph, _), _ = ASLANDVS(root, fold=3, transform=nvsdata.transforms.RadiusGraph())[0]
     assert graph.num_nodes == 300
 

@@ -1,201 +1,241 @@
+"""Datasets downloaded from a server on this machine: whole, or not at all, whatever befalls the process."""
+
+from __future__ import annotations
+
 import hashlib
-import http.server
-import io
-import tarfile
-import threading
-import zipfile
+import multiprocessing
+import os
+import random
+import signal
+import time
+from dataclasses import replace
 
 import pytest
 import trees
+from hosts import hosting
 
-from nvsdata.datasets import download
-from nvsdata.datasets.base import Archive
-from nvsdata.datasets.download import DownloadError, fetch, fetch_and_unpack, unpack
+from nvsdata.cli import main
+from nvsdata.datasets import DATASETS, NMNIST, DVS128Gesture, NCaltech101
+from nvsdata.datasets import download as module
+from nvsdata.datasets.download import WORK, download
+from nvsdata.datasets.facts import Archive, Info
+from nvsdata.errors import DownloadError
+from nvsdata.locks import OutputInUse, lock_path, locked
 
-
-def zipped(entries):
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for name, data in entries.items():
-            archive.writestr(name, data)
-    return buffer.getvalue()
-
-
-CONTENT = zipped({f"Train/{d}/{i:05d}.bin": bytes(range(250)) * 40 for d in range(10) for i in range(3)})
+CONTENT = trees.zipped({f"Train/{d}/{i}.bin": random.Random(d).randbytes(10_000) for d in range(10) for i in range(3)})
 
 
-class Handler(http.server.BaseHTTPRequestHandler):
-    """Serves CONTENT: /whole, /cut (breaks off half-way), /wrong, /page, /empty, /norange."""
-
-    requests: list
-
-    def do_GET(self):
-        begin = int((self.headers.get("Range") or "bytes=0-")[6:-1])
-        self.requests.append((self.path, begin))
-        if self.path == "/missing":
-            return self.send_error(404)
-        body = {"/wrong": b"x" * 500, "/page": b"<!DOCTYPE html><html>", "/empty": b""}.get(self.path, CONTENT)
-        if self.path == "/norange":
-            begin = 0
-        if begin >= len(body) > 0:
-            return self.send_error(416)
-        self.send_response(206 if begin else 200)
-        self.send_header("Content-Length", str(len(body) - begin))
-        self.end_headers()
-        part = body[begin:]
-        self.wfile.write(part[: len(part) // 2] if self.path == "/cut" else part)
-        return None
-
-    def log_message(self, *_):
-        pass
+@pytest.fixture(autouse=True)
+def _no_mirror(monkeypatch):
+    monkeypatch.delenv("NVSDATA_MIRROR", raising=False)
 
 
 @pytest.fixture
-def server():
-    Handler.requests = []
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-        server.shutdown()
+def host():
+    with hosting() as host:
+        yield host
 
 
-def archive(server, *paths, content=CONTENT):
-    return Archive("Train.zip", hashlib.md5(content).hexdigest(), tuple(server + p for p in paths), "Train")
+@pytest.fixture
+def root(tmp_path):
+    return tmp_path / "data" / "made-up"
 
 
-def test_download_and_unpack(server, tmp_path):
-    folder = fetch_and_unpack(archive(server, "/whole"), tmp_path / "new")
-    assert len(list(folder.glob("*/*.bin"))) == 30
-    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["Train", "Train.zip"]
-    Handler.requests.clear()
-    fetch_and_unpack(archive(server, "/whole"), tmp_path / "new")
-    assert Handler.requests == []
+def dataset(*archives):
+    return Info("made-up", None, ("a",), "https://example.org", "none", archives)
 
 
-def test_a_broken_connection_is_resumed_where_it_broke(server, tmp_path):
-    assert fetch(archive(server, "/cut", "/whole"), tmp_path).read_bytes() == CONTENT
-    path, begin = Handler.requests[-1]
-    assert path == "/whole" or begin > 0
-    assert begin > 0
+def archive(url, content=CONTENT, name="Train"):
+    return Archive(f"{name}.zip", hashlib.md5(content).hexdigest(), (url,), name)
 
 
-def test_a_file_left_by_an_earlier_run_is_resumed(server, tmp_path):
-    (tmp_path / "Train.zip.part").write_bytes(CONTENT[:1000])
-    assert fetch(archive(server, "/whole"), tmp_path).read_bytes() == CONTENT
-    assert Handler.requests == [("/whole", 1000)]
+def left(root):
+    return sorted(p.relative_to(root).as_posix() for p in root.iterdir())
 
 
-def test_a_server_that_cannot_resume_is_asked_anew(server, tmp_path):
-    (tmp_path / "Train.zip.part").write_bytes(CONTENT[:1000])
-    assert fetch(archive(server, "/norange"), tmp_path).read_bytes() == CONTENT
+def check_whole(root):
+    assert len(list((root / "Train").glob("[0-9]/*.bin"))) == 30
+    assert all(p.stat().st_size == 10_000 for p in (root / "Train").glob("*/*.bin"))
+    assert left(root) == ["Train", "Train.zip"]
 
 
-@pytest.mark.parametrize(
-    ("path", "reason"),
-    [("/wrong", "md5 is wrong"), ("/page", "web page"), ("/empty", "sent nothing"), ("/missing", "404")],
-)
-def test_what_went_wrong_is_said_with_the_way_out(server, tmp_path, path, reason):
-    with pytest.raises(DownloadError, match=f"put it into(.|\n)*{reason}"):
-        fetch(archive(server, path), tmp_path)
-    assert not (tmp_path / "Train.zip").exists()
+def test_download_and_unpack(host, root):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    assert download(info, root) == [root / "Train"]
+    check_whole(root)
+    host.asked.clear()
+    assert download(info, root) == [root / "Train"]
+    assert host.asked == []
 
 
-def test_mirrors_are_tried_in_order(server, tmp_path):
-    assert fetch(archive(server, "/missing", "/page", "/whole"), tmp_path).read_bytes() == CONTENT
+def test_an_archive_may_hold_the_folder_or_what_belongs_into_it(host, root):
+    bare = trees.zipped({"0/a.bin": b"1", "1/b.bin": b"2"})
+    download(dataset(archive(host.serve("/bare", bare), bare)), root)
+    assert left(root / "Train") == ["0", "1"]
 
 
-def test_a_file_put_there_by_hand_is_recognised(server, tmp_path):
-    (tmp_path / "Train.zip").write_bytes(CONTENT)
-    fetch_and_unpack(archive(server, "/missing"), tmp_path)
-    assert Handler.requests == []
+def test_what_is_unpacked_needs_no_lock(host, root):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    download(info, root)
+    with locked(root):
+        assert download(info, root) == [root / "Train"]
+        assert lock_path(root).exists()
+    # one that a killed process left goes
+    lock_path(root).touch()
+    download(info, root)
+    check_whole(root)
 
 
-def test_an_interrupted_unpack_is_done_again(server, tmp_path):
-    (tmp_path / ".Train.part" / "0").mkdir(parents=True)
-    (tmp_path / ".Train.part" / "0" / "half.bin").write_bytes(b"x")
-    folder = fetch_and_unpack(archive(server, "/whole"), tmp_path)
-    assert not list(folder.glob("**/half.bin"))
-    assert len(list(folder.glob("*/*.bin"))) == 30
+def test_two_downloads_to_one_folder(host, root, capsys, monkeypatch):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    monkeypatch.setattr(NMNIST, "info", info)
+    root.mkdir(parents=True)
+    with locked(root):
+        with pytest.raises(OutputInUse, match=f"is being written by process {os.getpid()} on "):
+            download(info, root)
+        assert main(["download", "n-mnist", "--root", str(root)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"nvsdata download: {root} is being written by process")
+    assert error.count("\n") == 1
+    assert host.asked == []
+    assert main(["download", "NMNIST", "--root", str(root)]) == 0
+    assert capsys.readouterr().out == f"{root / 'Train'}\n"
+    check_whole(root)
 
 
-@pytest.mark.parametrize("name", ["../evil", "/evil", "a/../../evil", "..\\evil"])
-def test_entries_that_lead_elsewhere_are_refused(tmp_path, name):
-    (tmp_path / "a.zip").write_bytes(zipped({name: b"x"}))
-    with pytest.raises(DownloadError, match="leads elsewhere"):
-        unpack(tmp_path / "a.zip", tmp_path / "out")
+def killed(work, when):
+    """Run `work` in a process of its own and end it by SIGKILL once `when()` holds."""
+    process = multiprocessing.get_context("fork").Process(target=work)
+    process.start()
+    until = time.monotonic() + 20
+    while not when() and process.is_alive():
+        assert time.monotonic() < until
+        time.sleep(0.002)
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
 
 
-def test_links_are_refused(tmp_path):
-    entry = zipfile.ZipInfo("link")
-    entry.external_attr = 0o120777 << 16
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        archive.writestr(entry, "/etc/passwd")
-    with pytest.raises(DownloadError, match="leads elsewhere"):
-        unpack(tmp_path / "a.zip", tmp_path / "out")
+needs_fork = pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
 
 
-@pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE])
-def test_links_and_devices_in_tars_are_refused(tmp_path, kind):
-    entry = tarfile.TarInfo("link")
-    entry.type, entry.linkname = kind, "../../etc/passwd"
-    with tarfile.open(tmp_path / "a.tar.gz", "w:gz") as archive:
-        archive.addfile(entry)
-    with pytest.raises(DownloadError, match="leads elsewhere"):
-        unpack(tmp_path / "a.tar.gz", tmp_path / "out")
+@needs_fork
+def test_a_kill_during_the_transfer_costs_nothing_that_came(host, root):
+    part = root / WORK / "Train.zip.part"
+    # the connection breaks at 100,000 bytes; the process dies in the pause that follows
+    info = dataset(archive(host.serve("/whole", CONTENT, cuts=[100_000])))
+    killed(lambda: download(info, root), lambda: part.exists() and part.stat().st_size == 100_000)
+    assert not (root / "Train").exists()
+    assert not (root / "Train.zip").exists()
+    download(info, root)
+    assert host.asked == [("/whole", 0), ("/whole", 100_000)]
+    check_whole(root)
 
 
-def test_tars_and_zips_in_zips_are_unpacked(tmp_path):
-    (tmp_path / "a.tar.gz").write_bytes(trees.tarred({"d/one.aedat": b"1", "d/sub/two.aedat": b"2"}))
-    unpack(tmp_path / "a.tar.gz", tmp_path / "tar")
-    assert (tmp_path / "tar/d/sub/two.aedat").read_bytes() == b"2"
-    inner = zipped({"a/a_0001.mat": b"x"})
-    (tmp_path / "b.zip").write_bytes(zipped({"Yin Bi - a.zip": inner, "deep.zip": zipped({"deeper.zip": inner})}))
-    unpack(tmp_path / "b.zip", tmp_path / "zip")
-    found = sorted(str(p.relative_to(tmp_path / "zip")) for p in (tmp_path / "zip").rglob("*") if p.is_file())
-    assert found == ["Yin Bi - a/a/a_0001.mat", "deep/deeper/a/a_0001.mat"]
+@needs_fork
+def test_a_kill_during_unpacking_leaves_nothing_half_done(host, root, monkeypatch):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    unpacked = root / WORK / "unpacked"
+
+    def slow(path, folder):
+        folder.mkdir()
+        (folder / "half.bin").write_bytes(b"x")
+        time.sleep(60)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "unpack", slow)
+        killed(lambda: download(info, root), lambda: (unpacked / "half.bin").exists())
+    assert not (root / "Train").exists()
+    download(info, root)
+    assert [path for path, _ in host.asked] == ["/whole"]
+    assert not list(root.rglob("half.bin"))
+    check_whole(root)
 
 
-def test_bombs_are_refused_before_anything_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(download, "MOST_BYTES", 1_000_000)
-    (tmp_path / "a.zip").write_bytes(zipped({"zeros": bytes(2_000_000)}))
-    with pytest.raises(DownloadError, match="unpacks to more than 1000000 bytes"):
-        unpack(tmp_path / "a.zip", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-    # those in archives within count, too
-    (tmp_path / "b.zip").write_bytes(zipped({f"{i}.zip": zipped({"zeros": bytes(400_000)}) for i in range(3)}))
-    with pytest.raises(DownloadError, match="unpacks to more"):
-        unpack(tmp_path / "b.zip", tmp_path / "out")
-    monkeypatch.setattr(download, "MOST_FILES", 5)
-    (tmp_path / "c.zip").write_bytes(zipped({str(i): b"" for i in range(6)}))
-    with pytest.raises(DownloadError, match="or 5 files"):
-        unpack(tmp_path / "c.zip", tmp_path / "out")
+def test_what_killed_writers_left_in_the_folder_is_swept(host, root):
+    from processes_of_others import dead_owner
+
+    root.mkdir(parents=True)
+    (root / f".labels.csv.{dead_owner()}-abc.part").touch()
+    (root / ".mine.part").touch()
+    download(dataset(archive(host.serve("/whole", CONTENT))), root)
+    assert left(root) == [".mine.part", "Train", "Train.zip"]
 
 
-def test_a_damaged_archive_is_named(tmp_path):
-    raw = bytearray(zipped({"a": bytes(range(256)) * 50}))
-    raw[60] ^= 0xFF
-    (tmp_path / "a.zip").write_bytes(raw)
-    with pytest.raises(DownloadError, match="damaged archive"):
-        unpack(tmp_path / "a.zip", tmp_path / "out")
+def test_nothing_of_the_users_is_written_over_or_removed(host, root):
+    wrong = trees.zipped({"...zip": trees.zipped({"x": b"1"}), "a": b"1"})
+    mine = {"notes.zip": CONTENT, "Train.zip.part": b"a browser's", ".Train.part/x": b"1", "Test/0.bin": b"mine"}
+    for name, data in mine.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_bytes(data)
+
+    def check(more=()):
+        assert {name: (root / name).read_bytes() for name in mine} == mine
+        assert set(left(root)) == {name.split("/")[0] for name in mine} | set(more)
+
+    with pytest.raises(DownloadError, match=r"refused to unpack '...zip'"):
+        download(dataset(archive(host.serve("/wrong", wrong), wrong)), root)
+    check(["Train.zip"])
+    (root / "Train.zip").unlink()
+    (root / "Train").write_bytes(b"a file")
+    info = dataset(archive(host.serve("/whole", CONTENT)), archive(host.address + "/none", name="Test"))
+    with pytest.raises(DownloadError, match="Train is a file, where a folder is to be unpacked"):
+        download(info, root)
+    assert (root / "Train").read_bytes() == b"a file"
+    (root / "Train").unlink()
+    # an empty folder of the name is as good as none, one that holds something is taken as it is
+    (root / "Train").mkdir()
+    assert download(info, root) == [root / "Train", root / "Test"]
+    check(["Train", "Train.zip"])
+    assert [path for path, _ in host.asked] == ["/wrong", "/whole"]
 
 
-def test_where_a_browser_is_needed_everything_is_said(tmp_path):
-    by_hand = Archive("cars.zip", "0" * 64, (), "cars", 450_543_128)
-    with pytest.raises(DownloadError) as caught:
-        fetch_and_unpack(by_hand, tmp_path, "https://example.org/cars")
-    for part in ("cars.zip", "https://example.org/cars", str(tmp_path), "about 0.5 GB", "sha256 " + "0" * 64):
-        assert part in str(caught.value)
-    (tmp_path / "cars.zip").write_bytes(b"<html>please log in</html>")
-    with pytest.raises(DownloadError, match="web page"):
-        fetch_and_unpack(by_hand, tmp_path)
+def test_an_archive_of_unknown_hash_that_is_damaged_can_be_had_again(host, root):
+    raw = bytearray(CONTENT)
+    raw[60:70] = bytes(10)
+    info = dataset(replace(archive(host.serve("/a", bytes(raw))), hash=""))
+    with pytest.raises(DownloadError, match=f"Train.zip: can't unpack .*; move {root}/Train.zip away to download"):
+        download(info, root)
+    assert left(root) == ["Train.zip"]
 
 
-def test_a_sha256_and_no_hash_at_all(server, tmp_path):
-    sha = Archive("Train.zip", hashlib.sha256(CONTENT).hexdigest(), (server + "/wrong", server + "/whole"), "Train")
-    assert fetch(sha, tmp_path).read_bytes() == CONTENT
-    unknown = Archive("other.zip", "", (), "other")
-    (tmp_path / "other.zip").write_bytes(CONTENT)
-    assert fetch(unknown, tmp_path).name == "other.zip"
-    (tmp_path / "other.zip").write_bytes(b"junk")
-    with pytest.raises(DownloadError, match="no archive"):
-        fetch(unknown, tmp_path)
+def test_what_is_optional_only_gives_a_warning(host, root):
+    needed = archive(host.serve("/whole", CONTENT))
+    by_hand = replace(archive("", name="More"), urls=(), optional=True)
+    with pytest.warns(UserWarning, match=f"without More: put More.zip from https://example.org into {root}"):
+        assert download(dataset(needed, by_hand), root) == [root / "Train"]
+    check_whole(root)
+    gone = replace(by_hand, urls=(host.address + "/gone",))
+    with pytest.warns(UserWarning, match="without More: can't download More.zip.*\n.*404"):
+        assert download(dataset(needed, gone), root) == [root / "Train"]
+    assert left(root) == ["Train", "Train.zip"]
+    (root / "More.zip").write_bytes(CONTENT)
+    assert download(dataset(needed, by_hand), root) == [root / "Train", root / "More"]
+
+
+def test_datasets_download_themselves_and_stores_do_not(tmp_path, monkeypatch):
+    for part in ("Train", "Test"):
+        files = {name: data for name, data in trees.nmnist().items() if name.startswith(part)}
+        (tmp_path / f"{part}.zip").write_bytes(trees.zipped(files))
+    known = tuple(
+        replace(a, hash=hashlib.md5((tmp_path / a.name).read_bytes()).hexdigest()) for a in NMNIST.info.archives
+    )
+    monkeypatch.setattr(NMNIST, "info", replace(NMNIST.info, archives=known))
+    monkeypatch.setenv("NVSDATA_MIRROR", str(tmp_path))
+    assert len(NMNIST(tmp_path / "new", download=True)) == 30
+    assert left(tmp_path / "new") == ["Test", "Train"]
+    assert main(["pack", str(tmp_path / "new"), "--dataset", "n-mnist", "--out", str(tmp_path / "n.h5")]) == 0
+    assert len(NMNIST(tmp_path / "n.h5", download=True)) == 30
+
+
+def test_archives_are_declared_so_that_they_can_be_had():
+    for name, kind in DATASETS.items():
+        archives = kind.info.archives
+        assert len({a.name for a in archives}) == len({a.folder for a in archives}) == len(archives), name
+        for a in (*archives, *(a.within for a in archives if a.within)):
+            assert len(a.hash) in (0, 32, 64)
+            assert all(url.startswith(("https://", "http://")) for url in a.urls)
+            assert a.within is None or (a.hash and a.within.hash and a.within.urls)
+    assert DVS128Gesture.info.archives[0].urls
+    assert not NCaltech101.info.archives[0].optional
+    assert NCaltech101.info.archives[1].optional

@@ -1,11 +1,13 @@
 import json
 import os
+import sys
 
 import pytest
 import trees
 
 from nvsdata.datasets import source
 from nvsdata.datasets.source import INDEX, Folder
+from nvsdata.locks import owner
 
 
 @pytest.fixture
@@ -50,6 +52,15 @@ def test_a_folder_that_changed_just_before_it_was_listed_is_not_trusted(tree):
     assert "late.bin" in Folder(tree).listing()["a"]
 
 
+def test_what_a_killed_process_left_of_an_index_is_swept(tree):
+    host = owner().rpartition("-")[0]
+    left = tree / f".{INDEX}.{host}-4194304-abc.part"
+    left.write_bytes(b"half")
+    os.utime(tree, ns=(10**18, 10**18))
+    assert Folder(tree).listing() == EXPECTED
+    assert not left.exists()
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", json.dumps({"version": 0}), json.dumps({"version": 1})])
 def test_a_damaged_index_is_made_anew(tree, content):
     (tree / INDEX).write_text(content)
@@ -62,3 +73,14 @@ def test_small_folders_hidden_files_and_links_in_a_circle(tmp_path):
     listing = Folder(root).listing()
     assert listing["a"] == ["0.bin"]
     assert not (root / INDEX).exists()
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="names must be text there")
+def test_names_of_any_bytes_are_remembered(tree, monkeypatch):
+    odd = ["a\nb.bin", "\udcff.bin", "\u00e4.bin"]
+    trees.put(tree, {f"c\n\udc80/{name}": b"" for name in odd})
+    for folder in (tree, tree / "c\n\udc80"):
+        os.utime(folder, ns=(10**18, 10**18))
+    assert Folder(tree).listing()["c\n\udc80"] == sorted(odd)
+    monkeypatch.setattr(os, "walk", lambda *_, **__: pytest.fail("walked again"))
+    assert Folder(tree).listing()["c\n\udc80"] == sorted(odd)

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 import trees
+from lookalikes import lead_elsewhere
 from test_distributions import CASES, check_same, home  # noqa: F401  the fixture
 from torch.utils.data import DataLoader
 
@@ -15,7 +16,7 @@ from nvsdata import transforms as T
 from nvsdata.datasets import ASLANDVS, ASLDVS, NMNIST, DVS128Gesture, NCaltech101
 from nvsdata.datasets import pack as packing
 from nvsdata.datasets.pack import pack
-from nvsdata.datasets.store import Store
+from nvsdata.datasets.store import INDEX, Store, checksum
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -25,7 +26,7 @@ def test_a_store_gives_what_the_folder_gives(home, tmp_path, name, compress):  #
     root = home(files())
     report = pack(kind(root, "all"), tmp_path / "a.h5", compress=compress)
     assert report.packed == len(set(kind(root, "all").recording_names()))
-    assert not (tmp_path / "a.h5.part").exists()
+    assert not (tmp_path / ".a.h5.part").exists()
     for split in ("train", "test"):
         folder, store = kind(root, split), kind(tmp_path / "a.h5", split)
         check_same(folder, store)
@@ -97,9 +98,9 @@ def test_a_stopped_run_goes_on(digits, tmp_path, monkeypatch, torn):
         pack(NMNIST(digits, "all"), tmp_path / "a.h5")
     assert not (tmp_path / "a.h5").exists()
     if torn:
-        with (tmp_path / "a.h5.part" / "journal.jsonl").open("a") as journal:
+        with (tmp_path / ".a.h5.part" / "journal.jsonl").open("a") as journal:
             journal.write('{"name": "Tra')
-        with (tmp_path / "a.h5.part" / "x").open("ab") as column:
+        with (tmp_path / ".a.h5.part" / "x").open("ab") as column:
             column.write(b"123")
     monkeypatch.setattr(packing, "_decode", lambda *args: seen.append(args[1]) or decode(*args))
     pack(NMNIST(digits, "all"), tmp_path / "a.h5")
@@ -186,7 +187,7 @@ def test_newer_versions_wrong_checksums_and_other_datasets_are_refused(store):
         (lambda f: f.attrs.pop("version"), "attribute version is None"),
         (lambda f: f.attrs.update(checksum="?"), "attribute checksum is"),
         (lambda f: (f.pop("index/name"), f.create_group("index/name")), "/index/name is no dataset"),
-        (lambda f: f.pop("index/name"), "damaged"),
+        (lambda f: f.pop("index/name"), "there is no /index/name"),
         (
             lambda f: (f.pop("index/base"), f.create_dataset("index/base", (10**12,), "i8", chunks=(9,))),
             "0 of 111111111112 pieces of /index/base are there",
@@ -259,3 +260,50 @@ def test_a_store_that_is_cut_short_while_it_is_open(store):
         file.truncate(opened._places[0][2] + 8)
     with pytest.raises(FormatError, match="cut short while it was open"):
         opened.open(opened.names[-1], None).read()
+
+
+def _reindexed(store, **changed):
+    with h5py.File(store, "r+") as file:
+        for name, values in changed.items():
+            del file[f"index/{name}"]
+            file[f"index/{name}"] = values
+        file.attrs["checksum"] = checksum({name: file[f"index/{name}"][()] for name in INDEX})
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("offset", lambda a: a + (np.arange(a.size) == a.size - 1)),
+        ("offset", lambda a: np.maximum(a, 1)),
+        ("offset", lambda a: a[:0]),
+        ("size", lambda a: a * 0),
+        ("size", lambda a: a * 2_000),
+        ("duration", lambda a: a[1:]),
+    ],
+)
+def test_an_index_that_does_not_fit_its_events_is_refused(store, name, change):
+    with h5py.File(store) as file:
+        values = file[f"index/{name}"][()]
+    _reindexed(store, **{name: change(values)})
+    with pytest.raises(FormatError, match="contradicts itself"):
+        NMNIST(store)
+
+
+@pytest.mark.parametrize("name", ["index/base", "events/x"])
+@pytest.mark.parametrize("how", ["external link", "virtual", "stored externally"])
+def test_a_store_does_not_speak_of_other_files(store, name, how):
+    shutil.copy(store, store.with_name("other.h5"))
+    with h5py.File(store, "r+") as file:
+        shape, kind = file[name].shape, file[name].dtype
+        del file[name]
+        lead_elsewhere(file, name, how, store.with_name("other.h5"), shape, kind)
+    with pytest.raises(FormatError, match=f"{name} is .*{how}.*: other files are read only with NVSDATA_HDF5_LINKS=1"):
+        NMNIST(store)
+
+
+def test_soft_links_within_a_store_are_followed(store):
+    expected = [nvsdata.NMNIST(store).recording(i).read() for i in range(3)]
+    with h5py.File(store, "r+") as file:
+        file.move("events/x", "elsewhere")
+        file["events/x"] = h5py.SoftLink("/elsewhere")
+    assert [nvsdata.NMNIST(store).recording(i).read() for i in range(3)] == expected

@@ -72,7 +72,7 @@ def test_a_window_decodes_only_its_packets(tmp_path, monkeypatch):
     nvsdata.write(some(t), tmp_path / "a.aedat3")
     decoded = []
     kernel = aedat3.aedat3_decode
-    monkeypatch.setattr(aedat3, "aedat3_decode", lambda *args: decoded.append(args[3]) or kernel(*args))
+    monkeypatch.setattr(aedat3, "aedat3_decode", lambda *args: decoded.append(args[2]) or kernel(*args))
     window = nvsdata.read(tmp_path / "a.aedat3", 2_000_000, 2_030_000)
     assert window == some(t).window(2_000_000, 2_030_000)
     assert sum(int(packets[:, 1].sum()) for packets in decoded) <= len(window) + 2 * aedat3.PACKET

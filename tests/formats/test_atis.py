@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from conftest import atis_bytes
 from hypothesis import given
 from hypothesis import strategies as st
+from lookalikes import atis_bytes
 from strategies import events
 
 import nvsdata
@@ -16,6 +16,7 @@ def slow_decode(raw: bytes):
         x, y, b2, b3, b4 = raw[i : i + 5]
         if y == 240:
             offset += 8192
+        if y >= 240:
             continue
         out.append((offset + ((b2 & 0x7F) << 16 | b3 << 8 | b4), x, y, b2 >> 7))
     return sorted(out, key=lambda event: event[0])
@@ -25,8 +26,17 @@ def slow_decode(raw: bytes):
 def test_any_bytes_decode_as_the_description_says(tmp_path, raw):
     path = tmp_path / "a.bin"
     path.write_bytes(raw)
-    ev = nvsdata.read(path)
+    recording = nvsdata.open(path, strict=False)
+    ev = recording.read()
     assert list(zip(ev.t, ev.x, ev.y, ev.p, strict=True)) == slow_decode(raw)
+    damaged = np.flatnonzero(np.frombuffer(raw[1::5], np.uint8) > 240)
+    assert recording.repairs.get("records of y above 240, dropped", 0) == damaged.size
+    if damaged.size:
+        with pytest.raises(FormatError, match="is damage: of an event it is below 240") as caught:
+            nvsdata.read(path)
+        assert caught.value.offset == 5 * damaged[0]
+    else:
+        assert nvsdata.read(path) == ev
 
 
 @given(events(max_size=50), st.integers(0, 2**33 - 200_000))

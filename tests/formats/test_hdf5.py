@@ -10,7 +10,7 @@ from nvsdata import Events, FormatError
 from nvsdata.formats import hdf5_writer
 
 
-@given(events(max_size=60), st.integers(-(2**62), 2**62 - 200_000))
+@given(events(max_size=60), st.integers(1 - 2**62, 2**62 - 200_000))
 def test_times_up_to_2_to_the_62_go_round(tmp_path, ev, first):
     late = Events(ev.t + first, ev.x, ev.y, ev.p, ev.sensor_size)
     nvsdata.write(late, tmp_path / "a.h5")
@@ -94,7 +94,7 @@ def test_a_truncated_file_is_refused(path):
         (lambda f: f.attrs.update(version="newest"), "attribute version is"),
         (lambda f: f.attrs.update(height=h5py.Empty("i4")), "attribute height is None"),
         (lambda f: f.attrs.update(width=[30, 20]), "attribute width is"),
-        (lambda f: (f.pop("events/t"), f.create_group("events/t")), "not a dataset"),
+        (lambda f: (f.pop("events/t"), f.create_group("events/t")), "/events/t is no dataset"),
         (lambda f: (f.pop("events/t"), f.create_dataset("events/t", data=np.zeros((9, 2)))), "no column of integers"),
         (lambda f: (f.pop("events/t"), f.create_dataset("events/t", data=1)), "no column of integers"),
         (lambda f: (f.pop("events"), f.create_dataset("events", data=np.zeros(9))), "without /events"),
@@ -127,7 +127,7 @@ def test_columns_as_dsec_has_them(tmp_path, home, compression):
     assert len(recording.read(0, 10**12)) == 0
 
 
-@pytest.mark.parametrize("offset", [np.arange(3), float("nan"), 2**63, 2**62 + 1, b"soon", -(2**63)])
+@pytest.mark.parametrize("offset", [np.arange(3), float("nan"), 2**63, 2**62, b"soon", -(2**63)])
 def test_an_offset_that_is_no_time_is_refused(path, offset):
     with h5py.File(path, "r+") as file:
         file["t_offset"] = offset
@@ -137,10 +137,10 @@ def test_an_offset_that_is_no_time_is_refused(path, offset):
 
 def test_times_that_an_offset_takes_too_far_are_refused(path):
     with h5py.File(path, "r+") as file:
-        file["t_offset"] = 2**62
+        file["t_offset"] = 2**62 - 1
         del file["events/t"]
         file["events/t"] = np.arange(1_000) + 2**62
-    with pytest.raises(FormatError, match=r"beyond 2\^62 µs"):
+    with pytest.raises(FormatError, match=r"at or beyond 2\^62 µs"):
         nvsdata.read(path)
 
 
@@ -156,7 +156,7 @@ def test_times_that_are_no_int64_are_refused(path, storage):
     assert nvsdata.read(path).t.tolist() == times.tolist()
     times[-1] = 2**64 - 1
     put(times)
-    with pytest.raises(FormatError, match=r"t holds 18446744073709551615: beyond 2\^62"):
+    with pytest.raises(FormatError, match=r"t holds 18446744073709551615: at or beyond 2\^62"):
         nvsdata.read(path)
     assert nvsdata.read(path, 100, 200).t.tolist() == times[100:200].tolist()
 
@@ -182,7 +182,7 @@ def test_the_compound_that_metavision_has(tmp_path):
         (10**15, 10**15 + 2**32 - 1, np.uint32, 10**15),
         (-3, 4, np.uint32, -3),
         (5, 2**32 + 5, np.int64, None),
-        (-(2**62), 2**62, np.int64, None),
+        (1 - 2**62, 2**62 - 1, np.int64, None),
     ],
 )
 @pytest.mark.parametrize("contiguous", [9, 2])

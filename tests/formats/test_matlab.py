@@ -1,4 +1,6 @@
 import io
+import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -99,3 +101,49 @@ def test_without_strict_events_outside_are_dropped_and_counted(tmp_path):
     recording = nvsdata.open(tmp_path / "a.mat", sensor_size=SIZE, strict=False)
     assert recording.read().t.tolist() == [5, 9]
     assert recording.repairs == {"events outside the sensor, dropped": 1}
+
+
+def test_a_small_file_that_inflates_to_gigabytes_is_refused(tmp_path):
+    """What inflates it stops at the bound, whatever an element or all of them together come to."""
+    small = matlab_bytes(EV)
+    for sizes in ((1 << 27,), (1 << 25,) * 3):
+        bodies = [zlib.compress(struct.pack("<II", 14, size) + bytes(size)) for size in sizes]
+        elements = b"".join(struct.pack("<II", 15, len(body)) + body for body in bodies)
+        (tmp_path / "a.mat").write_bytes(small[:128] + elements + small[128:])
+        assert (tmp_path / "a.mat").stat().st_size < sum(sizes) / 900
+        with pytest.raises(FormatError, match=r"inflates too far: a file of .* is taken to hold 67108864 at most"):
+            nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE)
+
+
+def test_events_that_compress_well_are_read(tmp_path):
+    n = 400_000
+    ev = Events(np.arange(n), np.zeros(n, int), np.zeros(n, int), np.ones(n, int), SIZE)
+    columns = {name: getattr(ev, name[0]).astype(float) for name in ("x", "y", "pol")}
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(ev, **columns))
+    assert nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE) == ev
+
+
+@pytest.mark.parametrize("value", [2**62, -(2**62), 2**63, 2**64 - 1])
+@pytest.mark.parametrize("how", ["v5", "v7.3"])
+def test_times_from_2_to_the_62_are_refused(tmp_path, how, value):
+    times = np.array([1, 2, value], np.uint64 if value > 0 else np.int64)
+    raw = matlab_bytes(EV, ts=times) if how == "v5" else hdf5_bytes(V73 | {"ts": {"data": times}}, MATLAB_73)
+    (tmp_path / "a.mat").write_bytes(raw)
+    for strict in (True, False):
+        with pytest.raises(FormatError, match=r"'t' holds numbers beyond 2\^62"):
+            nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE, strict=strict)
+
+
+def test_a_struct_of_columns_in_a_v73_file(tmp_path):
+    raw = hdf5_bytes({f"TD/{name}": how for name, how in V73.items()} | {"#refs#/x": {"data": 1.0}}, MATLAB_73)
+    (tmp_path / "a.mat").write_bytes(raw)
+    assert nvsdata.read(tmp_path / "a.mat", sensor_size=SIZE) == EV
+
+
+def test_a_file_that_changes_after_it_was_opened_is_refused(tmp_path):
+    ev = Events(np.arange(20_000), np.arange(20_000) % 240, np.arange(20_000) % 180, np.arange(20_000) % 2, SIZE)
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(ev, compress=False))
+    recording = nvsdata.open(tmp_path / "a.mat", sensor_size=SIZE)
+    (tmp_path / "a.mat").write_bytes(matlab_bytes(ev[::-1], compress=False))
+    with pytest.raises(FormatError, match="changed after it was opened"):
+        recording.read()

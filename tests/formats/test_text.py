@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,7 +15,7 @@ def read(tmp_path, text, **options):
     return nvsdata.read(tmp_path / "a.txt", **options)
 
 
-@given(events(max_size=60), st.integers(-(2**62), 2**62 - 200_000))
+@given(events(max_size=60), st.integers(1 - 2**62, 2**62 - 200_000))
 def test_times_up_to_2_to_the_62_go_round(tmp_path, ev, first):
     late = nvsdata.Events(ev.t + first, ev.x, ev.y, ev.p, ev.sensor_size)
     nvsdata.write(late, tmp_path / "a.txt")
@@ -72,3 +74,88 @@ def test_a_window_of_a_long_file_parses_only_its_part(tmp_path, monkeypatch):
         parsed.clear()
         assert nvsdata.read(tmp_path / "a.txt", start, start + 1_000) == ev.window(start, start + 1_000)
         assert sum(parsed) < 60_000 < (tmp_path / "a.txt").stat().st_size
+
+
+@pytest.mark.parametrize("size", ["0 5", "5 0", "99999 5", f"{'9' * 5_000} 5"])
+@pytest.mark.parametrize("header", ["{}\n", "# nvsdata events: x y t p, sorted, sensor {}\n"])
+def test_sizes_in_headers_are_checked(tmp_path, header, size):
+    size = size if "#" not in header else size.replace(" ", "x")
+    for strict in (True, False):
+        with pytest.raises(FormatError, match=r"a\.txt: byte 0: "):
+            read(tmp_path, header.format(size) + "1 2 3 1\n", strict=strict)
+    assert len(read(tmp_path, "# nvsdata events: x y t p, sorted, sensor 5x5\n1 2 3 1\n")) == 1
+
+
+@pytest.mark.parametrize("time", [2**62, -(2**62), 2**63 - 1, -(2**63), 2**63, 2**64 - 1])
+def test_times_from_2_to_the_62_are_refused(tmp_path, time):
+    with pytest.raises(FormatError, match=r"byte \d+: (a time at or beyond 2\^62 µs|not a number)"):
+        read(tmp_path, f"1 2 3 1\n1 2 {time} 1\n")
+    assert read(tmp_path, f"1 2 3 1\n1 2 {time} 1\n", strict=False).t.tolist() == [3]
+
+
+OWN = "# nvsdata events: x y t p, sorted, sensor 34x34\n"
+LINES = [f"{i % 34} {i % 30} {1_000 + 10 * i} {i % 2}" for i in range(6_000)]
+
+
+def damaged(kind, at):
+    lines = list(LINES)
+    if kind == "comments":
+        lines[at:at] = ["# " + "a" * 40_000, "", "# b"]
+    elif kind == "swapped":
+        lines[at : at + 500] = lines[at : at + 500][::-1]
+    elif kind == "no event":
+        lines[at] = "1 2 three 1"
+    else:
+        lines[at] = f"1 2 {kind} 1"
+    return lines
+
+
+@pytest.mark.parametrize("kind", ["comments", "swapped", "no event", 0, 45_678, 2**40, 2**62])
+@pytest.mark.parametrize("at", [0, 1, 2_900, 2_999, 3_000, 5_500])
+def test_damaged_files_of_ours_never_give_wrong_windows(tmp_path, kind, at):
+    (tmp_path / "a.txt").write_text(OWN + "\n".join(damaged(kind, at)) + "\n")
+    windows = [(a, a + 3_000) for a in range(0, 64_000, 2_900)]
+    repaired = nvsdata.open(tmp_path / "a.txt", strict=False)
+    whole = nvsdata.open(tmp_path / "a.txt", strict=False).read()
+    assert [repaired.read(*window) for window in windows] == [whole.window(*window) for window in windows]
+    if kind == "comments" or (kind == 0 and at == 0):
+        assert repaired.repairs == {}
+        strict = nvsdata.open(tmp_path / "a.txt")
+        assert [strict.read(*window) for window in windows] == [whole.window(*window) for window in windows]
+    else:
+        assert repaired.repairs
+        with pytest.raises(FormatError, match=r"earlier than the one before it|not a number|beyond 2\^62"):
+            nvsdata.open(tmp_path / "a.txt").read()
+
+
+def test_a_file_that_is_cut_or_replaced_after_it_was_opened_is_refused(tmp_path):
+    (tmp_path / "a.txt").write_text(OWN + "\n".join(LINES) + "\n")
+    opened, read_before = nvsdata.open(tmp_path / "a.txt"), nvsdata.open(tmp_path / "a.txt")
+    whole, window = read_before.read(), read_before.read(2_000, 3_000)
+    os.truncate(tmp_path / "a.txt", 70_000)
+    for recording in (opened, read_before):
+        for what in ((), (55_000, 56_000)):
+            with pytest.raises(FormatError, match="truncated: it had"):
+                recording.read(*what)
+    assert (len(whole), window) == (6_000, whole.window(2_000, 3_000))
+    (tmp_path / "a.txt").write_text(OWN + "\n".join(LINES).replace("1", "2") + "\n")
+    with pytest.raises(FormatError, match="changed after it was opened"):
+        opened.read()
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_pieces_of_a_long_file_are_counted_together(tmp_path, monkeypatch, strict):
+    from nvsdata.formats import text
+
+    lines = list(LINES)
+    for at in (5, 3_000, 5_000):
+        lines[at] = "no event" if at != 3_000 else "40 2 31000 1"
+    (tmp_path / "a.txt").write_text(OWN + "\n".join(LINES if strict else lines))
+    whole = nvsdata.open(tmp_path / "a.txt", strict=strict)
+    expected = whole.read()
+    monkeypatch.setattr(text, "PIECE", 1_000)
+    parts = nvsdata.open(tmp_path / "a.txt", strict=strict)
+    assert parts.read() == expected
+    assert len(expected) == (6_000 if strict else 5_997)
+    counted = {"lines that are no event, dropped": 2, "events outside the sensor, dropped": 1}
+    assert parts.repairs == whole.repairs == ({} if strict else counted)

@@ -1,4 +1,6 @@
 import math
+import sys
+from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -44,9 +46,55 @@ def test_they_are_those_of_the_table(a, random):
     assert np.allclose(similarities(a, b), slow(a, b), rtol=1e-9, atol=1e-9)
 
 
+def exact(a, b):
+    """Table 5.4 with 60 digits and any exponent, cut to what float64 holds."""
+    zero, floor = Decimal(0), Decimal.from_float(1e-10)
+    with localcontext(prec=60):
+        pairs = [(Decimal(x), Decimal(y)) for x, y in zip(a, b, strict=True)]
+        dot = sum(x * y for x, y in pairs)
+        both = [(x, y) for x, y in pairs if x + y]
+        of_a, of_b = (sum(column) for column in zip(*pairs, strict=True))
+        length = sum(x * x for x, _ in pairs).sqrt() * sum(y * y for _, y in pairs).sqrt()
+        found = [
+            dot,
+            dot.sqrt(),
+            sum((x * y).sqrt() for x, y in pairs).sqrt(),
+            sum((x * y / (x + y) for x, y in both), zero).sqrt(),
+            sum(abs(x - y) for x, y in pairs),
+            sum(((x - y) ** 2 / (x + y) for x, y in both), zero).sqrt(),
+            dot / length if length else zero,
+            sum((x.sqrt() - y.sqrt()) ** 2 for x, y in pairs).sqrt(),
+            sum((x - y) ** 2 for x, y in pairs).sqrt(),
+            sum((x - y) * (max(x, floor).ln() - max(y, floor).ln()) for x, y in pairs) / 2,
+            sum(((max(x, y) / (x + y)).sqrt() for x, y in both), zero),
+            sum(min(x, y) for x, y in pairs) / (of_a * of_b) if of_a * of_b else zero,
+        ]
+        return [float(min(value, Decimal(sys.float_info.max))) for value in found]
+
+
+# as many of each size, some equal and some next to each other
+sizes = st.builds(lambda part, power: part * 10.0**power, st.floats(1, 9.99), st.integers(-300, 299))
+wide = st.one_of(st.just(0.0), sizes, st.sampled_from((1e-300, 1e300, 1.0, math.nextafter(1, 2), 1e-10)))
+
+
+@given(st.lists(st.tuples(wide, wide), min_size=1, max_size=6))
+def test_they_are_right_whatever_the_size_of_features(pairs):
+    a, b = zip(*pairs, strict=True)
+    with np.errstate(all="raise", under="ignore"):
+        found = similarities(a, b)
+    # below 1e-300 float64 has fewer digits
+    np.testing.assert_allclose(found, exact(a, b), rtol=1e-12, atol=1e-300)
+
+
+@given(st.lists(st.tuples(*[st.floats(0, allow_infinity=False)] * 2), min_size=1, max_size=6))
+def test_they_are_finite_for_all_finite_features(pairs):
+    assert np.isfinite(similarities(*zip(*pairs, strict=True))).all()
+
+
 @pytest.mark.parametrize(
     ("a", "b"),
     [
+        ([], []),
         ([0, 0, 0], [0, 0, 0]),
         ([0, 0, 0], [0.2, 0.3, 0.5]),
         ([0.2, 0.3, 0.5], [0.2, 0.3, 0.5]),
@@ -77,7 +125,23 @@ def test_bad_features_are_refused(a, b):
         similarities(a, b)
 
 
-@given(st.lists(st.tuples(st.integers(-3, 3), st.booleans()), min_size=2, max_size=30))
+@pytest.mark.parametrize(
+    ("scores", "same", "why"),
+    [
+        ([1.0, np.nan, 2.0], [1, 0, 1], "1 of 3 scores are NaN"),
+        ([1.0, 2.0], [1, 0, 1], "one shape"),
+        ([1.0, 2.0], [1, 2], "1 and 0 only"),
+        ([1.0, 2.0], [1, np.nan], "1 and 0 only"),
+    ],
+)
+def test_an_area_of_nonsense_is_refused(scores, same, why):
+    with pytest.raises(ValueError, match=why):
+        area_under_roc(scores, same)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from((-math.inf, -2, -1, 0, 1, math.inf)), st.booleans()), min_size=2, max_size=30)
+)
 def test_the_area_is_the_probability_of_the_right_order(pairs):
     scores, same = (list(column) for column in zip(*pairs, strict=True))
     if len(set(same)) < 2:

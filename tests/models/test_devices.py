@@ -67,6 +67,40 @@ def test_networks_agree_with_the_cpu(name):
         torch.testing.assert_close(there[k].value, buffer, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("there", [False, True], ids=["cpu", "elsewhere"])
+@pytest.mark.parametrize("name", [*CASES, "fused"])
+def test_what_is_nan_comes_out_as_nan(name, there):
+    model, sample = CASES["rgcnn" if name == "fused" else name]()
+    model.double().eval()
+    if name == "fused":
+        model = models.fused(model)
+    (sample.x[5] if isinstance(sample, GraphBatch) else sample[0, 5, 3:]).fill_(torch.nan)
+    state = dict(model.named_parameters()) | dict(model.named_buffers())
+    with torch.no_grad(), Factories():
+        if there:
+            state = {k: Elsewhere(v) for k, v in state.items()}
+            scores = functional_call(model, state, (moved(sample),)).value
+        else:
+            scores = model(sample)
+    assert scores[0].isnan().all()
+    assert scores[1:].isfinite().all()
+
+
+def test_places_that_are_nan_are_no_indices_elsewhere():
+    """The CPU refuses them where they would become edges; on a GPU a wrong index would end the process's use of it."""
+    model, sample = CASES["rgcnn"]()
+    model.double().eval()
+    sample.pos[5] = torch.nan
+    with pytest.raises(ValueError, match="not finite"):
+        model(sample)
+    sample.edge_attr[7] = torch.nan
+    state = dict(model.named_parameters()) | dict(model.named_buffers())
+    with torch.no_grad(), Factories():
+        scores = functional_call(model, {k: Elsewhere(v) for k, v in state.items()}, (moved(sample),)).value
+    assert scores[0].isnan().all()
+    assert scores[1:].isfinite().all()
+
+
 def test_the_pretended_device_is_one_apart():
     away = Elsewhere(torch.ones(3))
     with pytest.raises(AssertionError, match="two devices"):

@@ -87,6 +87,39 @@ def test_both_ways_of_maximum_have_the_same_gradient(batch):
     assert torch.equal(a.grad, b.grad)
 
 
+@pytest.mark.parametrize("on", ["numba", "torch"])
+@given(
+    values=st.lists(st.sampled_from((1.0, 2.0, -1.0, np.nan, np.inf, -np.inf)), min_size=1, max_size=12),
+    data=st.data(),
+)
+def test_nan_is_more_than_any_number_in_any_order(on, values, data):
+    x = torch.tensor(values).unsqueeze(1).requires_grad_()
+    index = torch.tensor(data.draw(st.lists(st.integers(0, 2), min_size=len(values), max_size=len(values))))
+    index = torch.unique(index, return_inverse=True)[1]
+    count = int(index.max()) + 1
+    ways = {"numba": module._MaxRows.apply, "torch": module.max_rows_torch}
+    best = ways[on](x, index, count)
+    best.sum().backward()
+    for m in range(count):
+        members = [i for i in range(len(values)) if index[i] == m]
+        odd = [i for i in members if np.isnan(values[i])]
+        first = odd[0] if odd else max(members, key=lambda i: values[i])
+        torch.testing.assert_close(best[m, 0].detach(), torch.tensor(values[first]), equal_nan=True)
+        assert [i for i in members if x.grad[i, 0]] == [first]
+
+
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -np.inf])
+def test_nodes_that_are_nowhere_are_clustered_alike(odd):
+    from nvsdata import Events
+
+    batch = GraphBatch.of(radius_graph(Events(range(4), [1, 2, 9, 30], [1, 2, 9, 30], [0] * 4, (34, 34))))
+    batch.pos[1, 0] = odd
+    ours, other = (way(batch, (4, 4), (9, 9)) for way in (module.clusters_numba, module.clusters_torch))
+    assert ours.cluster.tolist() == other.cluster.tolist()
+    assert ours.cluster.min() >= 0
+    torch.testing.assert_close(ours.pos, other.pos, equal_nan=True)
+
+
 def test_pseudo_coordinates_lie_in_0_1_and_depend_on_the_graph_alone():
     from nvsdata import Events
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from conftest import saccade
+from lookalikes import saccade
 
 import nvsdata
 from nvsdata import Events, Graph, GraphBatch, models

@@ -50,6 +50,7 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
 
     trained = models.load(tmp_path / "a" / "model.safetensors")
     assert trained.metrics == log[-1]
+    assert trained.data["dataset"] == "dvs128-gesture"
     test = nvsdata.DVS128Gesture(gestures, "test")
     assert trained.predict(test.recording(0)) in trained.classes == tuple(test.classes)
     # right and left are different gestures
@@ -125,4 +126,7 @@ def test_transfer_from_emulated_to_real(run, tmp_path):
     assert list(table) == ["real -> real", "real -> emulated", "emulated -> real", "emulated -> emulated"]
     assert all(0 <= value <= 1 for value in table.values())
     assert f"{table['real -> emulated']:.2%}" in out
-    assert models.load(tmp_path / "out" / "real" / "model.safetensors").classes[0] == "BaseballPitch"
+    trained = models.load(tmp_path / "out" / "real" / "model.safetensors")
+    assert trained.classes[0] == "BaseballPitch"
+    recordings = sorted((tmp_path / "real").rglob("*.aedat"))[:2]
+    assert set(trained.predict(recordings, windows=2)) <= set(trained.classes)

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 import torch
-from conftest import RECIPES
+from places import RECIPES
 
 
 def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path):

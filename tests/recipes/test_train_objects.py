@@ -4,7 +4,7 @@ import sys
 
 import pytest
 import torch
-from conftest import RECIPES
+from places import RECIPES
 
 from nvsdata import models
 
@@ -58,8 +58,15 @@ runpy.run_path({recipe!r}, run_name="__main__")
 
 def test_a_folder_without_splits_is_split(run, fake_nmnist, tmp_path):
     common = ("--dataset", "folder", "--root", fake_nmnist / "Train", "--out", tmp_path / "out", "--epochs", 1)
-    assert "32 recordings to train on, 8 to test on" in run("train_objects.py", *common, "--device", "cpu")
+    assert "30 recordings to train on, 10 to test on" in run("train_objects.py", *common, "--device", "cpu")
     assert len(lines(tmp_path / "out")) == 1
+
+
+def test_a_damaged_file_does_not_end_a_training(run, fake_nmnist, tmp_path):
+    (fake_nmnist / "Train/3/00002.bin").write_bytes(b"abc")
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path / "out", "--epochs", 1)
+    run("train_objects.py", *common, "--device", "cpu", "--errors", "skip")
+    assert [line["damaged"] for line in lines(tmp_path / "out")] == [1]
 
 
 def test_a_wrong_root_is_said_plainly(run, tmp_path):

@@ -1,8 +1,12 @@
 """Reading in another process, whose simulated camera sends what this one asks for."""
 
 import os
+import signal
+import subprocess
+import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,6 +92,47 @@ def test_a_process_that_is_killed():
     apart._process.kill()
     assert "ended" in read_out(apart)[1]
     apart.close()
+
+
+PARENT = """
+import os, signal, sys
+sys.path[:0] = {paths}
+from test_apart import ENDPOINT, Apart, streaming
+if __name__ == "__main__":
+    apart = Apart(streaming, ENDPOINT)
+    print(apart._process.pid, flush=True)
+    while True:
+        apart.read(100)
+"""
+
+
+def test_the_reader_ends_with_the_one_that_started_it_and_not_with_its_group(tmp_path):
+    (tmp_path / "parent.py").write_text(PARENT.format(paths=[os.path.dirname(__file__), *sys.path]))
+    parent = subprocess.Popen([sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True)
+    try:
+        reader = int(parent.stdout.readline())
+        # as `timeout` and a terminal that is closed do, to all of a group
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+            os.kill(reader, number)
+        time.sleep(0.3)
+        assert parent.poll() is None
+        os.kill(reader, 0)
+    finally:
+        parent.kill()
+        parent.communicate()
+    until = time.monotonic() + 20
+    while runs(reader) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not runs(reader)
+
+
+def runs(pid):
+    """Whether there is a process of that number; one that ended but that nobody asked after doesn't count."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
 
 
 class Elsewhere(Backend):

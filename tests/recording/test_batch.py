@@ -22,7 +22,7 @@ from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.playback import Performance
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.scenes import Watched
-from nvsdata.recording.simulated import Camera
+from nvsdata.recording.simulated import Camera, picture
 from nvsdata.recording.sync import Fit
 from nvsdata.recording.take import Spoilt, Tally
 from nvsdata.videos import videos_in
@@ -171,7 +171,8 @@ def test_a_full_disk_ends_the_batch(tmp_path, monkeypatch):
     assert len(lines(tmp_path / "out")) == 1
 
 
-def test_ctrl_c_keeps_what_is_done(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_what_is_done(tmp_path, number):
     make_video(tmp_path / "in/run/a.avi", frames=3)
     make_video(tmp_path / "in/run/b.avi", frames=900)
     arguments = ["record", "--simulate", "--monitor", "in", "--out", "out"]
@@ -190,12 +191,50 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     while time.monotonic() < deadline and not (manifest.exists() and len(lines(tmp_path / "out")) == 2):
         time.sleep(0.05)
     time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, error = process.communicate(timeout=30)
-    assert process.returncode == 130
+    assert process.returncode == 128 + number
     assert "1 of 2 are done: --resume goes on" in error
     assert len(nvsdata.read(tmp_path / "out/run/a.h5")) == lines(tmp_path / "out")[-1]["events"]
     assert sorted(os.listdir(tmp_path / "out/run")) == ["a.h5"]
+    assert not any(name.endswith((".part", ".davis", ".lock")) for name in os.listdir(tmp_path / "out"))
+
+
+def test_frames_and_samples_are_cut_with_their_video(tmp_path):
+    make_video(tmp_path / "in/run/a\nb.avi")
+    videos = videos_in(tmp_path / "in", tmp_path / "out")
+    camera = Camera(scene=Watched())
+    backend, settings = Backend(camera), Settings(frames=True)
+    with (
+        Monitor(window=(320, 240), look=camera.scene.look) as monitor,
+        batch.manifest_of(tmp_path / "out", settings, "hdf5", monitor, resume=False) as manifest,
+    ):
+        result = batch.record_videos(
+            videos, tmp_path / "out", manifest, lambda: Davis.find(backend=backend), monitor, settings
+        )
+    assert result.recorded == 1
+    # a name with a line break is a name
+    recording = nvsdata.open(tmp_path / "out/run/a\nb.h5")
+    duration = lines(tmp_path / "out")[-1]["duration"]
+    frames = list(recording.frames())
+    # one each 40 ms, if the simulated camera is looked after as often
+    assert 3 <= len(frames) <= 11
+    assert all(0 <= frame.exposure_start < duration for frame in frames)
+    assert all(np.array_equal(frame.pixels >> 6, picture([0, 0, 239, 179])) for frame in frames)
+    t = recording.inertial().t
+    assert 1 <= t.size <= 5
+    assert 0 <= t[0] <= t[-1] < duration
+    assert recording.about["serial"] == "SIM00001"
+    assert recording.about["temperature"] == 25.0
+
+
+def test_a_format_without_frames_is_refused_before_anything_is_touched(tmp_path, capsys):
+    make_video(tmp_path / "in/run/a.avi")
+    (tmp_path / "s.json").write_text('{"frames": true}')
+    how = ["--simulate", "--settings", str(tmp_path / "s.json"), "--format", "text"]
+    assert main(["record", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *how]) == 1
+    assert ".txt files hold no frames: record to .h5 or .aedat" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

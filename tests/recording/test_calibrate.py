@@ -1,6 +1,7 @@
 """The screen found by a simulated camera, and what measures it."""
 
 import json
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -9,7 +10,8 @@ from lab import headless, quick  # noqa: F401
 
 from nvsdata import Events
 from nvsdata.cli import main
-from nvsdata.recording import calibrate
+from nvsdata.locks import OutputInUse, locked
+from nvsdata.recording import calibrate, session
 from nvsdata.recording.calibration import corners_of, lines_of, rectangles, spectrum_of
 from nvsdata.recording.live import sharpness
 from nvsdata.recording.scenes import CORNERS
@@ -30,6 +32,29 @@ def test_the_screen_is_found(tmp_path, quick, monkeypatch, capsys):  # noqa: F81
     assert json.loads((out / "settings.json").read_text())["region"] == found["roi"]
     for name in ("corners.png", "flicker.png"):
         assert cv2.imread(str(out / name)) is not None
+
+
+def test_figures_are_looked_for_and_written_by_one_process_alone(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "c"
+    out.mkdir()
+    (out / "calibration.json").write_text("{}")
+    command = ["record", "--calibrate", "--simulate", "--out", str(out)]
+    with locked(out):
+        assert main(command) == 1
+    assert "is being written by process" in capsys.readouterr().err
+
+    def written(*_):
+        with pytest.raises(OutputInUse), locked(out):
+            pass
+        raise OSError("it was locked")
+
+    monkeypatch.setattr(session, "Davis", MagicMock())
+    monkeypatch.setattr(session, "Monitor", MagicMock())
+    monkeypatch.setattr(session, "calibrate", MagicMock())
+    monkeypatch.setattr(session, "replace", MagicMock())
+    monkeypatch.setattr(session, "write_calibration", written)
+    assert main([*command, "--overwrite"]) == 1
+    assert "it was locked" in capsys.readouterr().err
 
 
 def drawn(corners):

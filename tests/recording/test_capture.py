@@ -10,7 +10,7 @@ import pytest
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.recording import capture
+from nvsdata.recording import capture, line
 from nvsdata.recording.backend import Backend
 from nvsdata.recording.capture import record, stopped_by_interrupt
 from nvsdata.recording.davis import Davis
@@ -73,7 +73,7 @@ def test_an_unplugged_camera_leaves_what_came(tmp_path):
 
 
 def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(capture, "SILENCE", 0.2)
+    monkeypatch.setattr(line, "SILENCE", 0.2)
     camera = Camera(speed=0)
     with opened(camera) as davis:
         camera.advance(50_000)
@@ -83,7 +83,7 @@ def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
 
 
 def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(capture, "ROOM", 2_000)
+    monkeypatch.setattr(line, "ROOM", 2_000)
     with opened(Camera(scene=Outlines(rate=2_000_000))) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=0.3)
     assert report.lost > 0
@@ -119,20 +119,6 @@ def test_a_full_disk_ends_the_recording_while_the_file_can_still_be_made_whole(t
 def test_a_format_that_cannot_be_written_is_refused_before_anything_starts(tmp_path):
     with opened(Camera()) as davis, pytest.raises(ValueError, match="can't tell a format"):
         record(davis, tmp_path / "a.xyz", seconds=1)
-
-
-def test_a_clock_whose_wraps_are_lost_never_falls():
-    clock = capture._Clock()
-    t = np.array([0, 5, 32_000, 40_000 - 32_768, 20_000, 100 + 32_768 - 32_768])
-    clock.mend(t, anew=True)
-    assert t.tolist() == [0, 5, 32_000, 40_000, 52_768, 65_636]
-    assert clock.lost == 2
-    more = np.array([200])
-    clock.mend(more, anew=False)
-    assert more.tolist() == [65_736]
-    fresh = np.array([3, 4])
-    clock.mend(fresh, anew=True)
-    assert fresh.tolist() == [3, 4]
 
 
 class Pulsing(Outlines):

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import SHARED
+from places import SHARED
 
 from nvsdata.recording.backend import Backend
 from nvsdata.recording.davis import CameraError, Davis, Unplugged

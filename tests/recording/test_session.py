@@ -1,6 +1,8 @@
 import json
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import nvsdata
@@ -8,6 +10,7 @@ from nvsdata.cli import main
 from nvsdata.recording import davis
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.session import settings_of
+from nvsdata.recording.simulated import picture
 
 
 def test_a_simulated_recording(tmp_path, capsys):
@@ -78,6 +81,40 @@ def test_live_events_need_no_file(monkeypatch, capsys):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     assert main(["record", "--live", "--simulate", "--seconds", "0.3"]) == 0
     assert "events in 0.30 s; the time was up" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("suffix", ["h5", "aedat"])
+def test_frames_and_samples_that_settings_ask_for(tmp_path, capsys, suffix):
+    (tmp_path / "s.json").write_text('{"frames": true, "frame_region": [10, 20, 100, 50]}')
+    path = tmp_path / f"a.{suffix}"
+    how = ["--simulate", "--settings", str(tmp_path / "s.json"), "--seconds", "0.5", "--bias", "OnBn=5:200"]
+    assert main(["record", "--out", str(path), *how]) == 0
+    recording = nvsdata.open(path)
+    frames, inertial = list(recording.frames()), recording.inertial()
+    assert f"{len(frames)} frames" in capsys.readouterr().out
+    assert 3 < len(frames) < 14
+    for frame in frames:
+        assert np.array_equal(frame.pixels >> 6, picture([10, 20, 109, 69]))
+        assert (frame.x, frame.y) == (10, 20)
+        assert 0 <= frame.start <= frame.exposure_start < frame.exposure_end <= frame.end < 600_000
+    assert 2 < inertial.t.size < 6
+    assert inertial.acceleration.tolist() == [[0, -1, 0]] * inertial.t.size
+    assert inertial.temperature.tolist() == [25.0] * inertial.t.size
+    if suffix == "h5":
+        about = recording.about
+        assert (about["camera"], about["serial"], about["temperature"]) == ("DAVIS240C", "SIM00001", 25.0)
+        assert (about["biases"]["OnBn"], about["biases"]["DiffBn"]) == ([5, 200], [4, 39])
+        assert abs(datetime.fromisoformat(about["started"]) - datetime.now(UTC)) < timedelta(minutes=1)
+
+
+def test_a_format_says_what_it_cannot_hold_before_it_starts(tmp_path, capsys):
+    (tmp_path / "s.json").write_text('{"frames": true}')
+    how = ["record", "--simulate", "--seconds", "0.1", "--out", str(tmp_path / "a.txt")]
+    assert main([*how, "--settings", str(tmp_path / "s.json")]) == 1
+    assert capsys.readouterr().err.endswith("files hold no frames: record to .h5 or .aedat, or without frames\n")
+    assert not (tmp_path / "a.txt").exists()
+    assert main(how) == 0
+    assert ".txt files hold no inertial samples: they are left out" in capsys.readouterr().err
 
 
 def test_a_recording_needs_a_place(capsys):

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import SHARED
 from hypothesis import given
 from hypothesis import strategies as st
+from places import SHARED
 
+from nvsdata.recording.simulated import SAMPLE_WORDS as SAMPLE
 from nvsdata.recording.wire import SPECIALS, Decoder
 
 FOLDER = SHARED / "davis"
@@ -53,11 +54,10 @@ def decoded(decoder, pieces):
         ev = decoder.feed(piece)
         events.append(np.stack((ev.t, ev.x, ev.y, ev.p), 1).astype(np.int64))
         specials += [tuple(row) for row in np.stack(decoder.specials[:3], 1).tolist()]
-        values = np.concatenate(
-            (*decoder.samples[2:4], decoder.samples.temperature[:, None]), 1, dtype=np.float32, casting="same_kind"
-        )
-        samples += zip(*(column.tolist() for column in decoder.samples[:2]), map(tuple, values.tolist()), strict=True)
-        frames += decoder.frames
+        t, *values = decoder.samples
+        values = np.concatenate((*values[:2], values[2][:, None]), 1, dtype=np.float32, casting="same_kind")
+        samples += zip(decoder.sample_words.tolist(), t.tolist(), map(tuple, values.tolist()), strict=True)
+        frames += zip(decoder.frame_words, decoder.frames, strict=True)
     return np.concatenate(events), specials, samples, frames
 
 
@@ -118,13 +118,13 @@ def compare_frames(name, frames):
             expected.append((int(word), times, place, shape, zlib.crc32(pixels.tobytes())))
     ours = [
         (
-            f.word,
+            word,
             [t % 2**31 for t in (f.start, f.exposure_start, f.exposure_end, f.end)],
             (f.x, f.y),
             f.pixels.shape,
             zlib.crc32(f.pixels.tobytes()),
         )
-        for f in frames
+        for word, f in frames
     ]
     assert ours == expected
 
@@ -138,8 +138,8 @@ def test_any_split_gives_the_same(words, cuts):
     one, many = decoded(whole, [data]), decoded(split, pieces)
     assert np.array_equal(one[0], many[0])
     assert one[1:3] == many[1:3]
-    assert [(f.word, f.end, f.pixels.tobytes()) for f in one[3]] == [
-        (f.word, f.end, f.pixels.tobytes()) for f in many[3]
+    assert [(word, f.end, f.pixels.tobytes()) for word, f in one[3]] == [
+        (word, f.end, f.pixels.tobytes()) for word, f in many[3]
     ]
     assert whole.complaints == split.complaints
 
@@ -151,6 +151,35 @@ def test_events_rows_and_times():
     assert ev.t.tolist() == [5, 5, 32769]
     assert (ev.x.tolist(), ev.y.tolist(), ev.p.tolist()) == ([7, 8, 9], [3, 3, 3], [1, 0, 1])
     assert ev.sensor_size == (240, 180)
+
+
+def test_times_go_on_where_wraps_and_resets_break_them():
+    def words(*times):
+        """A time word for each, and an event with it; None is a reset."""
+        return [word for t in times for word in ((0x0001,) if t is None else (0x8000 | t, 0x3001))]
+
+    ours = Decoder(240, 180, steady=True)
+    stream = [*words(None, 1, 5), 0x7001, *words(32, 7_000, 232), *SAMPLE, *words(None, 100)]
+    ev = ours.feed(np.array(stream, "<u2").tobytes())
+    assert ev.t.tolist() == [1, 5, 32_768 + 32, 39_768, 65_536 + 232, 98_304 + 100]
+    # what comes beside has the same clock
+    assert ours.samples.t.tolist() == [65_536 + 232]
+    assert {name: count for name, count in ours.complaints.items() if count} == {
+        "time_not_rising": 2,
+        "lost_wraps": 2,
+        "late_resets": 1,
+    }
+    # an earlier time within the same wrap can only be of a later one
+    assert ours.feed(np.array(words(99), "<u2").tobytes()).t.tolist() == [131_072 + 99]
+
+
+@given(st.lists(st.integers(0, 0xFFFF), max_size=400), st.integers(0, 400))
+def test_a_steady_clock_never_falls_whatever_comes(words, cut):
+    ours = Decoder(64, 48, steady=True)
+    pieces = [ours.feed(np.array(part, "<u2").tobytes()).t for part in (words[:cut], words[cut:])]
+    reset = next((n for n, word in enumerate(words) if word == 1), None)
+    if reset is None:
+        assert (np.diff(np.concatenate(pieces)) >= 0).all()
 
 
 def test_what_is_amiss_is_counted():

@@ -248,3 +248,47 @@ def test_transforms_take_recordings(tmp_path):
     assert T.radius_graph(recording).num_nodes == 500
     assert len(T.nonuniform_sample(recording, 1)) == 500
     assert T.affine(recording) == sweep()
+
+
+def test_steps_in_the_wrong_order_are_named():
+    ev = sweep()
+    with pytest.raises(TypeError, match="takes Events or a Recording, but was given Graph: are the steps in") as caught:
+        T.Compose([T.RadiusGraph(), T.RandomWindow(1_000)])(ev)
+    assert caught.value.__notes__ == [
+        "in step 2 of the pipeline, RandomWindow(duration=1000, within=(0.0, 1.0)), given Graph"
+    ]
+    for transform in (T.RandomScale(), T.RandomRotate(), T.RandomShift(), T.RandomFlip(p=1), T.Graph2Grid()):
+        with pytest.raises(TypeError, match="takes a graph, or a list of graphs, but was given Events"):
+            transform(ev)
+        with pytest.raises(TypeError, match="but was given a list of Events"):
+            transform([ev])
+    of_events = (T.NonUniformSample(), T.RadiusGraph(), T.RandomDrop(), T.RandomAffine(), T.SumFrames(), T.Points())
+    for transform in of_events:
+        with pytest.raises(TypeError, match=r"but was given Tensor \[2, 3\]"):
+            transform(torch.zeros(2, 3))
+    with pytest.raises(TypeError, match="takes a list, such as Volumes gives, but was given Events"):
+        T.Each(T.RadiusGraph())(ev)
+
+
+@pytest.mark.parametrize("duration", [float("inf"), float("nan")])
+def test_no_number_of_microseconds(duration):
+    with pytest.raises(ValueError, match="counts whole µs"):
+        T.RandomWindow(duration)
+
+
+@pytest.mark.parametrize("make", [T.RandomWindow, lambda d: T.Volumes(8, d), lambda d: T.Window(0, d)])
+def test_seconds_in_place_of_microseconds(make):
+    with pytest.raises(ValueError, match=r"counts whole µs, not 0.03 \(0.03 s are 30000\)"):
+        make(0.03)
+
+
+def test_a_clock_that_is_off_makes_no_millions_of_frames():
+    late = Events([2**40, 2**40 + 1_000], [1, 1], [1, 1], [0, 1], (4, 4))
+    assert T.SumFrames()(late).shape == (1, 4, 4)
+    with pytest.raises(ValueError, match="do the events begin when they say"):
+        T.SumFrames()(late.window(0, None))
+
+
+def test_compose_takes_a_list():
+    with pytest.raises(TypeError, match="takes a list of transforms, not Window"):
+        T.Compose(T.Window(0, 5))

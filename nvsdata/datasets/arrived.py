@@ -1,0 +1,47 @@
+"""Whether a file is the archive that it should be, and what it is otherwise."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from html import unescape
+from pathlib import Path
+
+from nvsdata.datasets.unpack import is_archive
+
+HEAD = 1 << 16  # bytes that web pages are told by
+QUOTA = "Google Drive's page for a used-up quota: try again in a day"
+
+
+def kind_of(expected: str) -> str:
+    """What a checksum of that many digits is called."""
+    return "md5" if len(expected) == 32 else "sha256"
+
+
+def fault_of(path: Path, expected: str) -> str:
+    """Why a file is not the one of that md5 or sha256 or, if that is empty, no archive; empty if it is."""
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+        if not head:
+            return "is empty"
+        if page := page_of(head):
+            return f"is {page}"
+        if expected:
+            file.seek(0)
+            found = hashlib.file_digest(file, kind_of(expected)).hexdigest()
+            return "" if found == expected else f"is another file: its {kind_of(expected)} is wrong, {found}"
+    if head.startswith((b"Rar!", b"7z\xbc\xaf")):
+        return "is a RAR or 7z archive, which has to be unpacked by hand"
+    return "" if is_archive(path) else "is not an archive, or not all of one"
+
+
+def page_of(head: bytes) -> str:
+    """What web page a file's first bytes are of; empty if they are of none."""
+    if not re.match(rb"(\xef\xbb\xbf)?\s*(<!--.*?-->\s*)?<(!doctype\s+html|html)\b", head, re.IGNORECASE | re.DOTALL):
+        return ""
+    text = head.decode("utf-8", "replace")
+    if re.search("quota exceeded|too many users have viewed or downloaded", text, re.IGNORECASE):
+        return QUOTA
+    title = re.search("<title[^>]*>(.*?)</title", text, re.IGNORECASE | re.DOTALL)
+    words = repr(" ".join(unescape(title[1]).split())[:80]) if title else "without a title"
+    return f"a web page, {words}: the file needs a browser"

@@ -1,0 +1,57 @@
+"""Damaged recordings among many: what takes their place, and how they are counted."""
+
+from __future__ import annotations
+
+import errno
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from nvsdata.datasets.shared import Shared
+from nvsdata.errors import FormatError
+
+ERRORS = ("raise", "skip", "repair")
+MOST = 100  # recordings in a row that may be unreadable: more isn't a damaged file but a damaged disk
+REPLACED, REPAIRED = 1, 2
+UNREADABLE = (FormatError, OSError)
+OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # what the machine lacks is no damage
+
+
+class Damage:
+    """Which samples were found damaged, by all workers of a loader together."""
+
+    def __init__(self, count: int) -> None:
+        self._shared = Shared(count, np.uint8)
+
+    def found(self) -> dict[int, int]:
+        """Index of each damaged sample to `REPLACED` or `REPAIRED`."""
+        marks = self._shared.values
+        (indices,) = marks.nonzero()
+        return dict(zip(indices.tolist(), marks[indices].tolist(), strict=True))
+
+    def mark(self, index: int, what: int, message: str) -> None:
+        """Count a sample; warn of it the first time."""
+        if not self._shared.values[index]:
+            warnings.warn(message, stacklevel=2)
+        self._shared.values[index] = what
+
+    def first_sound(self, index: int, make: Callable[[int], Any]) -> Any:
+        """`make(index)` or, if that can't be read, what the next index gives that can; after the last, the first.
+
+        Raises what the first raised if `MOST` in a row can't be read, or none can.
+        """
+        count = len(self._shared.values)
+        first: Exception | None = None
+        for step in range(min(MOST, count)):
+            place = (index + step) % count
+            try:
+                return make(place)
+            except UNREADABLE as error:
+                if isinstance(error, OSError) and error.errno in OUT_OF:
+                    raise
+                first = first or error
+                self.mark(place, REPLACED, f"{error}: the next recording that can be read takes its place")
+        assert first is not None
+        raise first

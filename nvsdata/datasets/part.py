@@ -1,0 +1,156 @@
+"""The unfinished store: what a packing run has done so far, from which the next one goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Any, Self
+
+import numpy as np
+
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.store import COLUMNS, VERSION, crc_of
+
+JOURNAL = "journal.jsonl"
+
+
+class Part:
+    """A folder with a raw file a column, and a journal with a line a recording. To be used in a `with` block.
+
+    The journal's first line says what it belongs to. What an earlier run did counts up to the first recording that
+    has changed since, is gone, or whose events aren't on the disk as they were written.
+
+    `facts` has a line for each recording that was packed, `skipped` why others weren't (name to reason).
+    """
+
+    def __init__(self, folder: Path, dataset: EventDataset, names: list[str]) -> None:
+        self.folder, self._source = folder, dataset.source
+        self.facts: list[dict[str, Any]] = []
+        self.events = 0
+        reasons = dataset.source.left_out
+        self.skipped = {name: reasons.get(name, "empty") for name in dataset.skipped}
+        # of what they are opened with: where each states its own, the next may be larger
+        size = dataset.opened_with
+        kind = np.dtype(np.uint8 if size is not None and max(size) <= 256 else np.uint16)
+        self.kinds = {"t": np.dtype(np.int64), "x": kind, "y": kind, "p": np.dtype(np.uint8)}
+        self._head = {
+            "version": VERSION,
+            "dataset": dataset.info.name,
+            "root": str(dataset.root.resolve()),
+            "kinds": [kind.str for kind in self.kinds.values()],
+            "opened_with": list(dataset.opened_with or ()),
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in self.kinds:
+            (folder / name).touch()
+        self._resume(set(names))
+
+    @property
+    def done(self) -> set[str]:
+        """Recordings that are packed or left out."""
+        return {facts["name"] for facts in self.facts} | set(self.skipped)
+
+    def raw(self) -> dict[str, np.ndarray]:
+        """The columns so far, one recording after the other."""
+        mapped = {}
+        for name, kind in self.kinds.items():
+            # an empty file can't be mapped
+            mapped[name] = np.memmap(self.folder / name, kind, "r") if self.events else np.empty(0, kind)
+        return mapped
+
+    def _resume(self, names: set[str]) -> None:
+        journal = self.folder / JOURNAL
+        lines = journal.read_bytes().splitlines(keepends=True) if journal.exists() else []
+        whole = 0
+        if lines and _parsed(lines[0]) == self._head:
+            whole = len(lines[0])
+            with ExitStack() as stack:
+                columns = [stack.enter_context((self.folder / name).open("rb")) for name in self.kinds]
+                for line in lines[1:]:
+                    facts = _parsed(line)
+                    if facts is None or facts.get("name") not in names or not self._holds(facts, columns):
+                        break
+                    whole += len(line)
+                    # what was left out is tried again: it may have been mended meanwhile
+                    if "skipped" not in facts:
+                        self._note(facts)
+        with journal.open("ab") as file:
+            file.truncate(whole)
+            if not whole:
+                file.write(_line(self._head))
+        for name, kind in self.kinds.items():
+            os.truncate(self.folder / name, self.events * kind.itemsize)
+
+    def _holds(self, facts: dict[str, Any], columns: Sequence[IO[bytes]]) -> bool:
+        """Whether a recording that the journal names is unchanged, and its events are there."""
+        if "skipped" in facts:
+            return True
+        try:
+            same = list(self._source.stamp(facts["name"])) == facts["stamp"]
+            return bool(same and self._crc(facts, columns) == facts["crc"])
+        except OSError:
+            return False
+
+    def _crc(self, facts: dict[str, Any], columns: Sequence[IO[bytes]]) -> int:
+        """Checksum of the next recording's events in the raw files."""
+        found = []
+        for file, kind in zip(columns, self.kinds.values(), strict=True):
+            file.seek(self.events * kind.itemsize)
+            found.append(np.frombuffer(file.read(facts["events"] * kind.itemsize), np.uint8))
+        return crc_of(found)
+
+    def _note(self, line: dict[str, Any]) -> None:
+        if "skipped" in line:
+            self.skipped[line["name"]] = line["skipped"]
+            return
+        self.facts.append(line)
+        self.events += line["events"]
+
+    def __enter__(self) -> Self:
+        # unbuffered: what the disk refuses is known at once
+        self._columns = {name: (self.folder / name).open("ab", buffering=0) for name in COLUMNS}
+        self._journal = (self.folder / JOURNAL).open("ab", buffering=0)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for file in (*self._columns.values(), self._journal):
+            file.close()
+
+    def add(self, name: str, result: tuple[dict[str, Any], list[np.ndarray]] | str) -> None:
+        """Append a recording, or why there is none: its columns first, then the line that makes them count."""
+        line: dict[str, Any]
+        if isinstance(result, str):
+            line = {"name": name, "skipped": result}
+        else:
+            facts, columns = result
+            stored = [
+                np.ascontiguousarray(values, kind) for values, kind in zip(columns, self.kinds.values(), strict=True)
+            ]
+            for file, values in zip(self._columns.values(), stored, strict=True):
+                _write(file, values.data)
+            line = facts | {"crc": crc_of(stored)}
+        _write(self._journal, _line(line))
+        self._note(line)
+
+
+def _write(file: Any, data: Any) -> None:
+    """All of it: a disk that is nearly full takes a part, and refuses the rest."""
+    left = memoryview(data).cast("B")
+    while left:
+        left = left[file.write(left) :]
+
+
+def _line(facts: dict[str, Any]) -> bytes:
+    return json.dumps(facts).encode() + b"\n"
+
+
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    """A line of the journal; None for one that was torn."""
+    try:
+        found = json.loads(line) if line.endswith(b"\n") else None
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) else None

@@ -1,0 +1,281 @@
+"""Files brought here: from the first place that gives them whole, going on where a connection broke off."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import requests
+import urllib3
+from tqdm import tqdm
+
+from nvsdata.datasets.arrived import QUOTA, fault_of, kind_of, page_of
+from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.unpack import take_out
+from nvsdata.errors import DownloadError
+
+MIRROR = "NVSDATA_MIRROR"
+TRIES = 3  # in a row that bring nothing new, before the next place is asked
+PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s before the next try; each is twice as long as the last
+MUCH = 16 << 20  # bytes that came before a connection broke: then pauses begin from the shortest
+TIMEOUT = (30.0, 60.0)  # s to connect, and without a byte
+CHUNK = 1 << 16
+AGAIN = (408, 425, 429, 500, 502, 503, 504)  # answers that may be others in a moment
+
+
+class _Broken(Exception):
+    """A try that failed in a way that the next one may not."""
+
+
+class _Changed(_Broken):
+    """What is here is not a beginning of what the server has."""
+
+
+class _NotHere(Exception):
+    """Why a place does not give the file."""
+
+
+# what ends a try; those of requests are OSErrors, which the disk's are, too
+_FAILURES = (_Broken, requests.RequestException, urllib3.exceptions.HTTPError)
+
+
+def fetch(archive: Archive, root: Path, work: Path, info: Info) -> Path:
+    """The intact archive: the one in `root`, else a local mirror's, else one that is downloaded into `root`.
+
+    `work` is a folder on the same disk for what is unfinished. Places are asked in turn: what NVSDATA_MIRROR names,
+    then the archive's `urls`, then the archive that it is `within`. DownloadError if none gives it, the disk is full
+    or fails, or a file of the archive's name in `root` is not the archive: nothing that is there is written over.
+    """
+    try:
+        return _brought(archive, root, work, info)
+    except _NotHere as faults:
+        raise DownloadError(_by_hand(archive, root, info, str(faults))) from faults
+
+
+def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
+    """What `fetch` returns; _NotHere with what went wrong at each place."""
+    path, part = root / archive.name, _Part(work / archive.name)
+    if path.exists():
+        if fault := fault_of(path, archive.hash):
+            raise _NotHere(f"{path} {fault}; move it away")
+        return path
+    faults = []
+    for place in _places(archive, info):
+        try:
+            if isinstance(place, Path):
+                if fault := fault_of(place, archive.hash):
+                    raise _NotHere(f"it {fault}")
+                return place
+            if isinstance(place, Archive):
+                _take_from(place, part, archive, work, info)
+            else:
+                _download(place, part, archive)
+        except _NotHere as refused:
+            faults.append(f"{place.name if isinstance(place, Archive) else place}: {refused}")
+        except DownloadError:
+            raise
+        except OSError as error:
+            raise DownloadError(f"{error.filename or part.path}: {error.strerror or error}") from error
+        else:
+            if path.exists():
+                raise DownloadError(f"{path} came there during the download; move it away and try again")
+            part.path.rename(path)
+            part.discard()
+            return path
+    raise _NotHere("\n  ".join(faults))
+
+
+def _places(archive: Archive, info: Info) -> Iterator[Path | str | Archive]:
+    """Where an archive may be had: of the user's mirror in the dataset's folder or beside it, then from its hosts."""
+    mirror, names = os.environ.get(MIRROR, ""), (f"{info.name}/{archive.name}", archive.name)
+    if mirror.startswith(("http://", "https://")):
+        yield from (f"{mirror.rstrip('/')}/{quote(name)}" for name in names)
+    elif mirror:
+        folder = Path(mirror).expanduser()
+        if not folder.is_dir():
+            raise DownloadError(f"{MIRROR} must be a folder or begin with https:// or http://, not {mirror!r}")
+        yield from (folder / name for name in names if (folder / name).is_file())
+    yield from archive.urls
+    if archive.within is not None:
+        yield archive.within
+
+
+def _take_from(outer: Archive, part: _Part, archive: Archive, work: Path, info: Info) -> None:
+    """Make the part of what another archive holds, which stays in `work`. _NotHere if that can't be had."""
+    found = _brought(outer, work, work, info)
+    part.discard()
+    take_out(found, archive.name, part.path)
+    if fault := fault_of(part.path, archive.hash):
+        part.discard()
+        raise _NotHere(f"what it holds {fault}")
+
+
+def _by_hand(archive: Archive, root: Path, info: Info, faults: str) -> str:
+    """What to do where a browser is needed, and what went wrong without one."""
+    facts = [f"about {archive.size / 1e9:.1f} GB"] if archive.size else []
+    facts += [f"{kind_of(archive.hash)} {archive.hash}"] if archive.hash else []
+    known = f" ({', '.join(facts)})" if facts else ""
+    words = f"can't download {archive.name}: get it with a browser from {info.page}, put it into {root}{known}"
+    return f"{words} and try again" + (f". What went wrong:\n  {faults}" if faults else "")
+
+
+class _Part:
+    """A file that is on its way, with a note beside it of where it comes from and which version it is."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._note = path.with_name(path.name + ".part"), path.with_name(path.name + ".json")
+
+    def __len__(self) -> int:
+        return self.path.stat().st_size if self.path.exists() else 0
+
+    def discard(self) -> None:
+        self.path.unlink(missing_ok=True)
+        self._note.unlink(missing_ok=True)
+
+    @property
+    def note(self) -> dict[str, Any]:
+        with contextlib.suppress(OSError, ValueError):
+            found = json.loads(self._note.read_text(encoding="utf-8"))
+            if isinstance(found, dict):
+                return found
+        return {}
+
+    @note.setter
+    def note(self, note: dict[str, Any]) -> None:
+        self._note.write_text(json.dumps(note), encoding="utf-8")
+
+
+def _download(url: str, part: _Part, archive: Archive) -> None:
+    """Bring the part to its end, and check it. _NotHere if that can't be; OSError if the disk fails."""
+    for last in (False, True):
+        in_pieces = _go_on(url, part, archive)
+        fault = fault_of(part.path, archive.hash)
+        if not fault:
+            return
+        part.discard()
+        # pieces may not have been of one file: then once more from the beginning
+        if last or not in_pieces:
+            raise _NotHere(f"what came {fault}")
+
+
+def _go_on(url: str, part: _Part, archive: Archive) -> bool:
+    """Try again, after growing pauses, as long as that brings something new; whether the part is of several tries."""
+    most, fruitless, changes, pause = len(part), 0, 0, PAUSE
+    while True:
+        before = len(part)
+        try:
+            return _one_try(url, part, archive)
+        except _FAILURES as error:
+            have = len(part)
+            fruitless = 0 if have > most else fruitless + 1
+            changes += isinstance(error, _Changed)
+            most = 0 if isinstance(error, _Changed) else max(most, have)
+            if TRIES in (fruitless, changes):
+                raise _NotHere(_words(error)) from error
+            if have - before > MUCH:
+                pause = PAUSE
+            time.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
+
+
+def _words(error: BaseException) -> str:
+    """What a connection died of, in urllib3's innermost words."""
+    inner = getattr(error, "reason", None) or (error.args[0] if error.args else None)
+    if isinstance(inner, BaseException):
+        return _words(inner)
+    return re.sub(r"<[^>]*>: ?", "", str(error)) or type(error).__name__
+
+
+def _one_try(url: str, part: _Part, archive: Archive) -> bool:
+    """Ask for what is missing and add it; whether there was a beginning. One of _FAILURES if it breaks off."""
+    have, note = len(part), part.note
+    version = note.get("version", "") if note.get("url") == url else ""
+    headers = {"Accept-Encoding": "identity"}
+    # without a version or a hash nothing would tell that the rest is of another file
+    if have and (version or archive.hash):
+        headers["Range"] = f"bytes={have}-"
+        if version:
+            headers["If-Range"] = version
+    with requests.get(url, headers=headers, stream=True, timeout=TIMEOUT) as response:
+        chunks = _bytes_of(response)
+        begin, total = _extent(response)
+        now = _version(response)
+        is_same = not (now and version and now != version) and total in (None, note.get("total") or total)
+        if response.status_code == 416 and total == have and is_same:
+            return True
+        if response.status_code != 200 and not (begin == have and is_same):
+            part.discard()
+            raise _Changed("what the server has changed on the way")
+        if archive.hash and archive.size and total not in (None, archive.size):
+            raise _NotHere(f"the server has {total:,} bytes, not {archive.size:,}")
+        _check_disk(part.path.parent, (total or archive.size) - begin)
+        if not begin:
+            part.discard()
+        part.note = {"url": url, "version": now or version, "total": total}
+        _append(part.path, chunks, begin, total, archive.name)
+    if total is not None and len(part) != total:
+        raise _Broken(f"the connection broke off after {len(part):,} of {total:,} bytes")
+    return begin > 0
+
+
+def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, name: str) -> None:
+    shown: dict[str, Any] = {"initial": begin, "total": total, "desc": name, "unit": "B", "unit_scale": True}
+    with path.open("ab") as file, tqdm(**shown, disable=None) as bar:
+        for chunk in chunks:
+            file.write(chunk)
+            bar.update(len(chunk))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _bytes_of(response: requests.Response) -> Iterator[bytes]:
+    """The bytes that a server sends. _Broken or _NotHere if they are not the file's."""
+    code = response.status_code
+    status = f"HTTP {code} {response.reason or ''}".strip()
+    # not decoded: a file that is sent as packed on the way is the packed file
+    chunks: Iterator[bytes] = response.raw.stream(CHUNK, decode_content=False)
+    first = next(chunks, b"")
+    page = "" if code == 206 else page_of(first)
+    if code in AGAIN:
+        raise _Broken(f"{status}: {page}" if page == QUOTA else status)
+    if code >= 400 and code != 416:
+        raise _NotHere(f"{status}: {page}" if page == QUOTA else status)
+    if page and code != 416:
+        raise _NotHere(f"the server sent {page}")
+    if code not in (200, 206, 416):
+        raise _NotHere(f"{status}: the server sent no file")
+    if code == 200 and not first:
+        raise _NotHere("the server sent nothing")
+    return chain((first,), chunks)
+
+
+def _extent(response: requests.Response) -> tuple[int, int | None]:
+    """The byte that an answer begins at (-1 if it has none), and how many the file has if that is said."""
+    if response.status_code == 200:
+        length = response.headers.get("Content-Length", "")
+        return 0, int(length) if length.isdecimal() else None
+    found = re.fullmatch(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)", response.headers.get("Content-Range", "").strip())
+    begin, total = found.groups() if found else (None, None)
+    return -1 if begin is None else int(begin), int(total) if total and total != "*" else None
+
+
+def _version(response: requests.Response) -> str:
+    """What a server tells a file's versions apart by: a strong ETag, else the time of the last change, else nothing."""
+    tag: str = response.headers.get("ETag", "")
+    return tag if tag.startswith('"') else response.headers.get("Last-Modified", "")
+
+
+def _check_disk(folder: Path, needed: int) -> None:
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise OSError(errno.ENOSPC, f"{needed:,} bytes are to come, but the disk has {free:,} left", str(folder))

@@ -1,0 +1,170 @@
+"""Records with the time of a 32-bit counter of µs: what `.dat` and AEDAT 1 and 2 share."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from nvsdata.errors import FormatError
+from nvsdata.events import Columns, Events
+from nvsdata.formats.records import Blocks, PiecedFile
+from nvsdata.kernels.clock import (
+    BACK_US,
+    FELL,
+    HIDDEN,
+    JUMP,
+    PEEK,
+    PEEK_US,
+    SILENT_US,
+    SOON_US,
+    UNKNOWN,
+    WRAP_US,
+    clock_at,
+    extremes,
+    first_time,
+    kept_words,
+    lasting,
+    unwrap,
+)
+
+
+class ClockedFile(PiecedFile):
+    """Records whose times are told apart by those before them; see `kernels.clock`.
+
+    The index looks at the first records of each block alone. What would make it differ from the whole is found when the
+    whole is read, and FormatError: a step back that no camera makes, an event that strayed by more than a block, and
+    a block of over 35 minutes which begins with a burst and seems to last less than one.
+    """
+
+    block = 4096
+    _keep: np.ndarray | None = None  # which records are read, if not all
+
+    @abstractmethod
+    def _times(self, raw: np.ndarray) -> np.ndarray:
+        """The counter as some records show it, uint32 [N]."""
+
+    def _index(self) -> Blocks:
+        if not self.records:
+            return Blocks(*np.empty((2, 0), np.int64))
+        whole, size = (self.records - 1) // self.block, self.record_size
+        last = self._times(self.contents.read(self._byte(whole * self.block), self._byte(whole * self.block + 1)))
+        raw = self.contents.samples(self._byte(0), self._byte(whole * self.block), self.block * size, PEEK * size)
+        begins = self._times(raw.reshape(-1)).astype(np.int64).reshape(-1, PEEK)
+        times = np.append(begins[:, 0], last)
+        steps, first = _steps(times), _steps(begins).sum(1)
+        for k in np.flatnonzero((steps <= 0) | (steps > SOON_US) | (first > PEEK_US)).tolist():
+            block = self.contents.read(self._byte(k * self.block), self._byte((k + 1) * self.block + 1))
+            steps[k], damaged = lasting(self._times(block))
+            if damaged:
+                raise self._jump()
+        times[0] = first_time(times[0], 32)
+        times[1:] = times[0] + np.cumsum(steps)
+        return Blocks(times, times)
+
+    def _state(self, record: int) -> np.ndarray:
+        state: np.ndarray = clock_at(self.blocks.states[record // self.block] if record else UNKNOWN, record)
+        return state
+
+    def _check(self, state: np.ndarray) -> None:
+        if state[JUMP] >= 0:
+            raise self._jump()
+
+    def _jump(self) -> FormatError:
+        """What is to be raised for times that no camera writes."""
+        kept = self._kept()
+        damaged = f"{kept.size - np.count_nonzero(kept)} of {kept.size} records are damaged"
+        reason = f"a time that no camera writes: {damaged}, or the clock was set back; strict=False drops them"
+        return FormatError(self.path, self._byte(int(np.argmin(kept))), reason)
+
+    def _kept(self) -> np.ndarray:
+        """Which records to keep of a damaged file: the most whose times a camera may have written."""
+        times = [self._times(raw).astype(np.int64) for raw in super()._pieces(0, self.records)]
+        kept: np.ndarray = kept_words(np.concatenate(times), 32, BACK_US, SILENT_US)
+        return kept
+
+    def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
+        for raw in super()._pieces(lo, hi):
+            if self._keep is not None:
+                records = raw.reshape(-1, self.record_size)
+                raw = records[self._keep[lo : lo + len(records)]].reshape(-1)
+                raw.flags.writeable = False
+                lo += len(records)
+            yield raw
+
+    def _decode(self) -> Columns:
+        columns, state = self._run(0, self.records)
+        if self._drops(state):
+            columns, state = self._run(0, self.records)
+        self._rises = not state[FELL]
+        if self.strict:
+            self._check_index(state)
+        return columns
+
+    def _drops(self, state: np.ndarray) -> bool:
+        """Whether records are dropped from now on: the whole file, which ended with `state`, turned out damaged."""
+        if self.strict or state[JUMP] < 0 or self._keep is not None:
+            return False
+        self._keep = self._kept()
+        self._repair("records of times that no camera writes, dropped", int(np.count_nonzero(~self._keep)))
+        return True
+
+    def _timed(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Bytes of all records and their times (µs, int64), piece by piece; damage is treated as `_decode` does."""
+        if not self.strict and self._keep is None:
+            clock = clock_at(UNKNOWN, 0)
+            for _ in self._clocked(clock):
+                pass
+            self._drops(clock)
+        clock = clock_at(UNKNOWN, 0)
+        for raw, t in self._clocked(clock):
+            if self.strict:
+                self._check(clock)
+            yield raw, t
+
+    def _clocked(self, clock: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Bytes of all records and their times, piece by piece, as `clock` goes on."""
+        for raw in self._pieces(0, self.records):
+            t = self._times(raw).astype(np.int64)
+            unwrap(clock, t, self.block)
+            yield raw, t
+
+    def _check_index(self, state: np.ndarray) -> None:
+        """FormatError if windows, which rely on the index, would miss events of the file, which ended with `state`."""
+        if state[HIDDEN] >= 0:
+            reason = f"{self.block} records over more than 35 minutes: no window could tell the time"
+            raise FormatError(self.path, self._byte(int(state[HIDDEN])), reason)
+        if not state[FELL]:
+            return
+        count = -(-self.records // self.block)
+        starts, lowest, highest = np.empty((3, count), np.int64)
+        clock, k = clock_at(UNKNOWN, 0), 0
+        for _, t in self._clocked(clock):
+            extremes(t, self.block, starts[k:], lowest[k:], highest[k:])
+            k += -(-t.size // self.block)
+        self._check_blocks(starts, lowest, highest)
+
+
+def _steps(times: np.ndarray) -> np.ndarray:
+    """From word to word of a counter, along the last axis, up to half a wrap either way."""
+    steps: np.ndarray = (np.diff(times) + WRAP_US // 2) % WRAP_US - WRAP_US // 2
+    return steps
+
+
+def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Events]:
+    """The pieces; ValueError where a reader could not unwrap times.
+
+    That is a first one of 32 ones or more, a gap of half a wrap, and one over a wrap that is longer than `SILENT_US`.
+    """
+    last = None
+    for events in pieces:
+        t = events.t
+        gaps = np.diff(t, prepend=t[0] if last is None else last)
+        long = np.flatnonzero(gaps > SILENT_US)
+        wraps = t[long] // WRAP_US != (t[long] - gaps[long]) // WRAP_US
+        if t[0] < 0 or (last is None and t[0] >= WRAP_US - 1) or wraps.any() or gaps.max() >= WRAP_US // 2:
+            over = f"of at most {SILENT_US // 60_000_000} minutes where its counter wraps"
+            raise ValueError(f"{name} holds a first time below 2^32 - 1 µs and gaps below 2^31 µs only, {over}")
+        last = t[-1]
+        yield events

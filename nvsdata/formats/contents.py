@@ -1,0 +1,138 @@
+"""The bytes of a recording, read when they are decoded."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+
+from nvsdata.errors import FormatError
+from nvsdata.formats.ondisk import OnDisk
+from nvsdata.kernels.reading import read_samples
+
+PIECE = 1 << 20  # bytes that are read and decoded at a time
+_ROOMS: list[np.ndarray] = []  # of a piece each, kept when their reader ends: fresh pages cost more than what is read
+HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
+LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends here whatever follows
+# an AEDAT record may begin with the mark by chance; Prophesee's hardly do, but their headers may hold foreign names
+_PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
+
+
+class Contents:
+    """The bytes of a file that begins with `head`: all of them if it is short, else read from the disk when asked for.
+
+    Nothing stays open or mapped. `size` is the file's when this was made; every method that reads raises FormatError
+    if the file was cut or changed since.
+    """
+
+    def __init__(self, path: str, head: bytes) -> None:
+        self.path = path
+        self.head = head
+        self._file = None if len(head) < HEAD else OnDisk(path)
+        self.size = len(head) if self._file is None else self._file.size
+
+    def let_go(self) -> None:
+        """Forget the head of a file that is longer: those of many recordings would add up."""
+        if self._file is not None:
+            self.head = b""
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Bytes start..stop, uint8."""
+        if stop <= len(self.head):
+            return np.frombuffer(self.head, np.uint8, stop - start, start)
+        out = np.empty(stop - start, np.uint8)
+        assert self._file is not None
+        with self._file.opened() as file:
+            self._file.fill(file, start, out)
+        return out
+
+    def pieces(self, start: int, stop: int, step: int) -> Iterator[np.ndarray]:
+        """Bytes start..stop in pieces of `step`, as `ranges` gives them."""
+        if stop <= len(self.head) and stop - start <= step:
+            return iter((np.frombuffer(self.head, np.uint8, stop - start, start),))
+        return self.ranges([(at, min(at + step, stop)) for at in range(start, stop, step)])
+
+    def ranges(self, ranges: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
+        """Bytes from the first to the second number of each, uint8 and read-only; each is overwritten by the next."""
+        if max((stop for _, stop in ranges), default=0) <= len(self.head):
+            return iter([np.frombuffer(self.head, np.uint8, stop - start, start) for start, stop in ranges])
+        return self._from_disk(ranges)
+
+    def _from_disk(self, ranges: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
+        assert self._file is not None
+        longest = max(stop - start for start, stop in ranges)
+        try:
+            room = _ROOMS.pop() if longest <= PIECE else np.empty(longest, np.uint8)
+        except IndexError:
+            room = np.empty(PIECE, np.uint8)
+        # as the bytes in memory are: compiled loops tell the two kinds of arrays apart
+        shown = room.view()
+        shown.flags.writeable = False
+        try:
+            with self._file.opened() as file:
+                for start, stop in ranges:
+                    self._file.fill(file, start, room[: stop - start])
+                    yield shown[: stop - start]
+        finally:
+            if longest <= PIECE:
+                _ROOMS.append(room)
+
+    @contextmanager
+    def handle(self) -> Iterator[int]:
+        """A descriptor of the file for as long as the block runs; -1 if all of it is in `head`."""
+        if self._file is None:
+            yield -1
+        else:
+            with self._file.opened() as file:
+                yield file.fileno()
+
+    def samples(self, start: int, stop: int, step: int, size: int) -> np.ndarray:
+        """The `size` bytes at start, start + step, ... before `stop`, uint8 [N, size]."""
+        out = np.empty((len(range(start, stop, step)), size), np.uint8)
+        if not len(out):
+            return out
+        if self._file is None:
+            rows = np.arange(start, stop, step)[:, None] + np.arange(size)
+            out[:] = np.frombuffer(self.head, np.uint8)[rows]
+        elif hasattr(os, "pread"):
+            with self._file.opened() as file:
+                found = read_samples(file.fileno(), start, step, out)
+            if found < len(out):
+                raise FormatError(self.path, start + found * step, "truncated while it was read")
+        else:
+            with self._file.opened() as file:
+                for row, at in zip(out, range(start, stop, step), strict=True):
+                    self._file.fill(file, at, row)
+        return out
+
+    def header(self, mark: bytes) -> tuple[list[str], int]:
+        """The lines at the start that begin with `mark` and are printable, and the byte after them."""
+        lines, end, torn = header_lines(self.head, mark)
+        size = len(self.head)
+        while torn and size < self.size:
+            # jAER puts its preferences into the header, which then is longer than any head
+            begin, size = end, min(4 * size, self.size)
+            more, end, torn = header_lines(self.read(begin, size).tobytes(), mark)
+            lines, end = lines + more, begin + end
+        return lines, end
+
+
+def header_lines(data: bytes, mark: bytes) -> tuple[list[str], int, bool]:
+    """The lines at the start, the byte after them, and whether `data` end where a header may go on."""
+    lines: list[str] = []
+    end = 0
+    while data[end : end + len(mark)] == mark:
+        newline = data.find(b"\n", end)
+        line = data[end : newline if newline >= 0 else len(data)]
+        if not _PRINTABLE[mark].fullmatch(line):
+            return lines, end, False
+        if newline < 0:
+            return lines, end, True
+        lines.append(line.decode("latin-1").rstrip("\r"))
+        end = newline + 1
+        if lines[-1].lower() in LAST_LINES:
+            return lines, end, False
+    return lines, end, end == len(data)

@@ -1,0 +1,87 @@
+"""Events on their way into a file: pieces that are checked as they pass, and headers that tell of all of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import IO
+
+from nvsdata.events import LATEST, Events
+from nvsdata.samples import is_bare
+
+_TIME = re.compile(r"[#%] nvsdata time +(-?\d+) to +(-?\d+) us")
+
+
+class Pieces:
+    """Pieces of a stream of events, to be gone through once; those with nothing in them are left out.
+
+    - `sensor_size`: that of the first piece, empty or not
+    - `start`, `end`, `count`: where the pieces begin and end that have passed, and how many events they had
+    - `last`: the last piece that passed, None before one has
+
+    While they pass, ValueError for pieces of different sensors, out of order, or with times at or beyond 2^62 µs;
+    at once for no piece at all.
+    """
+
+    def __init__(self, pieces: Iterable[Events]) -> None:
+        self._waiting = iter(pieces)
+        first = next(self._waiting, None)
+        if first is None:
+            raise ValueError("can't write no piece of events: not even an empty one states the sensor")
+        self._waiting = chain((first,), self._waiting)
+        self.sensor_size, self.start, self.end = first.sensor_size, first.start, first.end
+        self.count = 0
+        self.last: Events | None = None
+
+    def __iter__(self) -> Iterator[Events]:
+        for piece in self._waiting:
+            if piece.sensor_size != self.sensor_size:
+                raise ValueError(f"pieces of different sensors: {self.sensor_size} and {piece.sensor_size}")
+            self.end = max(self.end, piece.end)
+            if is_bare(piece):
+                continue
+            if len(piece):
+                self._check(piece)
+            yield piece
+
+    def _check(self, piece: Events) -> None:
+        """Hold events to those before them, and note them."""
+        if not -LATEST < piece.t[0] <= piece.t[-1] < LATEST:
+            raise ValueError(f"times from {piece.t[0]} to {piece.t[-1]} µs: files hold those below 2^62 only")
+        if self.last is not None and piece.t[0] < self.last.t[-1]:
+            raise ValueError(f"a piece begins at {piece.t[0]} µs, but the one before it ends at {self.last.t[-1]} µs")
+        self.start, self.end = min(self.start, int(piece.t[0])), max(self.end, int(piece.t[-1]))
+        self.count += len(piece)
+        self.last = piece
+
+
+@contextmanager
+def headed(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Iterator[IO[bytes]]:
+    """A new file that begins with `header`, to write the pieces to in the block.
+
+    The header is written again at the end, when they have passed: it must always be of one length.
+    """
+    with path.open("wb") as file:
+        begin = header(pieces)
+        file.write(begin)
+        yield file
+        final = header(pieces)
+        assert len(final) == len(begin), "a header that grew would overwrite events"
+        file.seek(0)
+        file.write(final)
+
+
+def time_comment(pieces: Pieces, mark: str = "#") -> str:
+    """A comment line of a header, without its end, that tells from when to when the pieces last.
+
+    Its length doesn't depend on the numbers, which are known last.
+    """
+    return f"{mark} nvsdata time {pieces.start:>20} to {pieces.end:>20} us"
+
+
+def stated_time(lines: Iterable[str]) -> tuple[int, int] | None:
+    """The first and last moment in µs that a header's lines tell by `time_comment`, None if none does."""
+    return next(((int(m[1]), int(m[2])) for line in lines if (m := _TIME.fullmatch(line.rstrip()))), None)

@@ -1,0 +1,22 @@
+"""Small reads from open files. A call of the system from Python costs more than what it reads."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+
+# the C library's, on systems that have it
+pread = types.ExternalFunction("pread", types.int64(types.int32, types.uintp, types.uintp, types.int64))
+
+
+@njit(cache=True, nogil=True)
+def read_samples(handle, begin, step, out):
+    """Fill the rows of `out`, uint8 [N, size], with the bytes from `begin` on, one row every `step` bytes.
+
+    Returns how many rows there were bytes for.
+    """
+    size = np.uintp(out.shape[1])
+    for i in range(out.shape[0]):
+        if pread(handle, out.ctypes.data + np.uintp(i) * size, size, begin + i * step) != size:
+            return i
+    return out.shape[0]

@@ -1,0 +1,186 @@
+"""One process per output, and whose the files are that a process left behind."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import socket
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+FOLDER_LOCK = ".nvsdata.lock"
+_UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file systems without locks
+_MARK = b'{"owner": '  # that a lock file begins with
+_LONGEST = 240  # bytes of a file's name that its lock's can hold, too
+_BEYOND = 1 << 30  # byte that Windows locks: locked bytes can't be read by others
+
+
+class OutputInUse(OSError):
+    """Another process writes to the same file or folder; the text names it."""
+
+
+@contextmanager
+def locked(output: str | os.PathLike[str]) -> Iterator[None]:
+    """Keep other processes from writing to `output`, a file or a folder, while the block runs.
+
+    The lock is a file with host, process and command: `.NAME.lock` beside a file, `.nvsdata.lock` in a folder that
+    is there. The system lets go of it when the process ends, however it ends, so a lock file that a dead process
+    left is simply taken over. Where the file system knows no locks, host and process number decide: a process of
+    another host counts as alive.
+
+    Raises OutputInUse at once if another process (or thread) holds it, FileNotFoundError if the folder isn't there.
+    """
+    place = lock_path(output)
+    if not place.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(place.parent))
+    file = _acquired(place, output)
+    try:
+        yield
+    finally:
+        # first the name, then the lock: who waits for this inode finds that the name has gone
+        with suppress(OSError):
+            place.unlink()
+        file.close()
+        if sys.platform == "win32":
+            # there an open file keeps its name
+            with suppress(OSError):
+                place.unlink()
+
+
+def lock_path(output: str | os.PathLike[str]) -> Path:
+    """Where the lock file of an output lies."""
+    target = Path(output)
+    if target.is_dir():
+        return target / FOLDER_LOCK
+    name = target.name
+    if len(os.fsencode(name)) > _LONGEST:
+        name = hashlib.sha256(os.fsencode(name)).hexdigest()
+    return target.with_name(f".{name}.lock")
+
+
+def owner() -> str:
+    """A name of this process that another process can look up: of host and process number."""
+    return f"{_host()}-{os.getpid()}"
+
+
+def is_dead(name: str) -> bool:
+    """Whether the process of that name ran on this host and has ended; False if that can't be told."""
+    host, _, number = name.rpartition("-")
+    return host == _host() and number.isdecimal() and not _alive(int(number))
+
+
+def _host() -> str:
+    """Six digits for this host, and in a container for its own numbering of processes."""
+    try:
+        space = os.stat("/proc/self/ns/pid").st_ino
+    except OSError:
+        space = 0
+    return hashlib.sha256(f"{socket.gethostname()} {space}".encode()).hexdigest()[:6]
+
+
+def _alive(pid: int) -> bool:
+    if sys.platform == "win32":
+        return True  # os.kill would end it
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    try:
+        state = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
+    except (OSError, IndexError):
+        return True
+    # ended, but nobody has asked how: in a container without an init that may last
+    return state not in (b"Z", b"X")
+
+
+def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
+    """The lock file, locked and ours."""
+    while True:
+        # neither truncated nor exclusive: it may be another's, or left by one that died
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        try:
+            file = os.fdopen(os.open(place, flags, 0o666), "r+", encoding="utf-8")
+        except (OSError, ValueError):
+            _refuse_others(place)
+            raise
+        try:
+            _refuse_others(place)
+            free = _try_lock(file)
+            held = _holder(file)
+            if free is None:  # no locks here
+                free = not held or is_dead(str(held.get("owner"))) or held.get("owner") == owner()
+            if not free:
+                who = f"process {held.get('pid', '?')} on {held.get('host', '?')} ({held.get('command', '?')})"
+                raise OutputInUse(f"{os.fspath(output)} is being written by {who}, since {held.get('since', '?')}")
+            if _is_still(file, place):
+                _sign(file)
+                return file
+        except BaseException:
+            file.close()
+            raise
+        file.close()
+
+
+def _refuse_others(place: Path) -> None:
+    """FileExistsError for what has the lock's name and isn't a lock: it would be overwritten."""
+    with suppress(FileNotFoundError):
+        status = place.lstat()
+        # what a full disk or a kill left of a lock is empty, or begins as one
+        if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(place.read_bytes()[: len(_MARK)]):
+            raise FileExistsError(f"{place} is not a lock of nvsdata's: move it away")
+
+
+def _try_lock(file: IO[str]) -> bool | None:
+    """Whether the lock could be had at once; None where there are no locks."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(file.fileno(), _BEYOND, os.SEEK_SET)
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            os.lseek(file.fileno(), 0, os.SEEK_SET)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return None if error.errno in _UNSUPPORTED else False
+    return True
+
+
+def _is_still(file: IO[str], place: Path) -> bool:
+    """Whether the locked file is the one of that name: another may have removed it before it was locked."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), os.stat(place))
+    except FileNotFoundError:
+        return False
+
+
+def _holder(file: IO[str]) -> dict[str, Any]:
+    file.seek(0)
+    try:
+        found = json.loads(file.read())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _sign(file: IO[str]) -> None:
+    command = " ".join((Path(sys.argv[0]).name, *sys.argv[1:])) if sys.argv else ""
+    since = time.strftime("%Y-%m-%d %H:%M:%S")
+    entry = {"owner": owner(), "host": socket.gethostname(), "pid": os.getpid(), "command": command, "since": since}
+    # a full disk leaves the lock without a name, which is no reason not to hold it
+    with suppress(OSError):
+        file.seek(0)
+        file.truncate()
+        file.write(json.dumps(entry, ensure_ascii=True))
+        file.flush()

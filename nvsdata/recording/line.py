@@ -1,0 +1,169 @@
+"""From a camera to who decodes: a thread that does nothing but read, and one that keeps what was read on disk."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from threading import Condition, Event, Thread
+
+from nvsdata.recording.davis import CameraError, Davis
+from nvsdata.recording.journal import Journal
+
+ROOM = 64 << 20  # bytes that may wait to be kept and decoded
+PIECE = 1 << 20  # bytes handed on at once, if so many wait
+GATHER = 0.03  # s to wait for more, if little waits
+SILENCE = 5.0  # s without a byte after which a camera counts as stalled: it sends wraps of its clock 30 times a second
+TAIL = 0.3  # s to wait for what is on its way when the camera was stopped
+TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
+
+
+class Waiting:
+    """Bytes on their way from one thread to another, in whole words."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self._blocks: deque[bytes] = deque()
+        self._change = Condition()
+        self._over = False
+
+    def put(self, block: bytes) -> None:
+        """Add a block."""
+        with self._change:
+            self._blocks.append(block)
+            self.size += len(block)
+            self._change.notify()
+
+    def end(self) -> None:
+        """No more will come."""
+        with self._change:
+            self._over = True
+            self._change.notify()
+
+    def take(self) -> bytes:
+        """What waits, `PIECE` at most; empty at the end."""
+        if self.size < PIECE // 4 and not self._over:
+            # many small blocks at once cost less than one by one
+            time.sleep(GATHER)
+        with self._change:
+            while not self._blocks and not self._over:
+                self._change.wait(0.5)
+            taken: list[bytes] = []
+            size = 0
+            while self._blocks and size < PIECE:
+                taken.append(self._blocks.popleft())
+                size += len(taken[-1])
+            self.size -= size
+        return taken[0] if len(taken) == 1 else b"".join(taken)
+
+
+class Line(Thread):
+    """Reads, and from `begin` on keeps what it read until it is taken; `ROOM` bytes at most, what comes beyond is
+    counted as `lost`.
+
+    With a `journal`, what is taken has been written to it before; a disk that doesn't take it ends the reading.
+    """
+
+    def __init__(self, camera: Davis, seconds: float | None, stop: Event) -> None:
+        super().__init__(name="nvsdata-reader", daemon=True)
+        self.camera, self.seconds, self.stop = camera, seconds, stop
+        self.received = self.lost = self.odd = 0
+        self.ended = TIME_UP
+        self.gone = False
+        self._begun = False
+        self._read_out, self._kept = Waiting(), Waiting()
+        self._keeper: Thread | None = None
+
+    def begin(self) -> None:
+        """From now on what is read counts."""
+        self._begun = True
+
+    def keep(self, journal: Journal | None) -> None:
+        """From now on hand on what was read, kept in the journal if there is one."""
+        if journal is None:
+            self._kept = self._read_out
+        else:
+            self._keeper = Thread(target=self._hand_on, args=(journal,), name="nvsdata-journal", daemon=True)
+            self._keeper.start()
+
+    def _hand_on(self, journal: Journal) -> None:
+        failed = False
+        try:
+            while block := self._read_out.take():
+                if not failed:
+                    try:
+                        journal.write(block)
+                    except Exception as error:
+                        why = DISK_FULL if isinstance(error, OSError) else "the journal failed"
+                        failed, self.ended = True, f"{why} ({getattr(error, 'strerror', None) or error})"
+                        self.stop.set()
+                self._kept.put(block)
+        finally:
+            # whoever takes what was read waits for it
+            self._kept.end()
+
+    def run(self) -> None:
+        try:
+            self._read()
+            self.camera.stop()
+            self._read_tail()
+        except CameraError as error:
+            self.ended, self.gone = str(error), True
+        finally:
+            self.camera.end_reading()
+            self._read_out.end()
+
+    def _read(self) -> None:
+        began = heard = time.monotonic()
+        while True:
+            block = self.camera.read()
+            now = time.monotonic()
+            if block:
+                heard = now
+                self._add(block)
+            elif now - heard > SILENCE:
+                self.ended = f"the camera sent nothing for {SILENCE:.0f} s"
+                return
+            if self.stop.is_set():
+                if self.ended == TIME_UP:
+                    self.ended = STOPPED
+                return
+            if self.seconds is not None and now - began > self.seconds + TAIL:
+                return
+
+    def _read_tail(self) -> None:
+        until, silent = time.monotonic() + TAIL, 0
+        while silent < 2 and time.monotonic() < until:
+            block = self.camera.read(20)
+            silent = 0 if block else silent + 1
+            if block:
+                self._add(block)
+
+    def _add(self, block: bytes) -> None:
+        if not self._begun:
+            return
+        self.received += len(block)
+        if len(block) % 2:
+            # half a word, which would put all after it out of step
+            self.odd += 1
+            block = block[:-1]
+        waiting = self._read_out.size + (self._kept.size if self._kept is not self._read_out else 0)
+        if waiting + len(block) > ROOM:
+            self.lost += len(block)
+        elif block:
+            self._read_out.put(block)
+
+    def take(self) -> bytes:
+        """What was read next, some of it at least; empty at the end."""
+        return self._kept.take()
+
+    def end(self, why: str) -> None:
+        """Stop reading, and say why."""
+        self.finish()
+        self.ended = why
+
+    def finish(self) -> None:
+        """End reading, whatever for, and wait until the camera has been stopped and what was read is kept."""
+        self.stop.set()
+        self.join()
+        if self._keeper is not None:
+            self._keeper.join()

@@ -1,0 +1,112 @@
+"""What a training keeps in its folder: the checkpoint that it goes on from, and a log of its epochs."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from torch.optim import Optimizer
+
+from nvsdata.errors import FormatError, line_of
+from nvsdata.files import named, put
+
+CHECKPOINT, LOG = "checkpoint.pt", "log.jsonl"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A training after `epoch` of `epochs` epochs.
+
+    `data` is what it trains on, `log` the line of each epoch so far, the others are states of its parts.
+    """
+
+    epoch: int
+    epochs: int
+    data: dict[str, Any]
+    log: list[dict[str, Any]]
+    model: dict[str, Any]
+    optimizer: dict[str, Any]
+    schedule: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        counts, dicts = (self.epoch, self.epochs), (self.data, self.model, self.optimizer, self.schedule)
+        if not (all(type(count) is int for count in counts) and 0 <= self.epoch <= self.epochs):
+            raise ValueError(f"it is of {self.epoch!r:.20} of {self.epochs!r:.20} epochs")
+        if not (isinstance(self.log, list) and all(isinstance(part, dict) for part in (*dicts, *self.log))):
+            raise ValueError("its parts are of other kinds")
+        if len(self.log) != self.epoch:
+            raise ValueError(f"it has {len(self.log)} lines of {self.epoch} epochs")
+        json.dumps((self.data, self.log))  # TypeError if they are more than JSON
+
+    def write(self, out: Path) -> None:
+        """Put it in the place of the one before. OSError if the disk is full; then that one stays."""
+        # torch's own writer tells of a full disk by its inner troubles
+        whole = io.BytesIO()
+        torch.save(vars(self), whole)
+        put(out / CHECKPOINT, whole.getbuffer())
+
+    @classmethod
+    def read(cls, out: Path, device: torch.device) -> Self:
+        """That of a folder. FormatError for a file that is damaged, or none of a training."""
+        path = out / CHECKPOINT
+        try:
+            # torch doesn't look at the checksums
+            with zipfile.ZipFile(path) as archive:
+                if bad := archive.testzip():
+                    raise ValueError(f"the checksum of {bad} differs")
+            return cls(**torch.load(path, map_location=device, weights_only=True))
+        except Exception as error:  # of zipfile, torch and pickle, as many as there are kinds of damage
+            raise FormatError(path, None, f"is no checkpoint of a training, or damaged: {line_of(error)}") from None
+
+
+def restore(part: Any, state: dict[str, Any]) -> None:
+    """Give a network, optimizer or schedule a state from a file; ValueError for one that can't be its own.
+
+    torch checks names and sizes of a network's weights; of optimizers and schedules it takes any state as it is.
+    """
+    mine = part.state_dict()
+    if isinstance(part, Optimizer):
+        # what it keeps of each weight: nothing yet
+        kept, weights = state.get("state"), [weight for group in part.param_groups for weight in group["params"]]
+        if not _fits(kept, weights) or not _alike(state, mine | {"state": kept}):
+            raise ValueError("it is of another optimizer")
+    elif not _alike(state, mine):
+        raise ValueError("it is of another network or schedule")
+    part.load_state_dict(state)
+
+
+def _fits(kept: Any, weights: list[torch.Tensor]) -> bool:
+    """Whether an optimizer may keep this of its weights: by their numbers, the same of each, of their sizes."""
+    if not isinstance(kept, dict) or not all(n in range(len(weights)) and isinstance(kept[n], dict) for n in kept):
+        return False
+    pairs = [(value, weights[n]) for n, of_one in kept.items() for value in of_one.values()]
+    if not all(isinstance(v, torch.Tensor) and v.shape in ((), w.shape) for v, w in pairs):
+        return False
+    return len({frozenset((name, v.ndim == 0) for name, v in of_one.items()) for of_one in kept.values()}) <= 1
+
+
+def _alike(a: Any, b: Any) -> bool:
+    """Whether two states are of one form: the same names, lengths, sizes and types, whatever the numbers."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_alike(a[key], b[key]) for key in a)
+    if isinstance(a, list | tuple) and type(a) is type(b):
+        return len(a) == len(b) and all(map(_alike, a, b))
+    if isinstance(a, torch.Tensor) and isinstance(b, torch.Tensor):
+        return a.shape == b.shape and a.dtype == b.dtype
+    return type(a) is type(b)
+
+
+def write_log(out: Path, lines: list[dict[str, Any]]) -> None:
+    """The log as a checkpoint has it: what a kill or a full disk left of it beyond, or torn, is gone."""
+    put(out / LOG, "".join(json.dumps(line) + "\n" for line in lines).encode())
+
+
+def add_to_log(out: Path, line: dict[str, Any]) -> None:
+    """Add the line of an epoch."""
+    with named(out / LOG), (out / LOG).open("a", encoding="utf-8") as log:
+        log.write(json.dumps(line) + "\n")

@@ -1,0 +1,149 @@
+import numpy as np
+import pytest
+import trees
+from hypothesis import given
+from hypothesis import strategies as st
+from test_distributions import home  # noqa: F401  the fixture
+
+from nvsdata import NMNIST
+from nvsdata.datasets import ASLDVS, CIFAR10DVS, YUPENNDVS, DVS128Gesture, EventFolder, NCaltech101, stratified
+from nvsdata.datasets.pack import pack
+
+texts = st.text(st.characters(exclude_characters="\0"), max_size=6)
+recordings = st.lists(st.tuples(st.sampled_from(["cat", "ant", "a\nb", "\udcff"]), texts), unique=True, max_size=60)
+shares = st.floats(0.01, 0.99)
+
+
+def held(found, share=0.2, seed=0):
+    return {found[i] for i in stratified(found, share, seed)[1]}
+
+
+@given(recordings, shares, st.integers(0, 5), st.randoms())
+def test_the_order_makes_no_difference(found, share, seed, random):
+    train, test = stratified(found, share, seed)
+    assert train == sorted(train)
+    assert test == sorted(test)
+    assert sorted(train + test) == list(range(len(found)))
+    shuffled = found.copy()
+    random.shuffle(shuffled)
+    assert held(shuffled, share, seed) == held(found, share, seed)
+
+
+@given(recordings.filter(bool), shares, st.integers(0, 5), st.data())
+def test_one_recording_less_moves_at_most_one_other_of_its_class(found, share, seed, data):
+    gone = data.draw(st.sampled_from(found))
+    left = [recording for recording in found if recording != gone]
+    moved = (held(found, share, seed) ^ held(left, share, seed)) - {gone}
+    assert len(moved) <= 1
+    assert {name for name, _ in moved} <= {gone[0]}
+
+
+@given(recordings, shares)
+def test_each_class_gives_its_share(found, share):
+    test = held(found, share)
+    for name in {name for name, _ in found}:
+        count = sum(group == name for group, _ in found)
+        assert abs(sum(group == name for group, _ in test) - count * share) <= 0.5 + 1e-9
+
+
+def test_names_that_occur_twice_are_shared_out():
+    train, test = stratified([("a", "1")] * 10, 0.2)
+    assert (len(train), len(test)) == (8, 2)
+
+
+def test_splits_are_fixed_by_the_seed():
+    found = [(str(i % 2), f"{i:05d}") for i in range(20)]
+    # written down: the same on every machine
+    assert stratified(found, 0.2, seed=0)[1] == HELD
+    assert stratified(found, 0.2, seed=1)[1] != HELD
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        stratified(found, 1)
+
+
+HELD = [2, 4, 5, 17]
+
+
+def test_a_fifth_of_real_nmnist(real_nmnist):
+    dataset = NMNIST(real_nmnist)
+    train, test = stratified(dataset.names)
+    assert len(train) + len(test) == 1000
+    assert abs(len(test) - 200) <= 3
+    counts, all_counts = (np.bincount(np.array(dataset.targets)[which]) for which in (test, range(1000)))
+    assert (np.abs(counts - all_counts * 0.2) <= 0.5).all()
+
+
+def names(dataset):
+    return set(dataset.names)
+
+
+@pytest.mark.parametrize(("kind", "files"), [(CIFAR10DVS, trees.cifar10dvs), (ASLDVS, trees.asldvs)])
+def test_a_file_less_leaves_the_split_as_it_was(home, kind, files):  # noqa: F811
+    root = home(files())
+    before = names(kind(root, "test"))
+    gone = kind(root, "all").samples[0]
+    (root / gone.name).unlink()
+    moved = (before ^ names(kind(root, "test"))) - {(kind.info.classes[gone.label], gone.stem)}
+    assert len(moved) <= 1
+
+
+def test_with_and_without_background(home):  # noqa: F811
+    root = home(trees.ncaltech101())
+    for split in ("train", "test"):
+        with_it, without = names(NCaltech101(root, split)), names(NCaltech101(root, split, background=False))
+        assert {name for name in with_it if name[0] != "BACKGROUND_Google"} == without
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_a_store_without_a_broken_recording_has_the_folders_split(home, tmp_path, split):  # noqa: F811
+    root = home(trees.cifar10dvs())
+    broken = CIFAR10DVS(root, split).samples[1]
+    (root / broken.name).write_bytes(b"#!AER-DAT2.0\r\n")
+    report = pack(CIFAR10DVS(root, "all"), tmp_path / "a.h5")
+    assert list(report.skipped) == [broken.name]
+    for part in ("train", "test"):
+        folder, store = CIFAR10DVS(root, part), CIFAR10DVS(tmp_path / "a.h5", part)
+        assert names(folder) - names(store) == ({("airplane", broken.stem)} if part == split else set())
+        assert names(store) <= names(folder)
+        assert store.skipped == [broken.name]
+
+
+def test_a_store_of_one_split_gives_that_split_only(home, tmp_path):  # noqa: F811
+    root = home(trees.cifar10dvs())
+    pack(CIFAR10DVS(root, "train", fold=2), tmp_path / "a.h5")
+    assert CIFAR10DVS(tmp_path / "a.h5", fold=2).split_hash == CIFAR10DVS(root, fold=2).split_hash
+    for options in ({"split": "test", "fold": 2}, {"split": "train"}, {"split": "all"}):
+        with pytest.raises(ValueError, match="packed of split 'train', fold 2 only"):
+            CIFAR10DVS(tmp_path / "a.h5", **options)
+    root = home(trees.yupenndvs())
+    pack(YUPENNDVS(root, "train", fold=4), tmp_path / "y.h5")
+    assert names(YUPENNDVS(tmp_path / "y.h5", fold=4)) == names(YUPENNDVS(root, fold=4))
+
+
+def test_the_hash_tells_splits_apart_but_not_folders(home, tmp_path):  # noqa: F811
+    root = home(trees.cifar10dvs() | trees.dvs128gesture())
+    whole = CIFAR10DVS(root, "all")
+    hashes = {CIFAR10DVS(root, split, fold=fold).split_hash for split in ("train", "test") for fold in (0, 1)}
+    assert len(hashes | {whole.split_hash}) == 5
+    assert all(len(digits) == 16 for digits in hashes)
+    pack(whole, tmp_path / "a.h5")
+    for sample in whole.samples:
+        target = tmp_path / "sorted" / ("test", "train")[len(sample.stem) % 2] / whole.classes[sample.label].upper()
+        target.mkdir(parents=True, exist_ok=True)
+        (target / sample.file).write_bytes((root / sample.name).read_bytes())
+    for other in (tmp_path / "a.h5", tmp_path / "sorted"):
+        assert CIFAR10DVS(other, "test", fold=1).split_hash == CIFAR10DVS(root, "test", fold=1).split_hash
+    assert whole.split_hash in repr(whole)
+    assert whole[1:].split_hash != whole.split_hash == whole.subset(reversed(range(len(whole)))).split_hash
+    gestures = DVS128Gesture(root, "all")
+    assert len(set(gestures.names)) == len(gestures)
+    assert gestures[1:].split_hash != gestures.split_hash
+
+
+def test_parts_of_a_folder_have_the_same_labels(tmp_path):
+    trees.put(
+        tmp_path,
+        {f"{place}/1.bin": trees.atis(trees.some(1)) for place in ("train/ant", "train/cat", "test/bee", "test/cat")},
+    )
+    train, test = EventFolder(tmp_path, "train"), EventFolder(tmp_path, "test")
+    assert train.classes == test.classes == ["ant", "bee", "cat"]
+    assert (train.targets, test.targets) == ([0, 2], [1, 2])

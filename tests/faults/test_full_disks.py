@@ -1,0 +1,152 @@
+"""What a full disk does to every writer: an error, and nothing in place; never a file that lacks something."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from clips import moving_square, write_video
+from disks import PAGE, file_limit, small_disk
+
+import nvsdata
+from nvsdata import Events
+from nvsdata.files import Journal, atomic
+
+SUFFIXES = (".h5", ".txt", ".aedat1", ".aedat", ".aedat3", ".npy", ".bin", ".dat")
+CHUNKED = "chunks.h5"
+
+
+@pytest.fixture(scope="module")
+def events():
+    rng = np.random.default_rng(0)
+    n = 3_000
+    return Events(
+        np.sort(rng.integers(0, 10**6, n)), rng.integers(0, 120, n), rng.integers(0, 120, n), rng.integers(0, 2, n)
+    )
+
+
+def tried(events, path):
+    """Whether writing went well; in either case nothing but a whole file is there."""
+    refused = None
+    try:
+        nvsdata.write(events, path)
+    except OSError as error:
+        refused = error.filename
+    assert refused in (None, str(path))
+    assert path.exists() == (refused is None)
+    assert not list(path.parent.glob(".*"))
+    if path.exists():
+        found = nvsdata.read(path, sensor_size=events.sensor_size)
+        assert np.array_equal(found.t, events.t)
+        assert np.array_equal(found.p, events.p)
+        path.unlink()
+        return True
+    return False
+
+
+def small_chunks(monkeypatch):
+    from nvsdata.formats import hdf5_writer
+
+    monkeypatch.setattr(hdf5_writer, "CHUNK", 512)
+    monkeypatch.setattr(hdf5_writer, "CONTIGUOUS", 2)
+
+
+@pytest.fixture(params=[*(f"a{suffix}" for suffix in SUFFIXES), CHUNKED])
+def name_and_size(request, tmp_path, events, monkeypatch):
+    """A file of each format, and how large it is if nothing is in the way."""
+    if request.param == CHUNKED:
+        small_chunks(monkeypatch)
+    path = tmp_path / request.param
+    nvsdata.write(events, path)
+    size = path.stat().st_size
+    path.unlink()
+    return request.param, size
+
+
+def test_files_may_not_grow_any_more(tmp_path, events, name_and_size):
+    name, size = name_and_size
+    outcomes = []
+    for limit in [*range(0, size, PAGE // 2), size - 1, size, size + PAGE]:
+        with file_limit(limit):
+            outcomes.append(tried(events, tmp_path / name))
+    # from nothing to enough: it fails, then it works
+    assert outcomes == sorted(outcomes)
+    assert not outcomes[0]
+    assert outcomes[-2:] == [True, True]
+
+
+def test_a_disk_that_is_full(tmp_path, events, name_and_size):
+    name, size = name_and_size
+    with small_disk(tmp_path / "disk") as resize:
+        outcomes = []
+        for room in range(PAGE, size + 16 * PAGE, PAGE):
+            resize(room)
+            outcomes.append(tried(events, tmp_path / "disk" / name))
+    assert outcomes == sorted(outcomes)
+    assert outcomes[-1]
+
+
+def test_an_older_file_stays_as_it_was(tmp_path, events):
+    nvsdata.write(events[:100], tmp_path / "a.h5")
+    with file_limit(PAGE), pytest.raises(OSError, match="large"):
+        nvsdata.write(events, tmp_path / "a.h5")
+    assert nvsdata.read(tmp_path / "a.h5") == events[:100]
+
+
+def test_plain_files_and_journals(tmp_path):
+    with Journal(tmp_path / "j.jsonl", {"a": 1}) as journal:
+        journal.add({"b": 1})
+    with file_limit(40):
+        with pytest.raises(OSError, match="large"), atomic(tmp_path / "a") as temporary:
+            temporary.write_text("x" * 100)
+
+        def fills_up():
+            with Journal(tmp_path / "j.jsonl", {"a": 1}) as journal:
+                for number in range(10):
+                    journal.add({"c": number})
+
+        with pytest.raises(OSError, match="large"):
+            fills_up()
+    assert not (tmp_path / "a").exists()
+    # the line that was torn is left out, those before it are there
+    with Journal(tmp_path / "j.jsonl", {}) as journal:
+        assert journal.head == {"a": 1}
+        assert journal.lines == [{"b": 1}, {"c": 0}, {"c": 1}][: len(journal.lines)]
+        assert len(journal.lines) >= 2
+
+
+def test_the_process_ends_as_it_should(tmp_path, events):
+    """HDF5's library used to end it in a segmentation fault."""
+    nvsdata.write(events, tmp_path / "a.aedat")
+    code = (
+        "import resource, sys; from nvsdata.cli import main;"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({2 * PAGE}, {2 * PAGE}));"
+        f"sys.exit(main(['convert', {str(tmp_path / 'a.aedat')!r}, {str(tmp_path / 'b.h5')!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.strip().count("\n") == 0
+    assert "too large" in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.aedat"]
+
+
+def test_a_folder_of_videos_goes_on_where_the_disk_was_full(tmp_path):
+    from nvsdata.emulation.convert import convert_videos
+
+    for i in range(4):
+        write_video(tmp_path / f"videos/run/{i}.avi", moving_square(seed=i))
+    out = tmp_path / "disk" / "out"
+    with small_disk(tmp_path / "disk") as resize:
+        resize(6 * PAGE)
+        with pytest.raises(OSError, match="No space left"):
+            convert_videos(tmp_path / "videos", out)
+        kept = sorted(out.rglob("*.h5"))
+        assert len(kept) < 4
+        resize(1 << 20)
+        report = convert_videos(tmp_path / "videos", out)
+        assert report.converted + report.kept == 4
+        for path in sorted(out.rglob("*.h5")):
+            assert len(nvsdata.read(path)) > 0
+        assert not list(out.rglob(".*"))
