@@ -381,8 +381,8 @@ class Recording(ABC):
         """
         _, x, y, p = columns
         width, height = self._limits
-        # least and greatest tell whether any event needs a closer look
-        if all(c.size == 0 or (c.min() >= 0 and c.max() < end) for c, end in ((x, width), (y, height), (p, 2))):
+        # the greatest tell whether any event needs a closer look
+        if all(c.size == 0 or _unsigned(c).max() < end for c, end in ((x, width), (y, height), (p, 2))):
             return columns
         bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
         if self.strict:
@@ -444,6 +444,11 @@ def together(pieces: Sequence[Events]) -> Events:
     """Pieces of a stream, in order of time, as one: it lasts from the first piece's start to the last one's end."""
     columns = joined([piece.columns for piece in pieces])
     return Events.trusted(columns, pieces[0].sensor_size, pieces[0].start, pieces[-1].stated_end)
+
+
+def _unsigned(column: np.ndarray) -> np.ndarray:
+    """The same integers, of which negative ones are seen as larger than any that aren't."""
+    return column.view(column.dtype.str.replace("i", "u")) if column.dtype.kind == "i" else column
 
 
 def extent(columns: Columns) -> tuple[int, int]:

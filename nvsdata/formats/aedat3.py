@@ -11,7 +11,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterator
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -89,6 +89,15 @@ class Recording(BaseRecording):
             self._found = found
         return self._found
 
+    @cached_property
+    def _reach(self) -> tuple[np.ndarray, ...]:
+        """The first and the last time, int64 [M] each, at which each packet may hold an event."""
+        packets = self.packets
+        reach = np.stack((packets[:, FIRST] - DISORDER_US, packets[:, LAST] + DISORDER_US))
+        # the first or last event of a packet with invalid ones may be one of them
+        reach[:, packets[:, SOME_INVALID] > 0] = np.array(EVER)[:, None]
+        return tuple(reach)
+
     def _of_packets(self, packets: np.ndarray) -> Columns:
         width, height = self._size or (0, 0)
         columns = Columns.room(int(packets[:, NUMBER].sum()))
@@ -120,7 +129,10 @@ class Recording(BaseRecording):
         """Some packets at a time, the bytes that hold them, and where in the file those begin."""
         begins, ends = packets[:, FIRST_BYTE], packets[:, FIRST_BYTE] + 8 * packets[:, NUMBER]
         # the last packet reaches beyond: so that it seldom makes more than a piece
-        edges = [0, *(np.flatnonzero(np.diff(begins // (PIECE // 2))) + 1).tolist(), len(packets)]
+        half = PIECE // 2
+        edges = [0, len(packets)]
+        if len(packets) and begins[0] // half != begins[-1] // half:
+            edges[1:1] = (np.flatnonzero(np.diff(begins // half)) + 1).tolist()
         parts = [(lo, hi) for lo, hi in pairwise(edges) if lo < hi]
         pieces = self._contents.ranges([(int(begins[lo]), int(ends[hi - 1])) for lo, hi in parts])
         for (lo, hi), raw in zip(parts, pieces, strict=True):
@@ -151,10 +163,8 @@ class Recording(BaseRecording):
         """Decode the packets that reach into the window, in whatever order they lie in the file."""
         if not self.strict:
             return None
-        first, last = self.packets[:, FIRST], self.packets[:, LAST]
-        # the first or last event of a packet with invalid ones may be one of them
-        touched = (last >= start - DISORDER_US) & (first < stop + DISORDER_US) | (self.packets[:, SOME_INVALID] > 0)
-        columns = in_order(self._of_packets(self.packets[touched]))
+        first, last = self._reach
+        columns = in_order(self._of_packets(self.packets[(last >= start) & (first < stop)]))
         a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
         return columns.at(slice(a, b))
 

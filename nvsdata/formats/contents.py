@@ -40,19 +40,19 @@ class Contents:
             self.head = b""
 
     def read(self, start: int, stop: int) -> np.ndarray:
-        """Bytes start..stop, uint8."""
+        """Bytes start..stop, uint8 and read-only."""
         if stop <= len(self.head):
             return np.frombuffer(self.head, np.uint8, stop - start, start)
         out = np.empty(stop - start, np.uint8)
         assert self._file is not None
         with self._file.opened() as file:
-            self._file.fill(file, start, out)
+            file.fill(start, out)
+        # as the bytes in memory are: compiled loops tell the two kinds of arrays apart
+        out.flags.writeable = False
         return out
 
     def pieces(self, start: int, stop: int, step: int) -> Iterator[np.ndarray]:
         """Bytes start..stop in pieces of `step`, as `ranges` gives them."""
-        if stop <= len(self.head) and stop - start <= step:
-            return iter((np.frombuffer(self.head, np.uint8, stop - start, start),))
         return self.ranges([(at, min(at + step, stop)) for at in range(start, stop, step)])
 
     def ranges(self, ranges: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
@@ -68,13 +68,12 @@ class Contents:
             room = _ROOMS.pop() if longest <= PIECE else np.empty(longest, np.uint8)
         except IndexError:
             room = np.empty(PIECE, np.uint8)
-        # as the bytes in memory are: compiled loops tell the two kinds of arrays apart
         shown = room.view()
         shown.flags.writeable = False
         try:
             with self._file.opened() as file:
                 for start, stop in ranges:
-                    self._file.fill(file, start, room[: stop - start])
+                    file.fill(start, room[: stop - start])
                     yield shown[: stop - start]
         finally:
             if longest <= PIECE:
@@ -87,7 +86,7 @@ class Contents:
             yield -1
         else:
             with self._file.opened() as file:
-                yield file.fileno()
+                yield file.descriptor
 
     def samples(self, start: int, stop: int, step: int, size: int) -> np.ndarray:
         """The `size` bytes at start, start + step, ... before `stop`, uint8 [N, size]."""
@@ -99,13 +98,13 @@ class Contents:
             out[:] = np.frombuffer(self.head, np.uint8)[rows]
         elif hasattr(os, "pread"):
             with self._file.opened() as file:
-                found = read_samples(file.fileno(), start, step, out)
+                found = read_samples(file.descriptor, start, step, out)
             if found < len(out):
                 raise FormatError(self.path, start + found * step, "truncated while it was read")
         else:
             with self._file.opened() as file:
                 for row, at in zip(out, range(start, stop, step), strict=True):
-                    self._file.fill(file, at, row)
+                    file.fill(at, row)
         return out
 
     def header(self, mark: bytes) -> tuple[list[str], int]:

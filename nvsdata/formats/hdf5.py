@@ -19,7 +19,6 @@ refused, or sorted if it is not to be read strictly; of plain columns all times 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any
 
@@ -28,7 +27,7 @@ import numpy as np
 from nvsdata.errors import FormatError
 from nvsdata.events import LATEST, Columns
 from nvsdata.events import Recording as BaseRecording
-from nvsdata.formats.hdf5_columns import Column, Stored, column_of, narrowed, rises
+from nvsdata.formats.hdf5_columns import Column, Source, Stored, column_of, narrowed, rises
 from nvsdata.formats.hdf5_file import attribute, check_version, dataset_of, found_in, number_of, opened, text_of
 from nvsdata.formats.hdf5_samples import about_in, frames_in, inertial_in
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
@@ -85,7 +84,7 @@ class Recording(BaseRecording):
             kinds = dict(table.dtype.fields or {}) if table.ndim == 1 else {}
             if not all(name in kinds and kinds[name][0].kind in "iub" for name in TYPES):
                 raise FormatError(self.path, None, f"/CD/events is {table}, no row of x, y, p and t")
-            return {name: Stored(self._file, "CD/events", table.size, name) for name in TYPES}
+            return {name: Stored("CD/events", table.size, name) for name in TYPES}
         for home in ("events", ""):
             place = found_in(self.path, file.id, home)
             found = {} if place is None else {name: found_in(self.path, place, name) for name in TYPES}
@@ -103,34 +102,26 @@ class Recording(BaseRecording):
             return int(value.item())
         raise FormatError(self.path, None, f"/t_offset is {value}, no time in µs below 2^62")
 
-    @contextmanager
-    def _sources(self) -> Iterator[dict[type, Any]]:
-        """What the columns of each kind are read from."""
-        with ExitStack() as stack:
-            kinds = {type(column): column for column in self._columns.values()}
-            yield {kind: stack.enter_context(column.opened()) for kind, column in kinds.items()}
-
     def _decode(self) -> Columns:
-        with self._sources() as sources:
-            t = self._times(sources, 0, self._columns["t"].size)
+        with Source(self._file) as source:
+            t = self._times(source, 0, self._columns["t"].size)
             if self._ordered and not self._rises:
                 late = int(np.argmax(t[1:] < t[:-1])) + 1
                 raise FormatError(self.path, None, f"event {late} is earlier than the one before it")
-            return self._events(sources, 0, t)
+            return self._events(source, 0, t)
 
-    def _events(self, sources: dict[type, Any], first: int, t: np.ndarray) -> Columns:
+    def _events(self, source: Source, first: int, t: np.ndarray) -> Columns:
         """Events from the first on, of which the times are known."""
-        x, y, p = (self._read(sources, name, first, first + t.size) for name in "xyp")
+        x, y, p = (self._read(source, name, first, first + t.size) for name in "xyp")
         inside = self._inside((t, x, y, np.where(p == -1, 0, p) if p.dtype.kind == "i" else p), first)
         return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
 
-    def _read(self, sources: dict[type, Any], name: str, lo: int, hi: int) -> np.ndarray:
-        column = self._columns[name]
-        return column.read(sources[type(column)], lo, hi, TYPES[name])
+    def _read(self, source: Source, name: str, lo: int, hi: int) -> np.ndarray:
+        return self._columns[name].read(source, lo, hi, TYPES[name])
 
-    def _times(self, sources: dict[type, Any], lo: int, hi: int) -> np.ndarray:
+    def _times(self, source: Source, lo: int, hi: int) -> np.ndarray:
         """Times lo..hi; `_rises` says whether they never fall."""
-        t = self._read(sources, "t", lo, hi)
+        t = self._read(source, "t", lo, hi)
         ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
         if not ends or ends[0] < LATEST - self._offset:
             t = t.astype(np.int64, copy=False)
@@ -147,38 +138,38 @@ class Recording(BaseRecording):
     def _window(self, start: int, stop: int) -> Columns | None:
         """A bisection over t; None if the times that it comes to tell that it went astray."""
         t = self._columns["t"]
-        with self._sources() as sources:
-            if not self._in_order(sources):
+        with Source(self._file) as source:
+            if not self._in_order(source):
                 return None
-            before, _ = narrowed(t, sources[type(t)], start - self._offset)
-            _, after = narrowed(t, sources[type(t)], stop - self._offset)
+            before, _ = narrowed(t, source, start - self._offset)
+            _, after = narrowed(t, source, stop - self._offset)
             first, last = max(before - AROUND, 0), min(after + AROUND, t.size)
-            around = self._times(sources, first, last)
+            around = self._times(source, first, last)
             lo, hi = around.searchsorted((start, stop)).tolist()
             if not self._rises or (lo == 0 < first) or (hi == around.size and last < t.size):
                 return None
-            return self._events(sources, first + lo, around[lo:hi])
+            return self._events(source, first + lo, around[lo:hi])
 
-    def _in_order(self, sources: dict[type, Any]) -> bool:
+    def _in_order(self, source: Source) -> bool:
         """Whether times never fall; if no layout promises it, all of them are looked at once."""
         if self._ordered is None:
             t = self._columns["t"]
-            self._ordered = rises(t, sources[type(t)])
+            self._ordered = rises(t, source)
             if self._ordered and t.size:
-                edges = self._edges(sources)
+                edges = self._edges(source)
                 if self._begins is not None:
                     self._check_time(*edges)
         return self._ordered
 
-    def _edges(self, sources: dict[type, Any]) -> tuple[int, int]:
+    def _edges(self, source: Source) -> tuple[int, int]:
         last = self._columns["t"].size - 1
-        return int(self._times(sources, 0, 1)[0]), int(self._times(sources, last, last + 1)[0])
+        return int(self._times(source, 0, 1)[0]), int(self._times(source, last, last + 1)[0])
 
     def _bounds(self) -> tuple[int, int] | None:
         if not self.strict or not self._columns["t"].size:
             return None
-        with self._sources() as sources:
-            return self._edges(sources) if self._in_order(sources) else None
+        with Source(self._file) as source:
+            return self._edges(source) if self._in_order(source) else None
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
         with opened(self.path, "damaged /frames") as file:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from functools import cache, partial
-from io import FileIO
+from types import TracebackType
 from typing import Any, Protocol
 
 import h5py
@@ -13,12 +13,36 @@ import numpy as np
 
 from nvsdata.errors import FormatError
 from nvsdata.formats.hdf5_file import check_stored, dataset_of, opened, places_of
-from nvsdata.formats.ondisk import OnDisk
+from nvsdata.formats.ondisk import OnDisk, OpenFile
 from nvsdata.kernels.order import never_falls
 
 BLOCK = 1 << 20  # bytes that are converted at a time: they stay in the cache
 SCANNED = 1 << 20  # values that are looked at together
-BISECTED = 128  # values that are read rather than bisected further
+BISECTED = 512  # values that are read rather than bisected further
+
+
+class Source(OpenFile):
+    """A file while a block reads its columns; the library opens it for those alone that it must decode."""
+
+    __slots__ = ("_dataset", "_library")
+
+    def __enter__(self) -> Source:
+        super().__enter__()
+        self._library: AbstractContextManager[Any] | None = None
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        super().__exit__(kind, error, tb)
+        if self._library is not None:
+            self._library.__exit__(kind, error, tb)
+
+    def dataset(self, name: str) -> Any:
+        """A dataset as the library reads it."""
+        if self._library is None:
+            self._library = opened(self.file.path, "can't read the events")
+            # what is open keeps what it has decompressed
+            self._dataset = cache(partial(dataset_of, self.file.path, self._library.__enter__()))
+        return self._dataset(name)
 
 
 class Column(Protocol):
@@ -27,13 +51,10 @@ class Column(Protocol):
     name: str
     size: int
 
-    def opened(self) -> AbstractContextManager[Any]:
-        """What `read` reads from: the same for all columns of this kind in a file."""
-
-    def value(self, source: Any, i: int) -> int:
+    def value(self, source: Source, i: int) -> int:
         """A single value."""
 
-    def read(self, source: Any, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         """Values lo..hi in memory of their own: in `kind` if that holds all values of their type, else in their own."""
 
 
@@ -41,25 +62,22 @@ class Plain:
     """A column that lies in the file as it is: at `places`, `length` values each."""
 
     def __init__(self, file: OnDisk, name: str, kind: Any, size: int, places: Sequence[int], length: int) -> None:
-        self.file, self.name, self.kind, self.size = file, name, kind, size
+        self.name, self.kind, self.size = name, kind, size
         self._places, self._length = places, length
         self._seen: dict[int, int] = {}  # a bisection begins where the last one did
         for i, place in enumerate(places):
             if place + min(length, size - i * length) * kind.itemsize > file.size:
                 raise FormatError(file.path, place, f"truncated within /{name}")
 
-    def opened(self) -> AbstractContextManager[FileIO]:
-        return self.file.opened()
-
-    def value(self, source: FileIO, i: int) -> int:
+    def value(self, source: Source, i: int) -> int:
         if i not in self._seen:
             part, first = divmod(i, self._length)
             one = np.empty(1, self.kind)
-            self.file.fill(source, self._places[part] + first * self.kind.itemsize, one)
+            source.fill(self._places[part] + first * self.kind.itemsize, one)
             self._seen[i] = int(one[0])
         return self._seen[i]
 
-    def read(self, source: FileIO, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         widened = kind is not None and np.can_cast(self.kind, kind)
         values = np.empty(max(hi - lo, 0), kind if widened else self.kind)
         room = np.empty(min(values.size, BLOCK // self.kind.itemsize), self.kind) if widened else values
@@ -69,7 +87,7 @@ class Plain:
             count = min(values.size - done, self._length - first, max(room.size, 1))
             target = values[done : done + count]
             raw = target if room is values else room[:count]
-            self.file.fill(source, self._places[part] + first * self.kind.itemsize, raw)
+            source.fill(self._places[part] + first * self.kind.itemsize, raw)
             if raw is not target:
                 target[:] = raw
             done += count
@@ -79,21 +97,14 @@ class Plain:
 class Stored:
     """A column, or a field of a table, that the library reads: it is compressed, or spread over rows."""
 
-    def __init__(self, file: OnDisk, name: str, size: int, field: str | None = None) -> None:
-        self.file, self.name, self.size, self._field = file, name, size, field
+    def __init__(self, name: str, size: int, field: str | None = None) -> None:
+        self.name, self.size, self._field = name, size, field
 
-    @contextmanager
-    def opened(self) -> Iterator[Callable[[str], Any]]:
-        self.file.check()
-        with opened(self.file.path, "can't read the events") as file:
-            # what is open keeps what it has decompressed
-            yield cache(partial(dataset_of, self.file.path, file))
-
-    def value(self, source: Callable[[str], Any], i: int) -> int:
+    def value(self, source: Source, i: int) -> int:
         return int(self.read(source, i, i + 1)[0])
 
-    def read(self, source: Callable[[str], Any], lo: int, hi: int, kind: Any = None) -> np.ndarray:
-        rows = source(self.name)[lo : max(lo, hi)]
+    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+        rows = source.dataset(self.name)[lo : max(lo, hi)]
         values = np.asarray(rows if self._field is None else rows[self._field])
         values = values.astype(np.uint8) if values.dtype.kind == "b" else values
         return values.astype(kind, copy=False) if kind is not None and np.can_cast(values.dtype, kind) else values
@@ -109,11 +120,11 @@ def column_of(file: OnDisk, name: str, dataset: Any) -> Column:
         raise FormatError(file.path, None, f"/{name} is no column of integers")
     places, length = places_of(dataset, layout, shape[0])
     if not places:
-        return Stored(file, name, shape[0])
+        return Stored(name, shape[0])
     return Plain(file, name, np.dtype(np.uint8) if kind.kind == "b" else kind, shape[0], places, length)
 
 
-def narrowed(column: Column, source: Any, value: int) -> tuple[int, int]:
+def narrowed(column: Column, source: Source, value: int) -> tuple[int, int]:
     """Two indices at most `BISECTED` apart, between which a column that never falls comes to `value` or more."""
     lo, hi = 0, column.size
     while hi - lo > BISECTED:
@@ -125,7 +136,7 @@ def narrowed(column: Column, source: Any, value: int) -> tuple[int, int]:
     return lo, hi
 
 
-def rises(column: Column, source: Any) -> bool:
+def rises(column: Column, source: Source) -> bool:
     """Whether no value of a column is smaller than the one before it."""
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))

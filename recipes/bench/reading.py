@@ -53,6 +53,7 @@ def main() -> None:
         parts = (
             lambda: listing(Path(home), args.files),
             lambda: decoding(Path(home)),
+            lambda: windows(Path(home)),
             lambda: matlab_files(Path(home)),
             lambda: store(Path(home), args.recordings),
         )
@@ -93,6 +94,37 @@ def decoding(home: Path) -> list[Row]:
         row |= {f"ratio_to_{name}": round(spent / times["ours"], 2) for name, spent in times.items() if name != "ours"}
         rows.append(row)
     return rows
+
+
+def windows(home: Path) -> list[Row]:
+    """Random windows of 30 ms from a recording that is kept open, beside opening the file and reading their bytes."""
+    rows = []
+    begins = np.random.default_rng(0).integers(0, 8 * MILLION - 30_000, 400).tolist()
+    ev = moving(2 * MILLION, (128, 128), duration=8 * MILLION)
+    for suffix in (".bin", ".dat", ".aedat", ".aedat3", ".h5", ".npy"):
+        path = home / f"windows{suffix}"
+        nvsdata.write(ev, path)
+        recording = nvsdata.open(path, sensor_size=(128, 128))
+        each = path.stat().st_size / (8 * MILLION)
+        times = race(
+            {
+                "ours": lambda recording=recording: [recording.read(t, t + 30_000) for t in begins],
+                "bare": lambda path=path, each=each: [
+                    bare_read(path, int(t * each), int(30_000 * each)) for t in begins
+                ],
+            }
+        )
+        row: Row = {"what": f"windows of 30 ms of {suffix}"}
+        rows.append(row | {f"{name}_us": round(spent / len(begins) * 1e6, 1) for name, spent in times.items()})
+    return rows
+
+
+def bare_read(path: Path, at: int, size: int) -> None:
+    """The system calls alone that a read can't do without."""
+    descriptor = os.open(path, os.O_RDONLY)
+    os.fstat(descriptor)
+    os.preadv(descriptor, (bytearray(size),), at)
+    os.close(descriptor)
 
 
 def peers(suffix: str, path: Path) -> dict[str, Callable[[], Any]]:

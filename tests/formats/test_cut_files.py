@@ -10,7 +10,7 @@ from lookalikes import aedat4_bytes, evt2_bytes, evt3_bytes
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.formats import contents
+from nvsdata.formats import contents, ondisk
 
 KINDS = (".dat", ".aedat", ".aedat1", ".aedat3", ".bin", ".aedat4", ".evt2.raw", ".evt3.raw")
 every_kind = pytest.mark.parametrize("kind", KINDS)
@@ -80,14 +80,14 @@ def test_a_cut_file_is_repaired_by_whom_opens_it_afterwards(tmp_path):
 def test_a_file_cut_within_a_read_is_told_with_the_byte(tmp_path, kind, monkeypatch):
     path, _ = long_file(tmp_path, kind)
     recording = nvsdata.open(path, sensor_size=(128, 128))
-    fill = contents.OnDisk.fill
+    fill = ondisk.OpenFile.fill
 
-    def cut_first(self, file, at, target):
+    def cut_first(self, at, target):
         with path.open("r+b") as other:
             other.truncate(66_000)
-        return fill(self, file, at, target)
+        return fill(self, at, target)
 
-    monkeypatch.setattr(contents.OnDisk, "fill", cut_first)
+    monkeypatch.setattr(ondisk.OpenFile, "fill", cut_first)
     with pytest.raises(FormatError, match="truncated while it was read") as caught:
         recording.read()
     assert caught.value.offset == 66_000
