@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from nvsdata import datasets, emulation, formats, metrics, models, transforms
     from nvsdata.batching import collate
+    from nvsdata.common.errors import FormatError
     from nvsdata.datasets import (
         ASLANDVS,
         ASLDVS,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from nvsdata.datasets.cache import cache
     from nvsdata.datasets.pack import pack
     from nvsdata.emulation import PIX2NVS
-    from nvsdata.errors import FormatError
     from nvsdata.events import Events, Recording
     from nvsdata.formats import open, read, write
     from nvsdata.graph import Graph, GraphBatch
@@ -39,7 +39,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Events": "events",
     "Recording": "events",
-    "FormatError": "errors",
+    "FormatError": "common.errors",
     "open": "formats",
     "read": "formats",
     "write": "formats",

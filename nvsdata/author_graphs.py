@@ -9,7 +9,7 @@ import numpy as np
 import scipy.io
 import torch
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.graph import Graph, grouped, pseudo
 
 # sensor and reach: of CIFAR10-DVS, radius graphs; of UCF101-DVS, nearest neighbours as `T.NearestGraph` has them

@@ -16,7 +16,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     0 is fine, 1 that something failed, 130 interrupted, 128 and a signal's number ended by that signal.
     """
-    from nvsdata.signals import end_of, ending_by_signals, exit_code
+    from nvsdata.common.signals import end_of, ending_by_signals, exit_code
 
     _open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
@@ -247,8 +247,8 @@ def _download(args: argparse.Namespace) -> int:
 
 
 def _pack(args: argparse.Namespace) -> int:
+    from nvsdata.common.errors import shown
     from nvsdata.datasets.pack import pack
-    from nvsdata.errors import shown
 
     _at_least_1(args, "jobs")
     kind = _dataset(args.dataset)
@@ -262,8 +262,8 @@ def _pack(args: argparse.Namespace) -> int:
 
 def _convert(args: argparse.Namespace) -> int:
     from nvsdata import formats
-    from nvsdata.errors import shown
-    from nvsdata.files import creating
+    from nvsdata.common.errors import shown
+    from nvsdata.common.files import creating
 
     formats.writer_of(args.target)
     with creating(args.target, overwrite=args.overwrite):
@@ -357,7 +357,7 @@ def _record(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from nvsdata.errors import shown
+    from nvsdata.common.errors import shown
     from nvsdata.verify import problems
 
     count = 0

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata import formats, metrics, pictures
+from nvsdata.common.errors import shown
+from nvsdata.common.files import claimed, put
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.errors import shown
 from nvsdata.events import Events
-from nvsdata.files import claimed, put
 from nvsdata.metrics.search import SPACE, Search, search
 from nvsdata.metrics.tune import Pair, aligned, table
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.kernels.order import never_falls
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from nvsdata import formats
-from nvsdata.errors import shown
+from nvsdata.common.errors import shown
 
 
 def describe(path: Path) -> str:

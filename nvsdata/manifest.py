@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 import nvsdata
-from nvsdata.files import Journal
+from nvsdata.common.files import Journal
 
 NAME = "manifest.jsonl"
 

@@ -12,8 +12,8 @@ from typing import Any, Self
 import torch
 from torch.optim import Optimizer
 
-from nvsdata.errors import FormatError, line_of
-from nvsdata.files import named, put
+from nvsdata.common.errors import FormatError, line_of
+from nvsdata.common.files import named, put
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.jsonl"
 

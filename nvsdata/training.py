@@ -29,11 +29,11 @@ from tqdm import tqdm
 
 from nvsdata import models, runs
 from nvsdata.batching import collate
+from nvsdata.common.files import claimed
+from nvsdata.common.processes import end_with_parent
+from nvsdata.common.signals import ENDING, end_of, ending_by_signals, exit_code
 from nvsdata.datasets import ASLANDVS, EventFolder, SeededBatches, SeededDataset, dataset_named, stratified
-from nvsdata.files import claimed
 from nvsdata.models.shared import total
-from nvsdata.processes import end_with_parent
-from nvsdata.signals import ENDING, end_of, ending_by_signals, exit_code
 
 
 def run(main: Callable[[], None], hint: str = "--resume goes on from the last epoch") -> None:

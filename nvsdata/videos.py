@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nvsdata import formats
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 
 # what recordings are written as, and the extension that says so
 FORMATS = {f.name: f.suffixes[0] for f in formats.FORMATS if f.name in ("hdf5", "aedat2", "aedat3", "text")}

@@ -21,8 +21,8 @@ from typing import Any
 import torch
 
 from nvsdata.actions import Actions
+from nvsdata.common.files import Journal
 from nvsdata.datasets import YUPENNDVS
-from nvsdata.files import Journal
 from nvsdata.training import Team, data_of, loader, outputs, run, team
 
 

@@ -25,8 +25,8 @@ from torch.nn.functional import normalize
 from tqdm import tqdm
 
 from nvsdata import collate, models, pictures
+from nvsdata.common.files import claimed, put
 from nvsdata.datasets import ASLANDVS, SeededDataset
-from nvsdata.files import claimed, put
 from nvsdata.metrics import area_under_roc, roc, similarities
 from nvsdata.training import run
 

@@ -23,8 +23,8 @@ import torch
 
 from nvsdata import models
 from nvsdata import transforms as T
+from nvsdata.common.files import put
 from nvsdata.datasets import DATASETS
-from nvsdata.files import put
 from nvsdata.training import Halves, Team, Trainer, accuracies, loader, run, sgd, team
 
 KINDS = ("real", "emulated")

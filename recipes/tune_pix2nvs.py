@@ -13,9 +13,9 @@ from pathlib import Path
 
 import nvsdata
 from nvsdata import metrics, pictures
+from nvsdata.common.files import claimed, put
 from nvsdata.comparison import score_curve, side_by_side
 from nvsdata.emulation import PRESETS
-from nvsdata.files import claimed, put
 from nvsdata.metrics.search import Search, Trial, search
 from nvsdata.metrics.tune import Pair, table
 from nvsdata.training import run

@@ -22,8 +22,8 @@ import numpy as np
 
 import nvsdata
 from nvsdata import Events, metrics
+from nvsdata.common.files import put
 from nvsdata.emulation import PRESETS
-from nvsdata.files import put
 from nvsdata.frames import frame_edges
 from nvsdata.metrics.tune import Pair, aligned
 

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 
 
 def dead_owner() -> str:
-    """The name, as in `nvsdata.locks`, of a process that has ended."""
-    code = "from nvsdata.locks import owner; print(owner())"
+    """The name, as in `nvsdata.common.locks`, of a process that has ended."""
+    code = "from nvsdata.common.locks import owner; print(owner())"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
 
 

@@ -12,7 +12,7 @@ from processes_of_others import dead_owner
 import nvsdata
 from nvsdata import Events
 from nvsdata.cli import main
-from nvsdata.locks import locked
+from nvsdata.common.locks import locked
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from nvsdata.common.errors import FormatError
 from nvsdata.datasets.shared import Shared
-from nvsdata.errors import FormatError
 
 ERRORS = ("raise", "skip", "repair")
 MOST = 100  # recordings in a row that may be unreadable: more isn't a damaged file but a damaged disk

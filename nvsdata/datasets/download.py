@@ -8,12 +8,12 @@ import warnings
 from contextlib import suppress
 from pathlib import Path
 
+from nvsdata.common.errors import DownloadError
+from nvsdata.common.files import claimed
+from nvsdata.common.locks import lock_path, locked
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.transfer import MIRROR, fetch
 from nvsdata.datasets.unpack import unpack
-from nvsdata.errors import DownloadError
-from nvsdata.files import claimed
-from nvsdata.locks import lock_path, locked
 
 WORK = ".nvsdata-download"  # the folder in the root for what is unfinished; nothing of the user's is in it
 

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from nvsdata.common.errors import FormatError
 from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
 from nvsdata.datasets.source import joined
-from nvsdata.errors import FormatError
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
 _ALL = Archive(

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from nvsdata.common.files import atomic, creating, named
+from nvsdata.common.processes import pool
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.part import Part
 from nvsdata.datasets.source import Source, joined
 from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, packed
-from nvsdata.files import atomic, creating, named
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_disk import created
-from nvsdata.processes import pool
 
 COPIED = 1 << 24  # events that are copied at once
 MOST_SIDE_BYTES = 1 << 24  # of a file that is no recording: larger ones aren't taken along

@@ -19,10 +19,10 @@ import requests
 import urllib3
 from tqdm import tqdm
 
+from nvsdata.common.errors import DownloadError
 from nvsdata.datasets.arrived import QUOTA, fault_of, kind_of, page_of
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.unpack import take_out
-from nvsdata.errors import DownloadError
 
 MIRROR = "NVSDATA_MIRROR"
 TRIES = 3  # in a row that bring nothing new, before the next place is asked

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from nvsdata.errors import DownloadError
+from nvsdata.common.errors import DownloadError
 
 MOST_BYTES = 100 << 30  # that an archive may unpack to, those within it included
 MOST_FILES = 1_000_000

@@ -17,13 +17,13 @@ import cv2
 from tqdm import tqdm
 
 from nvsdata import formats
+from nvsdata.common.files import claimed
+from nvsdata.common.prefetch import stay_in_one_thread
+from nvsdata.common.processes import pool
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.video import TruncatedVideo
 from nvsdata.events import Events
-from nvsdata.files import claimed
 from nvsdata.manifest import Manifest
-from nvsdata.processes import pool
-from nvsdata.threads import stay_in_one_thread
 from nvsdata.videos import fatal, sha256, videos_in
 
 

@@ -16,8 +16,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from nvsdata.errors import FormatError
-from nvsdata.threads import in_one_thread
+from nvsdata.common.errors import FormatError
+from nvsdata.common.prefetch import in_one_thread
 
 SMALL = 1 << 20  # pixels of a frame
 FULL, STUDIO = (0, 255), (16, 235)  # values of black and white

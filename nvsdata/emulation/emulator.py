@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nvsdata.common.prefetch import DEPTH
 from nvsdata.emulation.decoder import FULL, luminance, stretched
 from nvsdata.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.logarithm import logarithm
 from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, read
 from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, MINIMUM, TILE, Pixels, Rule, Tiles, look
-from nvsdata.threads import DEPTH
 
 if TYPE_CHECKING:
     from nvsdata.emulation.pix2nvs import PIX2NVS

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from nvsdata.common.prefetch import ahead
 from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.sensor import Imperfections
 from nvsdata.emulation.video import Frame, Video, frames_of
 from nvsdata.events import Events, together
-from nvsdata.threads import ahead
 
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from nvsdata.checks import positive
+from nvsdata.common.errors import FormatError
+from nvsdata.common.prefetch import ahead
+from nvsdata.common.validation import positive
 from nvsdata.emulation.decoder import FULL, Decoder
-from nvsdata.errors import FormatError
 from nvsdata.frames import MICROSECONDS
-from nvsdata.threads import ahead
 from nvsdata.videos import check_name
 
 Video = str | os.PathLike[str] | int | Iterable[Any]

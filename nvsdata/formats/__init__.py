@@ -18,9 +18,9 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
+from nvsdata.common.files import atomic, named
 from nvsdata.events import Events, Recording
-from nvsdata.files import atomic, named
 from nvsdata.formats.contents import HEAD
 from nvsdata.formats.pieces import Pieces
 from nvsdata.samples import without_samples

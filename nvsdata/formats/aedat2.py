@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Columns
 from nvsdata.formats.aedat2_samples import WRITTEN, Scales, frames_of, inertial_of, merged
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import EVER, LATEST, Columns, Events, in_order
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.contents import PIECE, Contents

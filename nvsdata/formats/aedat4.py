@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import LATEST, Columns
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents

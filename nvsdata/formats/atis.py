@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Columns
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.pieces import Pieces

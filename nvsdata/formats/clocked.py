@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Columns, Events
 from nvsdata.formats.records import Blocks, PiecedFile
 from nvsdata.kernels.clock import (

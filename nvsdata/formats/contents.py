@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.kernels.reading import read_samples
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Columns, Events, joined
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.recording.decoding import decoded

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Columns
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, PiecedFile, stated_size

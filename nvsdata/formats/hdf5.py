@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import LATEST, Columns
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.hdf5_columns import Column, Source, Stored, column_of, narrowed, rises

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import h5py
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.formats.hdf5_file import check_stored, dataset_of, opened, places_of
 from nvsdata.formats.ondisk import OnDisk, OpenFile
 from nvsdata.kernels.order import never_falls

@@ -16,7 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.formats.inflation import most_bytes
 
 FOLLOW = "NVSDATA_HDF5_LINKS"

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Events
 from nvsdata.formats.hdf5_file import found_in
 from nvsdata.samples import Frame, Inertial, Piece

@@ -14,7 +14,7 @@ from itertools import islice
 import h5py
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import LATEST, Columns
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents

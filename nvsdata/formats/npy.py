@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import LATEST, STRUCTURE, Columns
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.pieces import Pieces, headed

@@ -12,7 +12,7 @@ from types import TracebackType
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 
 
 class OnDisk:

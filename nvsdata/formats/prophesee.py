@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Columns
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents

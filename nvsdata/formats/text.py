@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.events import Columns, joined
 from nvsdata.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nvsdata.checks import not_negative, positive
+from nvsdata.common.validation import not_negative, positive
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.frames import frame_edges
 from nvsdata.kernels.distances import cancel, nearest

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from nvsdata.common.files import Journal
 from nvsdata.emulation import PIX2NVS
-from nvsdata.files import Journal
 from nvsdata.metrics.score import score
 
 BATCH = 4  # trials proposed at once, whatever the number of jobs: so the search doesn't depend on it

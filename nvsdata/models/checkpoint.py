@@ -21,8 +21,8 @@ from safetensors.torch import save as as_safetensors
 from torch import nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 
-from nvsdata.errors import FormatError, line_of
-from nvsdata.files import put
+from nvsdata.common.errors import FormatError, line_of
+from nvsdata.common.files import put
 from nvsdata.models import reference, rgcnn, rgcnn3d
 from nvsdata.models.trained import Trained
 from nvsdata.models.zoo import NETWORKS

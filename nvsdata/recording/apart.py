@@ -16,9 +16,9 @@ from typing import Any
 import usb.core
 import usb.util
 
-from nvsdata.processes import end_with_parent
+from nvsdata.common.processes import end_with_parent
+from nvsdata.common.signals import ENDING
 from nvsdata.recording.transfers import Gone, Single
-from nvsdata.signals import ENDING
 
 READY = b""
 STARTING = 20.0  # s that the process may take to begin

@@ -16,8 +16,8 @@ import cv2
 from tqdm import tqdm
 
 from nvsdata import formats
-from nvsdata.files import Journal, claimed
-from nvsdata.locks import locked
+from nvsdata.common.files import Journal, claimed
+from nvsdata.common.locks import locked
 from nvsdata.manifest import NAME, Manifest
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.monitor import Monitor, MonitorError

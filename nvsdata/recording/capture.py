@@ -17,6 +17,8 @@ from threading import Event
 from typing import Any
 
 from nvsdata import formats
+from nvsdata.common.prefetch import ahead
+from nvsdata.common.signals import ENDING, Ended
 from nvsdata.events import Events
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.decoding import decoded
@@ -26,8 +28,6 @@ from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import host_time
 from nvsdata.recording.wire import Decoder
 from nvsdata.samples import Piece
-from nvsdata.signals import ENDING, Ended
-from nvsdata.threads import ahead
 
 RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still holds must find room
 # how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over

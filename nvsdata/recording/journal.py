@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.formats.davis import header
-from nvsdata.locks import OutputInUse, locked
 from nvsdata.recording.wire import Decoder
 
 SUFFIX = ".davis"

@@ -13,8 +13,9 @@ from typing import Any
 
 from tqdm import tqdm
 
+from nvsdata.common.files import claimed, creating
+from nvsdata.common.terminal import Terminal, say
 from nvsdata.events import Events
-from nvsdata.files import claimed, creating
 from nvsdata.recording.batch import manifest_of, record_videos, verify
 from nvsdata.recording.calibrate import calibrate
 from nvsdata.recording.calibration import FIGURES, described, write_calibration
@@ -26,7 +27,6 @@ from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.simulation import Simulation
-from nvsdata.recording.terminal import Terminal, say
 from nvsdata.videos import videos_in
 
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
-from nvsdata.checks import not_negative, positive, probability
+from nvsdata.common.validation import not_negative, positive, probability
 from nvsdata.events import Columns, Events, Recording, as_events
 from nvsdata.graph import Graph, sequence_of
 from nvsdata.transforms.draws import uniform

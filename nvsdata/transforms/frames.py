@@ -8,7 +8,7 @@ from typing import ClassVar
 import torch
 from torch.nn import functional as F
 
-from nvsdata.checks import positive
+from nvsdata.common.validation import positive
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.frames import frame_bounds, frame_edges
 from nvsdata.kernels.frames import sum_frames as kernel

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import torch
 
-from nvsdata.checks import not_negative, positive
+from nvsdata.common.validation import not_negative, positive
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.graph import Graph
 from nvsdata.kernels.graph import event_graph, nearest_event_graph

@@ -9,7 +9,7 @@ from typing import ClassVar
 import torch
 from torch.nn.functional import interpolate
 
-from nvsdata.checks import positive, probability
+from nvsdata.common.validation import positive, probability
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.transforms.draws import below, uniform
 

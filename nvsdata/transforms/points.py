@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from nvsdata.checks import positive
+from nvsdata.common.validation import positive
 from nvsdata.events import Events, Recording, as_events
 from nvsdata.transforms.draws import generator
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
-from nvsdata.checks import microseconds, positive, whole_microseconds
+from nvsdata.common.validation import microseconds, positive, whole_microseconds
 from nvsdata.events import Events, Recording, as_events, check_window
 from nvsdata.transforms.draws import place
 

@@ -389,7 +389,7 @@ def test_a_disk_that_fills_up(digits, tmp_path):
 
 
 def test_what_a_killed_run_left_is_swept(digits, tmp_path):
-    from nvsdata.locks import owner
+    from nvsdata.common.locks import owner
 
     cached = nvsdata.cache(dataset(digits, *HEAD), tmp_path / "cache")
     cached[0]

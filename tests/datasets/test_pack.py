@@ -19,11 +19,11 @@ from test_distributions import check_same, home  # noqa: F401  the fixture
 import nvsdata
 from nvsdata import NMNIST, EventFolder, Events, FormatError
 from nvsdata.cli import main
+from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.datasets import ASLDVS, MNISTDVS, DVS128Gesture, part
 from nvsdata.datasets.pack import pack
 from nvsdata.datasets.part import JOURNAL
 from nvsdata.datasets.store import Store
-from nvsdata.locks import OutputInUse, locked
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import sys
 import pytest
 import trees
 
+from nvsdata.common.locks import owner
 from nvsdata.datasets import source
 from nvsdata.datasets.source import INDEX, Folder
-from nvsdata.locks import owner
 
 
 @pytest.fixture

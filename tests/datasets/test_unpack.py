@@ -17,9 +17,9 @@ import trees
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nvsdata.common.errors import DownloadError
 from nvsdata.datasets import unpack as module
 from nvsdata.datasets.unpack import take_out, unpack
-from nvsdata.errors import DownloadError
 
 
 def zipped(files, method=zipfile.ZIP_STORED):

@@ -12,7 +12,7 @@ from disks import PAGE, file_limit, small_disk
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.files import Journal, atomic
+from nvsdata.common.files import Journal, atomic
 
 SUFFIXES = (".h5", ".txt", ".aedat1", ".aedat", ".aedat3", ".npy", ".bin", ".dat")
 CHUNKED = "chunks.h5"

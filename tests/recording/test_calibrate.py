@@ -10,7 +10,7 @@ from lab import headless, quick  # noqa: F401
 
 from nvsdata import Events
 from nvsdata.cli import main
-from nvsdata.locks import OutputInUse, locked
+from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.recording import calibrate, session
 from nvsdata.recording.calibration import corners_of, lines_of, rectangles, spectrum_of
 from nvsdata.recording.live import sharpness

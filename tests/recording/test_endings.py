@@ -18,7 +18,7 @@ from test_capture import Camera, Outlines, opened
 
 import nvsdata
 from nvsdata.cli import main
-from nvsdata.locks import locked
+from nvsdata.common.locks import locked
 from nvsdata.recording.capture import Unfinished, record
 from nvsdata.recording.journal import journal_of, left_over
 from nvsdata.recording.line import Line
@@ -229,7 +229,7 @@ def test_a_second_recorder_of_a_file_is_refused(tmp_path, capsys):
 def test_what_a_killed_recording_left_is_swept(tmp_path):
     child = subprocess.Popen([sys.executable, "-c", ""])
     child.wait()
-    from nvsdata.locks import owner
+    from nvsdata.common.locks import owner
 
     part = tmp_path / f".a.h5.{owner().rpartition('-')[0]}-{child.pid}-abc.part"
     part.touch()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from lab import headless, make_video, quick  # noqa: F401
 
-from nvsdata.errors import FormatError
+from nvsdata.common.errors import FormatError
 from nvsdata.recording import playback
 from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.playback import BRIGHT, DIM, perform

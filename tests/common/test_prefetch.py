@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from nvsdata.threads import DEPTH, ahead
+from nvsdata.common.prefetch import DEPTH, ahead
 
 
 def makers(costs):

@@ -7,7 +7,7 @@ import time
 import pytest
 from processes_of_others import another_process
 
-from nvsdata import processes
+from nvsdata.common import processes
 
 
 @pytest.mark.parametrize("method", ["forkserver", "spawn"])
@@ -24,7 +24,7 @@ def test_a_pool_works_however_its_processes_start(monkeypatch, method):
 def test_workers_end_with_the_process_that_started_them(method):
     code = f"""
         import os, time
-        from nvsdata import processes
+        from nvsdata.common import processes
         processes.get_all_start_methods = lambda: [{method!r}]
         if __name__ == "__main__":
             pool = processes.pool(2, "nvsdata.events")

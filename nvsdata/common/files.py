@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any, Self
 
-from nvsdata.locks import is_dead, locked, owner
+from nvsdata.common.locks import is_dead, locked, owner
 
 FLUSH_EVERY = 0.03  # s
 PART = ".part"  # ends the names of unfinished files

@@ -4,8 +4,8 @@ import stat
 import pytest
 from processes_of_others import dead_owner
 
-from nvsdata.files import atomic, creating, sweep
-from nvsdata.locks import owner
+from nvsdata.common.files import atomic, creating, sweep
+from nvsdata.common.locks import owner
 
 
 def test_the_file_appears_whole(tmp_path):

@@ -7,12 +7,12 @@ import time
 import pytest
 from processes_of_others import another_process, dead_owner
 
-from nvsdata.files import claimed
-from nvsdata.locks import OutputInUse, is_dead, lock_path, locked, owner
+from nvsdata.common.files import claimed
+from nvsdata.common.locks import OutputInUse, is_dead, lock_path, locked, owner
 
 HOLD = """
     import sys
-    from nvsdata.locks import locked
+    from nvsdata.common.locks import locked
     with locked({path!r}):
         print("held", flush=True)
         sys.stdin.read()
@@ -87,7 +87,7 @@ def test_what_is_no_lock_is_not_overwritten(output, tmp_path):
 
 
 def test_without_locks_of_the_system_the_name_in_the_file_decides(output, monkeypatch):
-    monkeypatch.setattr("nvsdata.locks._try_lock", lambda file: None)
+    monkeypatch.setattr("nvsdata.common.locks._try_lock", lambda file: None)
     lock_path(output).write_text(json.dumps({"owner": "ffffff-1", "host": "elsewhere", "pid": 1}))
     with pytest.raises(OutputInUse, match="process 1 on elsewhere"), locked(output):
         pass
@@ -102,7 +102,7 @@ def test_of_many_at_once_only_one_has_it(tmp_path):
     counter.write_text("0")
     code = """
         import sys, time
-        from nvsdata.locks import OutputInUse, locked
+        from nvsdata.common.locks import OutputInUse, locked
         print("ready", flush=True)
         sys.stdin.readline()
         done = 0

@@ -1,0 +1,1 @@
+"""Ground tools that every room stands on: errors, files, locks, signals, processes, checks of settings."""
