@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from nvsdata import datasets, emulation, formats, metrics, models, transforms
-    from nvsdata.batching import collate
     from nvsdata.common.errors import FormatError
+    from nvsdata.data.batching import collate
+    from nvsdata.data.events import Events, Recording
+    from nvsdata.data.graph import Graph, GraphBatch
     from nvsdata.datasets import (
         ASLANDVS,
         ASLDVS,
@@ -30,15 +32,13 @@ if TYPE_CHECKING:
     from nvsdata.datasets.cache import cache
     from nvsdata.datasets.pack import pack
     from nvsdata.emulation import PIX2NVS
-    from nvsdata.events import Events, Recording
     from nvsdata.formats import open, read, write
-    from nvsdata.graph import Graph, GraphBatch
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Events": "events",
-    "Recording": "events",
+    "Events": "data.events",
+    "Recording": "data.events",
     "FormatError": "common.errors",
     "open": "formats",
     "read": "formats",
@@ -56,9 +56,9 @@ _HOMES = {
     "DVS128Gesture": "datasets",
     "EventFolder": "datasets",
     "NCaltech101": "datasets",
-    "Graph": "graph",
-    "GraphBatch": "graph",
-    "collate": "batching",
+    "Graph": "data.graph",
+    "GraphBatch": "data.graph",
+    "collate": "data.batching",
     "cache": "datasets.cache",
     "pack": "datasets.pack",
     "PIX2NVS": "emulation",

@@ -10,8 +10,8 @@ import numpy as np
 from nvsdata import formats, metrics, pictures
 from nvsdata.common.errors import shown
 from nvsdata.common.files import claimed, put
+from nvsdata.data.events import Events
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.events import Events
 from nvsdata.metrics.search import SPACE, Search, search
 from nvsdata.metrics.tune import Pair, aligned, table
 

@@ -17,10 +17,10 @@ from tqdm import tqdm
 
 from nvsdata import formats, models, pictures
 from nvsdata import transforms as T
-from nvsdata.batching import collate
 from nvsdata.common.files import claimed
+from nvsdata.data.batching import collate
+from nvsdata.data.events import Events
 from nvsdata.datasets import EventFolder
-from nvsdata.events import Events
 
 SIZE = 34  # pixels, as N-MNIST
 FRAME_US = 500

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.files import atomic
-from nvsdata.events import Events
+from nvsdata.data.events import Events
 
 ON, OFF, BOTH = (60, 60, 220), (220, 120, 40), (150, 60, 150)  # BGR
 INK, FAINT = (60, 60, 60), (225, 225, 225)

@@ -28,10 +28,10 @@ from torch.utils.data import DataLoader
 from tqdm import tqdm
 
 from nvsdata import models, runs
-from nvsdata.batching import collate
 from nvsdata.common.files import claimed
 from nvsdata.common.processes import end_with_parent
 from nvsdata.common.signals import ENDING, end_of, ending_by_signals, exit_code
+from nvsdata.data.batching import collate
 from nvsdata.datasets import ASLANDVS, EventFolder, SeededBatches, SeededDataset, dataset_named, stratified
 from nvsdata.models.shared import total
 

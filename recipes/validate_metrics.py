@@ -23,8 +23,8 @@ import numpy as np
 import nvsdata
 from nvsdata import Events, metrics
 from nvsdata.common.files import put
+from nvsdata.data.frame_edges import frame_edges
 from nvsdata.emulation import PRESETS
-from nvsdata.frames import frame_edges
 from nvsdata.metrics.tune import Pair, aligned
 
 Figures = dict[str, Any]

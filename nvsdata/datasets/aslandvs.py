@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import scipy.io
 
+from nvsdata.data.events import Recording
 from nvsdata.datasets.base import numbered_fold
 from nvsdata.datasets.davis240 import Upright
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.source import joined, recordings_in
-from nvsdata.events import Recording
 
 CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
 

@@ -11,14 +11,14 @@ from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-import nvsdata.batching  # noqa: F401  tells torch how samples become batches
+import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
+from nvsdata.data.events import Recording
+from nvsdata.data.views import Slice
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.layout import nothing_below
 from nvsdata.datasets.samples import Samples, Transform, check_choice
 from nvsdata.datasets.source import Folder, Source, joined, recordings_in
 from nvsdata.datasets.splits import stratified
-from nvsdata.events import Recording
-from nvsdata.views import Slice
 
 
 class EventDataset(Samples):

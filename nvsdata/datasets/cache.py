@@ -18,11 +18,11 @@ from torch.utils.data import Dataset, Subset
 from nvsdata import __version__
 from nvsdata.common.checksum import crc32
 from nvsdata.common.files import atomic, put, sweep
+from nvsdata.data.events import Recording
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.identity import described
 from nvsdata.datasets.keeping import kept, restored
 from nvsdata.datasets.source import CACHE_TAG
-from nvsdata.events import Recording
 from nvsdata.transforms.compose import Compose
 
 TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from nvsdata.data.events import Columns, Events, Recording
+from nvsdata.data.views import Mapped
 from nvsdata.datasets.base import EventDataset
-from nvsdata.events import Columns, Events, Recording
-from nvsdata.views import Mapped
 
 
 def google_drive(file: str) -> str:

@@ -8,11 +8,11 @@ import re
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 
+from nvsdata.data.events import Recording
+from nvsdata.data.views import Scaled
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
 from nvsdata.datasets.source import joined
-from nvsdata.events import Recording
-from nvsdata.views import Scaled
 
 CLASSES = (
     "hand_clapping",

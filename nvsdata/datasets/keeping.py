@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from nvsdata.events import Columns, Events
-from nvsdata.graph import Graph
+from nvsdata.data.events import Columns, Events
+from nvsdata.data.graph import Graph
 
 VALUES = (type(None), bool, int, float, complex, str, bytes)
 

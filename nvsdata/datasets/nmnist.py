@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from nvsdata.data.events import Columns, Events, Recording
+from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.holdings import Holding, numbered
-from nvsdata.events import Columns, Events, Recording
-from nvsdata.views import Mapped, Slice
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
 _BOTH = Archive(

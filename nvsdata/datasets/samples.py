@@ -10,10 +10,10 @@ from typing import Any, ClassVar, Self
 
 from torch.utils.data import Dataset
 
+from nvsdata.data.events import Recording
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
 from nvsdata.datasets.seeded import Passes, seeded
 from nvsdata.datasets.splits import split_hash
-from nvsdata.events import Recording
 
 Transform = Callable[[Any], Any]
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
+from nvsdata.data.events import EVER, MAX_COORDINATE, Columns, Recording
 from nvsdata.datasets.source import Listing
-from nvsdata.events import EVER, MAX_COORDINATE, Columns, Recording
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
 from nvsdata.kernels.store import marked_range, read_window, stored_window

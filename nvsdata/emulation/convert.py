@@ -20,9 +20,9 @@ from nvsdata import formats
 from nvsdata.common.files import claimed
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
+from nvsdata.data.events import Events
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.video import TruncatedVideo
-from nvsdata.events import Events
 from nvsdata.manifest import Manifest
 from nvsdata.videos import fatal, sha256, videos_in
 

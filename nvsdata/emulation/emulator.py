@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nvsdata.common.prefetch import DEPTH
+from nvsdata.data.events import MAX_COORDINATE, Columns, Events
 from nvsdata.emulation.decoder import FULL, luminance, stretched
-from nvsdata.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.logarithm import logarithm
 from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, read

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from nvsdata.common.prefetch import ahead
+from nvsdata.data.events import Events, together
 from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.sensor import Imperfections
 from nvsdata.emulation.video import Frame, Video, frames_of
-from nvsdata.events import Events, together
 
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]

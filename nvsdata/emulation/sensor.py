@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nvsdata.events import Columns, Events, in_order
+from nvsdata.data.events import Columns, Events, in_order
 from nvsdata.kernels.spikes import read_out
 
 if TYPE_CHECKING:

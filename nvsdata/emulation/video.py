@@ -14,8 +14,8 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.common.prefetch import ahead
 from nvsdata.common.validation import positive
+from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.emulation.decoder import FULL, Decoder
-from nvsdata.frames import MICROSECONDS
 from nvsdata.videos import check_name
 
 Video = str | os.PathLike[str] | int | Iterable[Any]

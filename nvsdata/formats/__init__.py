@@ -1,6 +1,6 @@
 """Files of events: one module a format, found by content first and by extension second.
 
-To add a format, write a module with `Recording` (a subclass of `nvsdata.events.Recording`) and,
+To add a format, write a module with `Recording` (a subclass of `nvsdata.data.events.Recording`) and,
 if it can be written, `write(pieces, path)`, which is given `Pieces`, and add its line to `FORMATS`.
 """
 
@@ -20,10 +20,10 @@ from types import ModuleType
 
 from nvsdata.common.errors import FormatError
 from nvsdata.common.files import atomic, named
-from nvsdata.events import Events, Recording
+from nvsdata.data.events import Events, Recording
+from nvsdata.data.samples import without_samples
 from nvsdata.formats.contents import HEAD
 from nvsdata.formats.pieces import Pieces
-from nvsdata.samples import without_samples
 
 # a pipe that nobody writes to would be waited for
 _READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)

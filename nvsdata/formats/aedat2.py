@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Columns
+from nvsdata.data.events import Columns
+from nvsdata.data.samples import Frame, Inertial, within
 from nvsdata.formats.aedat2_samples import WRITTEN, Scales, frames_of, inertial_of, merged
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode
-from nvsdata.samples import Frame, Inertial, within
 
 # camera, as the class name in `# AEChip:` ends: size, layout, the class name that is written
 CHIPS = {

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nvsdata.events import LATEST, Events
+from nvsdata.data.events import LATEST, Events
+from nvsdata.data.samples import Frame, Inertial, Piece
 from nvsdata.kernels.aedat import DAVIS, aedat2_encode
 from nvsdata.kernels.aedat_frames import FRAME_FACTS, next_frame
 from nvsdata.kernels.order import never_falls
-from nvsdata.samples import Frame, Inertial, Piece
 
 BESIDE, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import EVER, LATEST, Columns, Events, in_order
-from nvsdata.events import Recording as BaseRecording
+from nvsdata.data.events import EVER, LATEST, Columns, Events, in_order
+from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
 from nvsdata.formats.records import stated_size

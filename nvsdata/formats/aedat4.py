@@ -17,8 +17,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import LATEST, Columns
-from nvsdata.events import Recording as BaseRecording
+from nvsdata.data.events import LATEST, Columns
+from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import stated_size
 

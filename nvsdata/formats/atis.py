@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Columns
+from nvsdata.data.events import Columns
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.pieces import Pieces
 from nvsdata.formats.records import Blocks, PiecedFile

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Columns, Events
+from nvsdata.data.events import Columns, Events
 from nvsdata.formats.records import Blocks, PiecedFile
 from nvsdata.kernels.clock import (
     BACK_US,

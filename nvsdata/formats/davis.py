@@ -14,11 +14,11 @@ from dataclasses import fields
 from typing import Any
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Columns, Events, joined
-from nvsdata.events import Recording as BaseRecording
+from nvsdata.data.events import Columns, Events, joined
+from nvsdata.data.events import Recording as BaseRecording
+from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.recording.decoding import decoded
 from nvsdata.recording.wire import Decoder
-from nvsdata.samples import Frame, Inertial, Piece, within
 
 MARK = b"#!DAVIS-STREAM1 "
 BLOCK = 1 << 20  # bytes that are decoded at once

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Columns
+from nvsdata.data.events import Columns
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, PiecedFile, stated_size
 from nvsdata.kernels.clock import BACK_US, SILENT_US, kept_words

@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import LATEST, Columns
-from nvsdata.events import Recording as BaseRecording
+from nvsdata.data.events import LATEST, Columns
+from nvsdata.data.events import Recording as BaseRecording
+from nvsdata.data.samples import Frame, Inertial
 from nvsdata.formats.hdf5_columns import Column, Source, Stored, column_of, narrowed, rises
 from nvsdata.formats.hdf5_file import attribute, check_version, dataset_of, found_in, number_of, opened, text_of
 from nvsdata.formats.hdf5_samples import about_in, frames_in, inertial_in
@@ -34,7 +35,6 @@ from nvsdata.formats.hdf5_writer import NAME, VERSION, write
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.formats.records import stated_size
 from nvsdata.kernels.order import never_falls
-from nvsdata.samples import Frame, Inertial
 
 __all__ = ["STORE", "Recording", "write"]
 

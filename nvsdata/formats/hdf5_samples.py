@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Events
+from nvsdata.data.events import Events
+from nvsdata.data.samples import Frame, Inertial, Piece
 from nvsdata.formats.hdf5_file import found_in
-from nvsdata.samples import Frame, Inertial, Piece
 
 TIMES = ("start", "exposure_start", "exposure_end", "end")
 PLACES = ("x", "y", "width", "height")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata.common.files import flushed_early
-from nvsdata.events import Columns, Events, joined
+from nvsdata.data.events import Columns, Events, joined
 from nvsdata.formats.hdf5_disk import created
 from nvsdata.formats.hdf5_samples import Beside
 from nvsdata.formats.pieces import Pieces

@@ -15,8 +15,8 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import LATEST, Columns
-from nvsdata.events import Recording as BaseRecording
+from nvsdata.data.events import LATEST, Columns
+from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.hdf5_file import check_stored, found_in, opened
 from nvsdata.formats.inflation import most_bytes

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.lib import format as npy
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import LATEST, STRUCTURE, Columns
+from nvsdata.data.events import LATEST, STRUCTURE, Columns
+from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.pieces import Pieces, headed
 from nvsdata.formats.records import Blocks, RecordFile
-from nvsdata.frames import MICROSECONDS
 from nvsdata.kernels.order import never_falls
 
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "pol", "polarity")}

@@ -9,8 +9,8 @@ from itertools import chain
 from pathlib import Path
 from typing import IO
 
-from nvsdata.events import LATEST, Events
-from nvsdata.samples import is_bare
+from nvsdata.data.events import LATEST, Events
+from nvsdata.data.samples import is_bare
 
 _TIME = re.compile(r"[#%] nvsdata time +(-?\d+) to +(-?\d+) us")
 

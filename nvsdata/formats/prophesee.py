@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Columns
+from nvsdata.data.events import Columns
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment

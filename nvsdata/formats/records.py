@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.events import Columns, Recording, check_sensor_size
+from nvsdata.data.events import Columns, Recording, check_sensor_size
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.kernels.order import never_falls
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nvsdata.common.validation import not_negative, positive
-from nvsdata.events import Events, Recording, as_events
-from nvsdata.frames import frame_edges
+from nvsdata.data.events import Events, Recording, as_events
+from nvsdata.data.frame_edges import frame_edges
 from nvsdata.kernels.distances import cancel, nearest
 from nvsdata.kernels.transport import least_work
 from nvsdata.metrics.spikes import Spikes, spikes_of_frames

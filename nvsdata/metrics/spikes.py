@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nvsdata.events import Events
-from nvsdata.frames import frame_bounds
+from nvsdata.data.events import Events
+from nvsdata.data.frame_edges import frame_bounds
 from nvsdata.kernels.distances import spikes as gather
 from nvsdata.kernels.distances import sum_polarity
 

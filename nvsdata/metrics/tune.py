@@ -10,9 +10,9 @@ from itertools import takewhile
 
 import numpy as np
 
+from nvsdata.data.events import Events, Recording
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.video import Frame, Video, frames_of
-from nvsdata.events import Events, Recording
 from nvsdata.metrics.distance import compare
 from nvsdata.metrics.search import Search
 

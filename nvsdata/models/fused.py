@@ -9,7 +9,7 @@ from typing import TypeVar
 import torch
 from torch import nn
 
-from nvsdata.graph import GraphBatch
+from nvsdata.data.graph import GraphBatch
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.rgcnn import ConvBlock, ResidualBlock
 from nvsdata.models.spline import SplineConv, add_self_loops

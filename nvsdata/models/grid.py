@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from nvsdata.graph import Graph, GraphBatch
-from nvsdata.grid import check_cluster, grid_shape, to_grid
+from nvsdata.data.graph import Graph, GraphBatch
+from nvsdata.data.grid import check_cluster, grid_shape, to_grid
 
 
 class Graph2Grid(nn.Module):

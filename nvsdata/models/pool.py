@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 import torch
 from torch import nn
 
-from nvsdata.graph import GraphBatch, Reach, grouped, pseudo
-from nvsdata.grid import cells, check_cluster, grid_shape
+from nvsdata.data.graph import GraphBatch, Reach, grouped, pseudo
+from nvsdata.data.grid import cells, check_cluster, grid_shape
 from nvsdata.kernels import pool as kernel
 
 

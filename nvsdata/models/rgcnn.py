@@ -13,8 +13,8 @@ from dataclasses import replace
 import torch
 from torch import nn
 
-from nvsdata.graph import Graph, GraphBatch
-from nvsdata.grid import cells, grid_shape
+from nvsdata.data.graph import Graph, GraphBatch
+from nvsdata.data.grid import cells, grid_shape
 from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool

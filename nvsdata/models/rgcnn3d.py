@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 from torch import nn
 
-from nvsdata.graph import Graph, GraphBatch
+from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input, check_pairs

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from nvsdata.graph import grouped
+from nvsdata.data.graph import grouped
 from nvsdata.kernels import spline as kernel
 from nvsdata.kernels.graph import with_self_loops
 

@@ -12,8 +12,8 @@ from torch import nn
 from tqdm import tqdm
 
 from nvsdata import formats
-from nvsdata.batching import collate
-from nvsdata.events import Events, Recording
+from nvsdata.data.batching import collate
+from nvsdata.data.events import Events, Recording
 from nvsdata.transforms.draws import of_voter
 
 One = str | os.PathLike[str] | Recording | Events

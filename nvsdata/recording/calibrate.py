@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from nvsdata.data.events import Events, joined
 from nvsdata.emulation.video import Frame
-from nvsdata.events import Events, joined
 from nvsdata.recording.calibration import Calibration, corners_of, lines_of, rectangles, response, spectrum_of
 from nvsdata.recording.capture import Report
 from nvsdata.recording.davis import Davis

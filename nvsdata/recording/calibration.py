@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.files import atomic
-from nvsdata.events import Events
+from nvsdata.data.events import Events
 from nvsdata.pictures import OFF, ON, curves, save
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import LONGEST, Fit, NoSync

@@ -19,7 +19,8 @@ from typing import Any
 from nvsdata import formats
 from nvsdata.common.prefetch import ahead
 from nvsdata.common.signals import ENDING, Ended
-from nvsdata.events import Events
+from nvsdata.data.events import Events
+from nvsdata.data.samples import Piece
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.decoding import decoded
 from nvsdata.recording.journal import Journal, check_finished, told_of
@@ -27,7 +28,6 @@ from nvsdata.recording.line import DISK_FULL, STOPPED, TIME_UP, Line
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import host_time
 from nvsdata.recording.wire import Decoder
-from nvsdata.samples import Piece
 
 RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still holds must find room
 # how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over

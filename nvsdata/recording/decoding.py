@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from nvsdata.events import Events
+from nvsdata.data.events import Events
+from nvsdata.data.samples import Piece, within
 from nvsdata.recording.wire import Decoder
-from nvsdata.samples import Piece, within
 
 RESET, RISING, PULSE = 1, 2, 4  # special events
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from nvsdata.events import Events
+from nvsdata.data.events import Events
 from nvsdata.recording.capture import Report, record
 from nvsdata.recording.davis import Davis
 from nvsdata.recording.registers import Settings

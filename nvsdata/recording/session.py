@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from nvsdata.common.files import claimed, creating
 from nvsdata.common.terminal import Terminal, say
-from nvsdata.events import Events
+from nvsdata.data.events import Events
 from nvsdata.recording.batch import manifest_of, record_videos, verify
 from nvsdata.recording.calibrate import calibrate
 from nvsdata.recording.calibration import FIGURES, described, write_calibration

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import usb.core
 
-from nvsdata.events import Events
+from nvsdata.data.events import Events
 from nvsdata.kernels.wire_encode import encode
 from nvsdata.recording.davis import READ, REGISTER, SEVERAL, WRITE
 from nvsdata.recording.registers import APS, CHIP, DVS, EXTERNAL, IMU, MUX, SYSTEM, USB

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from nvsdata.events import Events
+from nvsdata.data.events import Events
 
 BIN = 1_000  # µs of the coarse search
 PLACES = 4  # where the pattern is looked for more closely

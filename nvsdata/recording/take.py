@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.events import Events, Recording, joined
-from nvsdata.frames import MICROSECONDS
+from nvsdata.data.events import Events, Recording, joined
+from nvsdata.data.frame_edges import MICROSECONDS
+from nvsdata.data.samples import cut
 from nvsdata.recording.capture import Report
 from nvsdata.recording.davis import Davis
 from nvsdata.recording.monitor import Monitor
@@ -20,7 +21,6 @@ from nvsdata.recording.playback import Performance, perform
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import MOST_DRIFT, Fit, NoSync, fit
-from nvsdata.samples import cut
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 BESIDE = 500_000  # µs around the flashes

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nvsdata.events import Columns, Events
+from nvsdata.data.events import Columns, Events
+from nvsdata.data.samples import Frame, Inertial
 from nvsdata.kernels import wire as kernel
-from nvsdata.samples import Frame, Inertial
 
 ROOM = 1024  # special events and samples that a call of the kernel has room for
 SPECIALS = {

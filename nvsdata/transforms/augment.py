@@ -16,8 +16,8 @@ import numpy as np
 import torch
 
 from nvsdata.common.validation import not_negative, positive, probability
-from nvsdata.events import Columns, Events, Recording, as_events
-from nvsdata.graph import Graph, sequence_of
+from nvsdata.data.events import Columns, Events, Recording, as_events
+from nvsdata.data.graph import Graph, sequence_of
 from nvsdata.transforms.draws import uniform
 
 Graphs = TypeVar("Graphs", Graph, Sequence[Graph])

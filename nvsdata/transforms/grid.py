@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import torch
 
-from nvsdata.graph import Graph, GraphBatch, sequence_of
-from nvsdata.grid import check_cluster, grid_shape, to_grid
+from nvsdata.data.graph import Graph, GraphBatch, sequence_of
+from nvsdata.data.grid import check_cluster, grid_shape, to_grid
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import torch
 from torch.nn.functional import interpolate
 
 from nvsdata.common.validation import positive, probability
-from nvsdata.events import Events, Recording, as_events
+from nvsdata.data.events import Events, Recording, as_events
 from nvsdata.transforms.draws import below, uniform
 
 

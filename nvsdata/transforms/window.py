@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import ClassVar
 
 from nvsdata.common.validation import microseconds, positive, whole_microseconds
-from nvsdata.events import Events, Recording, as_events, check_window
+from nvsdata.data.events import Events, Recording, as_events, check_window
 from nvsdata.transforms.draws import place
 
 

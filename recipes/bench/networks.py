@@ -25,7 +25,7 @@ from racing import race
 import nvsdata
 from nvsdata import Events, GraphBatch, models
 from nvsdata import transforms as T
-from nvsdata.grid import to_grid
+from nvsdata.data.grid import to_grid
 from nvsdata.models import GraphPool, SplineConv
 from nvsdata.models.spline import spline_conv, spline_conv_torch
 

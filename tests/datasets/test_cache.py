@@ -18,11 +18,11 @@ from torch.utils.data import DataLoader
 import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata import transforms as T
+from nvsdata.data.views import Slice
 from nvsdata.datasets import ASLANDVS, NMNIST
 from nvsdata.datasets.identity import described
 from nvsdata.datasets.keeping import kept, restored
 from nvsdata.datasets.pack import pack
-from nvsdata.views import Slice
 
 HEAD = (T.Window(0, 80_000), T.RadiusGraph())
 

@@ -132,8 +132,8 @@ def timeless(out):
 
 
 def test_a_folder_in_use_is_told_in_a_line(run, fake_nmnist, tmp_path):
-    code = "from nvsdata.common.locks import locked; "
-        f"context = locked({str(tmp_path)!r}); context.__enter__(); print(); input()"
+    held = f"context = locked({str(tmp_path)!r}); context.__enter__(); print(); input()"
+    code = f"from nvsdata.common.locks import locked; {held}"
     with another_process(code) as (process, _), pytest.raises(SystemExit) as ended:
         run("train_objects.py", *command(fake_nmnist, tmp_path)[2:])
     told = str(ended.value)

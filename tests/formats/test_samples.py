@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 import nvsdata
 from nvsdata import Events, FormatError
+from nvsdata.data.samples import Frame, Inertial, Piece, cut
 from nvsdata.formats.aedat2_samples import merged
 from nvsdata.formats.hdf5_samples import Beside
 from nvsdata.kernels.aedat import DAVIS
-from nvsdata.samples import Frame, Inertial, Piece, cut
 
 SIZE = (240, 180)
 ABOUT = {

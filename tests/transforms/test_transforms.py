@@ -8,7 +8,7 @@ from strategies import events
 import nvsdata
 from nvsdata import Events
 from nvsdata import transforms as T
-from nvsdata.events import Recording
+from nvsdata.data.events import Recording
 
 
 def sweep(n=500, offset=0):

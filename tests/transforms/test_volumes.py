@@ -10,7 +10,7 @@ from strategies import events
 import nvsdata
 from nvsdata import Events
 from nvsdata import transforms as T
-from nvsdata.events import Recording
+from nvsdata.data.events import Recording
 
 
 def steady(n=1000, gap=1000, start=0):

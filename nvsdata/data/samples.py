@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from nvsdata.events import EVER, Columns, Events, Recording
+from nvsdata.data.events import EVER, Columns, Events, Recording
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from nvsdata.events import Events
+from nvsdata.data.events import Events
 
 MICROSECONDS = 1_000_000
 MOST = 1 << 24  # frames of a sequence, six days of 30 a second: more is a clock that is off

@@ -16,7 +16,7 @@ from nvsdata.kernels.order import never_falls
 if TYPE_CHECKING:
     import torch
 
-    from nvsdata.samples import Frame, Inertial
+    from nvsdata.data.samples import Frame, Inertial
 
 MAX_COORDINATE = 32766
 LATEST = 1 << 62  # µs; times lie between this and its negative, so that differences can't overflow
@@ -357,7 +357,7 @@ class Recording(ABC):
 
     def pieces(self) -> Iterator[Events]:
         """The whole recording as `nvsdata.write` takes it, with frames and inertial samples if the format has them."""
-        from nvsdata.samples import in_pieces
+        from nvsdata.data.samples import in_pieces
 
         return in_pieces(self) if self.holds_samples else iter((self.read(),))
 

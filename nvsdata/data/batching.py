@@ -11,8 +11,8 @@ import torch
 from torch.utils.data import default_collate
 from torch.utils.data._utils.collate import default_collate_fn_map
 
-from nvsdata.events import Events, Recording
-from nvsdata.graph import Graph, GraphBatch
+from nvsdata.data.events import Events, Recording
+from nvsdata.data.graph import Graph, GraphBatch
 
 SMALL = 1 << 19  # bytes up to which a copy through the pipe is cheaper than handing over shared memory
 

@@ -6,7 +6,7 @@ from places import SHARED
 from torch.nn.functional import cross_entropy
 
 from nvsdata import FormatError, GraphBatch, models
-from nvsdata.author_graphs import read_author_graphs
+from nvsdata.data.author_graphs import read_author_graphs
 from nvsdata.models.temporal import Residual3D
 
 FOLDER = SHARED / "author_graphs"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from nvsdata.events import Columns, Events, Recording, bounds_of, check_window
+from nvsdata.data.events import Columns, Events, Recording, bounds_of, check_window
 
 if TYPE_CHECKING:
-    from nvsdata.samples import Frame, Inertial
+    from nvsdata.data.samples import Frame, Inertial
 
 
 class _View(Recording):

@@ -8,8 +8,9 @@ from torch.utils.data import DataLoader
 from trees import some
 
 import nvsdata
-from nvsdata import GraphBatch, batching
+from nvsdata import GraphBatch
 from nvsdata import transforms as T
+from nvsdata.data import batching
 
 FIELDS = ("x", "pos", "t", "edge_index", "edge_attr", "batch", "ptr")
 

@@ -6,9 +6,9 @@ from strategies import events
 
 import nvsdata
 from nvsdata import Events
+from nvsdata.data.samples import Frame, Inertial, Piece
+from nvsdata.data.views import Mapped, Scaled, Slice
 from nvsdata.datasets.davis240 import upright
-from nvsdata.samples import Frame, Inertial, Piece
-from nvsdata.views import Mapped, Scaled, Slice
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,1 @@
+"""What the other rooms hand to each other: events, recordings, graphs, batches."""
