@@ -22,9 +22,9 @@ from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
 from nvsdata.data.events import Events
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.emulation.video import TruncatedVideo
-from nvsdata.manifest import Manifest
-from nvsdata.videos import fatal, sha256, videos_in
+from nvsdata.video.folder import fatal, sha256, videos_in
+from nvsdata.video.frames import TruncatedVideo
+from nvsdata.video.manifest import Manifest
 
 
 @dataclass(frozen=True)

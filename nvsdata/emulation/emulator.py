@@ -11,15 +11,15 @@ import numpy as np
 
 from nvsdata.common.prefetch import DEPTH
 from nvsdata.data.events import MAX_COORDINATE, Columns, Events
-from nvsdata.emulation.decoder import FULL, luminance, stretched
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.logarithm import logarithm
 from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, read
 from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, MINIMUM, TILE, Pixels, Rule, Tiles, look
+from nvsdata.video.decoder import FULL, luminance, stretched
 
 if TYPE_CHECKING:
     from nvsdata.emulation.pix2nvs import PIX2NVS
-    from nvsdata.emulation.video import Frame
+    from nvsdata.video.frames import Frame
 
 METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}
 # linear times need no key: they follow from the raster order

@@ -11,7 +11,7 @@ from nvsdata.common.prefetch import ahead
 from nvsdata.data.events import Events, together
 from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.sensor import Imperfections
-from nvsdata.emulation.video import Frame, Video, frames_of
+from nvsdata.video.frames import Frame, Video, frames_of
 
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]

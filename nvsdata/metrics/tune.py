@@ -12,9 +12,9 @@ import numpy as np
 
 from nvsdata.data.events import Events, Recording
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.video import Frame, Video, frames_of
 from nvsdata.metrics.distance import compare
 from nvsdata.metrics.search import Search
+from nvsdata.video.frames import Frame, Video, frames_of
 
 SHOWN = ("t_log", "inhibition", "max_events", "threshold", "new", "exp", "alpha")
 HEADINGS = ("T_log", "B", "M_max", "T_map", "new", "exp", "alpha", "Inv. e-rep", "Chamfer", "EMD", "Score")

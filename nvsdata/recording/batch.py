@@ -18,7 +18,6 @@ from tqdm import tqdm
 from nvsdata import formats
 from nvsdata.common.files import Journal, claimed
 from nvsdata.common.locks import locked
-from nvsdata.manifest import NAME, Manifest
 from nvsdata.recording.davis import CameraError, Davis
 from nvsdata.recording.monitor import Monitor, MonitorError
 from nvsdata.recording.playback import BRIGHT, DIM, STEP
@@ -26,7 +25,8 @@ from nvsdata.recording.registers import Settings
 from nvsdata.recording.sheets import Sheets
 from nvsdata.recording.sync import host_time
 from nvsdata.recording.take import Spoilt, develop, shoot
-from nvsdata.videos import Video, fatal, sha256
+from nvsdata.video.folder import Video, fatal, sha256
+from nvsdata.video.manifest import NAME, Manifest
 
 TAKES = 3  # of a video, before it is given up
 RETRY = 1_000_000  # µs between looks for a camera that is gone

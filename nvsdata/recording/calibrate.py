@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from nvsdata.data.events import Events, joined
-from nvsdata.emulation.video import Frame
 from nvsdata.recording.calibration import Calibration, corners_of, lines_of, rectangles, response, spectrum_of
 from nvsdata.recording.capture import Report
 from nvsdata.recording.davis import Davis
@@ -15,6 +14,7 @@ from nvsdata.recording.playback import BRIGHT, DIM, STILL, pattern
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import fit, host_time
+from nvsdata.video.frames import Frame
 
 BLINK = 250_000  # µs between the two pictures of the target
 WATCHED = 4_000_000  # µs of a still screen, in which flicker is looked for

@@ -11,8 +11,8 @@ from typing import Any, Literal, Self, get_args
 import cv2
 import numpy as np
 
-from nvsdata.emulation.video import Frame
 from nvsdata.recording.sync import host_time
+from nvsdata.video.frames import Frame
 
 Scaling = Literal["aspect", "integer"]
 Look = Callable[[float, np.ndarray], None]

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.emulation.video import Frame, TruncatedVideo, frames_of
 from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.sync import flashes, host_time
+from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
 
 # levels of the flashes: contrast enough for a few events a pixel, and not so much that the readout takes long over them
 DIM, BRIGHT = 108, 148

@@ -15,7 +15,7 @@ from nvsdata.data.events import Events, joined
 from nvsdata.emulation.emulator import Emulator
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.sensor import Imperfections
-from nvsdata.emulation.video import Frame
+from nvsdata.video.frames import Frame
 
 SIZE = (240, 180)
 BLACK = 2  # level of what isn't the screen, in a dark room

@@ -27,7 +27,7 @@ from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.simulation import Simulation
-from nvsdata.videos import videos_in
+from nvsdata.video.folder import videos_in
 
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
 

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.manifest import Manifest
 from nvsdata.pictures import FONT, INK, event_image, save
-from nvsdata.videos import Video
+from nvsdata.video.folder import Video
+from nvsdata.video.manifest import Manifest
 
 COLUMNS, ROWS = 4, 10
 TILE = (160, 120)

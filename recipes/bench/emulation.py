@@ -30,9 +30,9 @@ from scipy.spatial import cKDTree
 import nvsdata
 from nvsdata import PIX2NVS
 from nvsdata.emulation.emulator import Emulator
-from nvsdata.emulation.video import Frame
 from nvsdata.kernels.distances import nearest
 from nvsdata.kernels.transport import least_work
+from nvsdata.video.frames import Frame
 
 Row = dict[str, Any]
 
@@ -139,7 +139,7 @@ def one_core(frames: list[Frame]) -> Callable[[], None]:
 
 def decoded(video: Path, colour: bool = True) -> list[Frame]:
     """All frames."""
-    from nvsdata.emulation.video import frames_of
+    from nvsdata.video.frames import frames_of
 
     return list(frames_of(video, colour=colour))
 
@@ -203,7 +203,7 @@ def memory(video: Path, home: Path) -> list[Row]:
     """Peak resident memory of a process that converts the video once, and four times as many frames."""
     script = (
         "import sys, itertools, nvsdata\n"
-        "from nvsdata.emulation.video import frames_of\n"
+        "from nvsdata.video.frames import frames_of\n"
         "times = int(sys.argv[2])\n"
         "frames = itertools.chain.from_iterable(frames_of(sys.argv[1], colour=False) for _ in range(times))\n"
         "nvsdata.write(nvsdata.PIX2NVS().stream(frames, 25), sys.argv[3])\n"

@@ -25,7 +25,7 @@ from nvsdata.recording.monitor import Monitor
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.simulated import Camera
 from nvsdata.recording.simulation import Simulation
-from nvsdata.videos import videos_in
+from nvsdata.video.folder import videos_in
 
 TIMES_BEGIN = 2  # of a camera's clock in a take: when the stream runs, and when it's reset
 

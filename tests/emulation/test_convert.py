@@ -16,7 +16,7 @@ from nvsdata.cli import main
 from nvsdata.emulation import PIX2NVS, convert
 from nvsdata.emulation.convert import convert_videos
 from nvsdata.formats import hdf5
-from nvsdata.videos import FORMATS
+from nvsdata.video.folder import FORMATS
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from nvsdata.recording.scenes import Watched
 from nvsdata.recording.simulated import Camera, picture
 from nvsdata.recording.sync import Fit
 from nvsdata.recording.take import Spoilt, Tally
-from nvsdata.videos import videos_in
+from nvsdata.video.folder import videos_in
 
 pytestmark = pytest.mark.usefixtures("quick")
 

@@ -7,9 +7,9 @@ import pygame
 import pytest
 from lab import headless  # noqa: F401
 
-from nvsdata.emulation.video import Frame
 from nvsdata.recording.monitor import Monitor, MonitorError
 from nvsdata.recording.sync import host_time
+from nvsdata.video.frames import Frame
 
 pytestmark = pytest.mark.usefixtures("headless")
 

@@ -6,7 +6,7 @@ from lab import make_video
 import nvsdata
 from nvsdata import Events
 from nvsdata.recording.sheets import Sheets
-from nvsdata.videos import videos_in
+from nvsdata.video.folder import videos_in
 
 
 def test_a_damaged_recording_leaves_its_place_empty(tmp_path):

@@ -15,8 +15,8 @@ from nvsdata.common.errors import FormatError
 from nvsdata.common.prefetch import ahead
 from nvsdata.common.validation import positive
 from nvsdata.data.frame_edges import MICROSECONDS
-from nvsdata.emulation.decoder import FULL, Decoder
-from nvsdata.videos import check_name
+from nvsdata.video.decoder import FULL, Decoder
+from nvsdata.video.folder import check_name
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
 USUAL_RATE = 30.0  # frames a second of what has no times of its own

@@ -5,7 +5,7 @@ from clips import moving_square, write_video
 
 from nvsdata import FormatError
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.video import TruncatedVideo, frames_of
+from nvsdata.video.frames import TruncatedVideo, frames_of
 
 
 def test_a_file_gives_its_frames_and_times(tmp_path):

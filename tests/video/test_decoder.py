@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.decoder import ERRORS_ONLY, FULL, STUDIO, Decoder, levels_of, logging, stretched
 from nvsdata.emulation.emulator import brightness
-from nvsdata.emulation.video import Frame, frames_of
+from nvsdata.video.decoder import ERRORS_ONLY, FULL, STUDIO, Decoder, levels_of, logging, stretched
+from nvsdata.video.frames import Frame, frames_of
 
 
 def clip(path, code, frames):

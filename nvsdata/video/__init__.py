@@ -1,0 +1,1 @@
+"""Reading films: their frames, folders of them, and what a folder of recordings was made of."""
