@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from nvsdata._version import __version__ as __version__
+
 if TYPE_CHECKING:
     from nvsdata import datasets, emulation, formats, metrics, models, transforms
     from nvsdata.common.errors import FormatError
@@ -33,8 +35,6 @@ if TYPE_CHECKING:
     from nvsdata.datasets.pack import pack
     from nvsdata.emulation import PIX2NVS
     from nvsdata.formats import open, read, write
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "Events": "data.events",

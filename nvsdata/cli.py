@@ -54,7 +54,7 @@ def _open_standard_streams() -> None:
 
 
 def _parser(command: str) -> argparse.ArgumentParser:
-    from nvsdata import __version__
+    from nvsdata._version import __version__
 
     parser = argparse.ArgumentParser(prog="nvsdata", description="Datasets, transforms and models for event cameras.")
     parser.add_argument("--version", action="version", version=f"nvsdata {__version__}")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata import formats, metrics, pictures
+from nvsdata import formats, metrics, plots
 from nvsdata.common.errors import shown
 from nvsdata.common.files import claimed, put
 from nvsdata.data.events import Events
@@ -37,7 +37,7 @@ def compare_files(
         rows.append(
             (name, f"{distance.value:.4f}", str(distance.used), str(distance.empty_emulated), str(distance.empty_real))
         )
-    pictures.save(side_by_side(a, b, fps, offset), picture)
+    plots.save(side_by_side(a, b, fps, offset), picture)
     return f"A  {shown(emulated)}  {a}\nB  {shown(real)}  {b}\n{aligned(rows)}\ndrawn in {shown(picture)}"
 
 
@@ -49,10 +49,10 @@ def side_by_side(a: Events, b: Events, fps: float, offset: int = 0) -> np.ndarra
     starts = np.linspace(0, max(span - length, 0), SHOTS).astype(int).tolist()
     zoom = max(1, LEAST_WIDTH // a.sensor_size[0])
     rows = [
-        (name, [pictures.event_image(events.window(origin + s, origin + s + length), zoom) for s in starts])
+        (name, [plots.event_image(events.window(origin + s, origin + s + length), zoom) for s in starts])
         for name, events, origin in zip("AB", (a, b), origins, strict=True)
     ]
-    return pictures.contact_sheet(rows, margin=24)
+    return plots.contact_sheet(rows, margin=24)
 
 
 def tune_files(
@@ -84,9 +84,9 @@ def tune_files(
             raise ValueError("no settings gave events in a frame that has real ones, too: is it the same scene?")
         text = f"{table(found)}\n\n{found.best.settings!r}\n"
         put(out / "table.txt", text.encode())
-        pictures.save(score_curve(found), out / "score.png")
+        plots.save(score_curve(found), out / "score.png")
         best = pair.emulate(found.best.settings)
-        pictures.save(side_by_side(best, pair.real, pair.fps, offset), out / "best.png")
+        plots.save(side_by_side(best, pair.real, pair.fps, offset), out / "best.png")
     return f"{text}\ntrials, table and pictures are in {out}"
 
 
@@ -96,4 +96,4 @@ def score_curve(found: Search) -> np.ndarray:
     highest = float(scores[np.isfinite(scores)].max())
     each = np.minimum(scores, highest)
     lines = [("each trial", each.tolist()), ("best so far", np.minimum.accumulate(each).tolist())]
-    return pictures.curves(lines, "weighted score (lower is closer)", "trial", highest=highest)
+    return plots.curves(lines, "weighted score (lower is closer)", "trial", highest=highest)

@@ -15,7 +15,7 @@ from torch.nn.functional import cross_entropy
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
-from nvsdata import formats, models, pictures
+from nvsdata import formats, models, plots
 from nvsdata import transforms as T
 from nvsdata.common.files import claimed
 from nvsdata.data.batching import collate
@@ -142,11 +142,11 @@ def _run(out: Path, seconds: float, seed: int) -> int:
     train = EventFolder(data, "train", transform=T.Compose([*graph, *augment]))
     test = EventFolder(data, "test", transform=T.Compose(graph))
     print(f"{len(train)} recordings to train on, {len(test)} to test on, in {data}")
-    pictures.save(_samples_picture(data), out / "samples.png")
+    plots.save(_samples_picture(data), out / "samples.png")
 
     model = models.rgcnn("n-mnist", len(train.classes))
     history = _fit(model, train, test, seconds)
-    pictures.save(pictures.curves(list(history.items()), "nvsdata demo: accuracy", "epoch"), out / "learning.png")
+    plots.save(plots.curves(list(history.items()), "nvsdata demo: accuracy", "epoch"), out / "learning.png")
     print(f"accuracy on {len(test)} recordings not trained on, one 30 ms window each: {history['test'][-1]:.3f}")
     print(f"pictures: {out / 'samples.png'}, {out / 'learning.png'}")
     return 0
@@ -190,5 +190,5 @@ def _samples_picture(data: Path) -> np.ndarray:
     rows = []
     for shape in SHAPES:
         paths = sorted((data / "train" / shape).iterdir())[:8]
-        rows.append((shape, [pictures.event_image(formats.read(path, 0, 10_000), zoom=3) for path in paths]))
-    return pictures.contact_sheet(rows)
+        rows.append((shape, [plots.event_image(formats.read(path, 0, 10_000), zoom=3) for path in paths]))
+    return plots.contact_sheet(rows)

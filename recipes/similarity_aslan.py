@@ -24,7 +24,7 @@ import torch
 from torch.nn.functional import normalize
 from tqdm import tqdm
 
-from nvsdata import collate, models, pictures
+from nvsdata import collate, models, plots
 from nvsdata.common.files import claimed, put
 from nvsdata.datasets import ASLANDVS, SeededDataset
 from nvsdata.metrics import area_under_roc, roc, similarities
@@ -132,8 +132,8 @@ def draw(scores: np.ndarray, same: np.ndarray, path: Path) -> None:
     rate = np.linspace(0, 1, 201)
     false, true = roc(scores, same)
     lines = [("12 x 2 similarities", np.interp(rate, false, true).tolist()), ("chance", rate.tolist())]
-    picture = pictures.curves(lines, "true positive rate", "false positive rate", (560, 520), ends=(0.0, 1.0))
-    pictures.save(picture, path)
+    picture = plots.curves(lines, "true positive rate", "false positive rate", (560, 520), ends=(0.0, 1.0))
+    plots.save(picture, path)
 
 
 def arguments() -> argparse.Namespace:

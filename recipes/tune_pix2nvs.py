@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 import nvsdata
-from nvsdata import metrics, pictures
+from nvsdata import metrics, plots
 from nvsdata.common.files import claimed, put
 from nvsdata.comparison import score_curve, side_by_side
 from nvsdata.emulation import PRESETS
@@ -56,8 +56,8 @@ def tuned(pair: Pair, args: argparse.Namespace) -> None:
     text += f"best: {best.settings!r}\nits score is {share[0] / share[1]:.3f} times that of the table's best row\n"
     print(text)
     put(args.out / "table.txt", text.encode())
-    pictures.save(score_curve(found), args.out / "score.png")
-    pictures.save(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
+    plots.save(score_curve(found), args.out / "score.png")
+    plots.save(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
 
 
 if __name__ == "__main__":

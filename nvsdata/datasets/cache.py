@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch.utils.data import Dataset, Subset
 
-from nvsdata import __version__
+from nvsdata._version import __version__
 from nvsdata.common.checksum import crc32
 from nvsdata.common.files import atomic, put, sweep
 from nvsdata.data.events import Recording

@@ -12,7 +12,8 @@ import numpy as np
 
 from nvsdata.common.files import atomic
 from nvsdata.data.events import Events
-from nvsdata.pictures import OFF, ON, curves, save
+from nvsdata.plots import curves, save
+from nvsdata.plots.drawing import OFF, ON
 from nvsdata.recording.registers import Settings
 from nvsdata.recording.sync import LONGEST, Fit, NoSync
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from nvsdata.data.events import Events, joined
-from nvsdata.pictures import event_image
+from nvsdata.plots import event_image
 from nvsdata.recording.monitor import MonitorError, pygame_or_error
 from nvsdata.recording.sync import host_time
 

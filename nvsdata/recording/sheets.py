@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.pictures import FONT, INK, event_image, save
+from nvsdata.plots import event_image, save
+from nvsdata.plots.drawing import FONT, INK
 from nvsdata.video.folder import Video
 from nvsdata.video.manifest import Manifest
 

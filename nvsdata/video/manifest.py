@@ -12,7 +12,7 @@ import cv2
 import h5py
 import numpy as np
 
-import nvsdata
+from nvsdata._version import __version__
 from nvsdata.common.files import Journal
 
 NAME = "manifest.jsonl"
@@ -68,7 +68,7 @@ def _flat(made: dict[str, Any]) -> dict[str, Any]:
 
 def _versions() -> dict[str, str]:
     return {
-        "nvsdata": nvsdata.__version__,
+        "nvsdata": __version__,
         "python": platform.python_version(),
         "opencv": cv2.__version__,
         "numpy": np.__version__,

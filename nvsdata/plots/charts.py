@@ -1,43 +1,13 @@
-"""Pictures of events and of curves, drawn with OpenCV."""
+"""Values against steps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from nvsdata.common.files import atomic
-from nvsdata.data.events import Events
-
-ON, OFF, BOTH = (60, 60, 220), (220, 120, 40), (150, 60, 150)  # BGR
-INK, FAINT = (60, 60, 60), (225, 225, 225)
-FONT = cv2.FONT_HERSHEY_SIMPLEX
-
-
-def event_image(events: Events, zoom: int = 1) -> np.ndarray:
-    """Events on white: pixels that saw ON red, OFF blue, both purple; uint8 [H * zoom, W * zoom, 3], BGR."""
-    width, height = events.sensor_size
-    picture = np.full((height, width, 3), 255, np.uint8)
-    seen = np.zeros((2, height, width), bool)
-    seen[events.p, events.y, events.x] = True
-    picture[seen[1]], picture[seen[0]], picture[seen[0] & seen[1]] = ON, OFF, BOTH
-    return picture.repeat(zoom, 0).repeat(zoom, 1)
-
-
-def contact_sheet(rows: Sequence[tuple[str, Sequence[np.ndarray]]], gap: int = 8, margin: int = 90) -> np.ndarray:
-    """Images of one size in rows, each row with its name on the left; uint8 [H, W, 3]."""
-    height, width = rows[0][1][0].shape[:2]
-    columns = max(len(images) for _, images in rows)
-    sheet = np.full((gap + len(rows) * (height + gap), margin + columns * (width + gap), 3), 240, np.uint8)
-    for r, (name, images) in enumerate(rows):
-        top = gap + r * (height + gap)
-        cv2.putText(sheet, name, (8, top + height // 2 + 4), FONT, 0.45, INK, 1, cv2.LINE_AA)
-        for c, image in enumerate(images):
-            left = margin + c * (width + gap)
-            sheet[top : top + height, left : left + width] = image
-    return sheet
+from nvsdata.plots.drawing import BOTH, FAINT, FONT, INK, OFF, ON
 
 
 def curves(
@@ -75,10 +45,3 @@ def curves(
         cv2.line(picture, (width - 190, y - 4), (width - 165, y - 4), colour, 2, cv2.LINE_AA)
         cv2.putText(picture, name, (width - 158, y), FONT, 0.45, INK, 1, cv2.LINE_AA)
     return picture
-
-
-def save(picture: np.ndarray, path: Path) -> None:
-    """Write a PNG, whole or not at all."""
-    encoded = cv2.imencode(".png", picture)[1]
-    with atomic(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())

@@ -1,0 +1,18 @@
+"""Events as people see them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.data.events import Events
+from nvsdata.plots.drawing import BOTH, OFF, ON
+
+
+def event_image(events: Events, zoom: int = 1) -> np.ndarray:
+    """Events on white: pixels that saw ON red, OFF blue, both purple; uint8 [H * zoom, W * zoom, 3], BGR."""
+    width, height = events.sensor_size
+    picture = np.full((height, width, 3), 255, np.uint8)
+    seen = np.zeros((2, height, width), bool)
+    seen[events.p, events.y, events.x] = True
+    picture[seen[1]], picture[seen[0]], picture[seen[0] & seen[1]] = ON, OFF, BOTH
+    return picture.repeat(zoom, 0).repeat(zoom, 1)
