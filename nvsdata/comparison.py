@@ -12,8 +12,8 @@ from nvsdata.common.errors import shown
 from nvsdata.common.files import claimed, put
 from nvsdata.data.events import Events
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.metrics.search import SPACE, Search, search
-from nvsdata.metrics.tune import Pair, aligned, table
+from nvsdata.emulation.tuning.objective import Pair, aligned, table
+from nvsdata.emulation.tuning.search import SPACE, Search, search
 
 SHOTS = 6  # frames that a picture shows of a sequence
 LEAST_WIDTH = 160  # pixels; smaller sensors are drawn larger

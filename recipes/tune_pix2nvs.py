@@ -16,8 +16,8 @@ from nvsdata import metrics, plots
 from nvsdata.common.files import claimed, put
 from nvsdata.comparison import score_curve, side_by_side
 from nvsdata.emulation import PRESETS
-from nvsdata.metrics.search import Search, Trial, search
-from nvsdata.metrics.tune import Pair, table
+from nvsdata.emulation.tuning.objective import Pair, table
+from nvsdata.emulation.tuning.search import Search, Trial, search
 from nvsdata.training import run
 
 ROWS = [name for name in PRESETS if name.startswith("table-3.3")]

@@ -25,7 +25,7 @@ from nvsdata import Events, metrics
 from nvsdata.common.files import put
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.emulation import PRESETS
-from nvsdata.metrics.tune import Pair, aligned
+from nvsdata.emulation.tuning.objective import Pair, aligned
 
 Figures = dict[str, Any]
 EPSILON = 2.5  # of Table 3.2

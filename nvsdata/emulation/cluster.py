@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from nvsdata.emulation.convert import Job
+from nvsdata.emulation.job import Job, convert
 
 RETRIES = 3  # of a video whose worker was lost
 
@@ -17,8 +16,6 @@ def results(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, dict[str, An
     ImportError without `nvsdata[distributed]`, OSError if the scheduler doesn't answer or a video cost
     one worker after the other.
     """
-    from nvsdata.emulation.convert import convert
-
     try:
         from distributed import Client, KilledWorker, as_completed
     except ImportError:

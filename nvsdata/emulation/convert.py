@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -13,30 +13,15 @@ from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
-import cv2
 from tqdm import tqdm
 
-from nvsdata import formats
 from nvsdata.common.files import claimed
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
-from nvsdata.data.events import Events
+from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.video.folder import fatal, sha256, videos_in
-from nvsdata.video.frames import TruncatedVideo
+from nvsdata.video.folder import videos_in
 from nvsdata.video.manifest import Manifest
-
-
-@dataclass(frozen=True)
-class Job:
-    """One video to convert."""
-
-    name: str  # below the folder of videos, with slashes
-    video: Path
-    target: Path
-    settings: PIX2NVS
-    size: tuple[int, int] | None
-    fps: float | None
 
 
 @dataclass
@@ -116,38 +101,6 @@ def plan(
     """The videos that would be converted, and to where; see `convert_videos`."""
     target = out or default_out(source)
     return [Job(*video, settings, size, fps) for video in videos_in(source, target, format, limit)]
-
-
-def convert(job: Job) -> dict[str, Any]:
-    """Convert one video; its line of the manifest. Raises OSError only if the disk or folder is to blame."""
-    started = time.monotonic()
-    line: dict[str, Any] = {"video": job.name, "status": "converted"}
-    try:
-        stat = job.video.stat()
-        line |= {"bytes": stat.st_size, "sha256": sha256(job.video)}
-        job.target.parent.mkdir(parents=True, exist_ok=True)
-        pieces = job.settings.stream(job.video, job.fps, size=job.size)
-        formats.write(_counted(pieces, line), job.target)
-        line["recording"] = job.target.stat().st_size
-    except (ValueError, OSError, cv2.error, MemoryError) as error:
-        if isinstance(error, OSError) and fatal(error, job.video):
-            raise
-        line |= {"status": "failed", "reason": str(error)}
-    return line | {"seconds": round(time.monotonic() - started, 3)}
-
-
-def _counted(pieces: Iterable[Events], line: dict[str, Any]) -> Iterator[Events]:
-    """The pieces, counted in `line`; a video that is cut off just ends."""
-    line |= {"frames": 0, "events": 0}
-    try:
-        for piece in pieces:
-            line["frames"] += 1
-            line["events"] += len(piece)
-            line["sensor_size"] = piece.sensor_size
-            line["duration"] = piece.end
-            yield piece
-    except TruncatedVideo as error:
-        line |= {"status": "truncated", "reason": str(error)}
 
 
 def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generator[tuple[Job, dict[str, Any]]]:

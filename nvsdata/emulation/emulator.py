@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from nvsdata.common.prefetch import DEPTH
 from nvsdata.data.events import MAX_COORDINATE, Columns, Events
+from nvsdata.emulation.settings import Settings
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.logarithm import logarithm
 from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, read
 from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, MINIMUM, TILE, Pixels, Rule, Tiles, look
 from nvsdata.video.decoder import FULL, luminance, stretched
-
-if TYPE_CHECKING:
-    from nvsdata.emulation.pix2nvs import PIX2NVS
-    from nvsdata.video.frames import Frame
+from nvsdata.video.frames import Frame
 
 METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}
 # linear times need no key: they follow from the raster order
@@ -65,7 +63,7 @@ def _keep_freed_memory() -> None:
 class Emulator:
     """State of an emulation. The last frame is kept, and must not be changed."""
 
-    def __init__(self, settings: PIX2NVS, first: Frame) -> None:
+    def __init__(self, settings: Settings, first: Frame) -> None:
         _keep_freed_memory()
         height, width = first.pixels.shape[:2]
         if settings.inhibition > min(height, width):
@@ -139,7 +137,7 @@ class Emulator:
             kernels.contrast(pixels.plane, tiles.affected, both, rule.t_log, rule.slope, pixels.level)
 
 
-def _rule(settings: PIX2NVS, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:
+def _rule(settings: Settings, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:
     """The settings as kernels take them."""
     threshold, sensitivity = number(settings.threshold), _sensitivity(settings, shape).astype(number)
     return Rule(
@@ -164,7 +162,7 @@ def _first_weight(frame: Frame) -> int:
     return 299 if frame.red_first else 114
 
 
-def _of_bytes(frame: Frame, settings: PIX2NVS) -> bool:
+def _of_bytes(frame: Frame, settings: Settings) -> bool:
     return frame.pixels.dtype == np.uint8 and not settings.hue
 
 
@@ -198,7 +196,7 @@ def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
     return luminance(r, g, b)
 
 
-def tone(settings: PIX2NVS, q: np.ndarray) -> np.ndarray:
+def tone(settings: Settings, q: np.ndarray) -> np.ndarray:
     """Of brightness q: (3.1) for mode LI, else the perceptual luminance that (3.2) starts from."""
     if settings.mode != "LI":
         return 100 * np.sqrt((q / 255) ** settings.gamma)
@@ -206,7 +204,7 @@ def tone(settings: PIX2NVS, q: np.ndarray) -> np.ndarray:
         return np.where(q > settings.t_log, np.log(q), q * _slope(settings))
 
 
-def perceived(settings: PIX2NVS, q: np.ndarray, number: Any) -> np.ndarray:
+def perceived(settings: Settings, q: np.ndarray, number: Any) -> np.ndarray:
     """`tone` in the type that emulation calculates in: in float32, logarithms by the very steps of the kernels."""
     if number != np.float32:
         return tone(settings, q)
@@ -216,7 +214,7 @@ def perceived(settings: PIX2NVS, q: np.ndarray, number: Any) -> np.ndarray:
     return found
 
 
-def _table(settings: PIX2NVS, first: Frame, number: Any) -> np.ndarray:
+def _table(settings: Settings, first: Frame, number: Any) -> np.ndarray:
     """What bytes are seen as, of each grey value, or of luminance in thousandths; see `kernels.emulate.luminance`."""
     if first.pixels.ndim == 2:
         return perceived(settings, stretched(np.arange(256), first.levels), number)
@@ -225,23 +223,23 @@ def _table(settings: PIX2NVS, first: Frame, number: Any) -> np.ndarray:
 
 
 @lru_cache(8)
-def _tone_table(settings: PIX2NVS) -> np.ndarray:
+def _tone_table(settings: Settings) -> np.ndarray:
     """`tone` of luminance in thousandths; kept, for a folder has many videos."""
     return tone(settings, np.arange(kernels.TABLE_SIZE) / 1000)
 
 
-def _slope(settings: PIX2NVS) -> float:
+def _slope(settings: Settings) -> float:
     """Of the linear part of (3.1)."""
     return float(np.log(settings.t_log) / settings.t_log) if settings.continuous and settings.t_log else 1.0
 
 
-def _precision(settings: PIX2NVS) -> Any:
+def _precision(settings: Settings) -> Any:
     """float32 where its rounding shifts no event by a µs at 25 frames a second: logarithms and no tiny threshold."""
     plain = settings.mode == "LI" and settings.t_log <= 32
     return np.float32 if plain and settings.threshold >= 0.05 else np.float64
 
 
-def _sensitivity(settings: PIX2NVS, shape: tuple[int, int]) -> np.ndarray:
+def _sensitivity(settings: Settings, shape: tuple[int, int]) -> np.ndarray:
     """Nominal over own threshold of each pixel, [H, W]; empty if all are alike. None is below a tenth."""
     if settings.mismatch == 0:
         return np.empty((0, 0))

@@ -13,7 +13,7 @@ from nvsdata.data.events import Events, Recording, as_events
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.kernels.distances import cancel, nearest
 from nvsdata.kernels.transport import least_work
-from nvsdata.metrics.spikes import Spikes, spikes_of_frames
+from nvsdata.metrics.polarity import Spikes, spikes_of_frames
 
 LAMBDA = math.sqrt(3)
 EPSILON = 3.5

@@ -13,8 +13,8 @@ import numpy as np
 
 from nvsdata.data.events import Events, joined
 from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.emulation.sensor import Imperfections
 from nvsdata.video.frames import Frame
 
 SIZE = (240, 180)

@@ -10,8 +10,8 @@ import nvsdata
 from nvsdata import Events, metrics
 from nvsdata.cli import main
 from nvsdata.emulation import PIX2NVS
-from nvsdata.metrics.search import SPACE, Range, search
-from nvsdata.metrics.tune import Pair, table
+from nvsdata.emulation.tuning.objective import Pair, table
+from nvsdata.emulation.tuning.search import SPACE, Range, search
 
 FPS = 25
 

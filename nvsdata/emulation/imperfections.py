@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from nvsdata.data.events import Columns, Events, in_order
+from nvsdata.emulation.settings import Settings
 from nvsdata.kernels.spikes import read_out
-
-if TYPE_CHECKING:
-    from nvsdata.emulation.pix2nvs import PIX2NVS
 
 
 class Imperfections:
     """State of a sensor's flaws over a recording; see `PIX2NVS` for what the settings mean."""
 
-    def __init__(self, settings: PIX2NVS, sensor_size: tuple[int, int]) -> None:
+    def __init__(self, settings: Settings, sensor_size: tuple[int, int]) -> None:
         self.settings, self.size = settings, sensor_size
         self._random = np.random.default_rng((settings.seed, 3))
         pixels = sensor_size[0] * sensor_size[1]
@@ -27,7 +23,7 @@ class Imperfections:
         self._busy = 0.0
 
     @classmethod
-    def of(cls, settings: PIX2NVS, sensor_size: tuple[int, int]) -> Imperfections | None:
+    def of(cls, settings: Settings, sensor_size: tuple[int, int]) -> Imperfections | None:
         """None for a sensor without flaws."""
         flawed = settings.noise_rate or settings.hot_pixels or settings.refractory or settings.bandwidth
         return cls(settings, sensor_size) if flawed else None

@@ -12,8 +12,8 @@ import numpy as np
 
 from nvsdata.data.events import Events, Recording
 from nvsdata.emulation import PIX2NVS
+from nvsdata.emulation.tuning.search import Search
 from nvsdata.metrics.distance import compare
-from nvsdata.metrics.search import Search
 from nvsdata.video.frames import Frame, Video, frames_of
 
 SHOWN = ("t_log", "inhibition", "max_events", "threshold", "new", "exp", "alpha")
