@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         NCaltech101,
     )
     from nvsdata.datasets.cache import cache
-    from nvsdata.datasets.pack import pack
+    from nvsdata.datasets.store.writer import pack
     from nvsdata.emulation import PIX2NVS
     from nvsdata.formats import open, read, write
 
@@ -60,7 +60,7 @@ _HOMES = {
     "GraphBatch": "data.graph",
     "collate": "data.batching",
     "cache": "datasets.cache",
-    "pack": "datasets.pack",
+    "pack": "datasets.store.writer",
     "PIX2NVS": "emulation",
 }
 _MODULES = ("datasets", "emulation", "formats", "metrics", "models", "transforms")

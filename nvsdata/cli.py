@@ -238,7 +238,7 @@ def _datasets(args: argparse.Namespace) -> int:
 
 
 def _download(args: argparse.Namespace) -> int:
-    from nvsdata.datasets.download import download
+    from nvsdata.datasets.archives.download import download
 
     info = _dataset(args.name).info
     for folder in download(info, args.root or Path(info.name)):
@@ -248,7 +248,7 @@ def _download(args: argparse.Namespace) -> int:
 
 def _pack(args: argparse.Namespace) -> int:
     from nvsdata.common.errors import shown
-    from nvsdata.datasets.pack import pack
+    from nvsdata.datasets.store.writer import pack
 
     _at_least_1(args, "jobs")
     kind = _dataset(args.dataset)

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from nvsdata.datasets import DATASETS, EventDataset, dataset_named
 from nvsdata.datasets.holdings import Found, lacking, some
 from nvsdata.datasets.source import Folder, Source, recordings_in
-from nvsdata.datasets.store import Store
+from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
 
 

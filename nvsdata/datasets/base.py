@@ -15,8 +15,8 @@ import nvsdata.data.batching  # noqa: F401  tells torch how samples become batch
 from nvsdata.data.events import Recording
 from nvsdata.data.views import Slice
 from nvsdata.datasets.facts import Info, Sample
+from nvsdata.datasets.indexing import Samples, Transform, check_choice
 from nvsdata.datasets.layout import nothing_below
-from nvsdata.datasets.samples import Samples, Transform, check_choice
 from nvsdata.datasets.source import Folder, Source, joined, recordings_in
 from nvsdata.datasets.splits import stratified
 
@@ -83,7 +83,7 @@ class EventDataset(Samples):
         if self.root.is_dir():
             return Folder(self.root)
         if self.root.is_file():
-            from nvsdata.datasets.store import Store
+            from nvsdata.datasets.store.reader import Store
 
             store = Store(self.root)
             if store.dataset != self.info.name:
@@ -227,7 +227,7 @@ class EventDataset(Samples):
         return f"pass download=True (`nvsdata download {self.info.name}`), or {by_hand}"
 
     def _download(self) -> None:
-        from nvsdata.datasets.download import download
+        from nvsdata.datasets.archives.download import download
 
         # a packed store has all that there is
         if not self.root.is_file():

@@ -232,7 +232,7 @@ def store(home: Path, recordings: int) -> list[Row]:
 
 def repeat(path: Path, recordings: int) -> None:
     """Make a store larger by repeating what it holds under other names."""
-    from nvsdata.datasets.store import COLUMNS, INDEX, checksum, packed
+    from nvsdata.datasets.store.reader import COLUMNS, INDEX, checksum, packed
 
     with h5py.File(path, "r+") as file:
         index = {name: file[f"index/{name}"][()] for name in INDEX}

@@ -22,7 +22,7 @@ from nvsdata.data.views import Slice
 from nvsdata.datasets import ASLANDVS, NMNIST
 from nvsdata.datasets.identity import described
 from nvsdata.datasets.keeping import kept, restored
-from nvsdata.datasets.pack import pack
+from nvsdata.datasets.store.writer import pack
 
 HEAD = (T.Window(0, 80_000), T.RadiusGraph())
 

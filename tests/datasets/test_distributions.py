@@ -26,7 +26,7 @@ from nvsdata.datasets import (
     DVS128Gesture,
     NCaltech101,
 )
-from nvsdata.datasets.unpack import unpack
+from nvsdata.datasets.archives.unpack import unpack
 
 
 @pytest.fixture

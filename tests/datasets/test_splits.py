@@ -7,7 +7,7 @@ from test_distributions import home  # noqa: F401  the fixture
 
 from nvsdata import NMNIST
 from nvsdata.datasets import ASLDVS, CIFAR10DVS, YUPENNDVS, DVS128Gesture, EventFolder, NCaltech101, stratified
-from nvsdata.datasets.pack import pack
+from nvsdata.datasets.store.writer import pack
 
 texts = st.text(st.characters(exclude_characters="\0"), max_size=6)
 recordings = st.lists(st.tuples(st.sampled_from(["cat", "ant", "a\nb", "\udcff"]), texts), unique=True, max_size=60)

@@ -14,8 +14,8 @@ from hosts import hosting
 from test_kills import MOMENTS, finish, start
 from test_two_at_once import refused_while_running
 
-from nvsdata.datasets import transfer
-from nvsdata.datasets.download import download
+from nvsdata.datasets.archives import transfer
+from nvsdata.datasets.archives.download import download
 from nvsdata.datasets.facts import Archive, Info
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills as POSIX does")

@@ -18,8 +18,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nvsdata.common.errors import DownloadError
-from nvsdata.datasets import unpack as module
-from nvsdata.datasets.unpack import take_out, unpack
+from nvsdata.datasets.archives import unpack as module
+from nvsdata.datasets.archives.unpack import take_out, unpack
 
 
 def zipped(files, method=zipfile.ZIP_STORED):

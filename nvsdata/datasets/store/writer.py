@@ -16,9 +16,9 @@ from tqdm import tqdm
 from nvsdata.common.files import atomic, creating, named
 from nvsdata.common.processes import pool
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.part import Part
 from nvsdata.datasets.source import Source, joined
-from nvsdata.datasets.store import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, packed
+from nvsdata.datasets.store.part import Part
+from nvsdata.datasets.store.reader import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, packed
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_disk import created
 

@@ -14,9 +14,9 @@ import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata import transforms as T
 from nvsdata.datasets import ASLANDVS, ASLDVS, NMNIST, DVS128Gesture, NCaltech101
-from nvsdata.datasets import pack as packing
-from nvsdata.datasets.pack import pack
-from nvsdata.datasets.store import INDEX, Store, checksum
+from nvsdata.datasets.store import writer as packing
+from nvsdata.datasets.store.reader import INDEX, Store, checksum
+from nvsdata.datasets.store.writer import pack
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -18,8 +18,8 @@ from nvsdata.cli import main
 from nvsdata.common.errors import DownloadError
 from nvsdata.common.locks import OutputInUse, lock_path, locked
 from nvsdata.datasets import DATASETS, NMNIST, DVS128Gesture, NCaltech101
-from nvsdata.datasets import download as module
-from nvsdata.datasets.download import WORK, download
+from nvsdata.datasets.archives import download as module
+from nvsdata.datasets.archives.download import WORK, download
 from nvsdata.datasets.facts import Archive, Info
 
 CONTENT = trees.zipped({f"Train/{d}/{i}.bin": random.Random(d).randbytes(10_000) for d in range(10) for i in range(3)})

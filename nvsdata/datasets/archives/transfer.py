@@ -20,9 +20,9 @@ import urllib3
 from tqdm import tqdm
 
 from nvsdata.common.errors import DownloadError
-from nvsdata.datasets.arrived import QUOTA, fault_of, kind_of, page_of
+from nvsdata.datasets.archives.arrived import QUOTA, fault_of, kind_of, page_of
+from nvsdata.datasets.archives.unpack import take_out
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.unpack import take_out
 
 MIRROR = "NVSDATA_MIRROR"
 TRIES = 3  # in a row that bring nothing new, before the next place is asked

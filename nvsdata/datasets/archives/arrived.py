@@ -7,7 +7,7 @@ import re
 from html import unescape
 from pathlib import Path
 
-from nvsdata.datasets.unpack import is_archive
+from nvsdata.datasets.archives.unpack import is_archive
 
 HEAD = 1 << 16  # bytes that web pages are told by
 QUOTA = "Google Drive's page for a used-up quota: try again in a day"

@@ -12,9 +12,9 @@ import trees
 from hosts import hosting
 
 from nvsdata.common.errors import DownloadError
-from nvsdata.datasets import transfer
+from nvsdata.datasets.archives import transfer
+from nvsdata.datasets.archives.transfer import fetch
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.transfer import fetch
 
 INFO = Info("made-up", None, ("a",), "https://example.org/made-up", "none")
 CONTENT, OTHER = (trees.zipped({"a/1.bin": random.Random(seed).randbytes(500_000)}) for seed in (1, 2))

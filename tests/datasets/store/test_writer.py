@@ -20,10 +20,11 @@ import nvsdata
 from nvsdata import NMNIST, EventFolder, Events, FormatError
 from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
-from nvsdata.datasets import ASLDVS, MNISTDVS, DVS128Gesture, part
-from nvsdata.datasets.pack import pack
-from nvsdata.datasets.part import JOURNAL
-from nvsdata.datasets.store import Store
+from nvsdata.datasets import ASLDVS, MNISTDVS, DVS128Gesture
+from nvsdata.datasets.store import part
+from nvsdata.datasets.store.part import JOURNAL
+from nvsdata.datasets.store.reader import Store
+from nvsdata.datasets.store.writer import pack
 
 
 @pytest.fixture
@@ -138,7 +139,7 @@ def stopped(dataset, out, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("nvsdata.datasets.pack._assemble", stops)
+        patch.setattr("nvsdata.datasets.store.writer._assemble", stops)
         with pytest.raises(KeyboardInterrupt):
             pack(dataset, out)
 
@@ -174,7 +175,7 @@ def test_events_that_never_reached_the_disk_are_packed_anew(digits, tmp_path, mo
 
 
 def test_events_lost_between_packing_and_assembling_are_noticed(digits, tmp_path, monkeypatch):
-    from nvsdata.datasets import pack as packing
+    from nvsdata.datasets.store import writer as packing
 
     def loses(part, *rest):
         with (part.folder / "x").open("r+b") as file:
@@ -259,12 +260,12 @@ def test_a_full_disk_is_gone_on_from(tmp_path):
 
 SLOW = """
 import sys, time
-from nvsdata.datasets import pack
-decode = pack._decode
+from nvsdata.datasets.store import writer
+decode = writer._decode
 def slowly(*given):
     time.sleep(0.2)
     return decode(*given)
-pack._decode = slowly
+writer._decode = slowly
 from nvsdata.cli import main
 sys.exit(main())
 """

@@ -11,9 +11,9 @@ from pathlib import Path
 from nvsdata.common.errors import DownloadError
 from nvsdata.common.files import claimed
 from nvsdata.common.locks import lock_path, locked
+from nvsdata.datasets.archives.transfer import MIRROR, fetch
+from nvsdata.datasets.archives.unpack import unpack
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.transfer import MIRROR, fetch
-from nvsdata.datasets.unpack import unpack
 
 WORK = ".nvsdata-download"  # the folder in the root for what is unfinished; nothing of the user's is in it
 

@@ -12,7 +12,7 @@ from typing import IO, Any, Self
 import numpy as np
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.store import COLUMNS, VERSION, crc_of
+from nvsdata.datasets.store.reader import COLUMNS, VERSION, crc_of
 
 JOURNAL = "journal.jsonl"
 

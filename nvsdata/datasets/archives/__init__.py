@@ -1,0 +1,1 @@
+"""What a dataset is published as: fetched, checked, unpacked."""

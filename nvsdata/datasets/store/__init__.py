@@ -1,0 +1,1 @@
+"""The packed store: all recordings of a dataset in one file (docs/store.md)."""
