@@ -20,10 +20,10 @@ from typing import Any
 
 import torch
 
-from nvsdata.actions import Actions
 from nvsdata.common.files import Journal
 from nvsdata.datasets import YUPENNDVS
 from nvsdata.training import Team, data_of, loader, outputs, run, team
+from nvsdata.training.actions import Actions
 
 
 def main() -> None:

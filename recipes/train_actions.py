@@ -24,10 +24,10 @@ from pathlib import Path
 
 import torch
 
-from nvsdata.actions import Actions
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.damage import ERRORS
 from nvsdata.training import Halves, accuracies, loader, run, team
+from nvsdata.training.actions import Actions
 
 
 def main() -> None:

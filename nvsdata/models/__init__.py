@@ -18,12 +18,12 @@ from nvsdata.models.fused import fused
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
+from nvsdata.models.registry import NETWORKS
 from nvsdata.models.rgcnn import GCNN, RGCNN
 from nvsdata.models.rgcnn3d import RGCNN3D
 from nvsdata.models.spline import SplineConv
 from nvsdata.models.temporal import TEMPORAL
 from nvsdata.models.trained import Trained
-from nvsdata.models.zoo import NETWORKS
 
 __all__ = [
     "CONFIGURATIONS",

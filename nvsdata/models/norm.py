@@ -6,7 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from nvsdata.models.shared import processes, total
+from nvsdata.models.distributed import processes, total
 
 
 class BatchNorm(nn.modules.batchnorm._BatchNorm):

@@ -16,11 +16,11 @@ from torch import nn
 from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.grid import cells, grid_shape
 from nvsdata.models.conv import CONVOLUTIONS
+from nvsdata.models.distributed import Dropout
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
-from nvsdata.models.shared import Dropout
+from nvsdata.models.registry import network
 from nvsdata.models.spline import SplineConv, add_self_loops
-from nvsdata.models.zoo import network
 
 Size = tuple[int, int]
 

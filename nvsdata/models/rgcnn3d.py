@@ -11,9 +11,9 @@ from torch import nn
 from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.pool import GraphPool
+from nvsdata.models.registry import network
 from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input, check_pairs
 from nvsdata.models.temporal import temporal_network
-from nvsdata.models.zoo import network
 
 
 @network("rgcnn3d")

@@ -11,7 +11,6 @@ import pytest
 import torch
 import trees
 from disks import PAGE, file_limit, small_disk
-from test_distributions import home  # noqa: F401  the fixture
 from torch import nn
 from torch.utils.data import DataLoader
 
@@ -35,7 +34,7 @@ def settled(root):
 
 
 @pytest.fixture
-def digits(home):  # noqa: F811
+def digits(home):
     return settled(home(trees.nmnist()))
 
 
@@ -350,7 +349,7 @@ def test_a_slice_shares_the_cache(digits, tmp_path):
     assert [path.name for path in cached.folder.rglob("*.pt")] == ["5.pt"]
 
 
-def test_pairs_are_cached(home, tmp_path, monkeypatch):  # noqa: F811
+def test_pairs_are_cached(home, tmp_path, monkeypatch):
     root = settled(home(trees.aslandvs(True)))
     plain = ASLANDVS(root, transform=T.Compose([Times(7)]))
     cached = nvsdata.cache(plain, tmp_path / "cache")

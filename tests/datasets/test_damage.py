@@ -7,7 +7,6 @@ from multiprocessing.reduction import ForkingPickler
 import pytest
 import torch
 import trees
-from test_distributions import home  # noqa: F401  the fixture
 from torch.utils.data import DataLoader
 
 import nvsdata
@@ -20,7 +19,7 @@ TORN, LOST = "Train/0/00002.bin", "Train/2/00003.bin"
 
 
 @pytest.fixture
-def digits(home):  # noqa: F811
+def digits(home):
     """Look-alikes of N-MNIST; one recording is torn, another one, the last of its class, is no file at all."""
     root = home(trees.nmnist())
     (root / TORN).write_bytes((root / TORN).read_bytes() + b"abc")
@@ -106,7 +105,7 @@ def test_a_fault_of_a_transform_is_no_damage(digits):
         NMNIST(digits, errors="skip", transform=fails)[0]
 
 
-def test_a_pair_with_a_damaged_recording_is_replaced(home):  # noqa: F811
+def test_a_pair_with_a_damaged_recording_is_replaced(home):
     root = home(trees.aslandvs(True))
     (root / "ASLAN/v_2.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM")
     dataset, plain = ASLANDVS(root, "all", errors="skip"), ASLANDVS(root, "all")

@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 import trees
+from distributions import CASES, check_same
 
 import nvsdata
 from nvsdata import FormatError
@@ -26,21 +27,6 @@ from nvsdata.datasets import (
     DVS128Gesture,
     NCaltech101,
 )
-from nvsdata.datasets.archives.unpack import unpack
-
-
-@pytest.fixture
-def home(tmp_path):
-    """A function that puts a distribution's files on disk, zips unpacked as `download` would."""
-
-    def make(files):
-        # a distribution takes the place of the one before
-        shutil.rmtree(tmp_path / "data", ignore_errors=True)
-        (tmp_path / "all.zip").write_bytes(trees.zipped(files))
-        unpack(tmp_path / "all.zip", tmp_path / "data")
-        return tmp_path / "data"
-
-    return make
 
 
 def by_stem(dataset):
@@ -53,29 +39,6 @@ def by_stem(dataset):
     return found
 
 
-def check_same(one, other):
-    """Both hand back the same samples in the same order."""
-    assert len(one) == len(other) > 0
-    assert one.targets == other.targets
-    for i in range(len(one)):
-        assert one.samples[i].stem == other.samples[i].stem
-        assert one[i][0] == other[i][0]
-
-
-CASES = {
-    "n-mnist": (trees.nmnist, NMNIST, 30, 20),
-    "n-caltech101": (trees.ncaltech101, NCaltech101, 32, 8),
-    "mnist-dvs": (trees.mnistdvs, MNISTDVS, 20, 10),
-    "cifar10-dvs": (trees.cifar10dvs, CIFAR10DVS, 24, 6),
-    "n-cars": (trees.ncars, NCARS, 8, 8),
-    "asl-dvs": (trees.asldvs, ASLDVS, 24, 6),
-    "dvs128-gesture": (trees.dvs128gesture, DVS128Gesture, 24, 24),
-    "dvs128-gesture, preprocessed": (trees.dvs128gesture_preprocessed, DVS128Gesture, 22, 11),
-    "ucf50-dvs": (trees.ucf50dvs, UCF50DVS, 4, 2),
-    "ucf101-dvs": (trees.ucf101dvs, UCF101DVS, 4, 4),
-    "hmdb51-dvs": (trees.hmdb51dvs, HMDB51DVS, 6, 4),
-    "yupenn-dvs": (trees.yupenndvs, YUPENNDVS, 8, 1),
-}
 every_dataset = pytest.mark.parametrize("name", CASES)
 
 

@@ -3,7 +3,6 @@ import pytest
 import trees
 from hypothesis import given
 from hypothesis import strategies as st
-from test_distributions import home  # noqa: F401  the fixture
 
 from nvsdata import NMNIST
 from nvsdata.datasets import ASLDVS, CIFAR10DVS, YUPENNDVS, DVS128Gesture, EventFolder, NCaltech101, stratified
@@ -77,7 +76,7 @@ def names(dataset):
 
 
 @pytest.mark.parametrize(("kind", "files"), [(CIFAR10DVS, trees.cifar10dvs), (ASLDVS, trees.asldvs)])
-def test_a_file_less_leaves_the_split_as_it_was(home, kind, files):  # noqa: F811
+def test_a_file_less_leaves_the_split_as_it_was(home, kind, files):
     root = home(files())
     before = names(kind(root, "test"))
     gone = kind(root, "all").samples[0]
@@ -86,7 +85,7 @@ def test_a_file_less_leaves_the_split_as_it_was(home, kind, files):  # noqa: F81
     assert len(moved) <= 1
 
 
-def test_with_and_without_background(home):  # noqa: F811
+def test_with_and_without_background(home):
     root = home(trees.ncaltech101())
     for split in ("train", "test"):
         with_it, without = names(NCaltech101(root, split)), names(NCaltech101(root, split, background=False))
@@ -94,7 +93,7 @@ def test_with_and_without_background(home):  # noqa: F811
 
 
 @pytest.mark.parametrize("split", ["train", "test"])
-def test_a_store_without_a_broken_recording_has_the_folders_split(home, tmp_path, split):  # noqa: F811
+def test_a_store_without_a_broken_recording_has_the_folders_split(home, tmp_path, split):
     root = home(trees.cifar10dvs())
     broken = CIFAR10DVS(root, split).samples[1]
     (root / broken.name).write_bytes(b"#!AER-DAT2.0\r\n")
@@ -107,7 +106,7 @@ def test_a_store_without_a_broken_recording_has_the_folders_split(home, tmp_path
         assert store.skipped == [broken.name]
 
 
-def test_a_store_of_one_split_gives_that_split_only(home, tmp_path):  # noqa: F811
+def test_a_store_of_one_split_gives_that_split_only(home, tmp_path):
     root = home(trees.cifar10dvs())
     pack(CIFAR10DVS(root, "train", fold=2), tmp_path / "a.h5")
     assert CIFAR10DVS(tmp_path / "a.h5", fold=2).split_hash == CIFAR10DVS(root, fold=2).split_hash
@@ -119,7 +118,7 @@ def test_a_store_of_one_split_gives_that_split_only(home, tmp_path):  # noqa: F8
     assert names(YUPENNDVS(tmp_path / "y.h5", fold=4)) == names(YUPENNDVS(root, fold=4))
 
 
-def test_the_hash_tells_splits_apart_but_not_folders(home, tmp_path):  # noqa: F811
+def test_the_hash_tells_splits_apart_but_not_folders(home, tmp_path):
     root = home(trees.cifar10dvs() | trees.dvs128gesture())
     whole = CIFAR10DVS(root, "all")
     hashes = {CIFAR10DVS(root, split, fold=fold).split_hash for split in ("train", "test") for fold in (0, 1)}

@@ -14,7 +14,7 @@ from places import RECIPES
 from processes_of_others import another_process, dead_owner
 
 from nvsdata import models
-from nvsdata.runs import CHECKPOINT, LOG, Checkpoint, add_to_log, write_log
+from nvsdata.training.runs import CHECKPOINT, LOG, Checkpoint, add_to_log, write_log
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 MOMENTS = 40

@@ -8,7 +8,7 @@ import trees
 
 import nvsdata
 from nvsdata import models
-from nvsdata.actions import Actions
+from nvsdata.training.actions import Actions
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from nvsdata.recording.scenes import CORNERS
 from nvsdata.recording.sync import NoSync
 
 
-def test_the_screen_is_found(tmp_path, quick, monkeypatch, capsys):  # noqa: F811
+def test_the_screen_is_found(tmp_path, quick, monkeypatch, capsys):
     monkeypatch.setattr(calibrate, "WATCHED", 500_000)
     out = tmp_path / "c"
     assert main(["record", "--calibrate", "--simulate", "--seconds", "0.3", "--out", str(out)]) == 0

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import torch
 from torch import nn
 
+from nvsdata.models.distributed import Dropout
 from nvsdata.models.reference.layers import Classifier, convolution, full
-from nvsdata.models.shared import Dropout
-from nvsdata.models.zoo import network
+from nvsdata.models.registry import network
 
 # convolutions between poolings
 C3D_WIDTHS = ((64,), (128,), (256, 256), (512, 512), (512, 512))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from nvsdata.models.distributed import Dropout
 from nvsdata.models.reference.layers import Classifier, Sizes, Streams, conv
-from nvsdata.models.shared import Dropout
+from nvsdata.models.registry import network
 from nvsdata.models.temporal import Conv3D, Inception3D
-from nvsdata.models.zoo import network
 
 LEAST = 75  # pixels: less is gone before the last reduction
 

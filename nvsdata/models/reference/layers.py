@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import nn
 
+from nvsdata.models.distributed import Dropout
 from nvsdata.models.norm import BatchNorm
-from nvsdata.models.shared import Dropout
 
 Sizes = int | tuple[int, ...]
 

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from nvsdata.models.reference.layers import Classifier, Residual, conv
-from nvsdata.models.zoo import network
+from nvsdata.models.registry import network
 
 Variant = Literal["A", "B", "C", "2D"]
 

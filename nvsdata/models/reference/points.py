@@ -11,10 +11,10 @@ from itertools import pairwise
 import torch
 from torch import nn
 
+from nvsdata.models.distributed import Dropout
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.reference.layers import conv
-from nvsdata.models.shared import Dropout
-from nvsdata.models.zoo import network
+from nvsdata.models.registry import network
 
 
 def check_points(points: torch.Tensor, in_channels: int) -> None:

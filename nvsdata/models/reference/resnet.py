@@ -13,7 +13,7 @@ from torch import nn
 
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.reference.layers import Classifier, Residual, conv, convolution
-from nvsdata.models.zoo import network
+from nvsdata.models.registry import network
 
 WIDTHS = (64, 128, 256, 512)
 

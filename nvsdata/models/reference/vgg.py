@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from nvsdata.models.reference.layers import Classifier, convolution, full
-from nvsdata.models.zoo import network
+from nvsdata.models.registry import network
 
 # convolutions before each maximum pooling, by their number of weight layers
 DEPTHS = {16: (2, 2, 3, 3, 3), 19: (2, 2, 4, 4, 4)}

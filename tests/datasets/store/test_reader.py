@@ -6,8 +6,8 @@ import h5py
 import numpy as np
 import pytest
 import trees
+from distributions import CASES, check_same
 from lookalikes import lead_elsewhere
-from test_distributions import CASES, check_same, home  # noqa: F401  the fixture
 from torch.utils.data import DataLoader
 
 import nvsdata
@@ -21,7 +21,7 @@ from nvsdata.datasets.store.writer import pack
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("compress", [False, True])
-def test_a_store_gives_what_the_folder_gives(home, tmp_path, name, compress):  # noqa: F811
+def test_a_store_gives_what_the_folder_gives(home, tmp_path, name, compress):
     files, kind, *_ = CASES[name]
     root = home(files())
     report = pack(kind(root, "all"), tmp_path / "a.h5", compress=compress)
@@ -36,7 +36,7 @@ def test_a_store_gives_what_the_folder_gives(home, tmp_path, name, compress):  #
             assert folder.recording(i).span == store.recording(i).span
 
 
-def test_side_files_travel_along(home, tmp_path):  # noqa: F811
+def test_side_files_travel_along(home, tmp_path):
     root = home(trees.ncaltech101())
     pack(NCaltech101(root, "all"), tmp_path / "a.h5")
     folder, store = NCaltech101(root), NCaltech101(tmp_path / "a.h5")
@@ -47,14 +47,14 @@ def test_side_files_travel_along(home, tmp_path):  # noqa: F811
     assert DVS128Gesture(tmp_path / "g.h5", "test").users == DVS128Gesture(root, "test").users
 
 
-def test_pairs_from_a_store(home, tmp_path):  # noqa: F811
+def test_pairs_from_a_store(home, tmp_path):
     root = home(trees.aslandvs(True))
     pack(ASLANDVS(root, "all"), tmp_path / "a.h5")
     folder, store = ASLANDVS(root, "test"), ASLANDVS(tmp_path / "a.h5", "test")
     assert [folder[i] for i in range(len(folder))] == [store[i] for i in range(len(store))]
 
 
-def test_a_folder_with_splits_of_its_own(home, tmp_path):  # noqa: F811
+def test_a_folder_with_splits_of_its_own(home, tmp_path):
     files = {
         f"{split}/{name}/{i}.bin": trees.atis(trees.some(i))
         for split in ("train", "test")
@@ -68,7 +68,7 @@ def test_a_folder_with_splits_of_its_own(home, tmp_path):  # noqa: F811
 
 
 @pytest.fixture
-def digits(home):  # noqa: F811
+def digits(home):
     return home(trees.nmnist())
 
 

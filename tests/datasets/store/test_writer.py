@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import trees
 from disks import PAGE, file_limit, small_disk
-from test_distributions import check_same, home  # noqa: F401  the fixture
+from distributions import check_same
 
 import nvsdata
 from nvsdata import NMNIST, EventFolder, Events, FormatError
@@ -28,7 +28,7 @@ from nvsdata.datasets.store.writer import pack
 
 
 @pytest.fixture
-def digits(home):  # noqa: F811
+def digits(home):
     return home(trees.nmnist())
 
 
@@ -95,7 +95,7 @@ def test_recordings_of_other_splits_do_not_travel_as_side_files(digits, tmp_path
     check_same(NMNIST(digits), NMNIST(tmp_path / "a.h5"))
 
 
-def test_the_whole_of_a_dataset_has_what_options_leave_out(home, tmp_path):  # noqa: F811
+def test_the_whole_of_a_dataset_has_what_options_leave_out(home, tmp_path):
     root = home(trees.mnistdvs())
     pack(MNISTDVS.whole(root), tmp_path / "a.h5")
     for scale in (4, 16, None):
@@ -144,7 +144,7 @@ def stopped(dataset, out, monkeypatch):
             pack(dataset, out)
 
 
-def test_what_another_dataset_left_is_not_gone_on_with(home, tmp_path, monkeypatch):  # noqa: F811
+def test_what_another_dataset_left_is_not_gone_on_with(home, tmp_path, monkeypatch):
     one, other = tmp_path / "one", tmp_path / "other"
     trees.put(one, trees.nmnist())
     trees.put(other, {name: trees.atis(trees.some(i)) for i, name in enumerate(trees.nmnist())})
@@ -295,7 +295,7 @@ def test_two_commands_at_once_and_a_kill(digits, tmp_path, capsys):
     assert "--overwrite" in capsys.readouterr().err
 
 
-def test_users_and_windows_of_a_store(home, tmp_path):  # noqa: F811
+def test_users_and_windows_of_a_store(home, tmp_path):
     root = home(trees.dvs128gesture())
     (root / "DvsGesture/user24_lab.aedat").write_bytes(b"#!AER-DAT3.1\r\n#!END-HEADER\r\n")
     report = pack(DVS128Gesture(root, "all"), tmp_path / "a.h5")
@@ -304,7 +304,7 @@ def test_users_and_windows_of_a_store(home, tmp_path):  # noqa: F811
     assert len(DVS128Gesture(root, "test")) == 24
 
 
-def test_letters_from_a_store_stand_as_in_the_folder(home, tmp_path):  # noqa: F811
+def test_letters_from_a_store_stand_as_in_the_folder(home, tmp_path):
     root = home(trees.asldvs())
     pack(ASLDVS(root, "all"), tmp_path / "a.h5")
     assert np.array_equal(ASLDVS(root)[3][0].y, ASLDVS(tmp_path / "a.h5")[3][0].y)

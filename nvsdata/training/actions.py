@@ -11,7 +11,9 @@ from torch import nn
 
 from nvsdata import models
 from nvsdata import transforms as T
-from nvsdata.training import Team, Trainer, adam, sgd
+from nvsdata.training.optimizers import adam, sgd
+from nvsdata.training.processes import Team
+from nvsdata.training.trainer import Trainer
 
 T_VOL = 33_333  # µs, 1/30 s
 # 3D CNNs take frames whose smaller side has so many pixels, of which a square of so many

@@ -3,8 +3,9 @@ import sys
 import pytest
 from torch.utils.data import DataLoader
 
-from nvsdata import NMNIST, training
+from nvsdata import NMNIST
 from nvsdata import transforms as T
+from nvsdata.training import run
 
 
 def test_a_damaged_recording_is_named_however_deep_in_a_pipeline_it_is_met(fake_nmnist, capsys, monkeypatch):
@@ -19,4 +20,4 @@ def test_a_damaged_recording_is_named_however_deep_in_a_pipeline_it_is_met(fake_
             pass
 
     with pytest.raises(SystemExit, match=r"^recipe.py: .*00002.bin: byte \d+: truncated"):
-        training.run(main)
+        run(main)

@@ -1,0 +1,92 @@
+"""What is trained and tested on, in batches whose draws depend on seed, epoch and sample alone."""
+
+from __future__ import annotations
+
+import signal
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+from torch.utils.data import DataLoader
+
+from nvsdata.common.processes import end_with_parent
+from nvsdata.common.signals import ENDING
+from nvsdata.data.batching import collate
+from nvsdata.datasets import ASLANDVS, EventFolder, SeededBatches, SeededDataset, dataset_named, stratified
+from nvsdata.training.processes import Team
+
+
+def loader(
+    dataset: Any,
+    batch: int,
+    team: Team,
+    *,
+    seed: int = 0,
+    first: int = 0,
+    last: int = 1,
+    shuffle: bool = False,
+) -> DataLoader[Any]:
+    """This process's share of the seeded batches of the epochs first..last (excluded)."""
+    seeded = SeededDataset(dataset, seed)
+    seeded[0, 0]  # compiles the kernels once, before workers are forked
+    part = team.rank, team.count
+    batches = SeededBatches(len(dataset), batch, first=first, last=last, shuffle=shuffle, seed=seed, part=part)
+    return DataLoader(
+        seeded,
+        batch_sampler=batches,
+        num_workers=team.workers,
+        collate_fn=collate,
+        persistent_workers=True,
+        worker_init_fn=_begin_worker,
+    )
+
+
+def _begin_worker(_: int) -> None:
+    # or what a killed training left would go on, and hold its folder
+    end_with_parent()
+    for number in ENDING:
+        # the loader ends its workers so, and no handler of Python's runs within a kernel
+        signal.signal(number, signal.SIG_DFL)
+
+
+class Halves:
+    """A dataset's recordings for training and for testing.
+
+    By its own split; where it has none, a fifth of each class is held back, by `seed`. `errors` says what becomes of
+    damaged recordings, as for datasets. ValueError for pairs.
+    """
+
+    def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0, errors: str = "raise") -> None:
+        kind: Any = dataset_named(name)
+        if issubclass(kind, ASLANDVS):
+            raise ValueError(f"{name} is of pairs of recordings, not of classes: see recipes/similarity_aslan.py")
+        try:
+            self._train, self._test = (kind(root, split, fold=fold, errors=errors) for split in ("train", "test"))
+        except FileNotFoundError:
+            split = "all" if kind is EventFolder else "train"
+            whole = kind(root, split, fold=fold, errors=errors)
+            self._train, self._test = map(whole.subset, stratified(whole.names, 0.2, seed=seed))
+        self.classes: list[str] = self._train.classes
+        self.sensor_size: tuple[int, int] = self._train.sensor_size or (240, 180)
+        self.data = data_of(self._train, self._test, seed)
+
+    def train(self, transform: Any) -> Any:
+        """The dataset to train on."""
+        return _with(self._train, transform)
+
+    def test(self, transform: Any) -> Any:
+        """The dataset to test on."""
+        return _with(self._test, transform)
+
+
+def _with(dataset: Any, transform: Any) -> Any:
+    """The dataset, listed once, with another transform."""
+    changed = copy(dataset)
+    changed.transform = transform
+    return changed
+
+
+def data_of(train: Any, test: Any, seed: int) -> dict[str, Any]:
+    """What is trained and tested on, for `Trainer`: dataset, split, fold, the run's seed, hashes of both sets."""
+    hashes = {"hash": train.split_hash, "test_hash": test.split_hash}
+    return {"dataset": train.info.name, "split": train.split, "fold": train.fold, "seed": seed, **hashes}

@@ -1,0 +1,28 @@
+"""The end of a recipe's command line: in one line, whatever ended it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from nvsdata.common.signals import end_of, ending_by_signals, exit_code
+
+
+def run(main: Callable[[], None], hint: str = "--resume goes on from the last epoch") -> None:
+    """Call a recipe's `main`; end in one line if it is interrupted, or if data or settings won't do.
+
+    `hint` tells who interrupted it how to go on.
+    """
+    try:
+        with ending_by_signals():
+            main()
+    except KeyboardInterrupt as error:
+        print(f"{end_of(error)}: {hint}", file=sys.stderr)
+        sys.exit(exit_code(error))
+    except (OSError, ValueError) as error:
+        text = str(error)
+        # a loader's worker sends its traceback, whose last line tells
+        if text.startswith("Caught "):
+            text = text.rstrip().splitlines()[-1].partition(": ")[2]
+        sys.exit(f"{Path(sys.argv[0]).name}: {text}")

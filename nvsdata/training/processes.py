@@ -1,0 +1,71 @@
+"""The processes that train together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import distributed
+
+from nvsdata.common.files import claimed
+
+
+@dataclass(frozen=True)
+class Team:
+    """The processes that train together, seen from one of them. Rank 0 writes and prints."""
+
+    device: torch.device
+    rank: int = 0
+    count: int = 1
+
+    @property
+    def workers(self) -> int:
+        """Processes that prepare samples; they and torch's threads share the cores."""
+        return max(1, min(4, (os.cpu_count() or 2) // (2 * self.count)))
+
+    def wait(self) -> None:
+        """Until all have come here."""
+        if self.count > 1:
+            distributed.barrier()
+
+    @contextmanager
+    def claiming(self, out: Path) -> Iterator[None]:
+        """Make the folder `out` and write to it alone while the block runs; what killed runs left there is swept.
+
+        Raises OutputInUse if another run writes to it.
+        """
+        if self.rank:
+            yield
+            return
+        out.mkdir(parents=True, exist_ok=True)
+        with claimed(out):
+            yield
+
+    def say(self, text: str) -> None:
+        """Print, once for all."""
+        if self.rank == 0:
+            print(text, flush=True)
+
+
+@contextmanager
+def team(device: str | None = None) -> Iterator[Team]:
+    """Join the processes that torchrun started, or be alone. Without `device` a GPU if there is one, else the CPU."""
+    name = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    count = int(os.environ.get("WORLD_SIZE", "1"))
+    if count == 1:
+        alone = Team(torch.device(name))
+        torch.set_num_threads(max(1, (os.cpu_count() or 2) - alone.workers))
+        yield alone
+        return
+    if name == "cuda":
+        name = f"cuda:{os.environ.get('LOCAL_RANK', '0')}"
+        torch.cuda.set_device(name)
+    distributed.init_process_group("nccl" if name.startswith("cuda") else "gloo")
+    try:
+        yield Team(torch.device(name), distributed.get_rank(), count)
+    finally:
+        distributed.destroy_process_group()

@@ -1,0 +1,158 @@
+"""A trainer of classifiers that logs, keeps checkpoints and resumes, alone or in several processes.
+
+Every draw depends on the seed, the epoch and the sample, so a resumed run is the same as one that wasn't
+stopped, and processes that share the batches (torchrun) train as one process does.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+from torch.nn.functional import cross_entropy
+from torch.nn.parallel import DistributedDataParallel
+from tqdm import tqdm
+
+from nvsdata import models
+from nvsdata.models.distributed import total
+from nvsdata.training import runs
+from nvsdata.training.data import loader
+from nvsdata.training.processes import Team
+
+
+class Trainer:
+    """Trains a classifier by cross entropy, a JSON line an epoch in `out/log.jsonl` and its state in `checkpoint.pt`.
+
+    `schedule` steps once an epoch. `batch` counts over all processes. `data` (of `data_of`) is kept with checkpoint
+    and model. With `resume` it goes on from the checkpoint, if there is one; `done` is the number of epochs so far.
+    ValueError for a checkpoint of another run or of other data, FormatError for a damaged one.
+    """
+
+    def __init__(
+        self,
+        model: nn.Module,
+        optimizer: torch.optim.Optimizer,
+        schedule: Any,
+        out: Path,
+        *,
+        data: dict[str, Any],
+        epochs: int,
+        batch: int,
+        team: Team,
+        seed: int = 0,
+        resume: bool = False,
+    ) -> None:
+        self.model, self.optimizer, self.schedule = model, optimizer, schedule
+        self.out, self.epochs, self.batch, self.seed, self.team = out, epochs, batch, seed, team
+        self.data = data
+        self.lines: list[dict[str, Any]] = []
+        out.mkdir(parents=True, exist_ok=True)
+        if resume and (out / runs.CHECKPOINT).exists():
+            self._restore(runs.Checkpoint.read(out, team.device))
+        if team.rank == 0:
+            runs.write_log(out, self.lines)
+        team.say(", ".join(f"{name} {value}" for name, value in data.items()))
+
+    @property
+    def done(self) -> int:
+        """Epochs so far."""
+        return len(self.lines)
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """What a checkpoint holds the state of."""
+        return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
+
+    def fit(self, train_set: Any, evaluate: Callable[[int], dict[str, Any]]) -> dict[str, Any]:
+        """Train on `train_set`, whose samples are `(input, target)`; the last epoch's line.
+
+        `evaluate` is given the number of epochs done, after each, and what it says goes into the line.
+        ValueError if the last batch of an epoch has fewer samples than there are processes, or the loss becomes NaN or
+        infinite: then the checkpoint is the last one before.
+        """
+        left = len(train_set) % self.batch
+        if 0 < left < self.team.count or self.batch < self.team.count:
+            raise ValueError(f"the last batch has {left or self.batch} samples for {self.team.count} processes")
+        steps = -(-len(train_set) // self.batch)
+        batches: Iterator[Any] = iter(())
+        if self.done < self.epochs:
+            shared = loader(
+                train_set, self.batch, self.team, seed=self.seed, first=self.done, last=self.epochs, shuffle=True
+            )
+            batches = iter(shared)
+        model: nn.Module = self.model
+        if self.team.count > 1:
+            model = DistributedDataParallel(self.model, broadcast_buffers=False)
+        for epoch in range(self.done, self.epochs):
+            start = time.perf_counter()
+            line: dict[str, Any] = {"epoch": epoch + 1, "learning_rate": self.schedule.get_last_lr()[0]}
+            # what dropout draws depends on the epoch alone, so that a resumed run draws the same
+            torch.manual_seed(self.seed * 1_000_003 + epoch)
+            line |= self._epoch(model, batches, steps, f"epoch {epoch + 1}/{self.epochs}")
+            if not math.isfinite(line["loss"]):
+                raise ValueError(f"the loss became {line['loss']} in epoch {epoch + 1}: try a lower learning rate")
+            self.schedule.step()
+            line["seconds"] = round(time.perf_counter() - start, 2)
+            line |= evaluate(epoch + 1)
+            # what this process and its workers met since training began
+            if damaged := getattr(train_set, "num_damaged", 0):
+                line["damaged"] = damaged
+            self._save(line)
+        return self.lines[-1] if self.lines else {}
+
+    def publish(self, classes: list[str], transform: Any, metrics: dict[str, Any]) -> None:
+        """Keep the network in `out/model.safetensors`, for `models.load`."""
+        if self.team.rank == 0:
+            kept = {"classes": classes, "transform": transform, "metrics": metrics, "data": self.data}
+            models.save(self.model, self.out / "model.safetensors", **kept)
+
+    def _epoch(self, model: nn.Module, batches: Iterator[Any], steps: int, title: str) -> dict[str, float]:
+        """One pass over the training set: mean loss and accuracy."""
+        model.train()
+        device = self.team.device
+        sums = torch.zeros(3, dtype=torch.float64, device=device)  # loss, right, seen
+        for _ in tqdm(range(steps), title, leave=False, disable=True if self.team.rank else None):
+            inputs, targets = next(batches)
+            inputs, targets = inputs.to(device), targets.to(device)
+            scores = model(inputs)
+            loss = cross_entropy(scores, targets, reduction="sum")
+            # gradients are averaged over the processes: of a sum, times their number, over the whole batch
+            count = total(torch.tensor(float(len(targets)), device=device))
+            self.optimizer.zero_grad()
+            (loss * (self.team.count / count)).backward()  # type: ignore[no-untyped-call]
+            self.optimizer.step()
+            right = (scores.argmax(1) == targets).sum()
+            sums += torch.stack((loss.detach().double(), right.double(), sums.new_tensor(len(targets))))
+        loss_sum, right, seen = total(sums).tolist()
+        return {"loss": loss_sum / seen, "train_accuracy": right / seen}
+
+    def _restore(self, state: runs.Checkpoint) -> None:
+        where = self.out / runs.CHECKPOINT
+        if state.epochs != self.epochs:
+            raise ValueError(f"{where} belongs to a run of {state.epochs} epochs, not {self.epochs}")
+        for name in self.data.keys() | state.data.keys():
+            theirs, ours = state.data.get(name), self.data.get(name)
+            if theirs != ours:
+                raise ValueError(f"{where} belongs to a run of other data: its {name} is {theirs}, not {ours}")
+        try:
+            for name, part in self.parts.items():
+                runs.restore(part, getattr(state, name))
+        except Exception:  # whatever they make of another's
+            raise ValueError(f"{where} belongs to another network or optimizer") from None
+        self.lines = state.log
+
+    def _save(self, line: dict[str, Any]) -> None:
+        """Write and print an epoch's line, and write its checkpoint."""
+        self.lines.append(line)
+        if self.team.rank:
+            return
+        runs.add_to_log(self.out, line)
+        states = {name: part.state_dict() for name, part in self.parts.items()}
+        runs.Checkpoint(epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, **states).write(self.out)
+        self.team.say(json.dumps(line))
