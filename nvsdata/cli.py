@@ -328,7 +328,7 @@ def _at_least_1(args: argparse.Namespace, *names: str) -> None:
 
 def _record(args: argparse.Namespace) -> int:
     from nvsdata.recording.session import run, run_batch, run_calibration, settings_of
-    from nvsdata.recording.simulation import Simulation
+    from nvsdata.recording.simulated.options import Simulation
 
     _at_least_1(args, "limit")
     if args.monitor is None and (args.resume or args.verify):

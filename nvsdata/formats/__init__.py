@@ -49,13 +49,13 @@ class Format:
 
 @cache
 def _module(name: str) -> ModuleType:
-    return import_module(f"nvsdata.formats.{name}")
+    return import_module(name if "." in name else f"nvsdata.formats.{name}")
 
 
 # the first that matches is it
 FORMATS = (
     Format("hdf5", "hdf5", (".h5", ".hdf5"), re.compile(rb"\x89HDF\r\n\x1a\n")),
-    Format("davis", "davis", (".davis",), re.compile(rb"#!DAVIS-STREAM1 ")),
+    Format("davis", "nvsdata.recording.davis.file", (".davis",), re.compile(rb"#!DAVIS-STREAM1 ")),
     Format("aedat2", "aedat2", (".aedat",), re.compile(rb"#!AER-DAT2\.")),
     Format("aedat1", "aedat1", (".aedat1", ".aedat"), re.compile(rb"#!AER-DAT1\.")),
     Format("aedat3", "aedat3", (".aedat3", ".aedat"), re.compile(rb"#!AER-DAT3\.")),

@@ -21,13 +21,13 @@ from nvsdata.common.prefetch import ahead
 from nvsdata.common.signals import ENDING, Ended
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
-from nvsdata.recording.davis import CameraError, Davis
-from nvsdata.recording.decoding import decoded
-from nvsdata.recording.journal import Journal, check_finished, told_of
+from nvsdata.recording.davis.decoding import decoded
+from nvsdata.recording.davis.driver import CameraError, Davis
+from nvsdata.recording.davis.journal import Journal, check_finished, told_of
+from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.stream import Decoder
 from nvsdata.recording.line import DISK_FULL, STOPPED, TIME_UP, Line
-from nvsdata.recording.registers import Settings
-from nvsdata.recording.sync import host_time
-from nvsdata.recording.wire import Decoder
+from nvsdata.recording.rig.clock_fit import host_time
 
 RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still holds must find room
 # how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over

@@ -6,8 +6,8 @@ import time
 from collections import deque
 from threading import Condition, Event, Thread
 
-from nvsdata.recording.davis import CameraError, Davis
-from nvsdata.recording.journal import Journal
+from nvsdata.recording.davis.driver import CameraError, Davis
+from nvsdata.recording.davis.journal import Journal
 
 ROOM = 64 << 20  # bytes that may wait to be kept and decoded
 PIECE = 1 << 20  # bytes handed on at once, if so many wait

@@ -9,8 +9,8 @@ from typing import Any
 
 from nvsdata.data.events import Events
 from nvsdata.recording.capture import Report, record
-from nvsdata.recording.davis import Davis
-from nvsdata.recording.registers import Settings
+from nvsdata.recording.davis.driver import Davis
+from nvsdata.recording.davis.registers import Settings
 
 
 class Recorder(Thread):

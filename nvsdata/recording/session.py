@@ -16,17 +16,17 @@ from tqdm import tqdm
 from nvsdata.common.files import claimed, creating
 from nvsdata.common.terminal import Terminal, say
 from nvsdata.data.events import Events
-from nvsdata.recording.batch import manifest_of, record_videos, verify
-from nvsdata.recording.calibrate import calibrate
-from nvsdata.recording.calibration import FIGURES, described, write_calibration
 from nvsdata.recording.capture import Report, check_format, check_place, record, stopped_by_interrupt
-from nvsdata.recording.davis import Davis
-from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
-from nvsdata.recording.live import Live
-from nvsdata.recording.monitor import Monitor
+from nvsdata.recording.davis.driver import Davis
+from nvsdata.recording.davis.journal import check_finished, journal_of, left_over, told_of
+from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.registers import Settings
-from nvsdata.recording.simulation import Simulation
+from nvsdata.recording.rig.batch import manifest_of, record_videos, verify
+from nvsdata.recording.rig.calibrate import calibrate
+from nvsdata.recording.rig.calibration import FIGURES, described, write_calibration
+from nvsdata.recording.rig.live_view import Live
+from nvsdata.recording.rig.monitor import Monitor
+from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
 
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at

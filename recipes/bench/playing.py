@@ -19,12 +19,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nvsdata.recording import batch, take
-from nvsdata.recording.davis import Davis
-from nvsdata.recording.monitor import Monitor
-from nvsdata.recording.registers import Settings
-from nvsdata.recording.simulated import Camera
-from nvsdata.recording.simulation import Simulation
+from nvsdata.recording.davis.driver import Davis
+from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.rig import batch, take
+from nvsdata.recording.rig.monitor import Monitor
+from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
 
 TIMES_BEGIN = 2  # of a camera's clock in a take: when the stream runs, and when it's reset

@@ -22,11 +22,11 @@ import numpy as np
 
 import nvsdata
 from nvsdata.kernels.wire_encode import encode
-from nvsdata.recording.backend import Backend
 from nvsdata.recording.capture import record
-from nvsdata.recording.davis import Davis
-from nvsdata.recording.simulated import FIFO, Camera
-from nvsdata.recording.wire import Decoder
+from nvsdata.recording.davis.driver import Davis
+from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.simulated.camera import FIFO, Camera
+from nvsdata.recording.simulated.usb_backend import Backend
 
 PERIOD = 1 << 15  # µs from wrap to wrap of the camera's clock
 Row = dict[str, Any]

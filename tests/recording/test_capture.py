@@ -11,11 +11,11 @@ import pytest
 import nvsdata
 from nvsdata import Events
 from nvsdata.recording import capture, line
-from nvsdata.recording.backend import Backend
 from nvsdata.recording.capture import record, stopped_by_interrupt
-from nvsdata.recording.davis import Davis
-from nvsdata.recording.scenes import Outlines
-from nvsdata.recording.simulated import Camera
+from nvsdata.recording.davis.driver import Davis
+from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.scenes import Outlines
+from nvsdata.recording.simulated.usb_backend import Backend
 
 
 def opened(camera, before=lambda camera, call: None):

@@ -7,10 +7,10 @@ import pytest
 
 import nvsdata
 from nvsdata.cli import main
-from nvsdata.recording import davis
-from nvsdata.recording.registers import Settings
+from nvsdata.recording.davis import driver
+from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.session import settings_of
-from nvsdata.recording.simulated import picture
+from nvsdata.recording.simulated.camera import picture
 
 
 def test_a_simulated_recording(tmp_path, capsys):
@@ -43,7 +43,7 @@ def test_wrong_flags_are_said_in_one_line(tmp_path, capsys, flags, message):
 
 
 def test_without_a_camera(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(davis.usb.core, "find", lambda **options: iter(()))
+    monkeypatch.setattr(driver.usb.core, "find", lambda **options: iter(()))
     assert main(["record", "--out", str(tmp_path / "a.h5")]) == 1
     assert "nvsdata record: no DAVIS camera is connected" in capsys.readouterr().err
 

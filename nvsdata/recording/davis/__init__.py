@@ -1,0 +1,1 @@
+"""DAVIS cameras: their registers, their byte stream, and the file that keeps it."""

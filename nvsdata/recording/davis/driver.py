@@ -1,0 +1,335 @@
+"""The driver of DAVIS240 and DAVIS346 cameras, by pyusb."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Self
+
+import numpy as np
+import usb.core
+import usb.util
+
+from nvsdata.recording.davis.configuration import Facts, changes, defaults
+from nvsdata.recording.davis.registers import (
+    APS,
+    CHIP,
+    DVS,
+    EXTERNAL,
+    IMU,
+    MUX,
+    RUNNING,
+    SYSTEM,
+    USB,
+    Settings,
+    biases_of,
+)
+from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.usb.process_reader import Apart, can_read_apart
+from nvsdata.recording.usb.transfers import Gone, Single, Stream, queued
+
+VENDOR = 0x152A
+# product, what board it is, the least firmware
+BOARDS = {0x841B: ("FX2", 4), 0x841A: ("FX3", 6)}
+LOGIC, PATCH = 18, 1
+ENDPOINT = 0x82
+READ, WRITE = 0xC0, 0x40
+REGISTER, SEVERAL = 0xBF, 0xC2
+TIMEOUT = 1_000  # ms
+MOST = 4_096  # pixels a side, and MHz: more is no answer of a camera
+UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0666", TAG+="uaccess"'
+
+
+class CameraError(OSError):
+    """What keeps a camera from recording, in one line that says what to do."""
+
+
+class Unplugged(CameraError):
+    """The camera is gone."""
+
+
+class Davis:
+    """An open camera. `find` opens one; use it in a `with` block, or `close` it.
+
+    After `configure`, `start` and `stop` as often as wanted; between them `read` gives the stream, which
+    `decoder()` understands. Methods raise `CameraError`, `Unplugged` if the camera is gone.
+    """
+
+    def __init__(self, device: Any) -> None:
+        self.device = device
+        self.settings = Settings()
+        self._stream: Stream | None = None
+        with _told():
+            self._claim()
+            self.facts = self._facts()
+
+    @classmethod
+    def find(cls, serial: str | None = None, *, backend: Any = None) -> Self:
+        """Open the camera of that serial number, or the only one there is."""
+        found = []
+        refused: list[Exception] = []
+        for device in _devices(backend):
+            try:
+                found.append(cls(device))
+            except CameraError as error:
+                refused.append(error)
+        chosen = [camera for camera in found if serial is None or camera.facts.serial == serial]
+        for camera in found:
+            if camera not in chosen or len(chosen) > 1:
+                camera.close()
+        if len(chosen) == 1:
+            return chosen[0]
+        if chosen:
+            serials = ", ".join(sorted(camera.facts.serial for camera in chosen))
+            raise CameraError(f"{len(chosen)} cameras are connected: choose one by its serial number ({serials})")
+        if refused:
+            raise refused[0]
+        there = ", ".join(camera.facts.serial for camera in found)
+        raise CameraError(
+            f"no camera of serial number {serial}; there is {there}" if found else "no DAVIS camera is connected"
+        )
+
+    def _claim(self) -> None:
+        # before the serial number, whose failures pyusb doesn't tell apart
+        if self.device.get_active_configuration().bConfigurationValue != 1:
+            self.device.set_configuration(1)
+        usb.util.claim_interface(self.device, 0)
+        self._serial = (self.device.serial_number or "")[:8]
+
+    def _facts(self) -> Facts:
+        board, least = BOARDS[self.device.idProduct]
+        firmware = self.device.bcdDevice & 0xFF
+        if firmware < least:
+            raise self._refused(f"has firmware {firmware}, at least {least} is needed")
+        logic = self.get(SYSTEM, 0)
+        if logic != LOGIC:
+            raise self._refused(f"has logic {logic}, {LOGIC} is needed")
+        patch = self.get(SYSTEM, 7)
+        if patch < PATCH:
+            raise self._refused(f"has patch level {patch} of its logic, at least {PATCH} is needed")
+        chip = self.get(SYSTEM, 1)
+        self.get(SYSTEM, 2)
+        asked = (
+            ("pixel filter", DVS, 10),
+            ("activity filter", DVS, 30),
+            ("region filter", DVS, 40),
+            ("skip filter", DVS, 50),
+            ("polarity filter", DVS, 60),
+            ("event statistics", DVS, 80),
+            ("colour", APS, 3),
+            ("global shutter", APS, 6),
+            ("generator", EXTERNAL, 10),
+            ("statistics", MUX, 80),
+        )
+        has = frozenset(name for name, module, parameter in asked if self.get(module, parameter))
+        inertial = self.get(IMU, 0)
+        clocks = [self.get(SYSTEM, parameter) for parameter in (3, 4, 5)]
+        deviation = self.get(SYSTEM, 6)
+        logic_clock, converter_clock, usb_clock = (float(np.float32(clock * deviation / 1000)) for clock in clocks)
+        (columns, rows, turned), (wide, high, orientation) = self._geometry()
+        flips = self.get(IMU, 1)
+        swap, frame_swap = bool(turned & 4), bool(orientation & 4)
+        if not all(0 < side <= MOST for side in (columns, rows, wide, high)):
+            raise self._nonsense(f"{columns}x{rows} pixels, frames of {wide}x{high}")
+        if not all(0 < clock <= MOST for clock in (logic_clock, converter_clock, usb_clock)):
+            raise self._nonsense(f"clocks of {logic_clock:g}, {converter_clock:g} and {usb_clock:g} MHz")
+        try:
+            biases_of(chip)
+        except ValueError as error:
+            self.close()
+            raise CameraError(str(error)) from None
+        return Facts(
+            self._serial or f"TMP{(self.device.bus or 0) * 256 + (self.device.address or 0):05d}",
+            board,
+            chip,
+            *((rows, columns) if swap else (columns, rows)),
+            swap,
+            (high, wide) if frame_swap else (wide, high),
+            orientation,
+            inertial,
+            flips,
+            logic_clock,
+            converter_clock,
+            usb_clock,
+            has,
+        )
+
+    def _geometry(self) -> list[tuple[int, int, int]]:
+        """Columns, rows and orientation of events and of frames."""
+        return [(self.get(module, 0), self.get(module, 1), self.get(module, 2)) for module in (DVS, APS)]
+
+    def _nonsense(self, what: str) -> CameraError:
+        self.close()
+        return CameraError(f"camera {self._serial} answers nonsense ({what}): plug it in again, or into another port")
+
+    def _refused(self, why: str) -> CameraError:
+        self.close()
+        return CameraError(f"camera {self._serial} {why}: update it by the vendor's tool (Flashy in DV)")
+
+    def get(self, module: int, parameter: int) -> int:
+        """Read a register."""
+        with _told():
+            answer = self.device.ctrl_transfer(READ, REGISTER, module, parameter, 4, timeout=TIMEOUT)
+        if len(answer) != 4:
+            raise CameraError(f"the camera answered {len(answer)} bytes for register {module}/{parameter}, not 4")
+        return int.from_bytes(bytes(answer), "big")
+
+    def set(self, module: int, parameter: int, value: int) -> None:
+        """Write a register."""
+        with _told():
+            self.device.ctrl_transfer(
+                WRITE, REGISTER, module, parameter, int(value).to_bytes(4, "big"), timeout=TIMEOUT
+            )
+
+    def set_together(self, *writes: tuple[int, int, int]) -> None:
+        """Write several registers, (module, parameter, value), that nothing may come between."""
+        data = b"".join(bytes([m, p]) + int(value).to_bytes(4, "big") for m, p, value in writes)
+        with _told():
+            self.device.ctrl_transfer(WRITE, SEVERAL, len(writes), 0, data, timeout=TIMEOUT)
+
+    def get64(self, module: int, parameter: int) -> int:
+        """Read a counter of 64 bits, whose upper half is at `parameter`."""
+        while True:
+            high, low, again = (self.get(module, parameter + offset) for offset in (0, 1, 0))
+            if high == again:
+                return high << 32 | low
+
+    def configure(self, settings: Settings) -> None:
+        """The vendor's default configuration, then what differs from it.
+
+        ValueError for biases or a region that the camera doesn't have.
+        """
+        facts, biases = self.facts, biases_of(self.facts.chip)
+        for name in settings.biases:
+            if name not in biases:
+                raise ValueError(f"{facts.name} has no bias {name!r}; it has {', '.join(biases)}")
+        values = {name: biases[name].value(*numbers) for name, numbers in settings.biases.items()}
+        for name, bias in biases.items():
+            self.set(CHIP, bias.parameter, values.get(name, bias.value()))
+        for write in (*defaults(facts), *changes(facts, settings)):
+            self.set(*write)
+        self.settings = settings
+
+    def start(self) -> None:
+        """Let the stream begin; `configure` comes first. The time is reset as the first thing."""
+        self._halt()
+        time.sleep(0.01)
+        with _told():
+            self.device.clear_halt(ENDPOINT)
+        self._stream = _stream(self.device)
+        self.set(MUX, 3, 1)
+        time.sleep(0.2)  # biases settle
+        for module, parameter in ((USB, 0), (MUX, 1), (MUX, 0)):
+            self.set(module, parameter, 1)
+        time.sleep(0.05)
+        wanted = [(DVS, 3)]
+        wanted += [(APS, 4)] if self.settings.frames else []
+        wanted += [(IMU, 2), (IMU, 3), (IMU, 4)] if self.settings.inertial else []
+        for module, parameter in (*wanted, (EXTERNAL, 0)):
+            self.set(module, parameter, 1)
+
+    def reset_time(self) -> None:
+        """Let the camera's time begin anew; a special event marks it."""
+        self.set_together((MUX, 2, 1), (MUX, 2, 0))
+
+    def stop(self) -> None:
+        """End the stream; what is on its way can still be read. A camera that is gone is stopped."""
+        with suppress(Unplugged):
+            self._halt()
+
+    def _halt(self) -> None:
+        for module, parameter in RUNNING:
+            self.set(module, parameter, 0)
+
+    def read(self, timeout: int = 100) -> bytes:
+        """What came of the stream within `timeout` ms, maybe nothing; from one thread at a time."""
+        if self._stream is None:
+            self._stream = _stream(self.device)
+        try:
+            return self._stream.read(timeout)
+        except Gone as error:
+            raise Unplugged(f"the camera stopped sending: {error}") from None
+
+    def end_reading(self) -> None:
+        """After the last `read`, by the thread that read: take back the requests that still wait."""
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
+
+    def dropped(self) -> int | None:
+        """Events that the camera itself has dropped since it has power, None if it doesn't count them."""
+        return self.get64(MUX, 83) if "statistics" in self.facts.has else None
+
+    def decoder(self) -> Decoder:
+        """A decoder for this camera's stream, whose times never fall."""
+        facts = self.facts
+        return Decoder(
+            facts.width,
+            facts.height,
+            facts.swap,
+            facts.frame_size,
+            facts.frame_orientation,
+            facts.chip,
+            facts.inertial,
+            facts.inertial_flips,
+            steady=True,
+        )
+
+    def about(self) -> dict[str, Any]:
+        """What recordings say of the camera: its name, its serial number, and the biases that were set."""
+        numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
+        numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
+        return {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
+
+    def close(self) -> None:
+        """Let the camera go."""
+        self.end_reading()
+        usb.util.dispose_resources(self.device)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _devices(backend: Any) -> list[Any]:
+    """The cameras that are connected, opened or not."""
+    try:
+        options = {} if backend is None else {"backend": backend}
+        return [
+            device
+            for product in BOARDS
+            for device in usb.core.find(find_all=True, idVendor=VENDOR, idProduct=product, **options)
+        ]
+    except usb.core.NoBackendError:
+        raise CameraError("libusb isn't installed: install libusb-1.0 (Debian and Ubuntu: libusb-1.0-0)") from None
+
+
+def _stream(device: Any) -> Stream:
+    """The best way to read that the device's backend has."""
+    found = queued(device, ENDPOINT)
+    if found is not None:
+        return found
+    try:
+        return Apart.of(device, ENDPOINT) if can_read_apart(device) else Single(device, ENDPOINT)
+    except Gone as error:
+        raise CameraError(str(error)) from None
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """USB's errors as what they mean."""
+    try:
+        yield
+    except usb.core.USBError as error:
+        if error.errno == errno.EACCES:
+            rule = f"put this line into /etc/udev/rules.d/65-davis.rules and plug the camera in again: {UDEV}"
+            raise CameraError(f"no permission to use the camera; on Linux, {rule}") from None
+        if error.errno == errno.EBUSY:
+            raise CameraError("another program uses the camera: close it (DV, jAER, another nvsdata)") from None
+        if error.errno in (errno.ENODEV, errno.EIO):
+            raise Unplugged("the camera was unplugged") from None
+        raise CameraError(f"the camera doesn't do as asked: {error.strerror or error}") from None

@@ -1,0 +1,110 @@
+"""What a DAVIS camera sent, as it came: `nvsdata record` keeps it beside its output until that is whole.
+
+A line, `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.Decoder`), `last` (µs at which the recording ends,
+or null) and `about` (as `Recording.about`); then the camera's words, 16 bits each, little-endian.
+Time 0 is the first reset of the camera's clock. A process that is killed leaves half a word at most, which is passed
+over.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from typing import Any
+
+from nvsdata.common.errors import FormatError
+from nvsdata.data.events import Columns, Events, joined
+from nvsdata.data.events import Recording as BaseRecording
+from nvsdata.data.samples import Frame, Inertial, Piece, within
+from nvsdata.recording.davis.decoding import decoded
+from nvsdata.recording.davis.stream import Decoder
+
+MARK = b"#!DAVIS-STREAM1 "
+BLOCK = 1 << 20  # bytes that are decoded at once
+MOST = 4096  # pixels a side
+
+
+def header(decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
+    """The line that a file begins with."""
+    how = {field.name: getattr(decoder, field.name) for field in fields(Decoder) if field.init}
+    return MARK + json.dumps({"decoder": how, "last": last, "about": dict(about)}).encode() + b"\n"
+
+
+class Recording(BaseRecording):
+    """A camera's stream in a file."""
+
+    format = "davis"
+    holds_samples = True
+    _rises = True
+    _begins = 0  # the reset of the camera's clock; the end is known once it is decoded
+
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
+        super().__init__(path, sensor_size, strict)
+        line, newline, _ = head.partition(b"\n")
+        try:
+            told = json.loads(line.removeprefix(MARK))
+            self._how = told["decoder"]
+            self._last: int | None = None if told["last"] is None else int(told["last"])
+            self._about = dict(told["about"])
+            self._check()
+            decoder = self._decoder()
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+            raise FormatError(path, 0, f"its first line doesn't say how to decode it: {error!r}") from None
+        if not newline:
+            raise FormatError(path, len(line), "cut off within its first line")
+        self._begin = len(line) + 1
+        self._size = self._size or (decoder.width, decoder.height)
+
+    def _check(self) -> None:
+        """Raise for settings that no decoder of a camera has."""
+        sides = (self._how["width"], self._how["height"], *(self._how["frame_size"] or ()))
+        if len(sides) not in (2, 4) or not all(isinstance(side, int) and 0 < side <= MOST for side in sides):
+            raise ValueError(f"sides of {sides} pixels")
+        others = [value for name, value in self._how.items() if name not in ("width", "height", "frame_size")]
+        if not all(isinstance(value, int) and 0 <= value < 1 << 15 for value in others):
+            raise ValueError(f"settings {others}")
+
+    def _decoder(self) -> Decoder:
+        return Decoder(**self._how)
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        return self._about
+
+    def pieces(self) -> Iterator[Events]:
+        """As `Recording.pieces`, in constant memory."""
+        decoder = self._decoder()
+        yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=self._about)
+        for piece, _ in decoded(decoder, self._blocks(), self._last):
+            yield piece
+        for name, count in decoder.complaints.items():
+            self._repair(name, count)
+
+    def _blocks(self) -> Iterator[bytes]:
+        with open(self.path, "rb", buffering=0) as file:
+            file.seek(self._begin)
+            while block := file.read(BLOCK):
+                if len(block) % 2:
+                    block += file.read(1)
+                yield block[: len(block) // 2 * 2]
+
+    def _decode(self) -> Columns:
+        parts, self._ends = [], 0
+        for piece in self.pieces():
+            parts.append(piece.columns)
+            self._ends = max(self._ends, piece.end)
+        columns = joined(parts)
+        return Columns(*self._inside(columns)) if self._size is not None else columns
+
+    @property
+    def end(self) -> int:
+        _ = self.span
+        return super().end
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
+        return within((f for piece in self.pieces() for f in getattr(piece, "frames", ())), start, stop)
+
+    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
+        parts = [piece.inertial for piece in self.pieces() if isinstance(piece, Piece)]
+        return Inertial.joined(parts).window(start, stop)

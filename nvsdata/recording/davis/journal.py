@@ -1,0 +1,93 @@
+"""What a camera sent, on disk as it comes: what is left of a recording that couldn't be finished."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from nvsdata.common.locks import OutputInUse, locked
+from nvsdata.recording.davis.file import header
+from nvsdata.recording.davis.stream import Decoder
+
+SUFFIX = ".davis"
+SETTLED = 1.0  # s after which what was written is on its way to the disk, not in the system's memory alone
+
+
+def journal_of(path: Path) -> Path:
+    """Where the journal of a recording lies: beside it."""
+    return path.with_name(path.name + SUFFIX)
+
+
+class Journal:
+    """The journal of a recording, a file of the format `nvsdata.recording.davis.file`.
+
+    What `write` has taken is on the disk's side: a process that is killed leaves it. FileExistsError if there is one
+    already: it is of a recording that wasn't finished.
+    """
+
+    def __init__(self, path: Path, decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> None:
+        self.path = journal_of(path)
+        self.size = 0
+        check_finished(path)
+        how = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        self._handle: int | None = os.open(self.path, how, 0o666)
+        self._settled = time.monotonic()
+        try:
+            self._put(header(decoder, last, about))
+        except BaseException:
+            self.remove()
+            raise
+
+    def write(self, block: bytes) -> None:
+        """Add what came next. OSError if the disk doesn't take all of it."""
+        self.size += len(block)
+        self._put(block)
+        now = time.monotonic()
+        if self._handle is not None and now - self._settled > SETTLED:
+            getattr(os, "fdatasync", os.fsync)(self._handle)
+            self._settled = now
+
+    def _put(self, data: bytes) -> None:
+        assert self._handle is not None, "the journal is closed"
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self._handle, view) :]
+
+    def remove(self) -> None:
+        """Take it away: the recording itself is whole."""
+        self.size = 0
+        self.close()
+
+    def close(self) -> None:
+        """End it, once or twice; it stays if there is anything in it."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+            if not self.size:
+                self.path.unlink(missing_ok=True)
+
+
+def told_of(journal: Path) -> str:
+    """What a journal that was left is, and what to do with it."""
+    command = shlex.join(("nvsdata", "convert", str(journal), str(journal.with_suffix(""))))
+    return f"{journal} is a recording that wasn't finished: `{command}` finishes it"
+
+
+def check_finished(path: Path) -> None:
+    """FileExistsError if an earlier recording to this file wasn't finished: its journal is there."""
+    if (journal := journal_of(path)).exists():
+        raise FileExistsError(told_of(journal))
+
+
+def left_over(folder: Path) -> Iterator[Path]:
+    """Journals in a folder that no process writes to any more."""
+    for journal in sorted(folder.glob(f"*.*{SUFFIX}")):
+        try:
+            with locked(journal.with_suffix("")):
+                yield journal
+        except OutputInUse:
+            continue

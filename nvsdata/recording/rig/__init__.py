@@ -1,0 +1,1 @@
+"""Videos played on a monitor before a camera, and recorded."""

@@ -1,0 +1,239 @@
+"""Folders of videos, played on a monitor and recorded, to folders of recordings that `EventFolder` reads."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+from tqdm import tqdm
+
+from nvsdata import formats
+from nvsdata.common.files import Journal, claimed
+from nvsdata.common.locks import locked
+from nvsdata.recording.davis.driver import CameraError, Davis
+from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.rig.clock_fit import host_time
+from nvsdata.recording.rig.contact_sheets import Sheets
+from nvsdata.recording.rig.monitor import Monitor, MonitorError
+from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
+from nvsdata.recording.rig.take import Spoilt, develop, shoot
+from nvsdata.video.folder import Video, fatal, sha256
+from nvsdata.video.manifest import NAME, Manifest
+
+TAKES = 3  # of a video, before it is given up
+RETRY = 1_000_000  # µs between looks for a camera that is gone
+KIND = "nvsdata-recordings"
+DONE = ("recorded", "truncated")
+PLAYED = "playback.jsonl"  # when each picture of each take was shown
+HIDDEN = ".takes"  # of the folder of recordings: takes that aren't cut yet, or that failed
+
+
+@dataclass
+class Result:
+    """What a batch did: videos recorded, and those that were there; events; what failed, and why."""
+
+    recorded: int = 0
+    kept: int = 0
+    events: int = 0
+    failed: dict[str, str] = field(default_factory=dict)
+
+
+@contextmanager
+def manifest_of(out: Path, settings: Settings, format: str, monitor: Monitor, *, resume: bool) -> Iterator[Manifest]:
+    """The manifest of a folder of recordings, begun if there is none.
+
+    FileExistsError for a folder that holds recordings, unless to `resume`; ValueError for one of other settings.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    made = {"settings": asdict(settings), "format": format, "scaling": monitor.scaling}
+    told = {
+        "monitor": {
+            "size": monitor.size,
+            "region": monitor.region,
+            "refresh": monitor.refresh,
+            "synced": monitor.synced,
+        },
+        "flashes": {"dim": DIM, "bright": BRIGHT, "refreshes": STEP},
+    }
+    with claimed(out), Manifest(out, KIND, made, told) as manifest:
+        if manifest.lines and not resume:
+            raise FileExistsError(f"{out} holds recordings: --resume goes on with them")
+        try:
+            yield manifest
+        finally:
+            _clear(out)
+
+
+def record_videos(
+    videos: list[Video],
+    out: Path,
+    manifest: Manifest,
+    find: Callable[[], Davis],
+    monitor: Monitor,
+    settings: Settings,
+) -> Result:
+    """Play and record every video that isn't done; each is a line of the manifest, as soon as it is.
+
+    A take that fails its checks is done again after the others, up to three times; of one that fails for good the last
+    take is kept in `out/.takes`, uncut. A camera that goes away is waited for. A video that can't be decoded fails, and
+    the rest goes on. `out` gets contact sheets, forty recordings a page. CameraError if there is no camera to begin
+    with, OSError if nothing can be written.
+    """
+    waiting = deque(video for video in videos if not manifest.has(video.name, video.path, video.target, DONE))
+    result = Result(kept=len(videos) - len(waiting))
+    takes: Counter[str] = Counter()
+    with (
+        _Cameras(find, monitor, settings) as cameras,
+        Sheets(out, videos, manifest) as sheets,
+        tqdm(total=len(waiting), desc="recording", unit="video", disable=None) as bar,
+    ):
+        while waiting:
+            video = waiting.popleft()
+            takes[video.name] += 1
+            camera = cameras.get()
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            line: dict[str, Any] = {
+                "video": video.name,
+                "status": "recorded",
+                "when": now,
+                "camera": camera.facts.serial,
+            }
+            try:
+                line |= {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
+                line |= _recorded(video, out, camera, monitor, settings)
+            except (Spoilt, CameraError) as reason:
+                if isinstance(reason, CameraError):
+                    cameras.drop()
+                if takes[video.name] < TAKES:
+                    bar.write(f"{video.name}: {reason}; again later")
+                    waiting.append(video)
+                    continue
+                line |= {"status": "failed", "reason": str(reason)}
+            except (ValueError, OSError, cv2.error) as error:
+                if isinstance(error, MonitorError) or (isinstance(error, OSError) and fatal(error, video.path)):
+                    raise
+                line |= {"status": "failed", "reason": str(error)}
+            manifest.add(line | {"takes": takes[video.name]})
+            _count(result, line)
+            bar.set_postfix_str(f"{result.events:,} events", refresh=False)
+            bar.update()
+            sheets.add(video)
+    return result
+
+
+def _recorded(video: Video, out: Path, camera: Davis, monitor: Monitor, settings: Settings) -> dict[str, Any]:
+    """Play and record a video: its part of the manifest's line."""
+    raw = out / HIDDEN / f"{video.name}.h5"
+    raw.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        take = shoot(camera, monitor, video.path, raw, settings)
+    except CameraError:
+        raise
+    except BaseException:
+        raw.unlink(missing_ok=True)
+        raise
+    with (out / PLAYED).open("a", encoding="utf-8") as file:
+        file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
+    line = develop(take, video.target)
+    raw.unlink()
+    if take.performance.truncated:
+        line |= {"status": "truncated", "reason": take.performance.truncated}
+    return line
+
+
+def _count(result: Result, line: dict[str, Any]) -> None:
+    result.events += line.get("events", 0)
+    result.recorded += line["status"] in DONE
+    if "reason" in line:
+        result.failed[line["video"]] = line["reason"]
+
+
+class _Cameras:
+    """The camera, found again when it was gone."""
+
+    def __init__(self, find: Callable[[], Davis], monitor: Monitor, settings: Settings) -> None:
+        self.monitor, self.settings, self._find = monitor, settings, find
+        self._camera: Davis | None = None
+        self._had_one = False
+
+    def get(self) -> Davis:
+        """The camera; waits for one that was there before. ValueError for settings that it doesn't have."""
+        told = ""
+        while self._camera is None:
+            try:
+                self._camera = self._find()
+                self._camera.configure(self.settings)
+                self._had_one = True
+            except CameraError as error:
+                self.drop()
+                if not self._had_one:
+                    raise
+                if str(error) != told:
+                    told = str(error)
+                    tqdm.write(f"{told}: waiting for it")
+                self.monitor.wait(host_time() + RETRY)
+        return self._camera
+
+    def drop(self) -> None:
+        """Close the camera: something is wrong with it."""
+        if self._camera is not None:
+            with suppress(OSError):
+                self._camera.close()
+            self._camera = None
+
+    def __enter__(self) -> _Cameras:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.drop()
+
+
+def verify(videos: list[Video], out: Path) -> dict[str, str]:
+    """Hold the recordings to the manifest: what is wrong, by video; the next run records those again.
+
+    FileNotFoundError if the folder has no manifest.
+    """
+    path = out / NAME
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file, so nothing was recorded there")
+    found = {}
+    with locked(out), Journal(path, {}) as journal:
+        lines = {line["video"]: line for line in journal.lines}
+        for video in tqdm(videos, desc="verifying", unit="video", disable=None):
+            line = lines.get(video.name)
+            fault = _fault(video, line)
+            if fault is not None:
+                found[video.name] = fault
+                if line is not None and line["status"] in DONE:
+                    journal.add(line | {"status": "failed", "reason": fault})
+    return found
+
+
+def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
+    """How a recording isn't what the manifest says of it."""
+    if line is None or line["status"] not in DONE:
+        return "isn't recorded" if line is None else f"isn't recorded: {line['reason']}"
+    try:
+        events = formats.read(video.target)
+    except (OSError, ValueError) as error:
+        return str(error)
+    if len(events) != line["events"]:
+        return f"{video.target}: holds {len(events)} events, not the {line['events']} that were recorded"
+    if len(events) and not (events.t[0] >= 0 and events.t[-1] <= line["duration"]):
+        return f"{video.target}: has times outside the video's {line['duration']} µs"
+    return None
+
+
+def _clear(out: Path) -> None:
+    """Remove the folder of takes if nothing is in it."""
+    takes = out / HIDDEN
+    if takes.is_dir() and not any(path.is_file() for path in takes.rglob("*")):
+        shutil.rmtree(takes)

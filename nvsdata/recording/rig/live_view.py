@@ -1,0 +1,85 @@
+"""A window that shows events as they come."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import Any, Self
+
+import cv2
+import numpy as np
+
+from nvsdata.data.events import Events, joined
+from nvsdata.plots import event_image
+from nvsdata.recording.rig.clock_fit import host_time
+from nvsdata.recording.rig.monitor import MonitorError, pygame_or_error
+
+EVERY = 33_000  # µs between pictures
+SPAN = 33_000  # µs of events in one
+ZOOM = 3
+
+
+class Live:
+    """Shows the events of the last 33 ms, their rate, and how sharp they are; use it in a `with` block.
+
+    `add` may be called from any thread, `draw` from the main thread, often. `MonitorError` if there is no display.
+    """
+
+    def __init__(self, sensor_size: tuple[int, int]) -> None:
+        self.size = sensor_size
+        self._pygame = pygame = pygame_or_error()
+        try:
+            pygame.display.init()
+            self._window = pygame.Window("nvsdata", (sensor_size[0] * ZOOM, sensor_size[1] * ZOOM))
+            self._surface = self._window.get_surface()
+        except pygame.error as error:
+            raise MonitorError(f"events can't be shown: {error}") from None
+        self._lock = Lock()
+        self._events = Events.empty(sensor_size, 0)
+        self._drawn = 0.0
+        self.closed = False
+
+    def add(self, events: Events) -> None:
+        """The next events; older ones than the last 33 ms are forgotten."""
+        if len(events) == 0:
+            return
+        with self._lock:
+            both = Events.trusted(joined([self._events.columns, events.columns]), self.size, 0)
+            self._events = both.window(start=int(both.t[-1]) - SPAN)
+
+    def draw(self) -> None:
+        """Show what came, if it is time for it; `closed` is set when the window has been."""
+        now = host_time()
+        if now - self._drawn < EVERY:
+            return
+        self._drawn = now
+        with self._lock:
+            events = self._events
+        self._window.title = f"{len(events) * 1e3 / SPAN:,.0f} k events/s, sharpness {sharpness(events):.2f}"
+        picture = np.ascontiguousarray(event_image(events, ZOOM)[..., ::-1])
+        self._surface.blit(self._pygame.image.frombuffer(picture, picture.shape[1::-1], "RGB"), (0, 0))
+        self._window.flip()
+
+    def attend(self) -> None:
+        """See to the window and the keyboard, where no `Monitor` does."""
+        for event in self._pygame.event.get():
+            escape = event.type == self._pygame.KEYDOWN and event.key == self._pygame.K_ESCAPE
+            self.closed |= escape or event.type in (self._pygame.QUIT, self._pygame.WINDOWCLOSE)
+
+    def close(self) -> None:
+        """Take the window away."""
+        self._window.destroy()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+
+def sharpness(events: Events) -> float:
+    """How fine the picture of events is: the energy of its Laplacian over its own; the blurrier, the less."""
+    width, height = events.sensor_size
+    signed = np.bincount(events.y * np.intp(width) + events.x, events.p * 2.0 - 1, width * height)
+    picture = cv2.GaussianBlur(signed.reshape(height, width).astype(np.float64), (0, 0), 1)
+    energy = float((picture**2).mean())
+    return float((cv2.Laplacian(picture, cv2.CV_64F) ** 2).mean()) / energy if energy else 0.0

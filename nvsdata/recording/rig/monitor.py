@@ -1,0 +1,194 @@
+"""A monitor that shows pictures at given times, and says when it did (pygame-ce, SDL 2)."""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any, Literal, Self, get_args
+
+import cv2
+import numpy as np
+
+from nvsdata.recording.rig.clock_fit import host_time
+from nvsdata.video.frames import Frame
+
+Scaling = Literal["aspect", "integer"]
+Look = Callable[[float, np.ndarray], None]
+USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
+TRIALS = 12  # flips that the refresh is measured by
+SAME = 0.01  # share by which a measured refresh may differ from what the display says
+NAP = 0.02  # s between looks at the keyboard
+
+
+class MonitorError(OSError):
+    """What keeps a monitor from showing anything, in one line."""
+
+
+class Monitor:
+    """Full screen on a display, black around the pictures, no mouse, no screen saver; use it in a `with` block.
+
+    `region` (x, y, width, height) is where pictures go, by default the whole screen; `scaling` fits them to it:
+    "aspect" as large as they fit, "integer" by the largest whole number. `window` (width, height) takes a window in
+    place of the screen. `look` is told the time and the screen's pixels (uint8 [H, W, 3], red first) whenever they
+    change. `check` is called often while waiting; what it raises ends the wait. `confirmed` is set when Enter or
+    Space is pressed.
+
+    `refresh` is the time between two pictures in µs, `synced` whether the display itself says when (else the clock
+    does). `MonitorError` if there is no such display, ValueError for a region outside it. KeyboardInterrupt when the
+    Escape key is pressed or the window closed. All from the main thread.
+    """
+
+    def __init__(
+        self,
+        display: int = 0,
+        *,
+        region: tuple[int, int, int, int] | None = None,
+        scaling: Scaling = "aspect",
+        window: tuple[int, int] | None = None,
+        look: Look | None = None,
+    ) -> None:
+        if scaling not in get_args(Scaling):
+            raise ValueError(f"scaling must be one of {get_args(Scaling)}, not {scaling!r}")
+        self._pygame = pygame = pygame_or_error()
+        self.scaling, self._look = scaling, look
+        self.check: Callable[[], None] = lambda: None
+        self.confirmed = False
+        try:
+            pygame.display.init()
+            screen = pygame.display.get_desktop_sizes()
+            if not 0 <= display < len(screen):
+                there = ", ".join(f"{n} ({width}x{height})" for n, (width, height) in enumerate(screen))
+                raise pygame.error(f"there is no display {display}; there are {there}")
+            self.size = window or screen[display]
+            flags = 0 if window else pygame.FULLSCREEN | pygame.SCALED
+            with warnings.catch_warnings():
+                # of drivers that draw without a GPU
+                warnings.simplefilter("ignore")
+                self._surface = pygame.display.set_mode(self.size, flags, display=display, vsync=int(not window))
+            pygame.display.set_caption("nvsdata")
+            pygame.display.set_allow_screensaver(False)
+            pygame.mouse.set_visible(False)
+        except pygame.error as error:
+            pygame.display.quit()
+            raise MonitorError(f"videos can't be shown: {error}") from None
+        self.region = region or (0, 0, *self.size)
+        x, y, width, height = self.region
+        if min(x, y) < 0 or min(width, height) < 1 or x + width > self.size[0] or y + height > self.size[1]:
+            self.close()
+            raise ValueError(f"region {self.region} is not within the screen of {self.size[0]}x{self.size[1]}")
+        self.refresh, self.synced, self._cost = self._measure(display)
+        self._origin = host_time()
+
+    def _measure(self, display: int) -> tuple[float, bool, float]:
+        """µs from refresh to refresh, whether flips wait for it, and the µs that they take if they don't."""
+        times = []
+        for _ in range(TRIALS):
+            self._pygame.display.flip()
+            times.append(host_time())
+        gaps = np.diff(times)
+        rates = self._pygame.display.get_desktop_refresh_rates()
+        rate = rates[display] if display < len(rates) and rates[display] > 0 else USUAL_REFRESH
+        # drawing may take about as long as a refresh, but not as evenly
+        steady = np.abs(gaps[2:] * rate / 1e6 - 1) < 0.05
+        period = float(np.median(gaps))
+        if steady.all() and abs(period * rate / 1e6 - 1) < SAME:
+            return period, True, 0.0
+        return 1e6 / rate, False, float(gaps.min())
+
+    def fill(self, level: int, due: float | None = None) -> float:
+        """Show one grey all over the screen; see `show`."""
+        return self._shown(lambda: self._surface.fill((level, level, level)), due)
+
+    def show(self, frame: Frame, due: float | None = None) -> float:
+        """Show a picture at the refresh nearest to `due` (host time, µs), or at the next one; when that was, in µs.
+
+        ValueError for a picture that "integer" scaling can't fit into the region.
+        """
+        picture, place = self._placed(frame)
+        return self._shown(lambda: self._draw(picture, place), due)
+
+    def wait(self, until: float) -> None:
+        """Keep what is shown until a host time (µs)."""
+        while (left := until - host_time()) > 0:
+            self._attend()
+            if self.synced and left < 4 * self.refresh:
+                # flips that follow each other keep the display's queue full, so that their times are the refreshes'
+                self._pygame.display.flip()
+            else:
+                time.sleep(min(left / 1e6, NAP))
+
+    def _shown(self, draw: Callable[[], Any], due: float | None) -> float:
+        self._attend()
+        if due is not None:
+            self.wait(due - 1.5 * self.refresh)
+        draw()
+        if not self.synced:
+            earliest = max(host_time() + self._cost, (due or 0) - self.refresh / 2)
+            tick = self._origin + np.ceil((earliest - self._origin) / self.refresh) * self.refresh
+            time.sleep(max(0.0, (tick - self._cost - host_time()) / 1e6))
+        try:
+            self._pygame.display.flip()
+        except self._pygame.error as error:
+            raise MonitorError(f"the display is gone: {error}") from None
+        now = host_time()
+        if self._look is not None:
+            self._look(now, np.ascontiguousarray(self._pygame.surfarray.pixels3d(self._surface).swapaxes(0, 1)))
+        return now
+
+    def _placed(self, frame: Frame) -> tuple[np.ndarray, tuple[int, int]]:
+        """The picture in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
+        pixels = frame.pixels
+        height, width = pixels.shape[:2]
+        x, y, wide, high = self.region
+        scale = min(wide / width, high / height)
+        if self.scaling == "integer":
+            if scale < 1:
+                raise ValueError(f"a picture of {width}x{height} is larger than the region of {wide}x{high}")
+            scale = int(scale)
+        size = max(1, round(width * scale)), max(1, round(height * scale))
+        how = cv2.INTER_NEAREST if self.scaling == "integer" else cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        picture = np.asarray(pixels if size == (width, height) else cv2.resize(pixels, size, interpolation=how))
+        if picture.ndim == 2:
+            picture = picture[..., None].repeat(3, 2)
+        if picture.dtype != np.uint8:
+            picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+        picture = picture if frame.red_first else picture[..., ::-1]
+        return np.ascontiguousarray(picture), (x + (wide - size[0]) // 2, y + (high - size[1]) // 2)
+
+    def _draw(self, picture: np.ndarray, place: tuple[int, int]) -> None:
+        self._surface.fill((0, 0, 0))
+        height, width = picture.shape[:2]
+        self._surface.blit(self._pygame.image.frombuffer(picture, (width, height), "RGB"), place)
+
+    def _attend(self) -> None:
+        """See to the window and the keyboard."""
+        for event in self._pygame.event.get():
+            key = event.key if event.type == self._pygame.KEYDOWN else None
+            self.confirmed |= key in (self._pygame.K_RETURN, self._pygame.K_SPACE)
+            if key == self._pygame.K_ESCAPE or event.type == self._pygame.QUIT:
+                raise KeyboardInterrupt
+        self.check()
+
+    def close(self) -> None:
+        """Give the screen back."""
+        self._pygame.display.quit()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def pygame_or_error() -> Any:
+    """pygame; ImportError that says how to get it."""
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    # a click into the other window must not take the videos away
+    os.environ.setdefault("SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS", "0")
+    try:
+        import pygame
+    except ImportError:
+        raise ImportError("a monitor or window needs pygame-ce: pip install 'nvsdata[monitor]'") from None
+    return pygame

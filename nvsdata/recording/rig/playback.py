@@ -1,0 +1,146 @@
+"""A video on a monitor between two flash patterns, and when all of it was shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nvsdata.recording.rig.clock_fit import flashes, host_time
+from nvsdata.recording.rig.monitor import Monitor
+from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
+
+# levels of the flashes: contrast enough for a few events a pixel, and not so much that the readout takes long over them
+DIM, BRIGHT = 108, 148
+STEP = 3  # refreshes that a step of the pattern lasts
+STILL = 300_000  # µs of a still screen around the patterns
+SETTLE = 2_000_000  # µs that the first picture is shown before it moves: pixels get used to it (Hu et al. 2016)
+USUAL_GAP = 40_000  # µs that the only picture of a video is shown
+
+
+@dataclass
+class Performance:
+    """When what was shown, host times in µs.
+
+    `flashes` are the times at which the whole screen turned bright or (where `bright` is False) dim; the video lasted
+    from `start` to `stop`; its pictures were `due` and `shown`, `skipped` of them not at all, because they came when
+    the next one was due. `truncated` tells why a video ended early, if it did.
+    """
+
+    refresh: float
+    flashes: list[float] = field(default_factory=list)
+    bright: list[bool] = field(default_factory=list)
+    start: float = 0.0
+    stop: float = 0.0
+    due: list[float] = field(default_factory=list)
+    shown: list[float] = field(default_factory=list)
+    skipped: int = 0
+    truncated: str | None = None
+
+    @property
+    def late(self) -> int:
+        """Pictures shown more than a refresh after they were due."""
+        return int((np.array(self.shown) - np.array(self.due) > self.refresh).sum())
+
+    @property
+    def frames(self) -> int:
+        """Pictures of the video."""
+        return len(self.due) + self.skipped
+
+    def log(self) -> dict[str, Any]:
+        """All times in whole µs from the video's first moment, as JSON holds them."""
+
+        def after(times: list[float]) -> list[int]:
+            return [round(time - self.start) for time in times]
+
+        return {
+            "refresh": round(self.refresh, 1),
+            "late": self.late,
+            "skipped": self.skipped,
+            "flashes": after(self.flashes),
+            "due": after(self.due),
+            "shown": after(self.shown),
+            "stop": round(self.stop - self.start),
+            "bright": [int(bright) for bright in self.bright],
+        }
+
+
+def perform(monitor: Monitor, video: Path) -> Performance:
+    """Show a video, paced by its own times, between flash patterns.
+
+    FormatError or FileNotFoundError before anything is shown, if it holds no picture. See `Monitor` for others.
+    """
+    done = Performance(monitor.refresh)
+    frames = frames_of(video)
+    try:
+        first = next(frames)
+        _flash(monitor, done)
+        shown = monitor.show(first)
+        done.start = shown + SETTLE
+        _play(monitor, done, first, frames)
+        monitor.wait(done.stop)
+        _flash(monitor, done)
+    finally:
+        if hasattr(frames, "close"):
+            frames.close()
+    return done
+
+
+def _play(monitor: Monitor, done: Performance, first: Frame, others: Iterator[Frame]) -> None:
+    """Show the pictures after the first; those whose successor is due are skipped."""
+    done.due.append(done.start)
+    done.shown.append(done.start)
+    waiting: Frame | None = None
+    last, gap = first.time, USUAL_GAP
+    for frame in _to_the_end(others, done):
+        if waiting is not None:
+            _in_turn(monitor, done, waiting, done.start + frame.time)
+        gap, last = frame.time - last, frame.time
+        waiting = frame
+    if waiting is not None:
+        _in_turn(monitor, done, waiting, float("inf"))
+    done.stop = done.start + last + gap
+
+
+def _to_the_end(frames: Iterator[Frame], done: Performance) -> Iterator[Frame]:
+    try:
+        yield from frames
+    except TruncatedVideo as error:
+        done.truncated = str(error)
+
+
+def _in_turn(monitor: Monitor, done: Performance, frame: Frame, next_due: float) -> None:
+    if host_time() > next_due - monitor.refresh / 2:
+        done.skipped += 1
+        return
+    due = done.start + frame.time
+    done.shown.append(monitor.show(frame, due))
+    done.due.append(due)
+
+
+def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:
+    """Show the flash pattern, the screen still before and after it; when it changed, and whether to bright.
+
+    `show` shows the bright or the dim picture at a time, as `Monitor.show`.
+    """
+    began = show(False, None) + STILL
+    times: list[float] = []
+    rising: list[bool] = []
+    bright = False
+    for step, bit in enumerate((*flashes().tolist(), 0)):
+        if bool(bit) != bright:
+            bright = bool(bit)
+            times.append(show(bright, began + step * STEP * monitor.refresh))
+            rising.append(bright)
+    monitor.wait(host_time() + STILL)
+    return times, rising
+
+
+def _flash(monitor: Monitor, done: Performance) -> None:
+    """Show the pattern all over the screen."""
+    times, rising = pattern(monitor, lambda bright, due: monitor.fill(BRIGHT if bright else DIM, due))
+    done.flashes += times
+    done.bright += rising

@@ -1,0 +1,167 @@
+"""One video, played and recorded at once; the recording is then cut to the video and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nvsdata import formats
+from nvsdata.data.events import Events, Recording, joined
+from nvsdata.data.frame_edges import MICROSECONDS
+from nvsdata.data.samples import cut
+from nvsdata.recording.capture import Report
+from nvsdata.recording.davis.driver import Davis
+from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.recorder import Recorder
+from nvsdata.recording.rig.clock_fit import MOST_DRIFT, Fit, NoSync, fit
+from nvsdata.recording.rig.monitor import Monitor
+from nvsdata.recording.rig.playback import Performance, perform
+
+PIECE = 1_000_000  # µs of a recording that are read at once
+BESIDE = 500_000  # µs around the flashes
+BIN = 10_000  # µs of the bins that the rate of events is looked at in
+FEWEST = 1_000  # events/s: fewer are noise
+FULL = 10e6  # events/s in a bin that a readout is full with
+MOST_FULL = 0.01  # share of full bins
+MOST_LATE = 0.05  # share of the pictures that were late or skipped
+WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
+
+
+class Spoilt(Exception):
+    """A take that must be done again, and why."""
+
+
+@dataclass
+class Take:
+    """What came of playing and recording at once."""
+
+    raw: Path
+    report: Report
+    performance: Performance
+
+
+@dataclass
+class Tally:
+    """Events between two times of a recording: how many, how many ON, and the share of bins that are full."""
+
+    events: int = 0
+    on: int = 0
+    full: float = 0.0
+
+
+def shoot(camera: Davis, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
+    """Record while a video plays; whatever the monitor, the video or the camera raises ends both."""
+    # a take that is cut short is done again
+    recorder = Recorder(camera, raw, settings, journaled=False)
+    recorder.start()
+    try:
+        recorder.begun.wait()
+        monitor.check = recorder.check
+        performance = perform(monitor, video)
+    except BaseException:
+        with suppress(OSError, ValueError):
+            recorder.finish()
+        raise
+    finally:
+        monitor.check = lambda: None
+    report = recorder.finish()
+    if report.failure is not None:
+        raise report.failure
+    return Take(raw, report, performance)
+
+
+def synced(take: Take) -> tuple[Fit, str]:
+    """The fit of the take's flashes, by the external input's triggers if they show them, else by events; which of them.
+
+    NoSync if neither does.
+    """
+    done = take.performance
+    shown, bright = np.array(done.flashes), np.array(done.bright)
+    try:
+        return fit(take.report.triggers, shown, bright), "triggers"
+    except NoSync:
+        return fit(_around_flashes(take), shown, bright), "events"
+
+
+def _around_flashes(take: Take) -> Events:
+    """Events of the time around the flashes, before and after the video."""
+    recording = formats.open(take.raw)
+    flashes, start = np.array(take.performance.flashes), take.performance.start
+    windows: list[tuple[int, int]] = []
+    for group in (flashes[flashes < start], flashes[flashes >= start]):
+        first, last = group[[0, -1]] - take.report.zero
+        lo, hi = first * (1 - MOST_DRIFT) - BESIDE, last * (1 + MOST_DRIFT) + BESIDE
+        lo = max(int(lo), windows[-1][1] if windows else 0)
+        windows.append((lo, max(int(hi), lo)))
+    return Events.trusted(joined([recording.read(*window).columns for window in windows]), recording.sensor_size)
+
+
+def develop(take: Take, target: Path) -> dict[str, Any]:
+    """Cut the take to its video, from time zero, into `target`; what the manifest is to say of it.
+
+    `Spoilt` if it has to be done again: nothing is written then.
+    """
+    report, done = take.report, take.performance
+    try:
+        line, by = synced(take)
+    except NoSync as error:
+        raise Spoilt(str(error)) from None
+    span = round(line.camera(done.start)), round(line.camera(done.stop))
+    recording = formats.open(take.raw)
+    tally = _tally(recording, *span)
+    _check(report, done, line, tally, span[1] - span[0])
+    target.parent.mkdir(parents=True, exist_ok=True)
+    formats.write(cut(recording, *span, every=PIECE), target)
+    return {
+        "recording": target.stat().st_size,
+        "duration": span[1] - span[0],
+        "events": tally.events,
+        "on": tally.on,
+        "sensor_size": recording.sensor_size,
+        "sync": {"by": by, **asdict(line)},
+        "frames": done.frames,
+        "late": done.late,
+        "skipped": done.skipped,
+        "dropped": report.dropped,
+        "odd": {name: count for name, count in report.complaints.items() if count},
+        "temperature": report.temperature,
+    }
+
+
+def _check(report: Report, done: Performance, line: Fit, tally: Tally, duration: int) -> None:
+    """`Spoilt` unless all of the video was shown in time, seen and kept."""
+    if report.lost:
+        raise Spoilt(f"{report.lost} bytes came faster than they could be decoded and written")
+    if report.dropped:
+        raise Spoilt(f"the camera dropped {report.dropped} events")
+    if report.complaints.get("lost_wraps"):
+        raise Spoilt("parts of the camera's stream are missing")
+    if line.residual > WORST_RESIDUAL:
+        raise Spoilt(f"the flashes are {line.residual:.0f} µs off in the middle")
+    missed = done.late + done.skipped
+    if missed > MOST_LATE * done.frames:
+        raise Spoilt(f"{missed} of {done.frames} pictures were late: is the computer busy?")
+    if tally.events < FEWEST * duration / MICROSECONDS:
+        raise Spoilt(f"{tally.events} events in {duration / MICROSECONDS:.2f} s are too few")
+    if tally.full > MOST_FULL:
+        raise Spoilt(f"the readout is full for {tally.full:.0%} of the time: lower the contrast, or raise thresholds")
+
+
+def _pieces(recording: Recording, start: int, stop: int) -> Iterator[Events]:
+    for begin in range(start, stop, PIECE):
+        yield recording.read(begin, min(begin + PIECE, stop))
+
+
+def _tally(recording: Recording, start: int, stop: int) -> Tally:
+    tally, full = Tally(), 0
+    for piece in _pieces(recording, start, stop):
+        tally.events += len(piece)
+        tally.on += int(np.count_nonzero(piece.p))
+        full += int((np.bincount((piece.t - piece.start) // BIN) > FULL * BIN / MICROSECONDS).sum())
+    tally.full = full * BIN / max(stop - start, 1)
+    return tally

@@ -1,0 +1,259 @@
+"""A camera that isn't there: what it answers, and the words that it sends of what its pixels see."""
+
+from __future__ import annotations
+
+import errno
+import time
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import Any
+
+import numpy as np
+import usb.core
+
+from nvsdata.data.events import Events
+from nvsdata.kernels.wire_encode import encode
+from nvsdata.recording.davis.driver import READ, REGISTER, SEVERAL, WRITE
+from nvsdata.recording.davis.registers import APS, CHIP, DVS, EXTERNAL, IMU, MUX, SYSTEM, USB
+from nvsdata.recording.rig.clock_fit import host_time
+from nvsdata.recording.simulated.scenes import Outlines, Scene
+
+RESET_WORD, PULSE_WORD = 0x0001, 0x0004
+GLANCE = 4_000  # µs between looks at the scene
+SAMPLE_EVERY = 100_000  # µs between inertial samples
+# at rest, 25 °C: a start, scales and contents, acceleration, temperature, rotation, an end
+SAMPLE_WORDS = [
+    0x0005,
+    0x53E0,
+    *(0x5000 | byte for value in (0, -16384, 0, (25 - 35) * 340, 0, 0, 0) for byte in divmod(value & 0xFFFF, 256)),
+    0x0007,
+]
+FRAME_START, COLUMN_OF_RESET, COLUMN_OF_SIGNAL, COLUMN_END = 0x0008, 0x000B, 0x000C, 0x000D
+EXPOSURE_START, EXPOSURE_END, FRAME_END = 0x000E, 0x000F, 0x000A
+DARK_SAMPLE = 500  # what the converter says of a pixel without light; a DAVIS240's counts by twos
+FIFO = 1 << 22  # bytes that wait to be read; beyond that the camera drops events
+
+# what a DAVIS240C answers, by register
+DAVIS240C: dict[tuple[int, int], int] = {
+    (SYSTEM, 0): 18,
+    (SYSTEM, 1): 2,
+    (SYSTEM, 2): 1,
+    (SYSTEM, 3): 90,
+    (SYSTEM, 4): 30,
+    (SYSTEM, 5): 30,
+    (SYSTEM, 6): 1000,
+    (SYSTEM, 7): 1,
+    (DVS, 0): 240,
+    (DVS, 1): 180,
+    (DVS, 2): 0,
+    (DVS, 10): 1,
+    (DVS, 30): 1,
+    (DVS, 40): 1,
+    (DVS, 50): 1,
+    (DVS, 60): 1,
+    (DVS, 80): 1,
+    (APS, 0): 240,
+    (APS, 1): 180,
+    (APS, 2): 0,
+    (APS, 3): 0,
+    (APS, 6): 1,
+    (IMU, 0): 1,
+    (IMU, 1): 0,
+    (EXTERNAL, 10): 0,
+    (MUX, 80): 1,
+    (MUX, 83): 0,
+    (MUX, 84): 0,
+}
+# registers that may be written, beside the chip's: module, first, last
+WRITABLE = ((MUX, 0, 5), (DVS, 3, 63), (APS, 4, 13), (IMU, 2, 10), (EXTERNAL, 0, 16), (CHIP, 0, 144), (USB, 0, 1))
+
+
+@dataclass
+class Camera:
+    """A simulated camera.
+
+    `speed` is how fast its clock runs against the host's: 1.0001 is 100 ppm too fast; with 0 time passes only when it
+    is `advance`d. `log` holds all control transfers, (type, request, value, index, data). `unplugged` makes it go
+    away, `refusal` (an errno) refuse whatever is asked, `stalled` send no more; `firmware` is the device's version,
+    `registers` what it answers. A share `lossy` of what it should send gets lost within it, and is counted.
+    """
+
+    scene: Scene = field(default_factory=Outlines)
+    serial: str = "SIM00001"
+    product: int = 0x841B
+    firmware: int = 4
+    registers: dict[tuple[int, int], int] = field(default_factory=lambda: dict(DAVIS240C))
+    speed: float = 1.0
+    packet: int = 512
+    log: list[tuple[int, int, int, int, bytes]] = field(default_factory=list)
+    unplugged: bool = False
+    refusal: int | None = None  # errno of any first use
+    stalled: bool = False
+    lossy: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._lock = Lock()
+        self._asked = False
+        self._random = np.random.default_rng(0)
+        self._fifo = bytearray()
+        self._began: int | None = None  # host time at which its clock was reset
+        self._time = 0  # µs up to which the scene was seen
+        self._state = np.array([0, 0, -1], np.int64)
+        self._sampled = self._framed = 0
+        self._extra = 0.0
+
+    def control(self, kind: int, request: int, value: int, index: int, data: Any) -> int:
+        """A control transfer; how many bytes were taken or given. USBError for what the camera doesn't know."""
+        if kind == READ and request == REGISTER:
+            known = self.registers.get((value, index), 0 if _writable(value, index) else None)
+            if known is None or len(data) != 4:
+                raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+            data[:] = type(data)("B", known.to_bytes(4, "big"))
+            self.log.append((kind, request, value, index, bytes(data)))
+            return 4
+        sent = bytes(data)
+        if kind == WRITE and request == REGISTER and len(sent) == 4:
+            writes = [(value, index, int.from_bytes(sent, "big"))]
+        elif kind == WRITE and request == SEVERAL and len(sent) == 6 * value:
+            pieces = [sent[n : n + 6] for n in range(0, len(sent), 6)]
+            writes = [(piece[0], piece[1], int.from_bytes(piece[2:], "big")) for piece in pieces]
+        else:
+            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+        if not all(_writable(module, parameter) for module, parameter, _ in writes):
+            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+        self.log.append((kind, request, value, index, sent))
+        self._asked = True
+        with self._lock:
+            for module, parameter, number in writes:
+                self._write(module, parameter, number)
+            self._asked = False
+        return len(sent)
+
+    def _write(self, module: int, parameter: int, number: int) -> None:
+        self._see()
+        self.registers[module, parameter] = number
+        if (module, parameter) == (MUX, 2) and number:
+            # a camera's own memory holds next to nothing
+            self._fifo.clear()
+            self._fifo += RESET_WORD.to_bytes(2, "little")
+            self._begin()
+        if not self._streams():
+            self._began = None
+        elif self._began is None:
+            self._begin()
+
+    def _begin(self) -> None:
+        """Time begins anew."""
+        self._began, self._time, self._extra = int(host_time()), 0, 0.0
+        self._sampled = self._framed = 0
+        self._state[:] = 0, 0, -1
+
+    def _streams(self) -> bool:
+        return all(self.registers.get(place) for place in ((MUX, 3), (USB, 0), (MUX, 1), (MUX, 0)))
+
+    def advance(self, microseconds: float) -> None:
+        """Let the camera's time pass."""
+        self._extra += microseconds
+
+    def _see(self, least: int = 1) -> None:
+        """Put what the pixels saw since the last time into the FIFO, if it is so many µs ago."""
+        if self._began is None or self.stalled:
+            return
+        rate = self.speed or 1.0
+        now = int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
+        if now < self._time + least:
+            return
+        start, stop = (int(self._began + time / rate) for time in (self._time, now))
+        start_own, self._time = self._time, now
+        if not self.registers.get((DVS, 3)):
+            return
+        seen = self.scene.events(start, stop)
+        t = np.clip(((seen.t - self._began) * rate).astype(np.int64), start_own, now)
+        pulses = [int((time - self._began) * rate) for time in self.scene.pulses(start, stop)]
+        pulses = pulses if self.registers.get((EXTERNAL, 0)) else []
+        if 8 * len(seen) > FIFO - len(self._fifo) or self._random.random() < self.lossy:
+            # events find no room; the clock does
+            dropped = self.registers.get((MUX, 84), 0) + len(seen)
+            self.registers[MUX, 84] = dropped & 0xFFFFFFFF
+            t, seen = t[:0], seen[:0]
+        first, last = self._frame(now)
+        self._fifo += first + self._words(t, seen, pulses, now).tobytes() + last
+
+    def _frame(self, now: int) -> tuple[bytes, bytes]:
+        """The two readings of a frame if it is time for one: its exposure is what comes between them."""
+        interval = self.registers.get((APS, 13), 0) / self.registers.get((SYSTEM, 4), 30)
+        if not self.registers.get((APS, 4)) or now - self._framed < interval:
+            return b"", b""
+        self._framed = now
+        region = [self.registers.get((APS, parameter), 0) for parameter in (8, 9, 10, 11)]
+        return readings(picture(region), region)
+
+    def _words(self, t: np.ndarray, seen: Events, pulses: list[int], now: int) -> np.ndarray:
+        """What is sent of events at `t`, pulses, and the clock up to `now`."""
+        words = np.empty(4 * len(seen) + (now >> 15) + 8 * len(pulses) + 32, "<u2")
+        count = at = 0
+        for pulse in (*sorted(pulses), now):
+            until = int(np.searchsorted(t, pulse)) if pulse < now else t.size
+            part = slice(at, until)
+            count += encode(t[part], seen.x[part], seen.y[part], seen.p[part], self._state, words[count:])
+            at = until
+            while (pulse - self._state[0]) >> 15:
+                # the clock's wraps come whether or not there is an event
+                words[count] = 0x7001
+                self._state[0] += 1 << 15
+                count += 1
+            if pulse < now:
+                if self._state[0] < pulse != self._state[1]:
+                    words[count] = 0x8000 | (pulse - self._state[0])
+                    count += 1
+                words[count] = PULSE_WORD
+                count += 1
+                self._state[1:] = pulse, -1
+        if now - self._sampled > SAMPLE_EVERY and self.registers.get((IMU, 4)):
+            words[count : count + len(SAMPLE_WORDS)] = SAMPLE_WORDS
+            count += len(SAMPLE_WORDS)
+            self._sampled = now
+        return words[:count]
+
+    def bulk(self, buffer: Any) -> int:
+        """Fill `buffer` with what there is."""
+        while self._asked:
+            # a reader that never pauses would keep the lock to itself
+            time.sleep(1e-4)
+        with self._lock:
+            self._see(GLANCE)
+            count = min(len(buffer), len(self._fifo)) // 2 * 2
+            if count:
+                memoryview(buffer)[:count] = bytes(self._fifo[:count])
+                del self._fifo[:count]
+                return count
+        time.sleep(0.001)
+        raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
+
+
+def picture(region: list[int]) -> np.ndarray:
+    """What frames of a region (first column, first row, last column, last row) show: a ramp, 0..838, by twos."""
+    x, y = np.arange(region[0], region[2] + 1), np.arange(region[1], region[3] + 1)
+    return 2 * (x[None, :] + y[:, None])
+
+
+def readings(light: np.ndarray, region: list[int]) -> tuple[bytes, bytes]:
+    """A frame as it is sent, column by column: the reading of dark pixels, and that after the exposure."""
+    announced = [word for edge in region for word in (0x5100 | edge >> 8, 0x5200 | edge & 0xFF)]
+
+    def columns(kind: int, samples: np.ndarray) -> np.ndarray:
+        words = np.full((samples.shape[1], samples.shape[0] + 2), kind, "<u2")
+        words[:, 1:-1] = 0x4000 | samples.T
+        words[:, -1] = COLUMN_END
+        return words.ravel()
+
+    def sent(*parts: Any) -> bytes:
+        return np.concatenate(parts).astype("<u2").tobytes()
+
+    dark, lit = np.full_like(light, DARK_SAMPLE), DARK_SAMPLE - light // 2
+    first = sent([FRAME_START, *announced], columns(COLUMN_OF_RESET, dark), [EXPOSURE_START])
+    return first, sent([EXPOSURE_END], columns(COLUMN_OF_SIGNAL, lit), [FRAME_END])
+
+
+def _writable(module: int, parameter: int) -> bool:
+    return any(module == kind and first <= parameter <= last for kind, first, last in WRITABLE)

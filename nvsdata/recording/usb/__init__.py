@@ -1,0 +1,1 @@
+"""Reading a USB endpoint without losing a transfer."""

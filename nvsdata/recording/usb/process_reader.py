@@ -1,0 +1,139 @@
+"""Reading a camera in a process of its own, where no requests can wait in libusb: nothing keeps that from reading."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any
+
+import usb.core
+import usb.util
+
+from nvsdata.common.processes import end_with_parent
+from nvsdata.common.signals import ENDING
+from nvsdata.recording.usb.transfers import Gone, Single
+
+READY = b""
+STARTING = 20.0  # s that the process may take to begin
+LEAVING = 2.0  # s that it may take to send the rest
+GLIMPSE = 50  # ms of a read, between looks at whether more is wanted
+OURS = "usb.backend."
+
+
+def can_read_apart(device: Any) -> bool:
+    """Whether another process finds the same device: it does through a backend of pyusb's own."""
+    return type(device.backend).__module__.startswith(OURS)
+
+
+class Apart:
+    """What a camera sends, read by another process; a `Stream`.
+
+    `opener` is called there, must be picklable, and gives the device, its interface claimed. `Gone` if it can't.
+    `freed` is called when that process has ended.
+    """
+
+    def __init__(self, opener: Callable[[], Any], endpoint: int, freed: Callable[[], None] = lambda: None) -> None:
+        context = get_context("spawn")
+        self._freed = freed
+        self._blocks, theirs = context.Pipe(duplex=False)
+        self._stop = context.Event()
+        self._process = context.Process(
+            target=_serve, args=(opener, endpoint, theirs, self._stop), name="nvsdata-reader", daemon=True
+        )
+        self._process.start()
+        theirs.close()
+        try:
+            word = self._blocks.recv_bytes() if self._blocks.poll(STARTING) else b"it doesn't begin"
+        except EOFError:
+            word = b"it died"
+        if word != READY:
+            self.close()
+            raise Gone(f"the process that reads the camera failed: {word.decode()}")
+
+    @classmethod
+    def of(cls, device: Any, endpoint: int) -> Apart:
+        """Hand a device to another process; its control transfers stay here."""
+        usb.util.release_interface(device, 0)
+        opener = partial(_found_again, device.idVendor, device.idProduct, device.bus, device.address)
+        return cls(opener, endpoint, partial(usb.util.claim_interface, device, 0))
+
+    def read(self, timeout: int) -> bytes:
+        taken = []
+        try:
+            if self._blocks.poll(timeout / 1000):
+                taken.append(self._blocks.recv_bytes())
+                while self._blocks.poll(0):
+                    taken.append(self._blocks.recv_bytes())
+        except (EOFError, OSError):
+            if not taken:
+                raise Gone("the process that reads the camera ended") from None
+        return b"".join(taken)
+
+    def close(self) -> None:
+        self._stop.set()
+        deadline = time.monotonic() + LEAVING
+        while time.monotonic() < deadline:
+            # what isn't taken keeps the process from ending
+            try:
+                if self._blocks.poll(0.05):
+                    self._blocks.recv_bytes()
+            except (EOFError, OSError):
+                break
+        self._blocks.close()
+        self._process.join(LEAVING)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._freed()
+
+
+def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
+    """The device of another process, claimed."""
+    device = usb.core.find(idVendor=vendor, idProduct=product, bus=bus, address=address)
+    if device is None:
+        raise usb.core.USBError("the camera isn't found again")
+    usb.util.claim_interface(device, 0)
+    return device
+
+
+def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: Event) -> None:
+    """Read until told to stop, or the device is gone; what was read goes to `blocks` from a thread beside."""
+    # Ctrl-C, and what else ends a whole terminal or group, are for the one that started it
+    for number in (signal.SIGINT, *ENDING):
+        signal.signal(number, signal.SIG_IGN)
+    end_with_parent()
+    try:
+        source = Single(opener(), endpoint)
+    except Exception as error:
+        blocks.send_bytes(str(error).encode() or b"it failed")
+        return
+    blocks.send_bytes(READY)
+    waiting: SimpleQueue[bytes | None] = SimpleQueue()
+    sender = Thread(target=_send, args=(blocks, waiting), daemon=True)
+    sender.start()
+    try:
+        while not stop.is_set():
+            if block := source.read(GLIMPSE):
+                waiting.put(block)
+    except Gone:
+        pass
+    finally:
+        waiting.put(None)
+        sender.join()
+        blocks.close()
+
+
+def _send(blocks: Connection, waiting: SimpleQueue[bytes | None]) -> None:
+    try:
+        while (block := waiting.get()) is not None:
+            blocks.send_bytes(block)
+    except OSError:
+        # nobody listens any more
+        return

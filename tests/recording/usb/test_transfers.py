@@ -1,0 +1,94 @@
+"""Requests that wait in libusb, on a library that isn't there."""
+
+import ctypes
+
+import pytest
+from usb.backend import libusb1
+
+from nvsdata.recording.usb import transfers
+from nvsdata.recording.usb.transfers import CANCELLED, COMPLETED, COUNT, Gone, Queued
+
+
+class Library:
+    """As libusb, with packets that come one a call."""
+
+    def __init__(self, packets, last=None):
+        self.packets, self.last = list(packets), last
+        self.structures, self.pending, self.freed = [], [], 0
+        self.most = 0
+
+    def libusb_alloc_transfer(self, packets):
+        self.structures.append(libusb1._libusb_transfer())
+        return ctypes.pointer(self.structures[-1])
+
+    def libusb_submit_transfer(self, transfer):
+        self.pending.append(transfer)
+        self.most = max(self.most, len(self.pending))
+        return 0
+
+    def libusb_cancel_transfer(self, transfer):
+        at = [ctypes.addressof(t.contents) for t in self.pending].index(ctypes.addressof(transfer.contents))
+        self._complete(self.pending.pop(at), b"", CANCELLED)
+
+    def libusb_free_transfer(self, transfer):
+        self.freed += 1
+
+    def libusb_handle_events_timeout(self, context, span):
+        if self.packets:
+            self._complete(self.pending.pop(0), self.packets.pop(0), COMPLETED)
+        elif self.last is not None and self.pending:
+            self._complete(self.pending.pop(0), b"", self.last)
+
+    def _complete(self, transfer, data, status):
+        request = transfer.contents
+        ctypes.memmove(request.buffer, data, len(data))
+        request.actual_length, request.status = len(data), status
+        request.callback(transfer)
+
+
+def queued(library):
+    return Queued(library, None, libusb1._libusb_device_handle(), 0x82)
+
+
+def test_what_comes_is_handed_on_in_order_and_requests_always_wait():
+    packets = [bytes([n]) * (n * 7 % 600) for n in range(200)]
+    library = Library(packets)
+    reader = queued(library)
+    assert len(library.pending) == COUNT
+    got = b""
+    while library.packets:
+        got += reader.read(10)
+        assert len(library.pending) == COUNT
+    assert got == b"".join(packets)
+    assert reader.read(10) == b""
+    reader.close()
+    assert (library.freed, library.pending) == (COUNT, [])
+
+
+def test_a_device_that_goes_is_told_once_all_has_been_read():
+    library = Library([b"ab", b"cd"], last=5)
+    reader = queued(library)
+    got = [reader.read(10) for _ in range(2)]
+    assert b"".join(got) == b"abcd"
+    # one after the other, the requests end
+    assert b"".join(reader.read(10) for _ in range(COUNT)) == b""
+    with pytest.raises(Gone):
+        reader.read(10)
+    reader.close()
+    assert library.freed == COUNT
+
+
+def test_requests_that_libusb_still_holds_are_not_freed(monkeypatch):
+    monkeypatch.setattr(transfers, "PATIENCE", 0.05)
+    library = Library([])
+    library.libusb_cancel_transfer = lambda transfer: 0
+    reader = queued(library)
+    reader.close()
+    assert library.freed == 0
+
+
+def test_another_backend_has_no_requests_that_wait():
+    class Device:
+        backend = object()
+
+    assert transfers.queued(Device(), 0x82) is None
