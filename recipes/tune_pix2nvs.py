@@ -14,10 +14,10 @@ from pathlib import Path
 import nvsdata
 from nvsdata import metrics, plots
 from nvsdata.common.files import claimed, put
-from nvsdata.comparison import score_curve, side_by_side
 from nvsdata.emulation import PRESETS
 from nvsdata.emulation.tuning.objective import Pair, table
 from nvsdata.emulation.tuning.search import Search, Trial, search
+from nvsdata.plots.comparison import score_curve, side_by_side
 from nvsdata.training import run
 
 ROWS = [name for name in PRESETS if name.startswith("table-3.3")]
@@ -56,7 +56,7 @@ def tuned(pair: Pair, args: argparse.Namespace) -> None:
     text += f"best: {best.settings!r}\nits score is {share[0] / share[1]:.3f} times that of the table's best row\n"
     print(text)
     put(args.out / "table.txt", text.encode())
-    plots.save(score_curve(found), args.out / "score.png")
+    plots.save(score_curve(found.scores), args.out / "score.png")
     plots.save(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
 
 

@@ -11,9 +11,9 @@ from lookalikes import aedat2_bytes, evt2_bytes, evt3_bytes
 
 import nvsdata
 from nvsdata import Events, FormatError, formats
+from nvsdata.commands.verify import problems
 from nvsdata.formats import atis, contents, records
 from nvsdata.kernels.clock import BACK_US, SILENT_US, is_jump, kept_words, nearest
-from nvsdata.verify import problems
 
 WRITERS = {"evt2": evt2_bytes, "evt3": evt3_bytes}
 every_kind = pytest.mark.parametrize("kind", KINDS)

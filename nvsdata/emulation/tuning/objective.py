@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, partial
 from itertools import takewhile
 
 import numpy as np
 
+from nvsdata.common.tables import aligned
 from nvsdata.data.events import Events, Recording
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.tuning.search import Search
@@ -81,12 +82,6 @@ def table(search: Search, rows: int = 5) -> str:
         values = [_short(getattr(trial.settings, name)) for name in SHOWN]
         lines.append((*values, *(f"{value:.3f}" for value in (*trial.distances, scores[i]))))
     return aligned(lines)
-
-
-def aligned(lines: Sequence[Sequence[str]]) -> str:
-    """Rows of texts as a table."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)) for row in lines)
 
 
 def _short(value: object) -> str:

@@ -1,23 +1,45 @@
-"""What is in a file of events, in words."""
+"""`nvsdata info`: what is in files of events."""
 
 from __future__ import annotations
 
+import argparse
+import sys
 from pathlib import Path
 
 from nvsdata import formats
+from nvsdata.commands.options import path
 from nvsdata.common.errors import shown
 
 
-def describe(path: Path) -> str:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    parser.add_argument("files", nargs="+", metavar="FILE", type=path, help="recordings in any format")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Describe each file: 1 if one can't be read."""
+    code = 0
+    for file in args.files:
+        try:
+            text = describe(file)
+        except (OSError, ValueError) as error:
+            print(error, file=sys.stderr)
+            code = 1
+        else:
+            print(text)
+    return code
+
+
+def describe(file: Path) -> str:
     """A few lines about the recording: format, sensor, events, times, rate, polarity and anomalies.
 
     Raises FormatError or FileNotFoundError if it can't be read.
     """
-    recording = formats.open(path)
+    recording = formats.open(file)
     events = recording.read()
     width, height = recording.sensor_size
     lines = [
-        shown(path),
+        shown(file),
         f"  format     {recording.format}",
         f"  sensor     {width}x{height}",
         f"  events     {len(events):,}",

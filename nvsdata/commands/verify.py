@@ -1,18 +1,38 @@
-"""Opening every recording to see whether it is sound, and counting what there is."""
+"""`nvsdata verify`: every recording opened to see whether it is sound, and what there is counted."""
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from tqdm import tqdm
 
+from nvsdata.commands.options import dataset, path
+from nvsdata.common.errors import shown
 from nvsdata.datasets import DATASETS, EventDataset, dataset_named
 from nvsdata.datasets.holdings import Found, lacking, some
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    add = parser.add_argument
+    add("root", type=path, metavar="ROOT", help="a folder or a packed store")
+    add("--dataset", type=dataset, metavar="NAME", help="whose sensor and layout to hold it to (default: any)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print each fault: 1 if there is any."""
+    count = 0
+    for name, fault in problems(args.root, args.dataset and args.dataset.info.name):
+        print(f"{shown(name)}: {fault}")
+        count += 1
+    print("all sound" if not count else f"{count} faults")
+    return 1 if count else 0
 
 
 def problems(root: Path, dataset: str | None = None) -> Iterator[tuple[str, str]]:

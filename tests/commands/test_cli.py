@@ -1,18 +1,27 @@
+import argparse
 import io
+import json
 import os
 import subprocess
 import sys
+from dataclasses import fields
+from importlib import import_module
 
 import h5py
-import numpy as np
 import pytest
 import trees
 from processes_of_others import dead_owner
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.cli import main
+from nvsdata.cli import CODES, COMMANDS, main
+from nvsdata.commands import demo
+from nvsdata.commands.emulation_settings import HELP
+from nvsdata.commands.options import Help
 from nvsdata.common.locks import locked
+
+# what there is without them needs no words
+NO_DEFAULT = ("out", "bias", "simulate", "monitor", "scheduler", "sensor_size")
 
 
 @pytest.fixture
@@ -61,34 +70,24 @@ def test_an_unknown_command_is_a_usage_error(capsys):
 
 
 def test_demo_makes_data_pictures_and_a_better_than_chance_model(tmp_path, monkeypatch, capsys):
-    from nvsdata import demo
-
     monkeypatch.setattr(demo, "COUNTS", {"train": 6, "test": 2})
-    out = tmp_path / "demo"
-    assert main(["demo", "--out", str(out), "--seconds", "3"]) == 0
-    printed = capsys.readouterr().out
-    assert "accuracy on 10 recordings not trained on" in printed
+    logs = []
+    for name in ("one", "two"):
+        out = tmp_path / name
+        assert main(["demo", "--out", str(out), "--epochs", "2", "--seed", "3"]) == 0
+        assert "accuracy on 10 recordings not trained on" in capsys.readouterr().out
+        lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+        logs.append([{k: v for k, v in line.items() if k != "seconds"} for line in lines])
+    # not by the clock
+    assert logs[0] == logs[1]
+    assert len(logs[0]) == 2
     for name in ("samples.png", "learning.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
     assert len(nvsdata.EventFolder(out / "shapes", "train")) == 30
+    assert nvsdata.models.load(out / "model.safetensors").classes == tuple(demo.SHAPES)
     before = {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}
-    demo.make_dataset(out / "shapes", 0)
+    demo.make_dataset(out / "shapes", 3)
     assert before == {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}
-
-
-def test_ideal_events_are_threshold_crossings():
-    from nvsdata.demo import ideal_events
-
-    # one pixel whose log intensity rises by 1 over 10 frames, then falls by 0.5
-    level = np.concatenate([np.linspace(0, 1, 11), np.linspace(1, 0.5, 6)[1:]])
-    events = ideal_events(np.exp(level)[:, None, None], 100, 0.2)
-    # up at 0.2, 0.4, 0.6, 0.8 (1.0 is met at the turn), and down 0.2 from there on
-    ups = events.t[events.p == 1]
-    assert np.allclose(ups[:4], [200, 400, 600, 800], atol=1)
-    assert events.sensor_size == (1, 1)
-    assert (np.diff(events.t) >= 0).all()
-    net = events.p.astype(int) * 2 - 1
-    assert abs(0.2 * net.sum() - 0.5) < 0.2
 
 
 @pytest.fixture
@@ -162,7 +161,6 @@ def test_convert_between_formats(tmp_path, capsys):
     ("command", "message"),
     [
         (["pack", "nowhere", "--dataset", "n-mnist", "--out", "a.h5"], "no folder"),
-        (["pack", ".", "--dataset", "mnist", "--out", "a.h5"], "no dataset 'mnist'"),
         (["download", "asl-dvs", "--root", "asl"], "with a browser from https://"),
         (["download", "yupenn-dvs"], "can't be downloaded"),
         (["verify", "nowhere"], "nowhere: there is nothing to verify"),
@@ -173,6 +171,50 @@ def test_what_cannot_be_done_is_said(command, message, capsys, tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     assert main(command) == 1
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["pack", ".", "--dataset", "mnist", "--out", "a.h5"], "no dataset 'mnist'"),
+        (["pack", ".", "--dataset", "n-mnist", "--out", "a.h5", "--jobs", "0"], "must be at least 1, not 0"),
+        (["convert-videos", ".", "--mode", "CD"], "invalid choice: 'CD'"),
+        (["convert-videos", ".", "--format", "avi"], "invalid choice: 'avi'"),
+        (["convert-videos", ".", "--fps", "0"], "must be positive, not 0"),
+        (["record", "--seconds", "nan", "--out", "a.h5"], "must be positive, not nan"),
+        (["record"], "--out says where the recording goes"),
+        (["record", "--resume", "--out", "a.h5"], "--resume and --verify need --monitor"),
+        (["demo", "--epochs", "x"], "must be at least 1, not x"),
+    ],
+)
+def test_wrong_usage_ends_with_2(command, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_is_explained(command, capsys):
+    module = import_module(f"nvsdata.commands.{COMMANDS[command].module}")
+    parser = argparse.ArgumentParser(formatter_class=Help)
+    module.add_arguments(parser)
+    for action in parser._actions:
+        assert action.help, action.dest
+        takes_value = action.nargs != 0 and not isinstance(action, argparse.BooleanOptionalAction)
+        if action.option_strings and takes_value and not action.required and action.dest not in NO_DEFAULT:
+            shown = parser._get_formatter()._expand_help(action)
+            assert "(default" in shown, action.dest
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    assert CODES in " ".join(capsys.readouterr().out.split())
+
+
+def test_every_setting_of_the_emulation_is_explained():
+    assert list(HELP) == [field.name for field in fields(nvsdata.PIX2NVS)]
 
 
 def test_a_file_that_is_there_is_replaced_only_if_asked(file, tmp_path, capsys):

@@ -1,21 +1,32 @@
-"""The table of datasets."""
+"""`nvsdata datasets`: the table of datasets."""
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
+from nvsdata.commands.options import path
+from nvsdata.common.tables import aligned
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.base import EventDataset
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    parser.add_argument("--root", type=path, default=Path(), help="the folder that datasets are looked for in")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the table."""
+    print(table(args.root))
+    return 0
 
 
 def table(root: Path) -> str:
     """Every dataset with its facts, and where it is below `root` or how to get it."""
     head = ("name", "sensor", "recordings", "classes", "size", "licence", "here, or how to get it")
     rows = [_row(kind, root) for name, kind in DATASETS.items() if name != "folder"]
-    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in (head, *rows)
-    )
+    return aligned((head, *rows), left=True)
 
 
 def _row(kind: type[EventDataset], root: Path) -> tuple[str, ...]:
@@ -38,8 +49,8 @@ def _row(kind: type[EventDataset], root: Path) -> tuple[str, ...]:
 def where(name: str, root: Path) -> Path | None:
     """The folder or store of a dataset below `root`: called after it, whatever the case and dashes."""
     wanted = name.replace("-", "")
-    for path in sorted(root.iterdir()) if root.is_dir() else ():
-        stem = path.name.removesuffix(".h5").lower()
-        if stem.replace("-", "").replace("_", "") == wanted and (path.is_dir() or path.suffix == ".h5"):
-            return path
+    for place in sorted(root.iterdir()) if root.is_dir() else ():
+        stem = place.name.removesuffix(".h5").lower()
+        if stem.replace("-", "").replace("_", "") == wanted and (place.is_dir() or place.suffix == ".h5"):
+            return place
     return None

@@ -1,0 +1,39 @@
+"""`nvsdata convert`: a recording in another format."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from nvsdata.commands.options import path, sensor_size
+from nvsdata.common.errors import shown
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    add = parser.add_argument
+    add("source", type=path, metavar="IN", help="a recording")
+    add("target", type=path, metavar="OUT", help="its extension names the format")
+    add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the file doesn't state it")
+    add("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
+    add("--overwrite", action="store_true", help="replace OUT if it is there")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the recording, and say what was repaired."""
+    from nvsdata import formats
+    from nvsdata.common.files import creating
+
+    formats.writer_of(args.target)
+    with creating(args.target, overwrite=args.overwrite):
+        recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
+        if formats.left_out(recording, args.target):
+            print(f"{shown(args.target)} holds events alone: frames and inertial samples are left out", file=sys.stderr)
+        written = formats.write(recording, args.target)
+        if args.source == args.target.with_name(f"{args.target.name}.davis") and not recording.repairs:
+            # the recording that it is the journal of is whole now
+            args.source.unlink()
+    for what, count in recording.repairs.items():
+        print(f"{shown(args.source)}: {count} {what}", file=sys.stderr)
+    print(f"{written:,} events in {shown(args.target)}")
+    return 0

@@ -1,0 +1,83 @@
+"""What the options of several commands share: their types, and how their help reads."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+
+class UsageError(ValueError):
+    """Options that don't go together; the command ends with code 2, as for those that don't exist."""
+
+
+class Help(argparse.HelpFormatter):
+    """Says the default of each option that has one, after its help."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        text = action.help
+        default = action.default
+        told = default is None or default is False or default == [] or default == argparse.SUPPRESS
+        if text is None or told or not action.option_strings or "(default" in text:
+            return text
+        return f"{text} (default %(default)s)"
+
+
+def path(text: str) -> Path:
+    """A path; the shell leaves the ~ of --out=~/folder to the program."""
+    return Path(text).expanduser()
+
+
+def sensor_size(text: str) -> tuple[int, int]:
+    """Width and height."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"WIDTHxHEIGHT, such as 240x180, not {text!r}")
+    return int(width), int(height)
+
+
+def at_least_1(text: str) -> int:
+    """A whole number above zero."""
+    if not (text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"must be at least 1, not {text}")
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """A number above zero."""
+    value = _number(text)
+    if not (value > 0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"must be positive, not {text}")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a number, not {text!r}") from None
+
+
+def dataset(name: str) -> Any:
+    """A dataset's class by its name."""
+    from nvsdata.datasets import dataset_named
+
+    try:
+        return dataset_named(name)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def add_jobs(add: Callable[..., Any], what: str) -> None:
+    """The option for the number of processes or threads."""
+    add("--jobs", type=at_least_1, default=1, metavar="N", help=what)
+
+
+def add_videos(add: Callable[..., Any]) -> None:
+    """The options that all commands with a folder of videos have."""
+    from nvsdata.video.folder import FORMATS
+
+    add("--format", choices=FORMATS, default="hdf5", help="of the recordings")
+    add("--limit", type=at_least_1, metavar="N", help="the first N videos only (default: all)")

@@ -1,0 +1,67 @@
+"""`nvsdata record`: what a camera sees, or videos that are played before it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import get_args
+
+from nvsdata.commands.options import UsageError, add_videos, path, positive
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    from nvsdata.recording.rig.monitor import Scaling
+
+    add = parser.add_argument
+    place = ("X", "Y", "WIDTH", "HEIGHT")
+    add("--out", type=path, metavar="OUT", help="a file, whose extension names the format; with --monitor, a folder")
+    add("--seconds", type=positive, help="how long to record, in s (default: until Ctrl-C)")
+    add("--device", metavar="SERIAL", help="serial number of the camera (default: the only one there)")
+    add("--settings", type=path, metavar="FILE.json", help="biases, region, filters and so on (default: the camera's)")
+    bias = "coarse and fine current of a bias, such as OnBn=5:255; may be given several times"
+    add("--bias", action="append", default=[], metavar="NAME=COARSE:FINE", help=bias)
+    add("--region", type=int, nargs=4, metavar=place, help="pixels of the sensor to record (default: all)")
+    simulated = "a camera that isn't there, before a moving square or the monitor; what it suffers, such as drift=100"
+    add("--simulate", nargs="?", const="", metavar="NAME=NUMBER,...", help=simulated)
+    add("--live", action="store_true", help="show events in a window")
+    add("--overwrite", action="store_true", help="replace what is there")
+    screen = parser.add_argument_group("playing videos on a monitor")
+    add = screen.add_argument
+    add("--calibrate", action="store_true", help="aim, focus, find the screen; figures go to OUT")
+    add("--monitor", type=path, metavar="IN", help="a folder of videos: play and record each of them")
+    add("--resume", action="store_true", help="go on with a folder that holds recordings")
+    add("--verify", action="store_true", help="hold what was recorded to the manifest, record nothing")
+    add_videos(add)
+    add("--display", type=int, default=0, metavar="N", help="number of the display")
+    add("--screen-region", type=int, nargs=4, metavar=place, help="pixels of the screen for videos (default: all)")
+    add("--scaling", choices=get_args(Scaling), default="aspect", help="as large as fits, or a whole number of times")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record, calibrate, or play and record: 1 if anything was lost."""
+    from nvsdata.recording import session
+    from nvsdata.recording.simulated.options import Simulation
+
+    _check(args)
+    settings = session.settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
+    simulate = None if args.simulate is None else Simulation.of(args.simulate)
+    if args.monitor is None and not args.calibrate:
+        how = {"live": args.live, "overwrite": args.overwrite}
+        return session.run(args.out, args.seconds, args.device, settings, simulate, **how)
+    region = args.screen_region and tuple(args.screen_region)
+    screen = {"display": args.display, "region": region, "scaling": args.scaling}
+    if args.calibrate:
+        out, overwrite = args.out or Path("calibration"), args.overwrite
+        return session.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
+    chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
+    return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
+
+
+def _check(args: argparse.Namespace) -> None:
+    if args.monitor is None and (args.resume or args.verify):
+        raise UsageError("--resume and --verify need --monitor, the folder of videos")
+    if args.monitor is not None and args.overwrite:
+        raise UsageError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
+    if args.out is None and not (args.live or args.calibrate):
+        raise UsageError("--out says where the recording goes")

@@ -1,0 +1,12 @@
+"""Tables of text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
+    """Rows of texts in columns, to the right, or to the `left`."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    side = str.ljust if left else str.rjust
+    return "\n".join("  ".join(map(side, row, widths)).rstrip() for row in rows)
