@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from nvsdata import datasets, emulation, formats, metrics, models, transforms
     from nvsdata.common.errors import FormatError
     from nvsdata.data.batching import collate
-    from nvsdata.data.events import Events, Recording
+    from nvsdata.data.events import Events
     from nvsdata.data.graph import Graph, GraphBatch
+    from nvsdata.data.recording import Recording
     from nvsdata.datasets import (
         ASLANDVS,
         ASLDVS,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Events": "data.events",
-    "Recording": "data.events",
+    "Recording": "data.recording",
     "FormatError": "common.errors",
     "open": "formats",
     "read": "formats",

@@ -11,8 +11,9 @@ import torch
 from torch.utils.data import default_collate
 from torch.utils.data._utils.collate import default_collate_fn_map
 
-from nvsdata.data.events import Events, Recording
+from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
+from nvsdata.data.recording import Recording
 
 SMALL = 1 << 19  # bytes up to which a copy through the pipe is cheaper than handing over shared memory
 

@@ -1,22 +1,17 @@
-"""Events in memory and recordings on disk."""
+"""Events in memory, sorted by time."""
 
 from __future__ import annotations
 
-import os
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsIndex
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
 
-from nvsdata.common.errors import FormatError
 from nvsdata.kernels.order import never_falls
 
 if TYPE_CHECKING:
     import torch
-
-    from nvsdata.data.samples import Frame, Inertial
 
 MAX_COORDINATE = 32766
 LATEST = 1 << 62  # µs; times lie between this and its negative, so that differences can't overflow
@@ -208,233 +203,6 @@ class Events:
         return f"Events({len(self)} events, {self.duration} µs, {width}x{height})"
 
 
-class Recording(ABC):
-    """A file that is opened but not decoded; `read` decodes the window that is asked for.
-
-    Formats subclass it: `_decode` they must give; `_window`, `_bounds` and `_needed_size` they give
-    if they can do better than to decode the whole file. They set `_size` to what the file states,
-    unless a size was given, `_begins` and `_ends` to what it states of its time (`Events.start` and `end`),
-    `_rises` if they saw that times never fall, and raise FormatError for
-    what is broken if `strict`. Otherwise they leave out what can't be decoded, count it by `_repair`,
-    and hand out the rest.
-    """
-
-    format: ClassVar[str]
-    _begins: int | None = None
-    _ends: int | None = None
-    holds_samples: ClassVar[bool] = False  # whether frames and inertial samples are read of such files
-    _rises = False  # whether what was decoded last is known to be in order of time
-
-    def __init__(
-        self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None, strict: bool = True
-    ) -> None:
-        self.path = os.fspath(path)
-        self.strict = strict
-        self.repairs: dict[str, int] = {}
-        self._size = None if sensor_size is None else check_sensor_size(sensor_size)
-        self._whole: Events | None = None
-
-    @property
-    def sensor_size(self) -> tuple[int, int]:
-        """(width, height): as given to `open`, else as the file says, else as its events need."""
-        if self._size is None:
-            self._size = self._needed_size()
-        return self._size
-
-    @abstractmethod
-    def _decode(self) -> Columns:
-        """All events in file order."""
-
-    def _window(self, start: int, stop: int) -> Columns | None:
-        """Events of the window if it can be had without decoding the rest, else None."""
-        return None
-
-    def _bounds(self) -> tuple[int, int] | None:
-        """First and last time if they can be had without decoding the rest, else None."""
-        return None
-
-    def _needed_size(self) -> tuple[int, int]:
-        """The smallest sensor that holds the events, asked for where nothing states its size."""
-        return extent(self._decode())
-
-    @property
-    def knows_span(self) -> bool:
-        """Whether `span` can be told without decoding more than has been."""
-        return self._whole is not None or self._bounds() is not None
-
-    @property
-    def span(self) -> tuple[int, int]:
-        """Times of the first and the last event in µs; (0, 0) if there is none."""
-        bounds = self._bounds()
-        if bounds is not None:
-            return bounds
-        self._whole = self.events()
-        t = self._whole.t
-        return (int(t[0]), int(t[-1])) if t.size else (0, 0)
-
-    def read(self, start: int | None = None, stop: int | None = None) -> Events:
-        """Events with start <= t < stop (µs, as in the file), sorted by time.
-
-        A window outside the recording gives empty Events. Raises FormatError if what was decoded
-        is broken, ValueError if stop < start.
-        """
-        check_window(start, stop)
-        if start is None and stop is None:
-            return self.events()
-        if self._whole is None:
-            columns = self._window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
-            if columns is not None:
-                bounds = bounds_of(start, stop, self._begins, self._ends)
-                return Events.trusted(self._sound(columns), self.sensor_size, *bounds)
-            self._whole = self.events()
-        return self._whole.window(start, stop)
-
-    def events(self) -> Events:
-        """All events."""
-        if self._whole is not None:
-            return self._whole
-        columns = self._sound(self._decode())
-        if not self._rises:
-            columns = in_order(columns)
-        if self._size is None:
-            self._size = extent(columns)
-        if columns.t.size and self._begins is not None and self._ends is not None:
-            self._check_time(int(columns.t[0]), int(columns.t[-1]))
-        return Events.trusted(columns, self._size, self._begins, self._ends)
-
-    def _lasts(self, time: tuple[int, int] | None) -> None:
-        """Note the first and last moment that a file states, if it does."""
-        if time is None:
-            return
-        if -LATEST < time[0] <= time[1] < LATEST:
-            self._begins, self._ends = time
-        elif self.strict:
-            raise FormatError(self.path, None, f"states that it lasts from {time[0]} to {time[1]} µs")
-        else:
-            self._repair("times of beginning and end that make no sense, left out", 1)
-
-    def _check_time(self, first: int, last: int) -> None:
-        """The time that the file states must hold its first and last event."""
-        assert self._begins is not None
-        assert self._ends is not None
-        if self._begins <= first and last <= self._ends:
-            return
-        if self.strict:
-            stated = f"{self._begins} to {self._ends} µs"
-            raise FormatError(self.path, None, f"events at {first} to {last} µs, outside the time it states: {stated}")
-        self._repair("times of beginning and end that don't hold the events, left out", 1)
-        self._begins = self._ends = None
-
-    @property
-    def start(self) -> int:
-        """The first moment of the recording in µs: as the file states, else the time of its first event."""
-        return self.span[0] if self._begins is None else self._begins
-
-    @property
-    def end(self) -> int:
-        """The last moment of the recording in µs: as the file states, else the time of its last event."""
-        return self.span[1] if self._ends is None else self._ends
-
-    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
-        """Frames whose exposure begins at start <= t < stop (µs, as in the file), one by one; none if none are there.
-
-        Of HDF5, AEDAT 2 and a DAVIS camera's stream; FormatError for other formats: nvsdata reads events alone of them.
-        """
-        raise FormatError(self.path, None, f"frames aren't read of {self.format} files")
-
-    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
-        """Inertial samples with start <= t < stop (µs, as in the file), of the formats that `frames` are read of."""
-        raise FormatError(self.path, None, f"inertial samples aren't read of {self.format} files")
-
-    @property
-    def about(self) -> Mapping[str, Any]:
-        """What the file says of its camera, as far as it does.
-
-        `camera` and `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (two numbers each, by name),
-        `temperature` (°C).
-        """
-        return {}
-
-    def pieces(self) -> Iterator[Events]:
-        """The whole recording as `nvsdata.write` takes it, with frames and inertial samples if the format has them."""
-        from nvsdata.data.samples import in_pieces
-
-        return in_pieces(self) if self.holds_samples else iter((self.read(),))
-
-    def _sound(self, columns: Columns) -> Columns:
-        """The columns as they are or, if not `strict`, without what no Events can hold."""
-        if self.strict:
-            return columns
-        columns = Columns(*self._inside(columns))
-        self._repair("steps back in time, sorted", int(np.count_nonzero(columns.t[1:] < columns.t[:-1])))
-        return columns
-
-    @property
-    def _limits(self) -> tuple[int, int]:
-        """Width and height that coordinates must stay below."""
-        return self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
-
-    def _inside(self, columns: Sequence[np.ndarray], first: int = 0) -> Sequence[np.ndarray]:
-        """Columns t, x, y, p of any type without events outside the sensor or of other polarity than 0 and 1.
-
-        If `strict`, FormatError for such an event, counted from `first`.
-        """
-        _, x, y, p = columns
-        width, height = self._limits
-        # the greatest tell whether any event needs a closer look
-        if all(c.size == 0 or _unsigned(c).max() < end for c, end in ((x, width), (y, height), (p, 2))):
-            return columns
-        bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
-        if self.strict:
-            where = f"event {first + int(np.argmax(bad))}"
-            raise FormatError(self.path, None, f"{where}: outside the sensor of {width}x{height}, or no polarity")
-        self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
-        return [column[~bad] for column in columns]
-
-    def _repair(self, what: str, count: int) -> None:
-        """Note what was left out or put right; `repairs` tells of the last time that it was met."""
-        if count:
-            self.repairs[what] = count
-
-    def anomalies(self) -> Mapping[str, int]:
-        """What is odd about the file, counted: steps back in time, and events given twice."""
-        raw = self._decode()
-        steps_back = int(np.count_nonzero(raw.t[1:] < raw.t[:-1]))
-        raw = in_order(raw)
-        # twins at one time need not be neighbours in the file
-        order = np.lexsort((raw.p, raw.y, raw.x, raw.t))
-        twins = np.ones(max(raw.t.size - 1, 0), bool)
-        for column in raw:
-            ordered = column[order]
-            twins &= ordered[1:] == ordered[:-1]
-        return {"steps back in time": steps_back, "duplicate events": int(np.count_nonzero(twins))}
-
-    def __repr__(self) -> str:
-        return f"<{self.format} recording {self.path}>"
-
-
-def as_events(sample: object) -> Events:
-    """The events themselves: a Recording is read whole. TypeError for anything else."""
-    if isinstance(sample, Events):
-        return sample
-    if isinstance(sample, Recording):
-        return sample.read()
-    raise misplaced("Events or a Recording", sample)
-
-
-def misplaced(wanted: str, given: object) -> TypeError:
-    """What to raise where a transform or a network is given something else than it takes."""
-    return TypeError(f"it takes {wanted}, but was given {_kind(given)}: are the steps in the right order?")
-
-
-def _kind(given: object) -> str:
-    name = type(given).__name__
-    if isinstance(given, list | tuple) and given:
-        return f"a {name} of {type(given[0]).__name__}"
-    shape = getattr(given, "shape", None)
-    return f"{name} {list(shape)}" if shape is not None else f"{name}"
-
-
 def joined(pieces: Sequence[Columns]) -> Columns:
     """The events of all pieces, one after the other; of one piece, itself."""
     return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
@@ -444,11 +212,6 @@ def together(pieces: Sequence[Events]) -> Events:
     """Pieces of a stream, in order of time, as one: it lasts from the first piece's start to the last one's end."""
     columns = joined([piece.columns for piece in pieces])
     return Events.trusted(columns, pieces[0].sensor_size, pieces[0].start, pieces[-1].stated_end)
-
-
-def _unsigned(column: np.ndarray) -> np.ndarray:
-    """The same integers, of which negative ones are seen as larger than any that aren't."""
-    return column.view(column.dtype.str.replace("i", "u")) if column.dtype.kind == "i" else column
 
 
 def extent(columns: Columns) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 
-from nvsdata.data.events import misplaced
+from nvsdata.data.recording import misplaced
 from nvsdata.kernels import graph as kernel
 
 Reach = tuple[float, float]

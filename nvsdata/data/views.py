@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from nvsdata.data.events import Columns, Events, Recording, bounds_of, check_window
+import numpy as np
+
+from nvsdata.data.events import Columns, Events, bounds_of, check_window
+from nvsdata.data.pieces import in_pieces
+from nvsdata.data.recording import Recording
 
 if TYPE_CHECKING:
     from nvsdata.data.samples import Frame, Inertial
@@ -15,9 +19,8 @@ class _View(Recording):
     """A recording that answers from another one."""
 
     def __init__(self, whole: Recording) -> None:
-        super().__init__(whole.path, None, whole.strict)
         self.whole = whole
-        self.repairs = whole.repairs
+        self.path, self.repairs = whole.path, whole.repairs
 
     @property
     def sensor_size(self) -> tuple[int, int]:
@@ -49,11 +52,12 @@ class _View(Recording):
     def about(self) -> Mapping[str, Any]:
         return self.whole.about
 
-    def _decode(self) -> Columns:
-        return self.read().columns
+    @property
+    def knows_span(self) -> bool:
+        return self.whole.knows_span
 
-    def events(self) -> Events:
-        return self.read()
+    def pieces(self) -> Iterator[Events]:
+        return in_pieces(self) if self.holds_samples else iter((self.read(),))
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__.lower()} of {self.whole!r}>"
@@ -113,6 +117,17 @@ class Mapped(_View):
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
         return self.change(self.whole.read(start, stop))
+
+
+class FlippedY(_View):
+    """A recording whose y counts from the bottom of the sensor up, counted from the top."""
+
+    format = "flipped"
+
+    def read(self, start: int | None = None, stop: int | None = None) -> Events:
+        events = self.whole.read(start, stop)
+        y = np.subtract(np.int16(events.sensor_size[1] - 1), events.y)
+        return events.of(Columns(events.t, events.x, y, events.p))
 
 
 class Scaled(_View):

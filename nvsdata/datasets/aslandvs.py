@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import scipy.io
 
-from nvsdata.data.events import Recording
+from nvsdata.data.recording import Recording
 from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.davis240 import CountedFromBottom
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.source import joined, recordings_in
 
@@ -27,7 +27,7 @@ class Pair(NamedTuple):
     label: int
 
 
-class ASLANDVS(Upright):
+class ASLANDVS(CountedFromBottom):
     """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
 
     `ds[i]` is `((a, b), same)`, both recordings transformed alike, `same` 1 or 0. The pairs are those

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
-from nvsdata.data.events import Recording
+from nvsdata.data.recording import Recording
 from nvsdata.data.views import Slice
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.indexing import Samples, Transform, check_choice

@@ -18,7 +18,7 @@ from torch.utils.data import Dataset, Subset
 from nvsdata._version import __version__
 from nvsdata.common.checksum import crc32
 from nvsdata.common.files import atomic, put, sweep
-from nvsdata.data.events import Recording
+from nvsdata.data.recording import as_events
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.identity import described
 from nvsdata.datasets.keeping import kept, restored
@@ -64,7 +64,7 @@ class Cached(Dataset[tuple[Any, Any]]):
         if parts is None:
             at = time.time_ns()
             recordings = self.dataset.recordings(index)
-            change = self.head if self.head.transforms else Recording.read
+            change = self.head if self.head.transforms else as_events
             parts = [change(recording) for recording in recordings]
             repaired = self.dataset.note_repairs(index, recordings)
             # a file that changed just now may do so again, and look the same; what was repaired is to be counted again

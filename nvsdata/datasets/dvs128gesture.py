@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 
-from nvsdata.data.events import Recording
+from nvsdata.data.recording import Recording
 from nvsdata.data.views import Scaled
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info, Sample

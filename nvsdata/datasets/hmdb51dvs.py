@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
 from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import Upright, google_drive
+from nvsdata.datasets.davis240 import CountedFromBottom, google_drive
 from nvsdata.datasets.facts import Archive, Info, Sample
 
 CLASSES = """
@@ -19,7 +19,7 @@ LISTS = "https://serre-lab.clps.brown.edu/resource/hmdb-a-large-human-motion-dat
 PARTS = {"train": "1", "test": "2"}
 
 
-class HMDB51DVS(Upright):
+class HMDB51DVS(CountedFromBottom):
     """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor before a DAVIS240C, 240x180.
 
     About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are HMDB51's

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 from torch.utils.data import Dataset
 
-from nvsdata.data.events import Recording
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
 from nvsdata.datasets.seeded import Passes, seeded
 from nvsdata.datasets.splits import split_hash
@@ -125,7 +125,7 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     def _made(self, index: int) -> tuple[Any, Any]:
         recordings = self.recordings(index)
-        change = self.transform or Recording.read
+        change = self.transform or as_events
         sample = self.joined([change(recording) for recording in recordings])
         self.note_repairs(index, recordings)
         return sample, self.target(index)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.data.events import Columns, Events, Recording
+from nvsdata.data.events import Columns, Events
+from nvsdata.data.recording import Recording
 from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from nvsdata import formats
 from nvsdata.common.files import atomic, sweep
-from nvsdata.data.events import Recording
+from nvsdata.data.recording import Recording
 
 INDEX, VERSION = ".nvsdata-index.json", 1
 REMEMBERED = 2_000  # files from which on an index is worth its place on the disk

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import ClassVar
 
 from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import Upright, google_drive
+from nvsdata.datasets.davis240 import CountedFromBottom, google_drive
 from nvsdata.datasets.facts import Archive, Info, Sample
 from nvsdata.datasets.holdings import Holding
 
@@ -89,7 +89,7 @@ UCF50_COUNTS = (
 )
 
 
-class _UCF(Upright):
+class _UCF(CountedFromBottom):
     """`<Class>/v_<Class>_g<NN>_c<MM>.<suffix>`: the group gNN is of clips cut from one video."""
 
     smallest: ClassVar[int] = 1024

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.davis240 import Upright
+from nvsdata.datasets.davis240 import CountedFromBottom
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.holdings import Holding
 
@@ -27,7 +27,7 @@ CLASSES = (
 )
 
 
-class YUPENNDVS(Upright):
+class YUPENNDVS(CountedFromBottom):
     """YUPENN-DVS (Bi et al. 2020): dynamic scenes on a monitor before a DAVIS240C, 240x180.
 
     14 scenes of 30 recordings each. Nobody describes how the files are laid out: class folders of

@@ -20,7 +20,8 @@ from types import ModuleType
 
 from nvsdata.common.errors import FormatError
 from nvsdata.common.files import atomic, named
-from nvsdata.data.events import Events, Recording
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording
 from nvsdata.data.samples import without_samples
 from nvsdata.formats.contents import HEAD
 from nvsdata.formats.pieces import Pieces

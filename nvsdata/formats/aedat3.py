@@ -19,8 +19,8 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import EVER, LATEST, Columns, Events, in_order
-from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.formats.contents import PIECE, Contents
+from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
 from nvsdata.formats.records import stated_size
 from nvsdata.kernels.aedat import (
@@ -47,7 +47,7 @@ SENSORS = {"DVS128": (128, 128), "DAVIS240": (240, 180), "DAVIS346": (346, 260),
 PACKET = 8192  # events of a packet that is written
 
 
-class Recording(BaseRecording):
+class Recording(FileRecording):
     """An AEDAT 3 file."""
 
     format = "aedat3"

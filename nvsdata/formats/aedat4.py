@@ -18,8 +18,8 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
-from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents
+from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 
 MAGIC = 14  # bytes
@@ -29,7 +29,7 @@ LZ4, ZSTD = (1, 2), (3, 4)
 MOST = 1 << 30  # bytes that a packet may inflate to
 
 
-class Recording(BaseRecording):
+class Recording(FileRecording):
     """An AEDAT 4 file."""
 
     format = "aedat4"

@@ -26,8 +26,8 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
-from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.data.samples import Frame, Inertial
+from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.hdf5_columns import Column, Source, Stored, column_of, narrowed, rises
 from nvsdata.formats.hdf5_file import attribute, check_version, dataset_of, found_in, number_of, opened, text_of
 from nvsdata.formats.hdf5_samples import about_in, frames_in, inertial_in
@@ -43,7 +43,7 @@ TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
 AROUND = 64  # events on either side of a window that must be in order with it
 
 
-class Recording(BaseRecording):
+class Recording(FileRecording):
     """An HDF5 file of events."""
 
     format = "hdf5"

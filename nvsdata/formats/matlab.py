@@ -16,8 +16,8 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
-from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents
+from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.hdf5_file import check_stored, found_in, opened
 from nvsdata.formats.inflation import most_bytes
 
@@ -39,7 +39,7 @@ MOST_FIELDS = 4096  # of a struct
 _TAG = struct.Struct("<II").unpack_from
 
 
-class Recording(BaseRecording):
+class Recording(FileRecording):
     """A MATLAB file of events; it holds no sensor size."""
 
     format = "matlab"

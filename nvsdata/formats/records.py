@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import Columns, Recording, check_sensor_size
+from nvsdata.data.events import Columns, check_sensor_size
 from nvsdata.formats.contents import PIECE, Contents
+from nvsdata.formats.file_recording import FileRecording
 from nvsdata.kernels.order import never_falls
 
 
@@ -27,7 +28,7 @@ class Blocks(NamedTuple):
     span: tuple[int, int] = (0, 0)
 
 
-class RecordFile(Recording):
+class RecordFile(FileRecording):
     """Fixed-size records after a header, in order of time unless the file is broken.
 
     What isn't `strict` is decoded as a whole: what a damaged file holds can't be told from its parts.

@@ -15,8 +15,8 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, joined
-from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.formats.contents import Contents
+from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
 from nvsdata.formats.records import stated_size
 from nvsdata.kernels import text as kernel
@@ -37,7 +37,7 @@ LINE = 128  # bytes that are read to find a line
 PIECE = 1 << 24  # bytes that are parsed together
 
 
-class Recording(BaseRecording):
+class Recording(FileRecording):
     """A text file of events."""
 
     format = "text"

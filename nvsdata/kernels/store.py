@@ -22,7 +22,7 @@ def marked_range(marks, base, start, stop):
 
 @njit(cache=True, nogil=True)
 def read_window(
-    out_t, out_x, out_y, out_p, base, start, stop, bottom, handle, lo, t0, x0, y0, p0, like_t, like_x, like_y, like_p
+    out_t, out_x, out_y, out_p, base, start, stop, handle, lo, t0, x0, y0, p0, like_t, like_x, like_y, like_p
 ):
     """`stored_window` of events lo, lo + 1, ... of an open file, as many as there is room for.
 
@@ -34,7 +34,7 @@ def read_window(
     y, p = np.empty(n, like_y.dtype), np.empty(n, like_p.dtype)
     whole = _filled(t, handle, t0, lo) and _filled(x, handle, x0, lo)
     if whole and _filled(y, handle, y0, lo) and _filled(p, handle, p0, lo):
-        return stored_window(out_t, out_x, out_y, out_p, base, start, stop, bottom, t, x, y, p)
+        return stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p)
     return -1
 
 
@@ -45,11 +45,11 @@ def _filled(column, handle, begin, lo):
 
 
 @njit(cache=True, nogil=True)
-def stored_window(out_t, out_x, out_y, out_p, base, start, stop, bottom, t, x, y, p):
+def stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p):
     """Events of stored columns with start <= t + base < stop. O(log N + events found).
 
     Columns of any integer type go to t int64 (with `base` added), x, y int16 and p uint8, at least as
-    long; y is counted from row `bottom` up if that isn't negative. Returns how many events there are.
+    long. Returns how many events there are.
     """
     first = _bisect(t, base, start)
     count = max(_bisect(t, base, stop) - first, 0)
@@ -58,12 +58,8 @@ def stored_window(out_t, out_x, out_y, out_p, base, start, stop, bottom, t, x, y
         out_t[i] = np.int64(t[_U(first) + i]) + base
     for i in range(_U(count)):
         out_x[i] = x[_U(first) + i]
-    if bottom < 0:
-        for i in range(_U(count)):
-            out_y[i] = y[_U(first) + i]
-    else:
-        for i in range(_U(count)):
-            out_y[i] = np.int16(bottom) - np.int16(y[_U(first) + i])
+    for i in range(_U(count)):
+        out_y[i] = y[_U(first) + i]
     for i in range(_U(count)):
         out_p[i] = p[_U(first) + i]
     return count

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nvsdata.common.validation import not_negative, positive
-from nvsdata.data.events import Events, Recording, as_events
+from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_edges
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.distances import cancel, nearest
 from nvsdata.kernels.transport import least_work
 from nvsdata.metrics.polarity import Spikes, spikes_of_frames

@@ -13,7 +13,8 @@ from tqdm import tqdm
 
 from nvsdata import formats
 from nvsdata.data.batching import collate
-from nvsdata.data.events import Events, Recording
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording
 from nvsdata.transforms.draws import of_voter
 
 One = str | os.PathLike[str] | Recording | Events

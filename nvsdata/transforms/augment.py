@@ -16,8 +16,9 @@ import numpy as np
 import torch
 
 from nvsdata.common.validation import not_negative, positive, probability
-from nvsdata.data.events import Columns, Events, Recording, as_events
+from nvsdata.data.events import Columns, Events
 from nvsdata.data.graph import Graph, sequence_of
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import uniform
 
 Graphs = TypeVar("Graphs", Graph, Sequence[Graph])

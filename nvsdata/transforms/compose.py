@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from nvsdata.data.events import misplaced
+from nvsdata.data.recording import misplaced
 
 
 @dataclass(frozen=True)

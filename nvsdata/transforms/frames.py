@@ -9,8 +9,9 @@ import torch
 from torch.nn import functional as F
 
 from nvsdata.common.validation import positive
-from nvsdata.data.events import Events, Recording, as_events
+from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_bounds, frame_edges
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.frames import sum_frames as kernel
 from nvsdata.transforms.draws import place
 from nvsdata.transforms.image import centre_crop, crop

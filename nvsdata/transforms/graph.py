@@ -9,8 +9,9 @@ from typing import ClassVar
 import torch
 
 from nvsdata.common.validation import not_negative, positive
-from nvsdata.data.events import Events, Recording, as_events
+from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.graph import event_graph, nearest_event_graph
 
 

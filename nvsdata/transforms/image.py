@@ -10,7 +10,8 @@ import torch
 from torch.nn.functional import interpolate
 
 from nvsdata.common.validation import positive, probability
-from nvsdata.data.events import Events, Recording, as_events
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import below, uniform
 
 

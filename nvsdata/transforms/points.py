@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import torch
 
 from nvsdata.common.validation import positive
-from nvsdata.data.events import Events, Recording, as_events
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import generator
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import torch
 
 from nvsdata.common.validation import not_negative, positive, probability
-from nvsdata.data.events import Events, Recording, as_events
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
 from nvsdata.transforms.draws import below, generator, uniform
 

@@ -7,7 +7,8 @@ from itertools import pairwise
 from typing import ClassVar
 
 from nvsdata.common.validation import microseconds, positive, whole_microseconds
-from nvsdata.data.events import Events, Recording, as_events, check_window
+from nvsdata.data.events import Events, check_window
+from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import place
 
 

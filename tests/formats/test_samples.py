@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.data.samples import Frame, Inertial, Piece, cut
+from nvsdata.data.pieces import cut
+from nvsdata.data.samples import Frame, Inertial, Piece
 from nvsdata.formats.aedat2_samples import merged
 from nvsdata.formats.hdf5_samples import Beside
 from nvsdata.kernels.aedat import DAVIS

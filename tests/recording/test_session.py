@@ -26,10 +26,8 @@ def test_a_simulated_recording(tmp_path, capsys):
     [
         (["--bias", "OnBn"], "--bias takes NAME=COARSE:FINE"),
         (["--bias", "Foo=1:2"], "has no bias 'Foo'"),
-        (["--seconds", "-1"], "--seconds must be positive"),
         (["--region", "0", "0", "500", "5"], "not within 240x180"),
         (["--simulate", "drift"], "--simulate takes NAME=NUMBER of drift, noise"),
-        (["--verify"], "--resume and --verify need --monitor"),
         (["--monitor", "/nope"], "/nope: no such folder or video"),
         (["--device", "X"], "no camera of serial number X; there is SIM00001"),
     ],
@@ -115,11 +113,6 @@ def test_a_format_says_what_it_cannot_hold_before_it_starts(tmp_path, capsys):
     assert not (tmp_path / "a.txt").exists()
     assert main(how) == 0
     assert ".txt files hold no inertial samples: they are left out" in capsys.readouterr().err
-
-
-def test_a_recording_needs_a_place(capsys):
-    assert main(["record", "--simulate"]) == 1
-    assert "--out says where" in capsys.readouterr().err
 
 
 def test_the_recipes_preset_is_understood():

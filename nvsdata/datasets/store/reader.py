@@ -11,7 +11,8 @@ import numpy as np
 
 from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.data.events import EVER, MAX_COORDINATE, Columns, Recording
+from nvsdata.data.events import EVER, MAX_COORDINATE, Columns, Events, bounds_of, check_window
+from nvsdata.data.recording import Recording
 from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
@@ -136,11 +137,8 @@ class Store:
         """A store doesn't change."""
         return True
 
-    def read(self, number: int, start: int, stop: int, bottom: int = -1) -> Columns:
-        """Events of a recording with start <= t < stop: a bisection of the index, then its part of each column.
-
-        y is counted from row `bottom` up if that isn't negative.
-        """
+    def read(self, number: int, start: int, stop: int) -> Columns:
+        """Events of a recording with start <= t < stop: a bisection of the index, then its part of each column."""
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         first, last = marked_range(marks, base, start, stop)
@@ -148,10 +146,10 @@ class Store:
         columns = Columns.room(max(hi - lo, 0))
         count = -1
         if self._direct:
-            count = read_window(*columns, base, start, stop, bottom, self._handle, lo, *self._direct)
+            count = read_window(*columns, base, start, stop, self._handle, lo, *self._direct)
         if count < 0:
             # or the error that tells why there are fewer bytes
-            count = stored_window(*columns, base, start, stop, bottom, *self._raw(lo, max(lo, hi)))
+            count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         return columns.first(count)
 
     def span(self, number: int) -> tuple[int, int]:
@@ -200,17 +198,10 @@ class StoredRecording(Recording):
     """A recording in a store."""
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
-        # by hand, not by the base's method: this is much of what a window costs
         self._store, self._number = store, number
-        self.strict, self.repairs, self._whole = True, {}, None
         self._size = store.sensor_size(number) if sensor_size is None else sensor_size
-        self._begins, self._ends = store.time(number)
-        self._bottom = -1
-
-    def upright(self) -> StoredRecording:
-        """Itself, from now on with y counted from the bottom of the sensor up."""
-        self._bottom = self.sensor_size[1] - 1
-        return self
+        self._time = store.time(number)
+        self.repairs = {}
 
     @property
     def path(self) -> str:  # type: ignore[override]
@@ -222,20 +213,33 @@ class StoredRecording(Recording):
         """That of the file it was packed from."""
         return self._store.formats[self._number]
 
+    @property
+    def sensor_size(self) -> tuple[int, int]:
+        return self._size
+
+    @property
+    def span(self) -> tuple[int, int]:
+        return self._store.span(self._number)
+
+    @property
+    def start(self) -> int:
+        return self.span[0] if self._time[0] is None else self._time[0]
+
+    @property
+    def end(self) -> int:
+        return self.span[1] if self._time[1] is None else self._time[1]
+
+    def read(self, start: int | None = None, stop: int | None = None) -> Events:
+        check_window(start, stop)
+        first, last = EVER[0] if start is None else start, EVER[1] if stop is None else stop
+        columns = self._store.read(self._number, first, last)
+        return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
+
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
         raise FormatError(self.path, None, "a packed store holds events alone, no frames")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> NoReturn:
         raise FormatError(self.path, None, "a packed store holds events alone, no inertial samples")
-
-    def _decode(self) -> Columns:
-        return self._store.read(self._number, *EVER, self._bottom)
-
-    def _window(self, start: int, stop: int) -> Columns | None:
-        return self._store.read(self._number, start, stop, self._bottom)
-
-    def _bounds(self) -> tuple[int, int] | None:
-        return self._store.span(self._number)
 
 
 def checksum(index: dict[str, np.ndarray]) -> int:

@@ -11,7 +11,8 @@ from itertools import takewhile
 import numpy as np
 
 from nvsdata.common.tables import aligned
-from nvsdata.data.events import Events, Recording
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.tuning.search import Search
 from nvsdata.metrics.distance import compare

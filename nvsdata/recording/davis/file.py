@@ -15,8 +15,8 @@ from typing import Any
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, Events, joined
-from nvsdata.data.events import Recording as BaseRecording
 from nvsdata.data.samples import Frame, Inertial, Piece, within
+from nvsdata.formats.file_recording import FileRecording
 from nvsdata.recording.davis.decoding import decoded
 from nvsdata.recording.davis.stream import Decoder
 
@@ -31,7 +31,7 @@ def header(decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> byte
     return MARK + json.dumps({"decoder": how, "last": last, "about": dict(about)}).encode() + b"\n"
 
 
-class Recording(BaseRecording):
+class Recording(FileRecording):
     """A camera's stream in a file."""
 
     format = "davis"

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.data.events import Events, Recording, joined
+from nvsdata.data.events import Events, joined
 from nvsdata.data.frame_edges import MICROSECONDS
-from nvsdata.data.samples import cut
+from nvsdata.data.pieces import cut
+from nvsdata.data.recording import Recording
 from nvsdata.recording.capture import Report
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings

@@ -1,0 +1,84 @@
+"""Recordings handed out piece by piece, with what was recorded beside their events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from nvsdata.data.events import EVER, Columns, Events
+from nvsdata.data.recording import Recording
+from nvsdata.data.samples import Frame, Inertial, Piece
+
+
+class _Passing:
+    """Frames and inertial samples of a recording, read once and handed out as its time passes."""
+
+    def __init__(self, recording: Recording, start: int | None = None, stop: int | None = None) -> None:
+        inertial = recording.inertial(start, stop)
+        self._inertial = inertial.at(np.argsort(inertial.t, kind="stable"))
+        self._frames = recording.frames(start, stop)
+        self._next = next(self._frames, None)
+
+    def first(self) -> list[int]:
+        """Times of the next frame and the next sample, as far as there are any."""
+        times = self._inertial.t[:1].tolist()
+        return times if self._next is None else [*times, self._next.exposure_start]
+
+    def until(self, last: int) -> tuple[list[Frame], Inertial]:
+        """What is left up to a time in µs, which belongs to it."""
+        frames = []
+        while self._next is not None and self._next.exposure_start <= last:
+            frames.append(self._next)
+            self._next = next(self._frames, None)
+        count = int(self._inertial.t.searchsorted(last, "right"))
+        samples, self._inertial = self._inertial.at(slice(count)), self._inertial.at(slice(count, None))
+        return frames, samples
+
+
+def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
+    """A recording with its frames and inertial samples, `every` µs at once; last comes what is known of the camera.
+
+    Events are decoded as a whole, so that damage is told of before any are handed out. Where there is nothing for a
+    long time, no pieces are.
+    """
+    events, beside, done = recording.read(), _Passing(recording), 0
+    while times := [*events.t[done : done + 1].tolist(), *beside.first()]:
+        last = min(min(times) + every - 1, EVER[1])
+        count = int(events.t.searchsorted(last, "right"))
+        end = max(events.start, min(last, events.end))
+        piece = Events.trusted(events.columns.at(slice(done, count)), events.sensor_size, events.start, end)
+        yield Piece.beside(piece, *beside.until(last))
+        done = count
+    yield Piece.beside(Events.empty(events.sensor_size, events.start, events.end), about=recording.about)
+
+
+def cut(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> Iterator[Events]:
+    """A recording from `start` to `stop` (µs), `every` µs at once, with times counted from `start`.
+
+    Frames belong to where their exposure begins; `about` tells when the cut began.
+    """
+    about = later(recording.about, start)
+    beside = _Passing(recording, start, stop) if recording.holds_samples else None
+    for begin in range(start, stop, every):
+        end = min(begin + every, stop)
+        events = recording.read(begin, end)
+        columns = Columns(events.t - start, events.x, events.y, events.p)
+        shifted = Events.trusted(columns, events.sensor_size, begin - start, events.end - start)
+        if beside is not None:
+            frames, inertial = beside.until(end - 1)
+            shifted = Piece.beside(shifted, [f.shifted(start) for f in frames], inertial.shifted(start), about)
+            about = {}
+        yield shifted
+
+
+def later(about: Mapping[str, Any], time: int) -> dict[str, Any]:
+    """What is known of a camera, for a recording whose time 0 is `time` µs later."""
+    moved = dict(about)
+    with suppress(KeyError, TypeError, ValueError):
+        began = datetime.fromisoformat(moved["started"])
+        moved["started"] = (began + timedelta(microseconds=time)).isoformat(timespec="microseconds")
+    return moved

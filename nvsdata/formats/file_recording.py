@@ -1,0 +1,188 @@
+"""A recording in a file of its own: what all formats share."""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from nvsdata.common.errors import FormatError
+from nvsdata.data.events import (
+    EVER,
+    LATEST,
+    MAX_COORDINATE,
+    Columns,
+    Events,
+    bounds_of,
+    check_sensor_size,
+    check_window,
+    extent,
+    in_order,
+)
+from nvsdata.data.pieces import in_pieces
+from nvsdata.data.recording import Recording, anomalies_of
+
+
+class FileRecording(Recording):
+    """A file that is opened but not decoded; `read` decodes the window that is asked for.
+
+    Formats subclass it: `_decode` they must give; `_window`, `_bounds` and `_needed_size` they give
+    if they can do better than to decode the whole file. They set `_size` to what the file states,
+    unless a size was given, `_begins` and `_ends` to what it states of its time (`Events.start` and `end`),
+    `_rises` if they saw that times never fall, and raise FormatError for
+    what is broken if `strict`. Otherwise they leave out what can't be decoded, count it by `_repair`,
+    and hand out the rest.
+    """
+
+    _begins: int | None = None
+    _ends: int | None = None
+    _rises = False  # whether what was decoded last is known to be in order of time
+
+    def __init__(
+        self, path: str | os.PathLike[str], sensor_size: tuple[int, int] | None = None, strict: bool = True
+    ) -> None:
+        self.path = os.fspath(path)
+        self.strict = strict
+        self.repairs: dict[str, int] = {}
+        self._size = None if sensor_size is None else check_sensor_size(sensor_size)
+        self._whole: Events | None = None
+
+    @property
+    def sensor_size(self) -> tuple[int, int]:
+        """(width, height): as given to `open`, else as the file says, else as its events need."""
+        if self._size is None:
+            self._size = self._needed_size()
+        return self._size
+
+    @abstractmethod
+    def _decode(self) -> Columns:
+        """All events in file order."""
+
+    def _window(self, start: int, stop: int) -> Columns | None:
+        """Events of the window if it can be had without decoding the rest, else None."""
+        return None
+
+    def _bounds(self) -> tuple[int, int] | None:
+        """First and last time if they can be had without decoding the rest, else None."""
+        return None
+
+    def _needed_size(self) -> tuple[int, int]:
+        """The smallest sensor that holds the events, asked for where nothing states its size."""
+        return extent(self._decode())
+
+    @property
+    def knows_span(self) -> bool:
+        return self._whole is not None or self._bounds() is not None
+
+    @property
+    def span(self) -> tuple[int, int]:
+        bounds = self._bounds()
+        if bounds is not None:
+            return bounds
+        self._whole = self._all()
+        t = self._whole.t
+        return (int(t[0]), int(t[-1])) if t.size else (0, 0)
+
+    def read(self, start: int | None = None, stop: int | None = None) -> Events:
+        check_window(start, stop)
+        if start is None and stop is None:
+            return self._all()
+        if self._whole is None:
+            columns = self._window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
+            if columns is not None:
+                bounds = bounds_of(start, stop, self._begins, self._ends)
+                return Events.trusted(self._sound(columns), self.sensor_size, *bounds)
+            self._whole = self._all()
+        return self._whole.window(start, stop)
+
+    def _all(self) -> Events:
+        """All events."""
+        if self._whole is not None:
+            return self._whole
+        columns = self._sound(self._decode())
+        if not self._rises:
+            columns = in_order(columns)
+        if self._size is None:
+            self._size = extent(columns)
+        if columns.t.size and self._begins is not None and self._ends is not None:
+            self._check_time(int(columns.t[0]), int(columns.t[-1]))
+        return Events.trusted(columns, self._size, self._begins, self._ends)
+
+    def _lasts(self, time: tuple[int, int] | None) -> None:
+        """Note the first and last moment that a file states, if it does."""
+        if time is None:
+            return
+        if -LATEST < time[0] <= time[1] < LATEST:
+            self._begins, self._ends = time
+        elif self.strict:
+            raise FormatError(self.path, None, f"states that it lasts from {time[0]} to {time[1]} µs")
+        else:
+            self._repair("times of beginning and end that make no sense, left out", 1)
+
+    def _check_time(self, first: int, last: int) -> None:
+        """The time that the file states must hold its first and last event."""
+        assert self._begins is not None
+        assert self._ends is not None
+        if self._begins <= first and last <= self._ends:
+            return
+        if self.strict:
+            stated = f"{self._begins} to {self._ends} µs"
+            raise FormatError(self.path, None, f"events at {first} to {last} µs, outside the time it states: {stated}")
+        self._repair("times of beginning and end that don't hold the events, left out", 1)
+        self._begins = self._ends = None
+
+    @property
+    def start(self) -> int:
+        return self.span[0] if self._begins is None else self._begins
+
+    @property
+    def end(self) -> int:
+        return self.span[1] if self._ends is None else self._ends
+
+    def pieces(self) -> Iterator[Events]:
+        return in_pieces(self) if self.holds_samples else iter((self.read(),))
+
+    def _sound(self, columns: Columns) -> Columns:
+        """The columns as they are or, if not `strict`, without what no Events can hold."""
+        if self.strict:
+            return columns
+        columns = Columns(*self._inside(columns))
+        self._repair("steps back in time, sorted", int(np.count_nonzero(columns.t[1:] < columns.t[:-1])))
+        return columns
+
+    @property
+    def _limits(self) -> tuple[int, int]:
+        """Width and height that coordinates must stay below."""
+        return self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
+
+    def _inside(self, columns: Sequence[np.ndarray], first: int = 0) -> Sequence[np.ndarray]:
+        """Columns t, x, y, p of any type without events outside the sensor or of other polarity than 0 and 1.
+
+        If `strict`, FormatError for such an event, counted from `first`.
+        """
+        _, x, y, p = columns
+        width, height = self._limits
+        # the greatest tell whether any event needs a closer look
+        if all(c.size == 0 or _unsigned(c).max() < end for c, end in ((x, width), (y, height), (p, 2))):
+            return columns
+        bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
+        if self.strict:
+            where = f"event {first + int(np.argmax(bad))}"
+            raise FormatError(self.path, None, f"{where}: outside the sensor of {width}x{height}, or no polarity")
+        self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
+        return [column[~bad] for column in columns]
+
+    def _repair(self, what: str, count: int) -> None:
+        """Note what was left out or put right; `repairs` tells of the last time that it was met."""
+        if count:
+            self.repairs[what] = count
+
+    def anomalies(self) -> Mapping[str, int]:
+        return anomalies_of(self._decode())
+
+
+def _unsigned(column: np.ndarray) -> np.ndarray:
+    """The same integers, of which negative ones are seen as larger than any that aren't."""
+    return column.view(column.dtype.str.replace("i", "u")) if column.dtype.kind == "i" else column
