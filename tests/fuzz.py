@@ -88,7 +88,7 @@ def read_in_small_pieces() -> None:
     text.CHUNK, text.PIECE, text.LINE = 300, 2_000, 8
     hdf5_columns.BISECTED, hdf5_columns.SCANNED, hdf5_columns.BLOCK = 8, 64, 128
     hdf5.AROUND = 4
-    npy.Recording.block = atis.Recording.block = 32
+    npy.NpyRecording.block = atis.AtisRecording.block = 32
     atis.SHORT = 0
 
 

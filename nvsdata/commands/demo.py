@@ -14,10 +14,11 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from nvsdata import PIX2NVS, formats, models, plots, training
+from nvsdata import formats, models, plots, training
 from nvsdata import transforms as T
 from nvsdata.commands.options import at_least_1, path
 from nvsdata.datasets import EventFolder
+from nvsdata.emulation import PIX2NVS
 
 SIZE = 34  # pixels, as N-MNIST
 FPS = 2_000

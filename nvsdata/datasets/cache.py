@@ -20,8 +20,8 @@ from nvsdata.common.checksum import crc32
 from nvsdata.common.files import atomic, put, sweep
 from nvsdata.data.recording import as_events
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.identity import described
-from nvsdata.datasets.keeping import kept, restored
+from nvsdata.datasets.cache_files import kept, restored
+from nvsdata.datasets.cache_identity import described
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.transforms.compose import Compose
 

@@ -11,12 +11,13 @@ from nvsdata.formats import aedat2
 from nvsdata.formats.aedat2 import CHIPS, header
 from nvsdata.formats.clocked import with_times_of_32_bits
 from nvsdata.formats.contents import header_lines
-from nvsdata.formats.pieces import Pieces, headed
+from nvsdata.formats.registry import Format, starts_with
+from nvsdata.formats.writing import Pieces, headed
 from nvsdata.kernels.aedat import aedat2_encode
 from nvsdata.kernels.clock import WRAP_US
 
 
-class Recording(aedat2.Recording):
+class Aedat1Recording(aedat2.Aedat2Recording):
     """An AEDAT 1.0 file."""
 
     format = "aedat1"
@@ -54,3 +55,13 @@ def write(pieces: Pieces, path: Path) -> None:
             # the upper half of the address, which is 0, is left out
             records = aedat2_encode(*events.columns, layout, *size).view(np.uint8).reshape(-1, 8)
             file.write(np.ascontiguousarray(records[:, 2:]).data)
+
+
+FORMAT = Format(
+    "aedat1",
+    (".aedat1", ".aedat"),
+    Aedat1Recording,
+    begins=starts_with(b"#!AER-DAT1."),
+    looks_like=looks_like,
+    write=write,
+)

@@ -27,7 +27,8 @@ from nvsdata.data.samples import Frame, Inertial, within
 from nvsdata.formats.aedat2_samples import WRITTEN, Scales, frames_of, inertial_of, merged
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
+from nvsdata.formats.registry import Format, starts_with
+from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode
 
 # camera, as the class name in `# AEChip:` ends: size, layout, the class name that is written
@@ -38,7 +39,7 @@ CHIPS = {
 }
 
 
-class Recording(ClockedFile):
+class Aedat2Recording(ClockedFile):
     """An AEDAT 2.0 file; that of 1.0 differs in its records' size."""
 
     format = "aedat2"
@@ -120,3 +121,13 @@ def header(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) ->
     """What a file begins with; `told` are lines of more."""
     lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}")
     return "".join(f"{line}\r\n" for line in (*lines, *told, time_comment(pieces), "#End Of ASCII Header")).encode()
+
+
+FORMAT = Format(
+    "aedat2",
+    (".aedat",),
+    Aedat2Recording,
+    begins=starts_with(b"#!AER-DAT2."),
+    write=write,
+    holds_samples=True,
+)

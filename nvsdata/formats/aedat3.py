@@ -21,8 +21,9 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import EVER, LATEST, Columns, Events, in_order
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
-from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
 from nvsdata.formats.records import stated_size
+from nvsdata.formats.registry import Format, starts_with
+from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.aedat import (
     ADDED,
     CUT,
@@ -47,7 +48,7 @@ SENSORS = {"DVS128": (128, 128), "DAVIS240": (240, 180), "DAVIS346": (346, 260),
 PACKET = 8192  # events of a packet that is written
 
 
-class Recording(FileRecording):
+class Aedat3Recording(FileRecording):
     """An AEDAT 3 file."""
 
     format = "aedat3"
@@ -213,3 +214,6 @@ def _packets(events: Events) -> Iterator[bytes]:
         yield np.array([POLARITY_EVENT, 1], "<u2").tobytes()
         yield np.array([8, 4, t[lo] >> 31, n, n, n], "<u4").tobytes()
         yield records[lo:hi].tobytes()
+
+
+FORMAT = Format("aedat3", (".aedat3", ".aedat"), Aedat3Recording, begins=starts_with(b"#!AER-DAT3."), write=write)

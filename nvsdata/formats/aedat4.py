@@ -21,6 +21,7 @@ from nvsdata.data.events import LATEST, Columns
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
+from nvsdata.formats.registry import Format, starts_with
 
 MAGIC = 14  # bytes
 EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
@@ -29,7 +30,7 @@ LZ4, ZSTD = (1, 2), (3, 4)
 MOST = 1 << 30  # bytes that a packet may inflate to
 
 
-class Recording(FileRecording):
+class Aedat4Recording(FileRecording):
     """An AEDAT 4 file."""
 
     format = "aedat4"
@@ -187,3 +188,6 @@ def _unzstd(zstandard: Any, packet: memoryview) -> bytes:
         raise ValueError(f"a packet that inflates to {size} bytes")
     inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MOST)
     return inflated
+
+
+FORMAT = Format("aedat4", (".aedat4", ".aedat"), Aedat4Recording, begins=starts_with(b"#!AER-DAT4."))

@@ -13,8 +13,9 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.pieces import Pieces
 from nvsdata.formats.records import Blocks, PiecedFile
+from nvsdata.formats.registry import Format
+from nvsdata.formats.writing import Pieces
 from nvsdata.kernels.decode import (
     ATIS_BEGUN,
     ATIS_FIRST,
@@ -34,7 +35,7 @@ SHORT = 32  # blocks of a file that is decoded as a whole
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
 
 
-class Recording(PiecedFile):
+class AtisRecording(PiecedFile):
     """An ATIS `.bin` file; it holds no sensor size: by default the one that its events need."""
 
     format = "atis"
@@ -123,3 +124,6 @@ def write(pieces: Pieces, path: Path) -> None:
                 raise ValueError(f"ATIS .bin holds times from 0 to {MAX_WRITTEN_US - 1} µs only")
             raw, offset = atis_encode(*events.columns, offset)
             file.write(raw)
+
+
+FORMAT = Format("atis", (".bin", ".bs2"), AtisRecording, looks_like=looks_like, write=write)

@@ -15,6 +15,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, PiecedFile, stated_size
+from nvsdata.formats.registry import Format
 from nvsdata.kernels.clock import BACK_US, SILENT_US, kept_words
 from nvsdata.kernels.evt import (
     FALLS,
@@ -35,7 +36,7 @@ from nvsdata.kernels.evt import (
 ENCODING = re.compile(r"^% (?:evt |format EVT)([23])", re.IGNORECASE | re.MULTILINE)
 
 
-class Recording(PiecedFile):
+class EvtRecording(PiecedFile):
     """An EVT2 or EVT3 file. Events before the first word that gives the time are left out, as nothing dates them."""
 
     format = "evt"
@@ -134,3 +135,6 @@ def _stated_size(text: str) -> tuple[str, str] | None:
         return both[1], both[2]
     width, height = (re.search(rf"\b{side}[ =](\d+)", text, re.IGNORECASE) for side in ("width", "height"))
     return (width[1], height[1]) if width and height else None
+
+
+FORMAT = Format("evt", (".raw",), EvtRecording, begins=re.compile(rb"(?:%[^\n]*\n)*?% (?i:evt |format EVT)[23]").match)

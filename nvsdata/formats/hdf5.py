@@ -34,16 +34,15 @@ from nvsdata.formats.hdf5_samples import about_in, frames_in, inertial_in
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.formats.records import stated_size
+from nvsdata.formats.registry import Format, starts_with
 from nvsdata.kernels.order import never_falls
-
-__all__ = ["STORE", "Recording", "write"]
 
 STORE = "nvsdata-store"
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
 AROUND = 64  # events on either side of a window that must be in order with it
 
 
-class Recording(FileRecording):
+class Hdf5Recording(FileRecording):
     """An HDF5 file of events."""
 
     format = "hdf5"
@@ -183,3 +182,13 @@ class Recording(FileRecording):
     def about(self) -> dict[str, Any]:
         with opened(self.path, "damaged HDF5") as file:
             return about_in(partial(text_of, file), partial(attribute, file))
+
+
+FORMAT = Format(
+    "hdf5",
+    (".h5", ".hdf5"),
+    Hdf5Recording,
+    begins=starts_with(b"\x89HDF\r\n\x1a\n"),
+    write=write,
+    holds_samples=True,
+)

@@ -13,7 +13,7 @@ from nvsdata.common.files import flushed_early
 from nvsdata.data.events import Columns, Events, joined
 from nvsdata.formats.hdf5_disk import created
 from nvsdata.formats.hdf5_samples import Beside
-from nvsdata.formats.pieces import Pieces
+from nvsdata.formats.writing import Pieces
 
 NAME, VERSION = "nvsdata-events", 1
 CHUNK = 1 << 18  # events of a piece of a long file

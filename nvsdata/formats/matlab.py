@@ -7,6 +7,7 @@ from 1 are told by a value that equals the sensor's width or height, and shifted
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from itertools import islice
@@ -20,6 +21,7 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.hdf5_file import check_stored, found_in, opened
 from nvsdata.formats.inflation import most_bytes
+from nvsdata.formats.registry import Format
 
 try:
     # inflates in three quarters of zlib's time, which is most of what a file takes
@@ -39,7 +41,7 @@ MOST_FIELDS = 4096  # of a struct
 _TAG = struct.Struct("<II").unpack_from
 
 
-class Recording(FileRecording):
+class MatlabRecording(FileRecording):
     """A MATLAB file of events; it holds no sensor size."""
 
     format = "matlab"
@@ -182,3 +184,6 @@ def _least(column: np.ndarray) -> int:
 def _greatest(column: np.ndarray) -> int:
     """Greatest value; 0 of none."""
     return int(column.max()) if column.size else 0
+
+
+FORMAT = Format("matlab", (".mat",), MatlabRecording, begins=re.compile(rb"MATLAB [57]\.\d MAT-file").match)

@@ -18,15 +18,16 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, STRUCTURE, Columns
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.pieces import Pieces, headed
 from nvsdata.formats.records import Blocks, RecordFile
+from nvsdata.formats.registry import Format, starts_with
+from nvsdata.formats.writing import Pieces, headed
 from nvsdata.kernels.order import never_falls
 
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "pol", "polarity")}
 POLARITIES = (-1, 0, 1)
 
 
-class Recording(RecordFile):
+class NpyRecording(RecordFile):
     """A `.npy` file of events; it holds no sensor size."""
 
     format = "npy"
@@ -157,3 +158,6 @@ def _begin(pieces: Pieces) -> bytes:
     # numpy leaves room for any number
     npy.write_array_header_1_0(file, {"shape": (pieces.count,), "fortran_order": False, "descr": STRUCTURE.descr})
     return file.getvalue()
+
+
+FORMAT = Format("npy", (".npy",), NpyRecording, begins=starts_with(b"\x93NUMPY"), write=write)

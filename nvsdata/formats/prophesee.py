@@ -16,15 +16,16 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
 from nvsdata.formats.records import stated_size
+from nvsdata.formats.registry import Format, starts_with
+from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.clock import WRAP_US
 from nvsdata.kernels.decode import dat_decode
 
 MAX_ADDRESS = 0x3FFF
 
 
-class Recording(ClockedFile):
+class DatRecording(ClockedFile):
     """A Prophesee `.dat` file."""
 
     format = "prophesee-dat"
@@ -77,3 +78,6 @@ def _header(pieces: Pieces) -> bytes:
     width, height = pieces.sensor_size
     lines = ("% Data file containing CD events.", time_comment(pieces, "%"), "% Version 2")
     return "".join(f"{line}\n" for line in (*lines, f"% Width {width}", f"% Height {height}")).encode() + b"\x0c\x08"
+
+
+FORMAT = Format("prophesee-dat", (".dat",), DatRecording, begins=starts_with(b"% "), write=write)

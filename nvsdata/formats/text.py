@@ -17,8 +17,9 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, joined
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
-from nvsdata.formats.pieces import Pieces, headed, stated_time, time_comment
 from nvsdata.formats.records import stated_size
+from nvsdata.formats.registry import Format
+from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels import text as kernel
 from nvsdata.kernels.order import never_falls
 
@@ -37,7 +38,7 @@ LINE = 128  # bytes that are read to find a line
 PIECE = 1 << 24  # bytes that are parsed together
 
 
-class Recording(FileRecording):
+class TextRecording(FileRecording):
     """A text file of events."""
 
     format = "text"
@@ -167,3 +168,6 @@ def _header(pieces: Pieces) -> bytes:
     width, height = pieces.sensor_size
     lines = (f"# nvsdata events: x y t p, sorted, sensor {width}x{height}", time_comment(pieces))
     return "".join(f"{line}\n" for line in lines).encode("ascii")
+
+
+FORMAT = Format("text", (".txt", ".csv", ".text"), TextRecording, looks_like=looks_like, write=write)

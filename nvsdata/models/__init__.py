@@ -18,7 +18,7 @@ from nvsdata.models.fused import fused
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
-from nvsdata.models.registry import NETWORKS
+from nvsdata.models.registry import NETWORKS, register_network
 from nvsdata.models.rgcnn import GCNN, RGCNN
 from nvsdata.models.rgcnn3d import RGCNN3D
 from nvsdata.models.spline import SplineConv
@@ -46,6 +46,7 @@ __all__ = [
     "gcnn",
     "load",
     "reference",
+    "register_network",
     "rgcnn",
     "rgcnn3d",
     "save",

@@ -48,11 +48,13 @@ def save(
     A bare name ("asl", without folder or suffix) goes to the model folder, where `load` looks for it:
     $NVSDATA_MODELS, or `models` in nvsdata's cache. `transform` is kept as its repr, `metrics` and `data`
     (what it was trained on) as JSON.
-    ValueError for a network that isn't of the zoo or is fused, or a transform whose repr doesn't build it.
+    ValueError for a network that isn't registered (`register_network`) or is fused, and a transform that isn't
+    registered or whose repr doesn't build it.
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
-        raise ValueError(f"{type(model).__name__} can't be saved: it is no network of nvsdata.models, or fused")
+        name = type(model).__name__
+        raise ValueError(f"{name} can't be saved: it is fused, or not registered: @models.register_network('a-name')")
     state = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     header = {
         "version": VERSION,
@@ -94,9 +96,12 @@ def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") ->
         raise FormatError(where, None, "doesn't have the checksum it was written with: it was damaged or altered")
     try:
         model = _network(header.network, header.settings, state)
-        transform = None if header.transform is None else from_repr(header.transform)
     except Exception as error:  # whatever constructors make of odd settings
         raise FormatError(where, None, f"doesn't fit the network {header.network!r}: {line_of(error)}") from None
+    try:
+        transform = None if header.transform is None else from_repr(header.transform)
+    except Exception as error:  # the same
+        raise FormatError(where, None, f"has a transform that can't be built: {line_of(error)}") from None
     if transform is not None and not callable(transform):
         raise FormatError(where, None, f"holds no transform, but {header.transform!r:.200}")
     model = model.to_empty(device=device)
@@ -136,7 +141,12 @@ def _header(where: Path, text: str) -> _Header:
     if not all(isinstance(name, str) for name in found["classes"]):
         raise FormatError(where, None, "has a header whose classes aren't names")
     if found["network"] not in NETWORKS:
-        raise FormatError(where, None, f"is of a network {found['network']!r:.100}, which this nvsdata doesn't have")
+        raise FormatError(
+            where,
+            None,
+            f"is of a network {found['network']!r:.100}, which isn't registered here: import the module"
+            " that defines it, with @models.register_network",
+        )
     return _Header(**{name: found[name] for name in expected})
 
 

@@ -19,7 +19,7 @@ from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.distributed import Dropout
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.pool import GraphPool
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 from nvsdata.models.spline import SplineConv, add_self_loops
 
 Size = tuple[int, int]
@@ -157,7 +157,7 @@ class _GraphCNN(nn.Module):
         return scores
 
 
-@network("rgcnn")
+@register_network("rgcnn")
 class RGCNN(_GraphCNN):
     """Residual graph CNN (thesis 4.2.5): Conv -> MaxP -> (Res_g -> MaxP) x L -> FC(hidden) -> FC(num_classes).
 
@@ -168,7 +168,7 @@ class RGCNN(_GraphCNN):
     residual = True
 
 
-@network("gcnn")
+@register_network("gcnn")
 class GCNN(_GraphCNN):
     """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block.
 

@@ -11,12 +11,12 @@ from torch import nn
 from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.pool import GraphPool
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input, check_pairs
 from nvsdata.models.temporal import temporal_network
 
 
-@network("rgcnn3d")
+@register_network("rgcnn3d")
 class RGCNN3D(nn.Module):
     """(Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> global average -> FC(num_classes).
 

@@ -26,7 +26,7 @@ from nvsdata.recording.davis.driver import CameraError, Davis
 from nvsdata.recording.davis.journal import Journal, check_finished, told_of
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.davis.stream import Decoder
-from nvsdata.recording.line import DISK_FULL, STOPPED, TIME_UP, Line
+from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, Line
 from nvsdata.recording.rig.clock_fit import host_time
 
 RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still holds must find room
@@ -154,7 +154,7 @@ def record(
 def check_format(path: Path, settings: Settings) -> bool:
     """Whether a file of this extension holds inertial samples; ValueError if it isn't written, or holds no frames
     where some are asked for."""
-    holds: bool = formats.writer_of(path).Recording.holds_samples
+    holds = formats.writer_of(path).holds_samples
     if settings.frames and not holds:
         raise ValueError(f"{path.suffix} files hold no frames: record to .h5 or .aedat, or without frames")
     return holds

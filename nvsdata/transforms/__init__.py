@@ -48,10 +48,12 @@ from nvsdata.transforms.image import (
 )
 from nvsdata.transforms.parse import from_repr
 from nvsdata.transforms.points import Points, points
+from nvsdata.transforms.registry import TRANSFORMS, register_transform
 from nvsdata.transforms.sample import NonUniformSample, RandomDrop, drop, nonuniform_sample
 from nvsdata.transforms.window import RandomWindow, Volumes, Window, random_window, volumes, window
 
 __all__ = [
+    "TRANSFORMS",
     "CentreCrop",
     "Compose",
     "Each",
@@ -97,6 +99,7 @@ __all__ = [
     "points",
     "radius_graph",
     "random_window",
+    "register_transform",
     "resize",
     "rotate",
     "scale",
@@ -107,3 +110,6 @@ __all__ = [
     "volumes",
     "window",
 ]
+
+for _kind in [thing for thing in list(globals().values()) if isinstance(thing, type)]:
+    register_transform(_kind)

@@ -24,6 +24,11 @@ class Each:
             raise misplaced("a list, such as Volumes gives", samples)
         return [self.transform(sample) for sample in samples]
 
+    @property
+    def deterministic(self) -> bool:
+        """Whether the same sample always gives the same; a subclass must say so itself."""
+        return type(self) is Each and _is_deterministic(self.transform)
+
 
 @dataclass(frozen=True, repr=False)
 class Compose:
@@ -47,5 +52,14 @@ class Compose:
                 raise
         return sample
 
+    @property
+    def deterministic(self) -> bool:
+        """Whether the same sample always gives the same; a subclass must say so itself."""
+        return type(self) is Compose and all(map(_is_deterministic, self.transforms))
+
     def __repr__(self) -> str:
         return f"Compose([{', '.join(map(repr, self.transforms))}])"
+
+
+def _is_deterministic(transform: Callable[[Any], Any]) -> bool:
+    return bool(getattr(transform, "deterministic", False))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 from typing import Any
 
+from nvsdata.transforms.registry import transform_named
+
 
 def from_repr(text: str) -> Any:
-    """The transform whose repr `text` is: calls of nvsdata's transforms with literals, and nothing else.
+    """The transform whose repr `text` is: calls of registered transforms with literals, and nothing else.
 
     ValueError for anything else.
     """
@@ -24,7 +26,7 @@ def _value(node: ast.expr) -> Any:
             if keyword.arg is None:
                 raise ValueError("a repr holds no **")
             options[keyword.arg] = _value(keyword.value)
-        return _transform(node.func.id)(*map(_value, node.args), **options)
+        return transform_named(node.func.id)(*map(_value, node.args), **options)
     if isinstance(node, ast.List):
         return [_value(item) for item in node.elts]
     if isinstance(node, ast.Tuple):
@@ -33,12 +35,3 @@ def _value(node: ast.expr) -> Any:
         return ast.literal_eval(node)
     except ValueError:
         raise ValueError(f"not the repr of a transform: {ast.unparse(node)[:200]!r}") from None
-
-
-def _transform(name: str) -> Any:
-    from nvsdata import transforms
-
-    kind = getattr(transforms, name, None) if name in transforms.__all__ else None
-    if not isinstance(kind, type):
-        raise ValueError(f"there is no transform {name!r}")
-    return kind

@@ -13,7 +13,7 @@ from nvsdata import formats
 from nvsdata.common.errors import FormatError
 
 # what recordings are written as, and the extension that says so
-FORMATS = {f.name: f.suffixes[0] for f in formats.FORMATS if f.name in ("hdf5", "aedat2", "aedat3", "text")}
+FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in ("hdf5", "aedat2", "aedat3", "text")}
 VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
 # of the disk or the folder, not of one video: those after it would fail, too
 FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)

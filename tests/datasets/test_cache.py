@@ -19,8 +19,8 @@ from nvsdata import Events, FormatError
 from nvsdata import transforms as T
 from nvsdata.data.views import Slice
 from nvsdata.datasets import ASLANDVS, NMNIST
-from nvsdata.datasets.identity import described
-from nvsdata.datasets.keeping import kept, restored
+from nvsdata.datasets.cache_files import kept, restored
+from nvsdata.datasets.cache_identity import described
 from nvsdata.datasets.store.writer import pack
 
 HEAD = (T.Window(0, 80_000), T.RadiusGraph())
@@ -456,6 +456,36 @@ def test_a_compose_of_ones_own_is_called_as_it_is(digits, tmp_path):
     plain, cached = dataset(digits, own), nvsdata.cache(dataset(digits, own), tmp_path)
     for _ in range(2):
         assert cached[1][0].equal(plain[1][0])
+
+
+def test_a_sequence_of_graphs_is_kept_as_far_as_it_is_deterministic(digits, tmp_path):
+    graphs = T.Each(T.Compose([T.NonUniformSample(2), T.RadiusGraph()]))
+    fixed = T.Each(T.Compose([T.Window(0, 20_000), T.RadiusGraph()]))
+    assert not graphs.deterministic
+    assert fixed.deterministic
+    assert T.Compose([T.Compose([T.Window(0, 30_000)]), fixed]).deterministic
+    assert not T.Compose([T.Compose([T.Window(0, 30_000)]), T.RandomScale()]).deterministic
+    assert not type("Own", (T.Compose,), {})([T.Window(0, 30_000)]).deterministic
+
+    def steps_kept(*steps):
+        return [type(step) for step in nvsdata.cache(dataset(digits, T.Compose(steps)), tmp_path).head.transforms]
+
+    pair = OwnPair()
+    assert steps_kept(T.Window(0, 30_000), pair, fixed, T.RandomScale()) == [T.Window, OwnPair, T.Each]
+    assert steps_kept(T.Window(0, 30_000), pair, graphs) == [T.Window, OwnPair]
+    kept = nvsdata.cache(dataset(digits, T.Compose([T.Window(0, 30_000), pair, fixed])), tmp_path)
+    first, again = kept[0][0], kept[0][0]
+    assert [graph.edge_index.tolist() for graph in first] == [graph.edge_index.tolist() for graph in again]
+
+
+@dataclass(frozen=True)
+class OwnPair:
+    """Two halves of a window."""
+
+    deterministic = True
+
+    def __call__(self, events):
+        return [events.window(None, 15_000), events.window(15_000)]
 
 
 def test_options_of_any_type_are_told_apart(digits, tmp_path):

@@ -131,7 +131,7 @@ def test_broken_videos_are_reported_and_the_rest_goes_on(videos, tmp_path, capfd
 
 def test_a_full_disk_stops_the_run_and_loses_nothing(videos, tmp_path, monkeypatch):
     out = tmp_path / "out"
-    write, count = hdf5.write, iter(range(9))
+    write, count = hdf5.FORMAT.write, iter(range(9))
 
     def fills_up(pieces, path):
         if next(count) == 2:
@@ -139,7 +139,7 @@ def test_a_full_disk_stops_the_run_and_loses_nothing(videos, tmp_path, monkeypat
             raise OSError(errno.ENOSPC, "No space left on device")
         write(pieces, path)
 
-    monkeypatch.setattr(hdf5, "write", fills_up)
+    monkeypatch.setattr(hdf5.FORMAT, "write", fills_up)
     with pytest.raises(OSError, match="No space left"):
         convert_videos(videos, out)
     assert not list(out.rglob(".*.part"))

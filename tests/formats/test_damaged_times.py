@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from lookalikes import aedat2_bytes, evt2_bytes, evt3_bytes
 
 import nvsdata
-from nvsdata import Events, FormatError, formats
+from nvsdata import Events, FormatError
 from nvsdata.commands.verify import problems
-from nvsdata.formats import atis, contents, records
+from nvsdata.formats import atis, contents, reading, records
 from nvsdata.kernels.clock import BACK_US, SILENT_US, is_jump, kept_words, nearest
 
 WRITERS = {"evt2": evt2_bytes, "evt3": evt3_bytes}
@@ -22,7 +22,7 @@ every_kind = pytest.mark.parametrize("kind", KINDS)
 @pytest.fixture
 def small_pieces(monkeypatch):
     """Files are read from the disk in many pieces, however short they are."""
-    monkeypatch.setattr(formats, "HEAD", 512)
+    monkeypatch.setattr(reading, "HEAD", 512)
     monkeypatch.setattr(contents, "HEAD", 512)
     monkeypatch.setattr(records, "PIECE", 1_024)
 

@@ -75,11 +75,11 @@ def test_a_window_decodes_little_of_a_long_file(tmp_path, monkeypatch):
     nvsdata.write(ev, tmp_path / "a.npy")
     recording = nvsdata.open(tmp_path / "a.npy", sensor_size=SIZE)
     decoded = []
-    whole = npy.Recording._between
-    monkeypatch.setattr(npy.Recording, "_between", lambda self, a, b: decoded.append(b - a) or whole(self, a, b))
+    whole = npy.NpyRecording._between
+    monkeypatch.setattr(npy.NpyRecording, "_between", lambda self, a, b: decoded.append(b - a) or whole(self, a, b))
     assert recording.span == (0, 199_999)
     assert recording.read(100_000, 100_500) == ev.window(100_000, 100_500)
-    assert sum(decoded) <= 8 * npy.Recording.block
+    assert sum(decoded) <= 8 * npy.NpyRecording.block
 
 
 @pytest.mark.parametrize(

@@ -314,7 +314,7 @@ def test_frames_of_a_rolling_shutter_and_broken_ones(tmp_path):
 
 
 def test_inertial_samples_that_lack_words_are_left_out(tmp_path, monkeypatch):
-    monkeypatch.setattr("nvsdata.formats.aedat2.Recording.block", 5)
+    monkeypatch.setattr("nvsdata.formats.aedat2.Aedat2Recording.block", 5)
     monkeypatch.setattr("nvsdata.formats.records.PIECE", 40)
     words = [(1 << 31 | code << 28 | 8192 << 12 | 3 << 10, n) for n in range(6) for code in range(7)]
     del words[16], words[1]

@@ -63,13 +63,13 @@ def test_a_window_of_a_long_file_parses_only_its_part(tmp_path, monkeypatch):
     ev = nvsdata.Events(np.arange(n) * 10, np.arange(n) % 34, np.arange(n) % 30, np.arange(n) % 2, (34, 34))
     nvsdata.write(ev, tmp_path / "a.txt")
     parsed = []
-    original = text.Recording._parse
+    original = text.TextRecording._parse
 
     def counted(self, start, stop):
         parsed.append(stop - start)
         return original(self, start, stop)
 
-    monkeypatch.setattr(text.Recording, "_parse", counted)
+    monkeypatch.setattr(text.TextRecording, "_parse", counted)
     for start in (0, 123_456, 599_000, 599_990, 700_000):
         parsed.clear()
         assert nvsdata.read(tmp_path / "a.txt", start, start + 1_000) == ev.window(start, start + 1_000)

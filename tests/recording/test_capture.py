@@ -10,7 +10,7 @@ import pytest
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.recording import capture, line
+from nvsdata.recording import capture, pipeline
 from nvsdata.recording.capture import record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.simulated.camera import Camera
@@ -73,7 +73,7 @@ def test_an_unplugged_camera_leaves_what_came(tmp_path):
 
 
 def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(line, "SILENCE", 0.2)
+    monkeypatch.setattr(pipeline, "SILENCE", 0.2)
     camera = Camera(speed=0)
     with opened(camera) as davis:
         camera.advance(50_000)
@@ -83,7 +83,7 @@ def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
 
 
 def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(line, "ROOM", 2_000)
+    monkeypatch.setattr(pipeline, "ROOM", 2_000)
     with opened(Camera(scene=Outlines(rate=2_000_000))) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=0.3)
     assert report.lost > 0

@@ -22,7 +22,7 @@ from nvsdata.common.locks import locked
 from nvsdata.recording.capture import Unfinished, record
 from nvsdata.recording.davis.journal import journal_of, left_over
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.line import Line
+from nvsdata.recording.pipeline import Line
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="of POSIX")
 LONG = ["record", "--simulate", "--out", "a.h5"]

@@ -9,13 +9,13 @@ from torch import nn
 
 from nvsdata.models.distributed import Dropout
 from nvsdata.models.reference.layers import Classifier, convolution, full
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 
 # convolutions between poolings
 C3D_WIDTHS = ((64,), (128,), (256, 256), (512, 512), (512, 512))
 
 
-@network("c3d")
+@register_network("c3d")
 class C3D(Classifier):
     """3x3x3 convolutions with ReLU, five poolings, of which the first leaves time alone, and two hidden layers.
 
@@ -41,7 +41,7 @@ class C3D(Classifier):
         return scores
 
 
-@network("motion-vector-3d")
+@register_network("motion-vector-3d")
 class MotionVector3D(Classifier):
     """The 3D CNN of section 3.5.1, for long volumes of few pixels: [B, in_channels, frames, size, size], 160 x 24 x 24.
 

@@ -7,7 +7,7 @@ from torch import nn
 
 from nvsdata.models.distributed import Dropout
 from nvsdata.models.reference.layers import Classifier, Sizes, Streams, conv
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import Conv3D, Inception3D
 
 LEAST = 75  # pixels: less is gone before the last reduction
@@ -82,7 +82,7 @@ def _reduction_b() -> nn.Module:
     )
 
 
-@network("inception-v4")
+@register_network("inception-v4")
 class InceptionV4(Classifier):
     """Inception-v4 (thesis figs. A.1, A.2). Takes [B, in_channels, H, W] of at least 75x75."""
 
@@ -113,7 +113,7 @@ I3D_MODULES = (
 )
 
 
-@network("i3d")
+@register_network("i3d")
 class I3D(Classifier):
     """Inflated Inception-v1 (thesis fig. B.1). Takes [B, in_channels, T, H, W], T at least 8."""
 

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from nvsdata.models.reference.layers import Classifier, Residual, conv
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 
 Variant = Literal["A", "B", "C", "2D"]
 
@@ -43,7 +43,7 @@ def _bottleneck(in_channels: int, width: int, stride: int, variant: Variant) -> 
     return Residual(body, None if same else conv(3, in_channels, 4 * width, 1, strides, relu=False))
 
 
-@network("p3d")
+@register_network("p3d")
 class P3D(Classifier):
     """P3D-63: ResNet-50's bottlenecks with `SpaceTime` A, B, C in turn; [B, in_channels, T, H, W].
 

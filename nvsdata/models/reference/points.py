@@ -14,7 +14,7 @@ from torch import nn
 from nvsdata.models.distributed import Dropout
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.reference.layers import conv
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 
 
 def check_points(points: torch.Tensor, in_channels: int) -> None:
@@ -56,7 +56,7 @@ class Alignment(nn.Module):
         return torch.bmm(matrix, x.squeeze(3)).unsqueeze(3)
 
 
-@network("pointnet")
+@register_network("pointnet")
 class PointNet(nn.Module):
     """PointNet (Qi et al. 2017): points aligned, a common MLP, maximum over points, three fully connected layers."""
 
@@ -98,7 +98,7 @@ class Abstraction(nn.Module):
         return centre, self.mlp(grouped.permute(0, 3, 1, 2)).amax(3).mT
 
 
-@network("pointnet++")
+@register_network("pointnet++")
 class PointNet2(nn.Module):
     """PointNet++ (Qi et al. 2017): set abstraction to 512, to 128 and to one, then three fully connected layers.
 
@@ -123,7 +123,7 @@ class PointNet2(nn.Module):
         return scores
 
 
-@network("lstm")
+@register_network("lstm")
 class LSTM(nn.Module):
     """Two layers of LSTM over the events in order of time, and a fully connected layer on the last state.
 

@@ -13,7 +13,7 @@ from torch import nn
 
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.reference.layers import Classifier, Residual, conv, convolution
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 
 WIDTHS = (64, 128, 256, 512)
 
@@ -77,7 +77,7 @@ def _shortcut(dimensions: int, in_channels: int, out_channels: int, stride: int)
     return conv(dimensions, in_channels, out_channels, 1, stride, relu=False)
 
 
-@network("resnet")
+@register_network("resnet")
 class ResNet(Classifier):
     """ResNet-50 (thesis Table A.1); `depths` are the blocks of its four stages. Takes [B, in_channels, H, W]."""
 
@@ -91,7 +91,7 @@ def _stem3d(in_channels: int) -> nn.Sequential:
     return nn.Sequential(conv(3, in_channels, 64, 7, (1, 2, 2), 3), nn.MaxPool3d(3, 2, 1))
 
 
-@network("resnet3d")
+@register_network("resnet3d")
 class ResNet3D(Classifier):
     """3D ResNet of 34 layers (thesis Table B.1). Takes [B, in_channels, T, H, W]."""
 
@@ -100,7 +100,7 @@ class ResNet3D(Classifier):
         super().__init__(nn.Sequential(_stem3d(in_channels), body), nn.Linear(width, num_classes), 3, in_channels)
 
 
-@network("resnext3d")
+@register_network("resnext3d")
 class ResNeXt3D(Classifier):
     """3D ResNeXt of 50 layers (thesis fig. B.2): wider bottlenecks, in `groups`. Takes [B, in_channels, T, H, W]."""
 
@@ -112,7 +112,7 @@ class ResNeXt3D(Classifier):
         super().__init__(nn.Sequential(_stem3d(in_channels), body), nn.Linear(width, num_classes), 3, in_channels)
 
 
-@network("r2plus1d")
+@register_network("r2plus1d")
 class R2Plus1D(Classifier):
     """R(2+1)D: every 3D convolution as one in space and one in time. Takes [B, in_channels, T, H, W].
 

@@ -6,14 +6,14 @@ import torch
 from torch import nn
 
 from nvsdata.models.reference.layers import Classifier, convolution, full
-from nvsdata.models.registry import network
+from nvsdata.models.registry import register_network
 
 # convolutions before each maximum pooling, by their number of weight layers
 DEPTHS = {16: (2, 2, 3, 3, 3), 19: (2, 2, 4, 4, 4)}
 WIDTHS = (64, 128, 256, 512, 512)
 
 
-@network("vgg")
+@register_network("vgg")
 class VGG(Classifier):
     """3x3 convolutions with ReLU, five maximum poolings, three fully connected layers.
 

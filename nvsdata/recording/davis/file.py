@@ -17,6 +17,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, Events, joined
 from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.file_recording import FileRecording
+from nvsdata.formats.registry import Format, starts_with
 from nvsdata.recording.davis.decoding import decoded
 from nvsdata.recording.davis.stream import Decoder
 
@@ -31,7 +32,7 @@ def header(decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> byte
     return MARK + json.dumps({"decoder": how, "last": last, "about": dict(about)}).encode() + b"\n"
 
 
-class Recording(FileRecording):
+class StreamRecording(FileRecording):
     """A camera's stream in a file."""
 
     format = "davis"
@@ -108,3 +109,6 @@ class Recording(FileRecording):
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         parts = [piece.inertial for piece in self.pieces() if isinstance(piece, Piece)]
         return Inertial.joined(parts).window(start, stop)
+
+
+FORMAT = Format("davis", (".davis",), StreamRecording, begins=starts_with(MARK), holds_samples=True)

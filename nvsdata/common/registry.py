@@ -1,0 +1,83 @@
+"""What is known by a name: our own things, those that a program registers, and those of installed packages."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import entry_points
+from typing import Any, Generic, TypeVar
+
+Thing = TypeVar("Thing")
+
+
+class Registry(Mapping[str, Thing], Generic[Thing]):
+    """Things by their names, in the order in which they were registered.
+
+    Those of installed packages come last: they are the entry points of the group `nvsdata.PLURAL`, and are loaded
+    when a name isn't found without them, or all names are asked for. One that can't be loaded is warned of.
+
+    - `singular`, `plural`: what the things are called
+    - `enter(name, thing)`: registers the thing of an entry point; by default under the entry point's name
+    """
+
+    def __init__(self, singular: str, plural: str, enter: Callable[[str, Any], Any] | None = None) -> None:
+        self._singular, self._group = singular, f"nvsdata.{plural}"
+        self._enter = enter or self.register
+        self._known: dict[str, Thing] = {}
+        self._loaded = False
+
+    def register(self, name: str, thing: Thing) -> Thing:
+        """Make a thing known by a name.
+
+        ValueError for a name that is taken, unless by the same thing: a class that is defined once more, as in a
+        notebook's cell that is run again, takes the place of the former.
+        """
+        known = self._known.get(name)
+        if known is not None and _origin(known) != _origin(thing):
+            raise ValueError(f"there is a {self._singular} {name!r} already, {known!r}: choose another name")
+        self._known[name] = thing
+        return thing
+
+    def __getitem__(self, name: str) -> Thing:
+        if name not in self._known:
+            self._load()
+        return self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        self._load()
+        return iter(list(self._known))
+
+    def __len__(self) -> int:
+        self._load()
+        return len(self._known)
+
+    def loaded(self) -> Iterator[Thing]:
+        """The things known without those of installed packages that haven't been loaded."""
+        return iter(list(self._known.values()))
+
+    def load_installed(self) -> bool:
+        """Load what installed packages bring, unless that was done; whether there is anything new."""
+        before = len(self._known)
+        self._load()
+        return len(self._known) > before
+
+    def _load(self) -> None:
+        if self._loaded:
+            return
+        self._loaded = True
+        for point in entry_points(group=self._group):
+            try:
+                thing = point.load()
+                if not any(thing is known for known in self._known.values()):
+                    self._enter(point.name, thing)
+            except Exception as error:  # a package of somebody else's
+                reason = f"{type(error).__name__}: {error}"
+                told = f"the {self._singular} {point.name!r} ({point.value}) of an installed package can't be used"
+                warnings.warn(f"{told}: {reason}", stacklevel=3)
+
+
+def _origin(thing: object) -> object:
+    """What tells that two things are the same: where a class or function was defined."""
+    if hasattr(thing, "__qualname__"):
+        return getattr(thing, "__module__", None), thing.__qualname__
+    return id(thing)

@@ -1,0 +1,38 @@
+"""The datasets that are known by their names."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TypeVar
+
+from nvsdata.common.registry import Registry
+from nvsdata.datasets.base import EventDataset, plain
+
+Kind = TypeVar("Kind", bound=type[EventDataset])
+
+DATASETS: Registry[type[EventDataset]] = Registry("dataset", "datasets", lambda _, kind: register_dataset(kind))
+
+
+def register_dataset(kind: Kind) -> Kind:
+    """Class decorator: makes a dataset known under `info.name` to all commands and recipes.
+
+    A package does it by an entry point, too (group `nvsdata.datasets`, the object the class). ValueError for a name
+    that is taken, TypeError for what is no subclass of EventDataset with an `info`.
+    """
+    if not (isinstance(kind, type) and issubclass(kind, EventDataset) and hasattr(kind, "info")):
+        raise TypeError(f"register_dataset takes a subclass of EventDataset with an `info`, not {kind!r}")
+    return DATASETS.register(kind.info.name, kind)  # type: ignore[return-value]
+
+
+def dataset_named(name: str) -> type[EventDataset]:
+    """The dataset of a name, which may be that of the table ("n-mnist") or of the class ("NMNIST"), in any case.
+
+    ValueError, with those that come close, if there is none.
+    """
+    names = {plain(known): kind for kind in DATASETS.values() for known in (kind.info.name, kind.__name__)}
+    kind = names.get(plain(name))
+    if kind is None:
+        close = dict.fromkeys(names[found].info.name for found in get_close_matches(plain(name), names, cutoff=0.5))
+        hint = f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(DATASETS)}"
+        raise ValueError(f"no dataset {name!r}; {hint}")
+    return kind

@@ -1,0 +1,85 @@
+"""Files of events opened, and read in a call."""
+
+from __future__ import annotations
+
+import os
+import stat
+import warnings
+
+from nvsdata.common.errors import FormatError
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording
+from nvsdata.formats.contents import HEAD
+from nvsdata.formats.registry import format_of
+
+# a pipe that nobody writes to would be waited for
+_READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+
+
+def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = None, strict: bool = True) -> Recording:
+    """Open a file of events without decoding it.
+
+    `sensor_size` (width, height) overrides what the file says, or says it where the file doesn't.
+    Without `strict`, a damaged file is read as far as it makes sense: a torn tail is cut off and
+    events outside the sensor are dropped; the recording's `repairs` says how many.
+
+    Raises FileNotFoundError, and FormatError for a directory, an empty file of a format that
+    needs a header, or content that no known format explains.
+    """
+    path = os.path.expanduser(os.fspath(path))
+    head = head_of(path)
+    recording: Recording = format_of(path, head).open(path, sensor_size, head, strict)
+    return recording
+
+
+def read(
+    path: str | os.PathLike[str],
+    start: int | None = None,
+    stop: int | None = None,
+    *,
+    sensor_size: tuple[int, int] | None = None,
+    relative: bool = False,
+    strict: bool = True,
+) -> Events:
+    """Events of a file with start <= t < stop, in µs of the file's own clock; see `open`.
+
+    Few cameras' clocks begin at 0, so `read(path, 0, 30_000)` holds no event of most files, and warns. With
+    `relative`, `start` and `stop` count from the recording's first event; the events keep the file's times.
+    """
+    recording = open(path, sensor_size=sensor_size, strict=strict)
+    if relative:
+        first = recording.span[0]
+        start, stop = (None if bound is None else first + bound for bound in (start, stop))
+    events = recording.read(start, stop)
+    if not len(events) and (start, stop) != (None, None):
+        _warn_outside(recording, start, stop)
+    return events
+
+
+def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> None:
+    """Tell of a window that lies before the first or after the last event."""
+    first, last = recording.span if recording.knows_span else (0, 0)
+    if first < last and ((stop is not None and stop <= first) or (start is not None and start > last)):
+        window = f"[{'' if start is None else start}, {'' if stop is None else stop})"
+        warnings.warn(
+            f"{recording.path}: the window {window} holds nothing, its events lie at {first} to {last} µs;"
+            " relative=True counts from the first",
+            stacklevel=3,
+        )
+
+
+def head_of(path: str) -> bytes:
+    """The first bytes of a file; all of it if it is small."""
+    # plain system calls: a file object costs twice as much, and small files come by the 100,000
+    handle = os.open(path, _READING)
+    try:
+        head = os.read(handle, HEAD)
+        if not head and not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise FormatError(path, None, "is a pipe or a device, not a recording")
+        return head
+    except BlockingIOError:
+        raise FormatError(path, None, "is a pipe or a device, not a recording") from None
+    except IsADirectoryError:
+        raise FormatError(path, None, "is a directory, not a recording") from None
+    finally:
+        os.close(handle)

@@ -1,0 +1,158 @@
+"""The formats that are known, and which of them a file is of."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from nvsdata.common.errors import FormatError
+from nvsdata.common.registry import Registry
+from nvsdata.data.recording import Recording
+from nvsdata.formats.writing import Pieces
+
+
+@dataclass(eq=False)
+class Format:
+    """How files of a format are recognized, opened and written.
+
+    - `name`: as `nvsdata info` calls it
+    - `suffixes`: extensions in lower case with their dot; the first is for new files
+    - `open(path, sensor_size, head, strict)`: the recording in a file that begins with the bytes `head`: all of it, if
+      that is less than 64 KiB
+    - `begins(head)`: whether a file that begins so is certainly one; None for a format without a mark of its own
+    - `looks_like(head, size)`: whether a file of `size` bytes that begins so could be one; asked where neither a mark
+      nor an extension tells
+    - `write(pieces, path)`: writes a new file; None for a format that is only read
+    - `holds_samples`: whether files keep frames and inertial samples
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    open: Callable[[str, tuple[int, int] | None, bytes, bool], Recording]
+    begins: Callable[[bytes], Any] | None = None
+    looks_like: Callable[[bytes, int], bool] | None = None
+    write: Callable[[Pieces, Path], None] | None = None
+    holds_samples: bool = False
+
+
+def starts_with(mark: bytes) -> Callable[[bytes], bool]:
+    """The test of a format whose files begin with a mark."""
+    return lambda head: head.startswith(mark)
+
+
+# modules of our own, each with its FORMAT; where several could be meant, the first is it
+BUILT_IN = (
+    "nvsdata.formats.hdf5",
+    "nvsdata.recording.davis.file",
+    "nvsdata.formats.aedat2",
+    "nvsdata.formats.aedat1",
+    "nvsdata.formats.aedat3",
+    "nvsdata.formats.aedat4",
+    "nvsdata.formats.evt",
+    "nvsdata.formats.prophesee",
+    "nvsdata.formats.matlab",
+    "nvsdata.formats.npy",
+    "nvsdata.formats.text",
+    "nvsdata.formats.atis",
+)
+
+
+class _Formats(Registry[Format]):
+    """Our own formats are imported when a file is first opened or written."""
+
+    def loaded(self) -> Iterator[Format]:
+        if not self._known:
+            for module in BUILT_IN:
+                found: Format = import_module(module).FORMAT
+                self._known[found.name] = found
+        return super().loaded()
+
+    def register(self, name: str, thing: Format) -> Format:
+        self.loaded()
+        return super().register(name, thing)
+
+    def _load(self) -> None:
+        self.loaded()
+        super()._load()
+
+
+FORMATS = _Formats("format", "formats", lambda _, found: register_format(found))
+
+
+def register_format(added: Format) -> Format:
+    """Make a format known to `open`, `read`, `write` and all commands; a package does it by an entry point, too.
+
+    (Group `nvsdata.formats`, the object a `Format`.) Formats of before are asked first. ValueError for a name that is
+    taken, TypeError for what is no Format.
+    """
+    if not isinstance(added, Format):
+        raise TypeError(f"register_format takes a Format, not {added!r}")
+    return FORMATS.register(added.name, added)
+
+
+def format_of(path: str, head: bytes) -> Format:
+    """The format of a file that begins with `head`, by content first and by extension second.
+
+    FormatError if no format explains it.
+    """
+    suffix = os.path.splitext(path)[1].lower()
+    found = _among(FORMATS.loaded(), path, head, suffix)
+    if found is None and FORMATS.load_installed():
+        found = _among(FORMATS.loaded(), path, head, suffix)
+    if found is not None:
+        return found
+    for known in FORMATS.loaded():
+        if suffix in known.suffixes:
+            what = "is empty" if not head else "does not begin as one"
+            raise FormatError(path, 0, f"the extension says {known.name}, but the file {what}")
+    raise FormatError(path, 0, "empty file of unknown format" if not head else "unknown format")
+
+
+def _among(formats: Iterator[Format], path: str, head: bytes, suffix: str) -> Format | None:
+    known = list(formats)
+    for one in known:
+        if one.begins is not None and _says(one, one.begins, head):
+            return one
+    for one in known:
+        if one.begins is None and suffix in one.suffixes:
+            return one
+    if not head:
+        return None
+    for one in known:
+        # a mark that is missing is damage only where the extension speaks for the format
+        asked = one.begins is None or suffix in one.suffixes
+        if asked and one.looks_like is not None and _says(one, one.looks_like, head, os.path.getsize(path)):
+            return one
+    return None
+
+
+def _says(one: Format, test: Callable[..., Any], *given: Any) -> bool:
+    """What a format's test says; one that raises is warned of, and says no."""
+    try:
+        return bool(test(*given))
+    except Exception as error:  # of somebody else's format
+        reason = f"{type(error).__name__}: {error}"
+        warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=4)
+        return False
+
+
+def writer_of(path: str | os.PathLike[str]) -> Format:
+    """The format that new files of this extension are written in; ValueError if there is none."""
+    suffix = Path(path).suffix.lower()
+    for _ in range(2):
+        for one in FORMATS.loaded():
+            if suffix in one.suffixes and one.write is not None:
+                return one
+        FORMATS.load_installed()
+    known = ", ".join(s for one in FORMATS.values() if one.write is not None for s in one.suffixes)
+    raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
+
+
+def suffixes() -> tuple[str, ...]:
+    """Extensions, lower case with their dot, of all formats that can be opened."""
+    return tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)

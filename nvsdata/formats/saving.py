@@ -1,0 +1,68 @@
+"""Files of events written, whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from nvsdata.common.errors import FormatError
+from nvsdata.common.files import atomic, named
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording
+from nvsdata.data.samples import without_samples
+from nvsdata.formats.reading import head_of
+from nvsdata.formats.registry import Format, writer_of
+from nvsdata.formats.writing import Pieces
+
+READ_BACK = 4096  # events at the end of a file that are compared after it was written
+
+
+def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike[str]) -> int:
+    """Write events in the format that the extension of `path` names; the file appears whole or not at all.
+
+    Returns how many events were written.
+
+    An iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream` gives them), is
+    written as it comes, in constant memory; the first piece states the sensor. HDF5 and AEDAT 2 keep frames and
+    inertial samples of a Recording, or of a `Piece`; other formats hold events alone.
+
+    Raises ValueError for an unknown extension, a format that can't be written, events that
+    the format can't hold (every format but HDF5 and text has such), and pieces that are out of
+    order, of different sensors, or none.
+    """
+    path = os.path.expanduser(path)
+    how = writer_of(path)
+    given = [events] if isinstance(events, Events) else events.pieces() if isinstance(events, Recording) else events
+    if not how.holds_samples:
+        given = map(without_samples, given)
+    pieces = Pieces(given)
+    with named(path), atomic(path) as temporary:
+        assert how.write is not None, "writer_of finds those that write"
+        how.write(pieces, temporary)
+        _check_written(how, temporary, pieces)
+    return pieces.count
+
+
+def left_out(recording: Recording, path: str | os.PathLike[str]) -> bool:
+    """Whether a recording has frames or inertial samples that a file of this extension can't hold."""
+    if not recording.holds_samples or writer_of(path).holds_samples:
+        return False
+    return bool(recording.inertial().t.size) or next(iter(recording.frames()), None) is not None
+
+
+def _check_written(how: Format, path: Path, pieces: Pieces) -> None:
+    """OSError unless the file's last events are those that were written: not every full disk tells by itself."""
+    if pieces.last is None:
+        return
+    first = int(pieces.last.t[-READ_BACK:][0])
+    wanted = pieces.last.window(first, None)
+    try:
+        found = how.open(str(path), pieces.sensor_size, head_of(str(path)), True).read(first, None)
+        # those at the same time may have come with the piece before
+        same = found[max(len(found) - len(wanted), 0) :] == wanted
+    except FormatError as error:
+        raise OSError(errno.EIO, f"can't be read back after it was written: {error.reason}") from error
+    if not same:
+        raise OSError(errno.EIO, "doesn't hold what was written to it: is the disk full, or broken?")
