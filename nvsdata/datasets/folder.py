@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from functools import cached_property
-from typing import Any
 
 from nvsdata import formats
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Info, Sample
+from nvsdata.datasets.indexing import Transform
 from nvsdata.datasets.source import recordings_in
 
 PARTS = ("train", "test")
@@ -43,10 +43,24 @@ class EventFolder(EventDataset):
         split: str = "all",
         *,
         sensor_size: tuple[int, int] | None = None,
-        **options: Any,
+        fold: int | None = None,
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        download: bool = False,
+        seed: int | None = None,
+        errors: str = "raise",
     ) -> None:
         self._size = sensor_size
-        super().__init__(root, split, **options)
+        super().__init__(
+            root,
+            split,
+            fold=fold,
+            transform=transform,
+            target_transform=target_transform,
+            download=download,
+            seed=seed,
+            errors=errors,
+        )
 
     @cached_property
     def _first_size(self) -> tuple[int, int]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
 from nvsdata.datasets.holdings import numbered
+from nvsdata.datasets.indexing import Transform
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
 SCALES = (4, 8, 16)
@@ -62,12 +63,31 @@ class MNISTDVS(EventDataset):
     }
 
     def __init__(
-        self, root: str | os.PathLike[str], split: str = "train", *, scale: int | None = 4, **options: Any
+        self,
+        root: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        scale: int | None = 4,
+        fold: int | None = None,
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        download: bool = False,
+        seed: int | None = None,
+        errors: str = "raise",
     ) -> None:
         if scale is not None and scale not in SCALES:
             raise ValueError(f"scale must be 4, 8, 16 or None for all, not {scale}")
         self.scale = scale
-        super().__init__(root, split, **options)
+        super().__init__(
+            root,
+            split,
+            fold=fold,
+            transform=transform,
+            target_transform=target_transform,
+            download=download,
+            seed=seed,
+            errors=errors,
+        )
 
     @classmethod
     def whole(cls, root: str | os.PathLike[str]) -> Self:

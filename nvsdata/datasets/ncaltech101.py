@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.indexing import Transform
 from nvsdata.datasets.source import joined
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
@@ -81,10 +82,29 @@ class NCaltech101(RandomSplitDataset):
     )
 
     def __init__(
-        self, root: str | os.PathLike[str], split: str = "train", *, background: bool = True, **options: Any
+        self,
+        root: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        background: bool = True,
+        fold: int | None = None,
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        download: bool = False,
+        seed: int | None = None,
+        errors: str = "raise",
     ) -> None:
         self.background = background
-        super().__init__(root, split, **options)
+        super().__init__(
+            root,
+            split,
+            fold=fold,
+            transform=transform,
+            target_transform=target_transform,
+            download=download,
+            seed=seed,
+            errors=errors,
+        )
 
     def _classes(self) -> list[str]:
         return [name for name in self.info.classes if self.background or name != BACKGROUND]

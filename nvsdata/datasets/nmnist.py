@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.holdings import Holding, numbered
+from nvsdata.datasets.indexing import Transform
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
 _BOTH = Archive(
@@ -81,10 +81,24 @@ class NMNIST(EventDataset):
         *,
         first_saccade: bool = False,
         stabilised: bool = False,
-        **options: Any,
+        fold: int | None = None,
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        download: bool = False,
+        seed: int | None = None,
+        errors: str = "raise",
     ) -> None:
         self.first_saccade, self.stabilised = first_saccade, stabilised
-        super().__init__(root, split, **options)
+        super().__init__(
+            root,
+            split,
+            fold=fold,
+            transform=transform,
+            target_transform=target_transform,
+            download=download,
+            seed=seed,
+            errors=errors,
+        )
 
     def _view(self, recording: Recording) -> Recording:
         if self.first_saccade:

@@ -8,7 +8,7 @@ from collections.abc import Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.video.folder import videos_in
 from nvsdata.video.manifest import Manifest
 
@@ -37,7 +38,7 @@ class Report:
 def convert_videos(
     source: Path,
     out: Path | None = None,
-    settings: PIX2NVS | None = None,
+    settings: EventEmulator | None = None,
     *,
     format: str = "hdf5",
     size: tuple[int, int] | None = None,
@@ -61,7 +62,7 @@ def convert_videos(
     target = out or default_out(source)
     target.mkdir(parents=True, exist_ok=True)
     report = Report()
-    made = {"settings": asdict(found[0].settings), "format": format, "size": size, "fps": fps}
+    made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
     with claimed(target), Manifest(target, "nvsdata-videos", made) as manifest:
         waiting = [job for job in found if not manifest.has(job.name, job.video, job.target, ("converted",))]
         report.kept = len(found) - len(waiting)
@@ -91,7 +92,7 @@ def default_out(source: Path) -> Path:
 def plan(
     source: Path,
     out: Path | None,
-    settings: PIX2NVS,
+    settings: EventEmulator,
     *,
     format: str = "hdf5",
     size: tuple[int, int] | None = None,

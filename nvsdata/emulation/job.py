@@ -12,7 +12,7 @@ import cv2
 
 from nvsdata import formats
 from nvsdata.data.events import Events
-from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.video.folder import fatal, sha256
 from nvsdata.video.frames import TruncatedVideo
 
@@ -24,7 +24,7 @@ class Job:
     name: str  # below the folder of videos, with slashes
     video: Path
     target: Path
-    settings: PIX2NVS
+    settings: EventEmulator
     size: tuple[int, int] | None
     fps: float | None
 

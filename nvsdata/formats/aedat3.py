@@ -157,10 +157,10 @@ class Aedat3Recording(FileRecording):
             kept += count
         return kept - begin, lost
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         return self._of_packets(self.packets)
 
-    def _window(self, start: int, stop: int) -> Columns | None:
+    def decode_window(self, start: int, stop: int) -> Columns | None:
         """Decode the packets that reach into the window, in whatever order they lie in the file."""
         if not self.strict:
             return None
@@ -169,13 +169,13 @@ class Aedat3Recording(FileRecording):
         a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
         return columns.at(slice(a, b))
 
-    def _bounds(self) -> tuple[int, int] | None:
+    def decode_span(self) -> tuple[int, int] | None:
         if not self.strict or self.packets[:, SOME_INVALID].any():
             return None
         if not len(self.packets):
             return 0, 0
         first, last = int(self.packets[:, FIRST].min()), int(self.packets[:, LAST].max())
-        head, tail = self._window(EVER[0], first + 1), self._window(last, EVER[1])
+        head, tail = self.decode_window(EVER[0], first + 1), self.decode_window(last, EVER[1])
         return None if head is None or tail is None else (int(head.t[0]), int(tail.t[-1]))
 
 

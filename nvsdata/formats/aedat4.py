@@ -88,7 +88,7 @@ class Aedat4Recording(FileRecording):
         if at < self._end:
             raise FormatError(self.path, at, f"truncated: {self._end - at} bytes are left over")
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         parts: list[np.ndarray] = []
         try:
             for at, packet in self._packets():

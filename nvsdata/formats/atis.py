@@ -45,7 +45,7 @@ class AtisRecording(PiecedFile):
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(Contents(path, head), sensor_size, strict)
 
-    def _needed_size(self) -> tuple[int, int]:
+    def decode_size(self) -> tuple[int, int]:
         walk = self._walk()[0]
         return int(walk[RIGHT]), int(walk[BOTTOM])
 
@@ -54,11 +54,11 @@ class AtisRecording(PiecedFile):
         """Whether windows are cut from the whole: the index takes as long, for it has to look at every record."""
         return self.records <= SHORT * self.block
 
-    def _window(self, start: int, stop: int) -> Columns | None:
-        return None if self._short else super()._window(start, stop)
+    def decode_window(self, start: int, stop: int) -> Columns | None:
+        return None if self._short else super().decode_window(start, stop)
 
-    def _bounds(self) -> tuple[int, int] | None:
-        return None if self._short else super()._bounds()
+    def decode_span(self) -> tuple[int, int] | None:
+        return None if self._short else super().decode_span()
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What `atis_walk` knows after all records, and times and overflow of the blocks; FormatError if `strict`."""
@@ -89,7 +89,7 @@ class AtisRecording(PiecedFile):
             reason = f"y = {y} is damage: of an event it is below {ATIS_OVERFLOW_Y}; strict=False drops the record"
             raise FormatError(self.path, self._byte(damaged), reason)
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         columns, state = self._run(0, self.records)
         self._repair(f"records of y above {ATIS_OVERFLOW_Y}, dropped", int(state[2]))
         return columns

@@ -93,7 +93,7 @@ class ClockedFile(PiecedFile):
                 lo += len(records)
             yield raw
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         columns, state = self._run(0, self.records)
         if self._drops(state):
             columns, state = self._run(0, self.records)
@@ -111,7 +111,7 @@ class ClockedFile(PiecedFile):
         return True
 
     def _timed(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Bytes of all records and their times (µs, int64), piece by piece; damage is treated as `_decode` does."""
+        """Bytes of all records and their times (µs, int64), piece by piece; damage is treated as `decode` does."""
         if not self.strict and self._keep is None:
             clock = clock_at(UNKNOWN, 0)
             for _ in self._clocked(clock):

@@ -123,8 +123,8 @@ class EvtRecording(PiecedFile):
         count, bad = decode(raw, width, height, state, kept, *columns)
         return count, bad
 
-    def _decode(self) -> Columns:
-        columns = super()._decode()
+    def decode(self) -> Columns:
+        columns = super().decode()
         self._rises = bool(self.blocks.ordered)
         return columns
 

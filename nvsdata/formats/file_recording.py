@@ -28,7 +28,7 @@ from nvsdata.data.recording import Recording, anomalies_of
 class FileRecording(Recording):
     """A file that is opened but not decoded; `read` decodes the window that is asked for.
 
-    Formats subclass it: `_decode` they must give; `_window`, `_bounds` and `_needed_size` they give
+    Formats subclass it: `decode` they must give; `decode_window`, `decode_span` and `decode_size` they give
     if they can do better than to decode the whole file. They set `_size` to what the file states,
     unless a size was given, `_begins` and `_ends` to what it states of its time (`Events.start` and `end`),
     `_rises` if they saw that times never fall, and raise FormatError for
@@ -53,32 +53,32 @@ class FileRecording(Recording):
     def sensor_size(self) -> tuple[int, int]:
         """(width, height): as given to `open`, else as the file says, else as its events need."""
         if self._size is None:
-            self._size = self._needed_size()
+            self._size = self.decode_size()
         return self._size
 
     @abstractmethod
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         """All events in file order."""
 
-    def _window(self, start: int, stop: int) -> Columns | None:
+    def decode_window(self, start: int, stop: int) -> Columns | None:
         """Events of the window if it can be had without decoding the rest, else None."""
         return None
 
-    def _bounds(self) -> tuple[int, int] | None:
+    def decode_span(self) -> tuple[int, int] | None:
         """First and last time if they can be had without decoding the rest, else None."""
         return None
 
-    def _needed_size(self) -> tuple[int, int]:
+    def decode_size(self) -> tuple[int, int]:
         """The smallest sensor that holds the events, asked for where nothing states its size."""
-        return extent(self._decode())
+        return extent(self.decode())
 
     @property
     def knows_span(self) -> bool:
-        return self._whole is not None or self._bounds() is not None
+        return self._whole is not None or self.decode_span() is not None
 
     @property
     def span(self) -> tuple[int, int]:
-        bounds = self._bounds()
+        bounds = self.decode_span()
         if bounds is not None:
             return bounds
         self._whole = self._all()
@@ -90,7 +90,7 @@ class FileRecording(Recording):
         if start is None and stop is None:
             return self._all()
         if self._whole is None:
-            columns = self._window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
+            columns = self.decode_window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
             if columns is not None:
                 bounds = bounds_of(start, stop, self._begins, self._ends)
                 return Events.trusted(self._sound(columns), self.sensor_size, *bounds)
@@ -101,7 +101,7 @@ class FileRecording(Recording):
         """All events."""
         if self._whole is not None:
             return self._whole
-        columns = self._sound(self._decode())
+        columns = self._sound(self.decode())
         if not self._rises:
             columns = in_order(columns)
         if self._size is None:
@@ -180,7 +180,7 @@ class FileRecording(Recording):
             self.repairs[what] = count
 
     def anomalies(self) -> Mapping[str, int]:
-        return anomalies_of(self._decode())
+        return anomalies_of(self.decode())
 
 
 def _unsigned(column: np.ndarray) -> np.ndarray:

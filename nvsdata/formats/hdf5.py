@@ -101,7 +101,7 @@ class Hdf5Recording(FileRecording):
             return int(value.item())
         raise FormatError(self.path, None, f"/t_offset is {value}, no time in µs below 2^62")
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         with Source(self._file) as source:
             t = self._times(source, 0, self._columns["t"].size)
             if self._ordered and not self._rises:
@@ -134,7 +134,7 @@ class Hdf5Recording(FileRecording):
             t += self._offset
         return t
 
-    def _window(self, start: int, stop: int) -> Columns | None:
+    def decode_window(self, start: int, stop: int) -> Columns | None:
         """A bisection over t; None if the times that it comes to tell that it went astray."""
         t = self._columns["t"]
         with Source(self._file) as source:
@@ -164,7 +164,7 @@ class Hdf5Recording(FileRecording):
         last = self._columns["t"].size - 1
         return int(self._times(source, 0, 1)[0]), int(self._times(source, last, last + 1)[0])
 
-    def _bounds(self) -> tuple[int, int] | None:
+    def decode_span(self) -> tuple[int, int] | None:
         if not self.strict or not self._columns["t"].size:
             return None
         with Source(self._file) as source:

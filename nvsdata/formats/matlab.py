@@ -51,7 +51,7 @@ class MatlabRecording(FileRecording):
         self._contents = Contents(path, head)
         self._v73_signed = head[512:520] == b"\x89HDF\r\n\x1a\n"
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         found = self._v73() if self._v73_signed else self._v5()
         columns = {}
         for name, known in NAMES.items():

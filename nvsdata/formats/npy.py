@@ -84,7 +84,7 @@ class NpyRecording(RecordFile):
         t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, np.where(p == -1, 0, p)), lo)
         return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         columns = self._between(0, self.records)
         self._rises = never_falls(columns.t)
         if self.strict and not self._rises:

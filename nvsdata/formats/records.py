@@ -71,7 +71,7 @@ class RecordFile(FileRecording):
     def _byte(self, record: int) -> int:
         return self.header_size + record * self.record_size
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         return self._between(0, self.records)
 
     @property
@@ -81,7 +81,7 @@ class RecordFile(FileRecording):
             self._blocks = self._index()
         return self._blocks
 
-    def _bounds(self) -> tuple[int, int] | None:
+    def decode_span(self) -> tuple[int, int] | None:
         if not self.strict:
             return None
         times, _, ordered, span = self.blocks
@@ -97,7 +97,7 @@ class RecordFile(FileRecording):
         first, last = int(head.min()), int(tail.max())
         return (first, last) if times.size < 3 or (first <= times[1] and last >= times[-1]) else None
 
-    def _window(self, start: int, stop: int) -> Columns | None:
+    def decode_window(self, start: int, stop: int) -> Columns | None:
         """Decode the blocks that the window touches; None if they are in disorder.
 
         If only the blocks' first records are known, one more block is decoded on each side: an event

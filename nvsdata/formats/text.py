@@ -58,7 +58,7 @@ class TextRecording(FileRecording):
             self._lasts(stated_time([own[3].decode("latin-1")]))
         self._seconds = not own and (size is not None or SECONDS.match(_first_line(head)) is not None)
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         columns = self._parse(self._body, self._contents.size)
         self._rises = never_falls(columns.t)
         if self._sorted and self.strict and not self._rises:
@@ -89,7 +89,7 @@ class TextRecording(FileRecording):
         # a copy: the others' memory needn't be kept
         return Columns(t.copy(), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8)), int(dropped)
 
-    def _window(self, start: int, stop: int) -> Columns | None:
+    def decode_window(self, start: int, stop: int) -> Columns | None:
         """A bisection over the lines; None if the times that it comes to tell that it went astray."""
         if not (self._sorted and self.strict):
             return None

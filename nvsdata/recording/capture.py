@@ -17,17 +17,14 @@ from threading import Event
 from typing import Any
 
 from nvsdata import formats
+from nvsdata.common.clock import host_time
 from nvsdata.common.prefetch import ahead
 from nvsdata.common.signals import ENDING, Ended
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
-from nvsdata.recording.davis.decoding import decoded
-from nvsdata.recording.davis.driver import CameraError, Davis
-from nvsdata.recording.davis.journal import Journal, check_finished, told_of
-from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.camera import Camera, CameraError, Decoder, check_camera
+from nvsdata.recording.journal import Journal, check_finished, told_of
 from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, Line
-from nvsdata.recording.rig.clock_fit import host_time
 
 RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still holds must find room
 # how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over
@@ -80,9 +77,9 @@ class Unfinished(OSError):
 
 
 def record(
-    camera: Davis,
+    camera: Camera,
     path: str | Path | None,
-    settings: Settings | None = None,
+    settings: Any = None,
     *,
     seconds: float | None = None,
     stop: Event | None = None,
@@ -100,11 +97,14 @@ def record(
     The file appears when it is whole. Until then, if `journaled`, what the camera sends is kept in FILE.davis, which
     `nvsdata.open` reads; it goes when the file is there, and stays if the file can't be written.
 
-    CameraError if the camera can't be configured or started, ValueError for frames in a format that holds none,
+    `camera` is anything that has the members of `camera.Camera`, `settings` what its `configure` takes.
+
+    CameraError if the camera can't be configured or started, TypeError for what is no camera, ValueError for frames in
+    a format that holds none,
     FileExistsError if there is a journal of that file already, `Unfinished` if the file can't be written.
     """
+    check_camera(camera)
     report = Report(None if path is None else Path(path))
-    settings = settings or Settings()
     if report.path is not None:
         check_format(report.path, settings)
         check_place(report.path)
@@ -122,8 +122,9 @@ def record(
             camera.reset_time()
             report.zero = host_time()
             report.about = camera.about() | {"started": datetime.now(UTC).isoformat(timespec="microseconds")}
-            if report.path is not None and journaled:
-                journal = Journal(report.path, decoder, last, report.about)
+            head = camera.journal_head(decoder, last, report.about) if report.path is not None and journaled else None
+            if report.path is not None and head is not None:
+                journal = Journal(report.path, head)
             line.keep(journal)
             pieces = _pieces(decoder, line, last, report, watch)
             if path is None:
@@ -151,11 +152,11 @@ def record(
     return report
 
 
-def check_format(path: Path, settings: Settings) -> bool:
+def check_format(path: Path, settings: Any) -> bool:
     """Whether a file of this extension holds inertial samples; ValueError if it isn't written, or holds no frames
     where some are asked for."""
     holds = formats.writer_of(path).holds_samples
-    if settings.frames and not holds:
+    if getattr(settings, "frames", False) and not holds:
         raise ValueError(f"{path.suffix} files hold no frames: record to .h5 or .aedat, or without frames")
     return holds
 
@@ -204,7 +205,7 @@ def _pieces(
 ) -> Iterator[Events]:
     """What comes, from the reset of the clock on, until `last` µs of the camera's time."""
     yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)
-    for piece, triggers in decoded(decoder, iter(line.take, b""), last):
+    for piece, triggers in decoder.decoded(iter(line.take, b""), last):
         report.events += len(piece)
         if len(piece):
             report.seconds = max(report.seconds, int(piece.t[-1]) / 1e6)

@@ -6,8 +6,8 @@ import time
 from collections import deque
 from threading import Condition, Event, Thread
 
-from nvsdata.recording.davis.driver import CameraError, Davis
-from nvsdata.recording.davis.journal import Journal
+from nvsdata.recording.camera import Camera, CameraError
+from nvsdata.recording.journal import Journal
 
 ROOM = 64 << 20  # bytes that may wait to be kept and decoded
 PIECE = 1 << 20  # bytes handed on at once, if so many wait
@@ -63,7 +63,7 @@ class Line(Thread):
     With a `journal`, what is taken has been written to it before; a disk that doesn't take it ends the reading.
     """
 
-    def __init__(self, camera: Davis, seconds: float | None, stop: Event) -> None:
+    def __init__(self, camera: Camera, seconds: float | None, stop: Event) -> None:
         super().__init__(name="nvsdata-reader", daemon=True)
         self.camera, self.seconds, self.stop = camera, seconds, stop
         self.received = self.lost = self.odd = 0

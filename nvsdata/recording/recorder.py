@@ -8,9 +8,8 @@ from threading import Event, Thread
 from typing import Any
 
 from nvsdata.data.events import Events
+from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import Report, record
-from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.registers import Settings
 
 
 class Recorder(Thread):
@@ -21,9 +20,9 @@ class Recorder(Thread):
 
     def __init__(
         self,
-        camera: Davis,
+        camera: Camera,
         path: Path | None,
-        settings: Settings,
+        settings: Any,
         *,
         seconds: float | None = None,
         watch: Callable[[Report, Events], None] = lambda report, events: None,

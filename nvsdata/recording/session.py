@@ -18,8 +18,8 @@ from nvsdata.common.terminal import Terminal, say
 from nvsdata.data.events import Events
 from nvsdata.recording.capture import Report, check_format, check_place, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.batch import manifest_of, record_videos, verify
 from nvsdata.recording.rig.calibrate import calibrate

@@ -1,3 +1,4 @@
+import inspect
 import pickle
 
 import numpy as np
@@ -128,3 +129,10 @@ def test_every_dataset_of_the_registry_states_its_facts():
     for name, kind in DATASETS.items():
         assert kind.info.name == name
         assert kind.__doc__
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_every_option_is_in_the_signature(name):
+    parameters = inspect.signature(DATASETS[name]).parameters
+    assert {"root", "split", "transform", "target_transform", "download", "seed", "errors"} <= set(parameters)
+    assert all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters.values())

@@ -20,8 +20,8 @@ import nvsdata
 from nvsdata.cli import main
 from nvsdata.common.locks import locked
 from nvsdata.recording.capture import Unfinished, record
-from nvsdata.recording.davis.journal import journal_of, left_over
 from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.journal import journal_of, left_over
 from nvsdata.recording.pipeline import Line
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="of POSIX")

@@ -13,7 +13,7 @@ import numpy as np
 from nvsdata.common.tables import aligned
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
-from nvsdata.emulation import PIX2NVS
+from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.emulation.tuning.search import Search
 from nvsdata.metrics.distance import compare
 from nvsdata.video.frames import Frame, Video, frames_of
@@ -57,11 +57,11 @@ class Pair:
         cut = real.read if isinstance(real, Recording) else real.window
         self.real = cut(real.start, real.start + max(last - offset, 1))
 
-    def emulate(self, settings: PIX2NVS) -> Events:
+    def emulate(self, settings: EventEmulator) -> Events:
         """The video by these settings."""
-        return settings.emulate(self._coloured() if settings.hue else self.frames)
+        return settings.emulate(self._coloured() if getattr(settings, "hue", False) else self.frames)
 
-    def __call__(self, settings: PIX2NVS) -> tuple[float, float, float]:
+    def __call__(self, settings: EventEmulator) -> tuple[float, float, float]:
         """1 - repeatability, Chamfer, EMD of these settings.
 
         NaN if more than half of the frames with real spikes have no emulated one: the distances look from

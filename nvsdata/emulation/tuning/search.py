@@ -15,7 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from nvsdata.common.files import Journal
-from nvsdata.emulation import PIX2NVS
+from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.metrics.score import score
 
 BATCH = 4  # trials proposed at once, whatever the number of jobs: so the search doesn't depend on it
@@ -62,7 +63,7 @@ SPACE: Space = {
 class Trial:
     """Settings and their distances: 1 - repeatability, Chamfer, EMD; NaN if no frame had spikes on both sides."""
 
-    settings: PIX2NVS
+    settings: Any
     distances: tuple[float, float, float]
 
 
@@ -84,10 +85,10 @@ class Search:
 
 
 def search(
-    measure: Callable[[PIX2NVS], tuple[float, float, float]],
+    measure: Callable[[Any], tuple[float, float, float]],
     *,
     space: Space = SPACE,
-    base: PIX2NVS | None = None,
+    base: EventEmulator | None = None,
     trials: int = 100,
     seed: int = 0,
     jobs: int = 1,
@@ -96,27 +97,27 @@ def search(
 ) -> Search:
     """Look for settings with a small score: first anywhere in `space`, then in a shrinking sphere around the best.
 
-    Settings outside the space are those of `base`. `measure` gives a setting's distances (a
-    `tune.Pair` does); `jobs` of them run at once, in threads. With a `journal`, a file of JSON lines, a search that
-    was stopped goes on: the same seed proposes the same trials. `note` is kept in the journal's first
-    line, and must be the same when the search goes on.
+    Settings outside the space are those of `base` (PIX2NVS's defaults, or another emulator). `measure` gives a
+    setting's distances (an `objective.Pair` does); `jobs` of them run at once, in threads. With a `journal`, a file
+    of JSON lines, a search that was stopped goes on: the same seed proposes the same trials. `note` is kept in the
+    journal's first line, and must be the same when the search goes on.
 
-    Raises ValueError for a journal of another search, and a space that isn't of PIX2NVS.
+    Raises ValueError for a journal of another search, and a space that isn't of the emulator.
     """
     base = base or PIX2NVS()
     for name, choices in space.items():
         if not hasattr(base, name):
-            raise ValueError(f"PIX2NVS has no setting {name!r}")
+            raise ValueError(f"{type(base).__name__} has no setting {name!r}")
         if not isinstance(choices, Range) and not choices:
             raise ValueError(f"no choices for {name}")
-    head = {"nvsdata-search": 1, "seed": seed, "base": asdict(base), "space": _plain(space), **(note or {})}
+    head = {"nvsdata-search": 1, "seed": seed, "base": settings_of(base), "space": _plain(space), **(note or {})}
     rng = np.random.default_rng(seed)
     result = Search()
     centre: np.ndarray | None = None
     radius = 1.0
     places: list[np.ndarray] = []
     with (
-        _Trials(journal, head) if journal else nullcontext() as done,
+        _Trials(journal, head, type(base)) if journal else nullcontext() as done,
         ThreadPoolExecutor(jobs) as pool,
         tqdm(total=trials, desc="searching", unit="trial", disable=None) as bar,
     ):
@@ -158,7 +159,7 @@ def _near(rng: np.random.Generator, dimensions: int, centre: np.ndarray | None, 
     return np.asarray(np.clip(np.where(place < 0, -place, np.where(place > 1, 2 - place, place)), 0, 1))
 
 
-def _settings(base: PIX2NVS, space: Space, place: np.ndarray) -> PIX2NVS:
+def _settings(base: Any, space: Space, place: np.ndarray) -> Any:
     """The settings at a place of the unit cube."""
     chosen: dict[str, Any] = {}
     for (name, choices), share in zip(space.items(), place.tolist(), strict=True):
@@ -181,16 +182,14 @@ def _plain(space: Space) -> dict[str, Any]:
 class _Trials(Journal):
     """Trials on disk, a JSON line each, after a first line that says of which search."""
 
-    def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, head: Mapping[str, Any], kind: Callable[..., Any]) -> None:
         plain = json.loads(json.dumps(head))
         super().__init__(path, plain)
         if self.head != plain:
             raise ValueError(f"{path} is of another search: give the same settings, or another file")
-        self._known = {
-            line["trial"]: Trial(PIX2NVS(**line["settings"]), _three(line["distances"])) for line in self.lines
-        }
+        self._known = {line["trial"]: Trial(kind(**line["settings"]), _three(line["distances"])) for line in self.lines}
 
-    def get(self, number: int, settings: PIX2NVS) -> Trial | None:
+    def get(self, number: int, settings: Any) -> Trial | None:
         """The trial of that number, if it was of these settings."""
         found = self._known.get(number)
         return found if found is not None and found.settings == settings else None

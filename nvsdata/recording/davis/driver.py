@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any, Self
 
@@ -12,7 +12,9 @@ import numpy as np
 import usb.core
 import usb.util
 
+from nvsdata.recording.camera import CameraError, Unplugged
 from nvsdata.recording.davis.configuration import Facts, changes, defaults
+from nvsdata.recording.davis.file import header
 from nvsdata.recording.davis.registers import (
     APS,
     CHIP,
@@ -40,14 +42,6 @@ REGISTER, SEVERAL = 0xBF, 0xC2
 TIMEOUT = 1_000  # ms
 MOST = 4_096  # pixels a side, and MHz: more is no answer of a camera
 UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0666", TAG+="uaccess"'
-
-
-class CameraError(OSError):
-    """What keeps a camera from recording, in one line that says what to do."""
-
-
-class Unplugged(CameraError):
-    """The camera is gone."""
 
 
 class Davis:
@@ -196,11 +190,12 @@ class Davis:
             if high == again:
                 return high << 32 | low
 
-    def configure(self, settings: Settings) -> None:
+    def configure(self, settings: Settings | None = None) -> None:
         """The vendor's default configuration, then what differs from it.
 
         ValueError for biases or a region that the camera doesn't have.
         """
+        settings = settings or Settings()
         facts, biases = self.facts, biases_of(self.facts.chip)
         for name in settings.biases:
             if name not in biases:
@@ -282,6 +277,10 @@ class Davis:
         numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
         numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
         return {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
+
+    def journal_head(self, decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
+        """What a file of the format `davis` begins with; see `Camera`."""
+        return header(decoder, last, about)
 
     def close(self) -> None:
         """Let the camera go."""

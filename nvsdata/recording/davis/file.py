@@ -18,7 +18,6 @@ from nvsdata.data.events import Columns, Events, joined
 from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.recording.davis.decoding import decoded
 from nvsdata.recording.davis.stream import Decoder
 
 MARK = b"#!DAVIS-STREAM1 "
@@ -77,7 +76,7 @@ class StreamRecording(FileRecording):
         """As `Recording.pieces`, in constant memory."""
         decoder = self._decoder()
         yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=self._about)
-        for piece, _ in decoded(decoder, self._blocks(), self._last):
+        for piece, _ in decoder.decoded(self._blocks(), self._last):
             yield piece
         for name, count in decoder.complaints.items():
             self._repair(name, count)
@@ -90,7 +89,7 @@ class StreamRecording(FileRecording):
                     block += file.read(1)
                 yield block[: len(block) // 2 * 2]
 
-    def _decode(self) -> Columns:
+    def decode(self) -> Columns:
         parts, self._ends = [], 0
         for piece in self.pieces():
             parts.append(piece.columns)

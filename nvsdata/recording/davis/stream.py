@@ -5,13 +5,14 @@ Logic 18, the vendor's coding of 16-bit words. Any split of the stream into piec
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from nvsdata.data.events import Columns, Events
-from nvsdata.data.samples import Frame, Inertial
+from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.kernels import wire as kernel
 
 ROOM = 1024  # special events and samples that a call of the kernel has room for
@@ -28,6 +29,7 @@ SPECIALS = {
     16: "exposure_start",
     17: "exposure_end",
 }
+RESET, RISING, PULSE = 1, 2, 4  # of `SPECIALS`
 COMPLAINTS = (
     "row_out_of_range",
     "column_out_of_range",
@@ -158,6 +160,38 @@ class Decoder:
         if self.swap:
             columns = columns._replace(x=columns.y, y=columns.x)
         return Events.trusted(columns, (self.width, self.height), 0)
+
+    def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
+        """What blocks of whole words hold, and the times (µs, int64) of pulses and rising edges at the external input.
+
+        Times count from the first reset of the camera's clock, and what came before it is left out; so is what comes
+        from `last` (µs) on. However the blocks are cut, together they give the same. The decoder must be
+        a `steady` one.
+        """
+        begun = False
+        size = (self.width, self.height)
+        for block in blocks:
+            events = self.feed(block)
+            specials, samples, frames = self.specials, self.samples, self.frames
+            kept, triggers = slice(None), (specials.kind == RISING) | (specials.kind == PULSE)
+            if not begun:
+                resets = np.flatnonzero(specials.kind == RESET)
+                if not resets.size:
+                    continue
+                begun, word = True, int(specials.word[resets[0]])
+                kept = slice(int(specials.before[resets[0]]), None)
+                triggers &= specials.word > word
+                samples = samples.at(self.sample_words > word)
+                frames = [frame for frame, at in zip(frames, self.frame_words, strict=True) if at > word]
+            columns = events.columns.at(kept)
+            times = specials.t[triggers]
+            if last is not None:
+                columns = columns.first(int(np.searchsorted(columns.t, last)))
+                samples, times = samples.window(None, last), times[times < last]
+                frames = list(within(frames, None, last))
+            about = {"temperature": float(samples.temperature[-1])} if samples.t.size else {}
+            end = self.now if last is None else min(self.now, last - 1)
+            yield Piece.beside(Events.trusted(columns, size, 0, end), frames, samples, about), times
 
     def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
         """Put the special events and samples of a piece together."""

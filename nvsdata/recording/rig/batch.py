@@ -16,11 +16,11 @@ import cv2
 from tqdm import tqdm
 
 from nvsdata import formats
+from nvsdata.common.clock import host_time
 from nvsdata.common.files import Journal, claimed
 from nvsdata.common.locks import locked
-from nvsdata.recording.davis.driver import CameraError, Davis
+from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.rig.clock_fit import host_time
 from nvsdata.recording.rig.contact_sheets import Sheets
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
@@ -76,7 +76,7 @@ def record_videos(
     videos: list[Video],
     out: Path,
     manifest: Manifest,
-    find: Callable[[], Davis],
+    find: Callable[[], Camera],
     monitor: Monitor,
     settings: Settings,
 ) -> Result:
@@ -129,7 +129,7 @@ def record_videos(
     return result
 
 
-def _recorded(video: Video, out: Path, camera: Davis, monitor: Monitor, settings: Settings) -> dict[str, Any]:
+def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings) -> dict[str, Any]:
     """Play and record a video: its part of the manifest's line."""
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
@@ -159,12 +159,12 @@ def _count(result: Result, line: dict[str, Any]) -> None:
 class _Cameras:
     """The camera, found again when it was gone."""
 
-    def __init__(self, find: Callable[[], Davis], monitor: Monitor, settings: Settings) -> None:
+    def __init__(self, find: Callable[[], Camera], monitor: Monitor, settings: Settings) -> None:
         self.monitor, self.settings, self._find = monitor, settings, find
-        self._camera: Davis | None = None
+        self._camera: Camera | None = None
         self._had_one = False
 
-    def get(self) -> Davis:
+    def get(self) -> Camera:
         """The camera; waits for one that was there before. ValueError for settings that it doesn't have."""
         told = ""
         while self._camera is None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events, joined
+from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import Report
-from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.calibration import Calibration, corners_of, lines_of, rectangles, response, spectrum_of
-from nvsdata.recording.rig.clock_fit import fit, host_time
+from nvsdata.recording.rig.clock_fit import fit
 from nvsdata.recording.rig.live_view import Live
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STILL, pattern
@@ -21,7 +22,7 @@ WATCHED = 4_000_000  # µs of a still screen, in which flicker is looked for
 MAINS = (100.0, 120.0)  # Hz of lamps
 
 
-def calibrate(camera: Davis, monitor: Monitor, settings: Settings, seconds: float | None) -> Calibration:
+def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: float | None) -> Calibration:
     """Show a target until Enter is pressed or `seconds` are over, then flashes and a still screen, and measure.
 
     Events are shown in a window all the time. `NoSync` if the camera doesn't see the screen.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -20,11 +19,6 @@ NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 H
 MOST_DRIFT = 500e-6  # of the camera's clock against the host's
 LEAST = 0.6  # share of the flashes that must be found
 LOOSE = 400.0  # µs that a flash may always be off the fit
-
-
-def host_time() -> float:
-    """The host's time in µs, on the clock that everything here is timed by."""
-    return time.perf_counter() * 1e6
 
 
 class NoSync(ValueError):

@@ -8,9 +8,9 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
+from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events, joined
 from nvsdata.plots import event_image
-from nvsdata.recording.rig.clock_fit import host_time
 from nvsdata.recording.rig.monitor import MonitorError, pygame_or_error
 
 EVERY = 33_000  # µs between pictures

@@ -11,7 +11,7 @@ from typing import Any, Literal, Self, get_args
 import cv2
 import numpy as np
 
-from nvsdata.recording.rig.clock_fit import host_time
+from nvsdata.common.clock import host_time
 from nvsdata.video.frames import Frame
 
 Scaling = Literal["aspect", "integer"]

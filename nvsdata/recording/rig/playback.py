@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.recording.rig.clock_fit import flashes, host_time
+from nvsdata.common.clock import host_time
+from nvsdata.recording.rig.clock_fit import flashes
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
 

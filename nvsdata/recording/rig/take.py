@@ -15,8 +15,8 @@ from nvsdata.data.events import Events, joined
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.pieces import cut
 from nvsdata.data.recording import Recording
+from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import Report
-from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.clock_fit import MOST_DRIFT, Fit, NoSync, fit
@@ -55,7 +55,7 @@ class Tally:
     full: float = 0.0
 
 
-def shoot(camera: Davis, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
+def shoot(camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
     """Record while a video plays; whatever the monitor, the video or the camera raises ends both."""
     # a take that is cut short is done again
     recorder = Recorder(camera, raw, settings, journaled=False)

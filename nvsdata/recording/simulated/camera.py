@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import usb.core
 
+from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events
 from nvsdata.kernels.wire_encode import encode
 from nvsdata.recording.davis.driver import READ, REGISTER, SEVERAL, WRITE
 from nvsdata.recording.davis.registers import APS, CHIP, DVS, EXTERNAL, IMU, MUX, SYSTEM, USB
-from nvsdata.recording.rig.clock_fit import host_time
 from nvsdata.recording.simulated.scenes import Outlines, Scene
 
 RESET_WORD, PULSE_WORD = 0x0001, 0x0004

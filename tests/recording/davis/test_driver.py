@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from places import SHARED
 
-from nvsdata.recording.davis.driver import CameraError, Davis, Unplugged
+from nvsdata.recording.camera import CameraError, Unplugged
+from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import APS, DVS, EXTERNAL, IMU, MUX, SYSTEM, Settings
 from nvsdata.recording.simulated.camera import Camera
 from nvsdata.recording.simulated.scenes import Outlines

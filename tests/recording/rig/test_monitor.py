@@ -6,7 +6,7 @@ import numpy as np
 import pygame
 import pytest
 
-from nvsdata.recording.rig.clock_fit import host_time
+from nvsdata.common.clock import host_time
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.video.frames import Frame
 

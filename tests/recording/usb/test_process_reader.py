@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 import usb.core
 
+from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis import driver
-from nvsdata.recording.davis.driver import ENDPOINT, CameraError, Davis
+from nvsdata.recording.davis.driver import ENDPOINT, Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.davis.stream import Decoder
 from nvsdata.recording.simulated.camera import Camera

@@ -5,13 +5,10 @@ from __future__ import annotations
 import os
 import shlex
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from nvsdata.common.locks import OutputInUse, locked
-from nvsdata.recording.davis.file import header
-from nvsdata.recording.davis.stream import Decoder
 
 SUFFIX = ".davis"
 SETTLED = 1.0  # s after which what was written is on its way to the disk, not in the system's memory alone
@@ -23,13 +20,13 @@ def journal_of(path: Path) -> Path:
 
 
 class Journal:
-    """The journal of a recording, a file of the format `nvsdata.recording.davis.file`.
+    """The journal of a recording: `head`, which says how the stream is to be decoded, and the stream.
 
     What `write` has taken is on the disk's side: a process that is killed leaves it. FileExistsError if there is one
     already: it is of a recording that wasn't finished.
     """
 
-    def __init__(self, path: Path, decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, head: bytes) -> None:
         self.path = journal_of(path)
         self.size = 0
         check_finished(path)
@@ -37,7 +34,7 @@ class Journal:
         self._handle: int | None = os.open(self.path, how, 0o666)
         self._settled = time.monotonic()
         try:
-            self._put(header(decoder, last, about))
+            self._put(head)
         except BaseException:
             self.remove()
             raise

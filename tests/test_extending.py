@@ -1,0 +1,222 @@
+"""The examples of docs/extending.md, as they stand there; what registers itself twice, or wrongly, is told."""
+
+import re
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trees
+
+import nvsdata
+from nvsdata import FormatError, models
+from nvsdata import transforms as T
+from nvsdata.cli import main
+from nvsdata.common import registry
+from nvsdata.datasets import DATASETS, EventDataset, dataset_named, register_dataset
+from nvsdata.emulation.convert import convert_videos
+from nvsdata.emulation.tuning.objective import Pair
+from nvsdata.emulation.tuning.search import Range, search
+from nvsdata.formats import FORMATS, Format, register_format
+from nvsdata.models import NETWORKS
+from nvsdata.recording.camera import Camera
+from nvsdata.recording.capture import record
+from nvsdata.transforms import TRANSFORMS
+
+TEXT = (Path(__file__).parents[1] / "docs/extending.md").read_text(encoding="utf-8")
+EXAMPLES = {
+    title.strip().split()[-1]: code
+    for title, code in re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", TEXT, re.M | re.S)
+}
+
+
+@pytest.fixture(autouse=True)
+def _as_before(monkeypatch):
+    """What a test registers is forgotten."""
+    for known in (DATASETS, FORMATS, TRANSFORMS, NETWORKS):
+        known.load_installed()
+        monkeypatch.setattr(known, "_known", dict(known._known))
+
+
+@pytest.fixture
+def example(tmp_path, monkeypatch):
+    """Runs an example, in a folder of its own; its names."""
+    monkeypatch.chdir(tmp_path)
+
+    def example(name):
+        names = {"__name__": "example"}
+        exec(EXAMPLES[name], names)
+        return names
+
+    return example
+
+
+def test_there_is_an_example_of_each():
+    assert list(EXAMPLES) == ["dataset", "format", "transform", "network", "camera", "emulator"]
+
+
+def test_a_dataset(example, tmp_path, capsys):
+    trees.put(
+        tmp_path / "pens",
+        {
+            f"{part}/{name}/{i}.bin": trees.atis(trees.some(i))
+            for part in ("train", "test")
+            for name in ("Pen", "pencil")
+            for i in range(2)
+        },
+    )
+    names = example("dataset")
+    assert len(names["train"]) == 4
+    assert names["train"][3][1] == 1
+    assert dataset_named("Pens") is names["Pens"]
+    assert main(["verify", "pens", "--dataset", "pens"]) == 0
+    assert main(["pack", "pens", "--dataset", "pens", "--out", "pens.h5"]) == 0
+    packed = names["Pens"]("pens.h5", "test")
+    assert [label for _, label in packed] == [0, 0, 1, 1]
+    assert main(["datasets"]) == 0
+    assert "\npens " in capsys.readouterr().out
+
+
+def test_a_format(example, tmp_path):
+    names = example("format")
+    ev = trees.some(3)
+    nvsdata.write(ev, tmp_path / "a.quads")
+    assert nvsdata.read(tmp_path / "a.quads", sensor_size=(34, 34)) == ev
+    # by its first bytes, whatever the extension
+    (tmp_path / "a.quads").rename(tmp_path / "b.xyz")
+    recording = nvsdata.open(tmp_path / "b.xyz", sensor_size=(34, 34))
+    assert isinstance(recording, names["Quads"])
+    a, b = int(ev.t[10]), int(ev.t[20])
+    assert recording.read(a, b) == ev.window(a, b)
+    assert recording.format == "quads"
+
+
+def test_a_transform(example, tmp_path):
+    names = example("transform")
+    pipeline = T.Compose([names["OnOnly"](2), T.RadiusGraph()])
+    assert repr(T.from_repr(repr(pipeline))) == repr(pipeline)
+    ev = trees.some(1)
+    assert len(names["OnOnly"](1)(ev)) == (ev.p == 1).sum()
+    path = models.save(models.rgcnn("n-mnist"), tmp_path / "a.safetensors", transform=pipeline)
+    assert repr(models.load(path).transform) == repr(pipeline)
+    # elsewhere it isn't registered
+    del TRANSFORMS._known["OnOnly"]
+    with pytest.raises(FormatError, match=r"no transform 'OnOnly' is registered here: import .*register_transform"):
+        models.load(path)
+
+
+def test_a_network(example, tmp_path):
+    names = example("network")
+    trained = models.load(tmp_path / "mean.safetensors")
+    assert isinstance(trained.model, names["MeanPooled"])
+    assert trained.classes == ("a", "b")
+    graphs = [torch.nn.Module() for _ in range(3)]
+    for graph in graphs:
+        graph.x = torch.randn(5, 1)
+    assert trained.model(graphs).shape == (3, 2)
+
+    class Wider(names["MeanPooled"]):
+        def __init__(self, num_classes=2):
+            super().__init__(1, num_classes)
+
+    with pytest.raises(ValueError, match="Wider can't be saved: it is fused, or not registered"):
+        models.save(Wider(3), tmp_path / "b.safetensors")
+    models.register_network("wider")(Wider)
+    models.save(Wider(3), tmp_path / "b.safetensors")
+    assert type(models.load(tmp_path / "b.safetensors").model) is Wider
+    del NETWORKS._known["wider"]
+    with pytest.raises(FormatError, match=r"of a network 'wider', which isn't registered here"):
+        models.load(tmp_path / "b.safetensors")
+
+
+def test_a_camera(example, tmp_path):
+    names = example("camera")
+    assert isinstance(names["Ticking"](), Camera)
+    events = nvsdata.read(tmp_path / "ticks.h5")
+    assert len(events) == names["report"].events >= 10
+    assert (np.diff(events.t) == 1_000).all()
+    assert nvsdata.open(tmp_path / "ticks.h5").about["camera"] == "Ticking"
+    assert names["report"].whole
+
+    class Partly:
+        facts = None
+
+        def configure(self, settings=None): ...
+
+    with pytest.raises(TypeError, match=r"Partly is no camera: it lacks start, reset_time, read, .*decoder"):
+        record(Partly(), tmp_path / "b.h5", seconds=0.1)
+
+
+def test_an_emulator(example, tmp_path):
+    emulator = example("emulator")["Brightest"]
+    from clips import write_video
+
+    frames = [np.zeros((12, 16, 3), np.uint8) for _ in range(6)]
+    for n, frame in enumerate(frames):
+        frame[3, 2 * n] = 255
+    (tmp_path / "in").mkdir()
+    video = write_video(tmp_path / "in/a.avi", frames)
+    report = convert_videos(tmp_path / "in", tmp_path / "out", emulator(least=50))
+    assert report.failed == {}
+    assert len(nvsdata.read(tmp_path / "out/a.h5")) == report.events == 5
+    with pytest.raises(ValueError, match="made with least 50, not 60"):
+        convert_videos(tmp_path / "in", tmp_path / "out", emulator(least=60))
+    pair = Pair(emulator(50).emulate(video), video)
+    found = search(pair, base=emulator(), space={"least": Range(1, 255, whole=True)}, trials=4)
+    assert isinstance(found.best.settings, emulator)
+    with pytest.raises(ValueError, match="Brightest has no setting 'threshold'"):
+        search(pair, base=emulator(), trials=4, space={"threshold": (1, 2)})
+
+
+def test_names_that_are_taken_and_things_of_another_kind():
+    class Compose:
+        pass
+
+    class NotOurs(EventDataset):
+        info = nvsdata.NMNIST.info
+
+    class Own(torch.nn.Module):
+        pass
+
+    taken = Format("hdf5", (".h6",), open=lambda *_: None)
+    for register, thing, message in (
+        (T.register_transform, Compose, "there is a transform 'Compose' already"),
+        (register_dataset, NotOurs, "there is a dataset 'n-mnist' already"),
+        (models.register_network("rgcnn"), Own, "there is a network 'rgcnn' already"),
+        (register_format, taken, "there is a format 'hdf5' already"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            register(thing)
+    for register in (T.register_transform, register_dataset, models.register_network("a"), register_format):
+        with pytest.raises(TypeError, match="register_"):
+            register(3)
+    # a cell of a notebook that is run again
+    for _ in range(2):
+        exec("class Again: pass\nregister(Again)", {"register": T.register_transform, "__name__": "notebook"})
+
+
+def test_entry_points_that_work_and_one_that_does_not(monkeypatch):
+    points = [
+        EntryPoint("gone", "no_such_package:Thing", "nvsdata.transforms"),
+        EntryPoint("odd", "json:dumps", "nvsdata.transforms"),
+        EntryPoint("Fraction", "fractions:Fraction", "nvsdata.transforms"),
+    ]
+    monkeypatch.setattr(registry, "entry_points", lambda group: [p for p in points if p.group == group])
+    monkeypatch.setattr(TRANSFORMS, "_loaded", False)
+    with pytest.warns(UserWarning, match="installed package") as warned:
+        assert T.from_repr("Fraction(1, 2)") == 0.5
+    told = [str(warning.message) for warning in warned]
+    assert "the transform 'gone' (no_such_package:Thing) of an installed package can't be used" in told[0]
+    assert "'odd' (json:dumps)" in told[1]
+    assert repr(T.from_repr("Window(0, 5)")) == "Window(start=0, stop=5)"
+
+
+def test_a_test_of_first_bytes_that_raises(tmp_path):
+    def broken(head):
+        return head[10**6]
+
+    register_format(Format("broken", (".broken",), open=lambda *_: None, begins=broken))
+    (tmp_path / "a.bin").write_bytes(trees.atis(trees.some(1)))
+    with pytest.warns(UserWarning, match="the format 'broken' can't tell whether a file is one of its own: IndexError"):
+        assert nvsdata.read(tmp_path / "a.bin", sensor_size=(34, 34)) == trees.some(1)
