@@ -1,4 +1,4 @@
-"""Recognise scenes, each recording by a network trained on all others (thesis section 5.3.3, Table 5.6).
+"""Recognize scenes, each recording by a network trained on all others (thesis section 5.3.3, Table 5.6).
 
     python recipes/scenes_yupenn.py --root YUPENN-DVS --out runs/yupenn
 
@@ -22,7 +22,7 @@ import torch
 
 from nvsdata.common.files import Journal
 from nvsdata.datasets import YUPENNDVS
-from nvsdata.training import Team, data_of, loader, outputs, run, team
+from nvsdata.training import Team, data_of, loader, predict, run, team
 from nvsdata.training.actions import Actions
 
 
@@ -62,7 +62,7 @@ def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team)
     data, out = data_of(train_set, test_set, args.seed), args.out / f"fold-{fold:03d}"
     trainer = protocol.trainer(args, (240, 180), len(train_set.classes), data, here, out)
     trainer.fit(train_set, lambda epoch: {})
-    scores, targets = outputs(trainer.model, loader(test_set, 1, here, seed=args.seed, last=args.votes), here)
+    scores, targets = predict(trainer.model, loader(test_set, 1, here, seed=args.seed, last=args.votes), here)
     named = int(scores.log_softmax(1).sum(0).argmax())
     return {"fold": fold, "scene": train_set.classes[int(targets[0])], "named": train_set.classes[named]}
 

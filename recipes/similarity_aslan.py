@@ -3,8 +3,8 @@
     python recipes/train_actions.py --dataset ucf101-dvs --root UCF101-DVS --graphs 16 --out runs/ucf101
     python recipes/similarity_aslan.py --root ASLAN-DVS --model runs/ucf101/model.safetensors --out runs/aslan
 
-A network trained to recognise actions gives features of each recording: the last pooling and its global average,
-L2-normalised. Of a pair, the 12 similarities of Table 5.4 of either go into a support vector machine with a radial
+A network trained to recognize actions gives features of each recording: the last pooling and its global average,
+L2-normalized. Of a pair, the 12 similarities of Table 5.4 of either go into a support vector machine with a radial
 kernel, trained on nine of View 2's ten subsets and tested on the tenth. OUT receives the features (computed once, so a
 run that was stopped goes on), a line a subset in `log.jsonl`, and the ROC curve over all subsets, `roc.png`.
 """
@@ -101,8 +101,8 @@ def _file(name: str) -> str:
 
 def machine(train: np.ndarray, same: np.ndarray, test: np.ndarray, seed: int) -> np.ndarray:
     """Scores of `test`, above 0 for the same action: a machine with C and gamma chosen on `train`."""
-    centre, spread = train.mean(0), train.std(0)
-    train, test = (((part - centre) / np.where(spread > 0, spread, 1)).astype(np.float32) for part in (train, test))
+    center, spread = train.mean(0), train.std(0)
+    train, test = (((part - center) / np.where(spread > 0, spread, 1)).astype(np.float32) for part in (train, test))
     cv2.setRNGSeed(seed)
     svm = cv2.ml.SVM.create()
     svm.setType(cv2.ml.SVM_C_SVC)

@@ -26,7 +26,7 @@ import torch
 
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.damage import ERRORS
-from nvsdata.training import Halves, accuracies, loader, run, team
+from nvsdata.training import TrainTestSplit, accuracies, loader, run, team
 from nvsdata.training.actions import Actions
 
 
@@ -35,7 +35,7 @@ def main() -> None:
     protocol = Actions.of(args, flip=args.dataset != "dvs128-gesture")
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
-        halves = Halves(args.dataset, args.root, fold=args.fold, seed=args.seed, errors=args.errors)
+        halves = TrainTestSplit(args.dataset, args.root, fold=args.fold, seed=args.seed, errors=args.errors)
         train_set = halves.train(protocol.pipeline(training=True))
         test_set = halves.test(protocol.pipeline(training=False))
         trainer = protocol.trainer(args, halves.sensor_size, len(halves.classes), halves.data, here, args.out)

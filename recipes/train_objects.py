@@ -27,7 +27,7 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.damage import ERRORS
-from nvsdata.training import Halves, Trainer, accuracies, adam, loader, run, sgd, team
+from nvsdata.training import Trainer, TrainTestSplit, accuracies, adam, loader, run, sgd, team
 
 THESIS_EPOCHS = 150
 # below this many steps 150 epochs are too few to converge: a small dataset is passed more often
@@ -45,7 +45,7 @@ def main() -> None:
     args = arguments()
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
-        halves = Halves(args.dataset, args.root, seed=args.seed, errors=args.errors)
+        halves = TrainTestSplit(args.dataset, args.root, seed=args.seed, errors=args.errors)
         train_set = halves.train(pipeline(args, training=True))
         steps = -(-len(train_set) // args.batch)
         epochs = args.epochs or max(THESIS_EPOCHS, -(-LEAST_STEPS // steps))
@@ -114,8 +114,10 @@ def pipeline(args: argparse.Namespace, *, training: bool, within: tuple[float, f
     window = T.RandomWindow(args.window, within)
     if args.network in IMAGE_NETWORKS:
         scaled = T.Resize(round(args.image_size * 256 / 224))
-        crops = [T.RandomCrop(args.image_size), T.RandomMirror()] if training else [T.CentreCrop(args.image_size)]
-        return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalise()])
+        crops = (
+            [T.RandomCrop(args.image_size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(args.image_size)]
+        )
+        return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
     sample = [T.NonUniformSample(args.k)] if args.k > 1 else []
     graph = T.RadiusGraph(args.radius)
     if args.dataset == "n-mnist":

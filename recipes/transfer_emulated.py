@@ -25,7 +25,7 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.common.files import put
 from nvsdata.datasets import DATASETS
-from nvsdata.training import Halves, Team, Trainer, accuracies, loader, run, sgd, team
+from nvsdata.training import Team, Trainer, TrainTestSplit, accuracies, loader, run, sgd, team
 
 KINDS = ("real", "emulated")
 SIZE = 24
@@ -36,7 +36,9 @@ SCALES = (0.5, 0.667, 0.833, 1.0)
 def main() -> None:
     args = arguments()
     with team(args.device) as here, here.claiming(args.out):
-        data = {kind: Halves(args.dataset, getattr(args, kind), fold=args.fold, seed=args.seed) for kind in KINDS}
+        data = {
+            kind: TrainTestSplit(args.dataset, getattr(args, kind), fold=args.fold, seed=args.seed) for kind in KINDS
+        }
         if data["real"].classes != data["emulated"].classes:
             raise SystemExit(f"{args.real} and {args.emulated} don't have the same classes")
         table = {}
@@ -51,7 +53,7 @@ def main() -> None:
             put(args.out / "table.json", json.dumps(table, indent=1).encode())
 
 
-def trained(args: argparse.Namespace, halves: Halves, out: Path, here: Team) -> torch.nn.Module:
+def trained(args: argparse.Namespace, halves: TrainTestSplit, out: Path, here: Team) -> torch.nn.Module:
     """The 3D CNN, trained on one kind of recordings."""
     torch.manual_seed(args.seed)
     train_set = halves.train(train_pipeline(args))
@@ -64,7 +66,7 @@ def trained(args: argparse.Namespace, halves: Halves, out: Path, here: Team) -> 
     here.say(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
     # for use, where windows of a recording vote, one crop
-    trainer.publish(halves.classes, T.Compose([*volumes(args), T.MotionCrop(SIZE), T.Normalise()]), metrics)
+    trainer.publish(halves.classes, T.Compose([*volumes(args), T.MotionCrop(SIZE), T.Normalize()]), metrics)
     return model
 
 
@@ -83,17 +85,17 @@ class FourCropped:
 
 def volumes(args: argparse.Namespace) -> list[Any]:
     """From a recording to the frames of a random volume, [T, H, W]."""
-    return [T.SumFrames(args.fps, factor=8), T.Resize(SMALLER_SIDE), T.RandomVolume(args.frames)]
+    return [T.ToFrames(args.fps, factor=8), T.Resize(SMALLER_SIDE), T.RandomTemporalCrop(args.frames)]
 
 
 def train_pipeline(args: argparse.Namespace) -> T.Compose:
     """[T, 24, 24], augmented."""
-    return T.Compose([*volumes(args), T.RandomCrop(SIZE, SCALES), T.RandomMirror(), T.Normalise()])
+    return T.Compose([*volumes(args), T.RandomCrop(SIZE, SCALES), T.RandomHorizontalFlip(), T.Normalize()])
 
 
 def test_pipeline(args: argparse.Namespace) -> T.Compose:
     """[4, T, 24, 24]."""
-    return T.Compose([*volumes(args), T.FourCrops(SIZE), T.Normalise()])
+    return T.Compose([*volumes(args), T.FourCrops(SIZE), T.Normalize()])
 
 
 def as_text(table: dict[str, float]) -> str:

@@ -60,7 +60,7 @@ def evt2_bytes(ev: Events, header: bytes = b"% evt 2.0\n% end\n") -> bytes:
 
 
 def evt3_bytes(ev: Events, header: bytes = b"% evt 3.0\n% end\n", vectors: bool = True) -> bytes:
-    """EVT3: rows, columns and times as they change; neighbours in a row at one time as vectors."""
+    """EVT3: rows, columns and times as they change; neighbors in a row at one time as vectors."""
     out = bytearray(header)
 
     def word(kind: int, value: int) -> None:

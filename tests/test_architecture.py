@@ -82,3 +82,16 @@ def test_the_document_names_modules_that_are_there():
     listed = DESIGN.split("\n    nvsdata/\n", 1)[1].split("\n    recipes/", 1)[0]
     stems = {path.name for path in PACKAGE.rglob("*.py")}
     assert set(re.findall(r"\b\w+\.py\b", listed)) <= stems
+
+
+@pytest.mark.parametrize("package", [module for module, path in MODULES.items() if path.name == "__init__.py"])
+def test_no_name_of_a_package_hides_its_module(package):
+    """`from nvsdata.models import x` gives a function or a module of that name, not either by what was imported."""
+    names = {
+        alias.asname or alias.name
+        for node in ast.walk(ast.parse(MODULES[package].read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module in MODULES
+        for alias in node.names
+        if f"{node.module}.{alias.name}" not in MODULES
+    }
+    assert not {name for name in names if f"{package}.{name}" in MODULES}

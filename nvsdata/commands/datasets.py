@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
 
 def table(root: Path) -> str:
     """Every dataset with its facts, and where it is below `root` or how to get it."""
-    head = ("name", "sensor", "recordings", "classes", "size", "licence", "here, or how to get it")
+    head = ("name", "sensor", "recordings", "classes", "size", "license", "here, or how to get it")
     rows = [_row(kind, root) for name, kind in DATASETS.items() if name != "folder"]
     return aligned((head, *rows), left=True)
 
@@ -41,7 +41,7 @@ def _row(kind: type[EventDataset], root: Path) -> tuple[str, ...]:
         f"{info.recordings:,}",
         str(len(info.classes)),
         f"{size / 1e9:.1f} GB" if size else "?",
-        info.licence,
+        info.license,
         f"here: {place}" if place else how,
     )
 

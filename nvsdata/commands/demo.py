@@ -119,12 +119,12 @@ def scene(shape: str, rng: np.random.Generator) -> np.ndarray:
     distance = SHAPES[shape]
     radius, phase, turn = rng.uniform(6, 9), rng.uniform(0, 2 * math.pi), rng.uniform(-0.4, 0.4)
     tilt = rng.uniform(-0.25, 0.25)
-    centre = SIZE / 2 + rng.uniform(-2, 2, 2)
+    center = SIZE / 2 + rng.uniform(-2, 2, 2)
     y, x = np.mgrid[:SIZE, :SIZE]
     frames = np.empty((FRAMES, SIZE, SIZE), np.float32)
     for i, s in enumerate(np.linspace(0, 1, FRAMES)):
         angle = phase + 2 * math.pi * s
-        u, v = x - centre[0] - 4 * math.cos(angle), y - centre[1] - 4 * math.sin(angle)
+        u, v = x - center[0] - 4 * math.cos(angle), y - center[1] - 4 * math.sin(angle)
         c, d = math.cos(tilt + turn * s), math.sin(tilt + turn * s)
         edge = distance((c * u + d * v) / radius, (c * v - d * u) / radius) * radius
         frames[i] = 0.15 + 0.85 * np.clip(0.5 - edge, 0, 1)

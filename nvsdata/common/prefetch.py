@@ -27,7 +27,7 @@ def in_one_thread() -> bool:
     return _alone
 
 
-def ahead(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
+def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
     """The same items, made up to `DEPTH` ahead in a thread of their own; an error comes where its item would.
 
     Threads wait for each other, too: none is made until several items in a row took `worth` seconds of the

@@ -12,7 +12,7 @@ import torch
 from nvsdata.common.errors import FormatError
 from nvsdata.data.graph import Graph, grouped, pseudo
 
-# sensor and reach: of CIFAR10-DVS, radius graphs; of UCF101-DVS, nearest neighbours as `T.NearestGraph` has them
+# sensor and reach: of CIFAR10-DVS, radius graphs; of UCF101-DVS, nearest neighbors as `T.KNNGraph` has them
 RADIUS, NEAREST = ((128, 128), (3.0, 3.0)), ((240, 180), (8.0, 8.0))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
-from nvsdata.kernels.order import never_falls
+from nvsdata.kernels.order import is_sorted
 
 if TYPE_CHECKING:
     import torch
@@ -29,7 +29,7 @@ class Columns(NamedTuple):
     p: np.ndarray
 
     @classmethod
-    def room(cls, size: int) -> Columns:
+    def empty(cls, size: int) -> Columns:
         """Columns of `size` events, yet to be filled.
 
         Made by numpy, which asks for large pages: what numba allocates costs a fault every 4 KiB.
@@ -37,13 +37,13 @@ class Columns(NamedTuple):
         xy = np.empty(size, np.int16), np.empty(size, np.int16)
         return cls(np.empty(size, np.int64), *xy, np.empty(size, np.uint8))
 
-    def at(self, which: slice | np.ndarray) -> Columns:
+    def take(self, which: slice | np.ndarray) -> Columns:
         """The events under a slice, a boolean mask or indices."""
         return Columns(self.t[which], self.x[which], self.y[which], self.p[which])
 
     def first(self, count: int) -> Columns:
         """The first `count` events."""
-        return self if count == self.t.size else self.at(slice(count))
+        return self if count == self.t.size else self.take(slice(count))
 
 
 class Events:
@@ -100,7 +100,7 @@ class Events:
             hint = ORDER if int(columns.t.max()) < max(size) else ""
             outside = f"outside the sensor of {size[0]}x{size[1]}"
             raise ValueError(f"events reach {needed[0]}x{needed[1]} pixels, {outside}{hint}")
-        columns = in_order(columns)
+        columns = sort_by_time(columns)
         _check_time(columns.t, start, end)
         self._set(*columns, size, start, end)
 
@@ -122,7 +122,7 @@ class Events:
     @classmethod
     def empty(cls, sensor_size: tuple[int, int], start: int = 0, end: int | None = None) -> Events:
         """No events."""
-        return cls.trusted(Columns.room(0), sensor_size, start, end)
+        return cls.trusted(Columns.empty(0), sensor_size, start, end)
 
     def of(self, columns: Columns) -> Events:
         """Other events, sorted, of the same sensor and time."""
@@ -156,7 +156,7 @@ class Events:
         if isinstance(which, int | np.integer):
             at = range(len(self))[which]
             which = slice(at, at + 1)
-        return self.of(in_order(self.columns.at(which)))  # type: ignore[arg-type]
+        return self.of(sort_by_time(self.columns.take(which)))  # type: ignore[arg-type]
 
     def window(self, start: int | None = None, stop: int | None = None) -> Events:
         """Events with start <= t < stop (µs, absolute). Nothing is copied."""
@@ -203,14 +203,14 @@ class Events:
         return f"Events({len(self)} events, {self.duration} µs, {width}x{height})"
 
 
-def joined(pieces: Sequence[Columns]) -> Columns:
+def concatenate(pieces: Sequence[Columns]) -> Columns:
     """The events of all pieces, one after the other; of one piece, itself."""
     return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
 
 
 def together(pieces: Sequence[Events]) -> Events:
     """Pieces of a stream, in order of time, as one: it lasts from the first piece's start to the last one's end."""
-    columns = joined([piece.columns for piece in pieces])
+    columns = concatenate([piece.columns for piece in pieces])
     return Events.trusted(columns, pieces[0].sensor_size, pieces[0].start, pieces[-1].stated_end)
 
 
@@ -219,11 +219,11 @@ def extent(columns: Columns) -> tuple[int, int]:
     return (int(columns.x.max()) + 1, int(columns.y.max()) + 1) if columns.t.size else (1, 1)
 
 
-def in_order(columns: Columns) -> Columns:
+def sort_by_time(columns: Columns) -> Columns:
     """The columns sorted by time, stably; as they are if they are sorted."""
-    if never_falls(columns.t):
+    if is_sorted(columns.t):
         return columns
-    return columns.at(np.argsort(columns.t, kind="stable"))
+    return columns.take(np.argsort(columns.t, kind="stable"))
 
 
 def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int | None) -> tuple[int | None, int | None]:

@@ -19,7 +19,7 @@ class _Passing:
 
     def __init__(self, recording: Recording, start: int | None = None, stop: int | None = None) -> None:
         inertial = recording.inertial(start, stop)
-        self._inertial = inertial.at(np.argsort(inertial.t, kind="stable"))
+        self._inertial = inertial.take(np.argsort(inertial.t, kind="stable"))
         self._frames = recording.frames(start, stop)
         self._next = next(self._frames, None)
 
@@ -35,7 +35,7 @@ class _Passing:
             frames.append(self._next)
             self._next = next(self._frames, None)
         count = int(self._inertial.t.searchsorted(last, "right"))
-        samples, self._inertial = self._inertial.at(slice(count)), self._inertial.at(slice(count, None))
+        samples, self._inertial = self._inertial.take(slice(count)), self._inertial.take(slice(count, None))
         return frames, samples
 
 
@@ -50,7 +50,7 @@ def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
         last = min(min(times) + every - 1, EVER[1])
         count = int(events.t.searchsorted(last, "right"))
         end = max(events.start, min(last, events.end))
-        piece = Events.trusted(events.columns.at(slice(done, count)), events.sensor_size, events.start, end)
+        piece = Events.trusted(events.columns.take(slice(done, count)), events.sensor_size, events.start, end)
         yield Piece.beside(piece, *beside.until(last))
         done = count
     yield Piece.beside(Events.empty(events.sensor_size, events.start, events.end), about=recording.about)

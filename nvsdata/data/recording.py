@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import Columns, Events, in_order
+from nvsdata.data.events import Columns, Events, sort_by_time
 
 if TYPE_CHECKING:
     from nvsdata.data.samples import Frame, Inertial
@@ -100,8 +100,8 @@ class Recording(ABC):
 def anomalies_of(raw: Columns) -> dict[str, int]:
     """Steps back in time of events in file order, and events given twice, counted."""
     steps_back = int(np.count_nonzero(raw.t[1:] < raw.t[:-1]))
-    raw = in_order(raw)
-    # twins at one time need not be neighbours in the file
+    raw = sort_by_time(raw)
+    # twins at one time need not be neighbors in the file
     order = np.lexsort((raw.p, raw.y, raw.x, raw.t))
     twins = np.ones(max(raw.t.size - 1, 0), bool)
     for column in raw:

@@ -53,13 +53,13 @@ class Inertial(NamedTuple):
         """The samples of all parts, one after the other."""
         return cls(*map(np.concatenate, zip(*parts, strict=True))) if parts else cls.empty()
 
-    def at(self, which: slice | np.ndarray) -> Inertial:
+    def take(self, which: slice | np.ndarray) -> Inertial:
         """The samples under a slice or a boolean mask."""
         return Inertial(*(column[which] for column in self))
 
     def window(self, start: int | None, stop: int | None) -> Inertial:
         """The samples with start <= t < stop; None is without bound."""
-        return self.at((self.t >= _least(start)) & (self.t < _most(stop)))
+        return self.take((self.t >= _least(start)) & (self.t < _most(stop)))
 
     def shifted(self, time: int) -> Inertial:
         """The samples with `time` µs taken off their times."""

@@ -45,7 +45,7 @@ class ASLANDVS(CountedFromBottom):
         sensor_size=(240, 180),
         classes=("different", "same"),
         page="https://www.dropbox.com/sh/ie75dn246cacf6n",
-        licence="not stated",
+        license="not stated",
         archives=(
             Archive(
                 "Yin Bi - ASLAN-DVS-Part1.zip",

@@ -23,7 +23,7 @@ class ASLDVS(CountedFromBottom, RandomSplitDataset):
         sensor_size=(240, 180),
         classes=tuple("abcdefghiklmnopqrstuvwxy"),
         page="https://www.dropbox.com/sh/ibq0jsicatn7l6r/AACNrNELV56rs1YInMWUs9CAa",
-        licence="not stated",
+        license="not stated",
         # the host zips the folder anew for everyone, so that there is no one hash
         archives=(Archive("ICCV2019_DVS_dataset.zip", "", (), "ICCV2019_DVS_dataset", 5807293496),),
         recordings=100_800,

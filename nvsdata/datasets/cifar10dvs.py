@@ -43,7 +43,7 @@ class CIFAR10DVS(RandomSplitDataset):
         sensor_size=(128, 128),
         classes=tuple(ZIPS),
         page="https://figshare.com/articles/dataset/CIFAR10-DVS_New/4724671",
-        licence="CC BY 4.0 (as reported)",
+        license="CC BY 4.0 (as reported)",
         archives=tuple(
             Archive(f"{name}.zip", md5, figshare(number), name, size) for name, (number, size, md5) in ZIPS.items()
         ),

@@ -38,7 +38,7 @@ class DVS128Gesture(EventDataset):
     """DVS128 Gesture (Amir et al. 2017): 11 gestures of 29 people in 5 lightings, a DVS128.
 
     122 trials, `user<NN>_<lighting>.aedat` with `user<NN>_<lighting>_labels.csv`; a sample is a
-    labelled slice of a trial, of which only its own packets are read. `trials_to_train.txt` and
+    labeled slice of a trial, of which only its own packets are read. `trials_to_train.txt` and
     `trials_to_test.txt` split them; where these are missing, users 1 to 23 are for training.
     A label that ends after the next one begins (user22_led has one) is cut there.
 
@@ -53,7 +53,7 @@ class DVS128Gesture(EventDataset):
         sensor_size=(128, 128),
         classes=CLASSES,
         page="https://ibm.ent.box.com/s/3hiq58ww1pbbjrinh367ykfdf60xsfm8/folder/50167556794",
-        licence="CC BY 4.0",
+        license="CC BY 4.0",
         archives=(
             Archive(
                 "DvsGesture.tar.gz",
@@ -68,7 +68,7 @@ class DVS128Gesture(EventDataset):
     )
 
     def found(self) -> list[Sample]:
-        """One sample a labelled gesture, by trial."""
+        """One sample a labeled gesture, by trial."""
         found: list[Sample] = []
         for folder, names in self.listing.items():
             for name in names:

@@ -56,7 +56,7 @@ class Info:
     sensor_size: tuple[int, int] | None
     classes: tuple[str, ...]
     page: str
-    licence: str
+    license: str
     archives: tuple[Archive, ...] = ()
     recordings: int = 0
     holds: tuple[Holding, ...] = ()

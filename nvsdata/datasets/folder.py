@@ -32,7 +32,7 @@ class EventFolder(EventDataset):
         sensor_size=None,
         classes=(),
         page="your own files",
-        licence="your own",
+        license="your own",
         tree="<class>/<recording>, or train/<class>/<recording> and test/<class>/<recording>",
     )
     splits = ("all", *PARTS)

@@ -33,7 +33,7 @@ class HMDB51DVS(CountedFromBottom):
         sensor_size=(240, 180),
         classes=tuple(CLASSES),
         page="https://github.com/PIX2NVS/NVS_FeatureLearning",
-        licence="not stated",
+        license="not stated",
         archives=(Archive("HMDB-DVS.zip", "", (google_drive("1TVHsmv-Pt2jZVcxfPgpGonXDzqbAAGDB"),), "HMDB51_DVS"),),
         recordings=6_766,
         known_from="the paper; one of the releases has 6,765",

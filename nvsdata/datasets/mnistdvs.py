@@ -43,7 +43,7 @@ class MNISTDVS(EventDataset):
         sensor_size=(128, 128),
         classes=tuple("0123456789"),
         page="http://www2.imse-cnm.csic.es/caviar/MNISTDVS.html",
-        licence="not stated",
+        license="not stated",
         archives=tuple(
             Archive(f"grabbed_data{d}.zip", sha256, (f"{_CAVIAR}/grabbed_data{d}.zip",), f"grabbed_data{d}", size)
             for d, (size, sha256) in enumerate(ZIPS)

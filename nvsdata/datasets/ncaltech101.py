@@ -59,7 +59,7 @@ class NCaltech101(RandomSplitDataset):
         sensor_size=(240, 180),
         classes=tuple(CLASSES),
         page="https://www.garrickorchard.com/datasets/n-caltech101",
-        licence="CC BY 4.0 (as reported)",
+        license="CC BY 4.0 (as reported)",
         archives=(
             Archive(
                 "Caltech101.zip",

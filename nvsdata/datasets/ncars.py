@@ -22,7 +22,7 @@ class NCARS(EventDataset):
         sensor_size=(120, 100),
         classes=("background", "cars"),
         page="https://www.prophesee.ai/2018/03/13/dataset-n-cars/",
-        licence="Prophesee's, for non-commercial research (as reported)",
+        license="Prophesee's, for non-commercial research (as reported)",
         archives=(
             Archive("Prophesee_Dataset_n_cars.zip", "553ce464d6e5e617b3c21ce27c19368e", (), "n-cars", 450543128),
         ),

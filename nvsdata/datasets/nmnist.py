@@ -38,8 +38,8 @@ class NMNIST(EventDataset):
     `Train/<digit>/<id>.bin` and `Test/<digit>/<id>.bin` below `root`. The polarity bit is handed out
     as it is in the file.
 
-    `first_saccade` keeps the events of the first 100 ms, `stabilised` takes the camera's motion out
-    of the coordinates (see `stabilise`). `split` is "train", "test" or "all". FileNotFoundError if
+    `first_saccade` keeps the events of the first 100 ms, `stabilized` takes the camera's motion out
+    of the coordinates (see `stabilize`). `split` is "train", "test" or "all". FileNotFoundError if
     `root` or its split isn't there.
     """
 
@@ -48,7 +48,7 @@ class NMNIST(EventDataset):
         sensor_size=(34, 34),
         classes=tuple("0123456789"),
         page="https://www.garrickorchard.com/datasets/n-mnist",
-        licence="CC BY-SA 4.0",
+        license="CC BY-SA 4.0",
         archives=(
             Archive(
                 "Train.zip",
@@ -80,7 +80,7 @@ class NMNIST(EventDataset):
         split: str = "train",
         *,
         first_saccade: bool = False,
-        stabilised: bool = False,
+        stabilized: bool = False,
         fold: int | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
@@ -88,7 +88,7 @@ class NMNIST(EventDataset):
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
-        self.first_saccade, self.stabilised = first_saccade, stabilised
+        self.first_saccade, self.stabilized = first_saccade, stabilized
         super().__init__(
             root,
             split,
@@ -103,10 +103,10 @@ class NMNIST(EventDataset):
     def _view(self, recording: Recording) -> Recording:
         if self.first_saccade:
             recording = Slice(recording, 0, FIRST_SACCADE_US)
-        return Mapped(recording, stabilise) if self.stabilised else recording
+        return Mapped(recording, stabilize) if self.stabilized else recording
 
 
-def stabilise(events: Events) -> Events:
+def stabilize(events: Events) -> Events:
     """N-MNIST's saccades undone, as the dataset's authors do it: the digit stands still; pixels that leave are dropped.
 
     During the first 105 ms the picture moves by (3.5, 7) pixels, then by (3.5, -7), then by (-7, 0).

@@ -41,7 +41,7 @@ class YUPENNDVS(CountedFromBottom):
         sensor_size=(240, 180),
         classes=CLASSES,
         page="https://github.com/PIX2NVS/NVS_FeatureLearning",
-        licence="not stated",
+        license="not stated",
         recordings=420,
         holds=tuple(Holding(name, 30) for name in CLASSES),
         known_from="the set of videos; nobody describes the recordings",

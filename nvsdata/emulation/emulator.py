@@ -23,7 +23,7 @@ METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}
 # linear times need no key: they follow from the raster order
 TIMINGS = {"interpolated": INTERPOLATED, "random": RANDOM}
 LONGEST = 2**31  # µs between frames that keys can hold
-BAND = 4 * TILE[0]  # rows that are worked off at a time where no pixel looks at its neighbours
+BAND = 4 * TILE[0]  # rows that are worked off at a time where no pixel looks at its neighbors
 KEPT = 2 * DEPTH + 3  # frames whose keys may be waiting to be read
 
 
@@ -42,7 +42,7 @@ class Spikes:
         count, keys = self.keys.size, self.keys
         if count == 0:
             return Events.empty(self.sensor_size, self.before, self.now)
-        columns = Columns.room(count)
+        columns = Columns.empty(count)
         bits = int(self.now - self.before).bit_length() if self.timestamps in TIMINGS else 0
         read(keys, bits, self.before, *columns)
         if self.timestamps == "fixed":
@@ -179,9 +179,9 @@ def _alike(frame: Frame, other: Frame) -> bool:
 
 def _kind(frame: Frame) -> str:
     """What all frames of a video must share, in words."""
-    height, width, *colours = frame.pixels.shape
+    height, width, *colors = frame.pixels.shape
     levels = "" if frame.levels == FULL else " from {} to {}".format(*frame.levels)
-    return f"{width}x{height} {'colour' if colours else 'grey'} {frame.pixels.dtype}{levels}"
+    return f"{width}x{height} {'color' if colors else 'gray'} {frame.pixels.dtype}{levels}"
 
 
 def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
@@ -215,7 +215,7 @@ def perceived(settings: Settings, q: np.ndarray, number: Any) -> np.ndarray:
 
 
 def _table(settings: Settings, first: Frame, number: Any) -> np.ndarray:
-    """What bytes are seen as, of each grey value, or of luminance in thousandths; see `kernels.emulate.luminance`."""
+    """What bytes are seen as, of each gray value, or of luminance in thousandths; see `kernels.emulate.luminance`."""
     if first.pixels.ndim == 2:
         return perceived(settings, stretched(np.arange(256), first.levels), number)
     # of logarithms in float32 there is none: they are computed faster than looked up

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nvsdata.data.events import Columns, Events, in_order
+from nvsdata.data.events import Columns, Events, sort_by_time
 from nvsdata.emulation.settings import Settings
 from nvsdata.kernels.spikes import read_out
 
@@ -48,7 +48,7 @@ class Imperfections:
         joined = [
             np.concatenate((ours, more.astype(ours.dtype))) for ours, more in zip(events.columns, extra, strict=True)
         ]
-        columns = in_order(Columns(*joined))
+        columns = sort_by_time(Columns(*joined))
         if settings.refractory or settings.bandwidth:
             times, kept, self._busy = read_out(
                 columns.t,
@@ -62,6 +62,6 @@ class Imperfections:
                 before,
             )
             self._busy -= now - before
-            columns = columns._replace(t=times).at(kept)
+            columns = columns._replace(t=times).take(kept)
         last = int(columns.t[-1]) if columns.t.size else now
         return Events.trusted(columns, self.size, before, max(now, last))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from nvsdata.common.prefetch import ahead
+from nvsdata.common.prefetch import prefetch
 from nvsdata.data.events import Events, together
 from nvsdata.emulation.emulator import Emulator, Spikes
 from nvsdata.emulation.imperfections import Imperfections
@@ -22,7 +22,7 @@ class PIX2NVS(Settings):
     How a pixel's brightness is seen (3.2.1):
 
     - `hue`: b / (r + g) in place of luminance, 0.299 r + 0.587 g + 0.114 b (black: 0)
-    - `mode` (LICE_mode): "LI" logarithm (3.1), "CE" contrast to the four neighbours (3.2), "LICE" the
+    - `mode` (LICE_mode): "LI" logarithm (3.1), "CE" contrast to the four neighbors (3.2), "LICE" the
       logarithm of that
     - `t_log` (T_log): brightness up to which (3.1) is linear; 0 for the plain logarithm
     - `gamma` (γ): of the perceptual luminance that CE takes
@@ -32,7 +32,7 @@ class PIX2NVS(Settings):
     When it fires (3.2.2):
 
     - `difference` (dif): to the reference at the same place (3.3), or to the average of its four or
-      the minimum of its two diagonal neighbours (3.4), borders replicated
+      the minimum of its two diagonal neighbors (3.4), borders replicated
     - `inhibition` (B): of each B x B block only the largest |d| stays (3.5); 1 for none
     - `threshold` (T_map): |d| at which a position fires
     - `max_events` (M_max): most events of a position and frame, out of floor(|d| / T_map) (3.8)
@@ -74,7 +74,7 @@ class PIX2NVS(Settings):
         """Events of each frame in turn, those of F_n since F_n-1; constant memory.
 
         `frames`: a video file (luminance is the luma that its codec stores, where it is of 8 bits), a
-        camera's number, or an iterable of arrays or image files. Arrays are [H, W] grey, [H, W, 3] RGB or
+        camera's number, or an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
         [H, W, 4] RGBA; uint8, or uint16 and floats in [0, 1], which are scaled to 255. `fps`: frame n is at
         n / fps s, whatever the file says (default: the file's own times, a camera's clock, 30 a second for
         arrays); or `times`, in µs, one a frame, rising. `size`: (width, height) that frames are scaled to.
@@ -83,7 +83,7 @@ class PIX2NVS(Settings):
         Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames
         that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.
         """
-        spikes = ahead(self._spikes(frames_of(frames, fps=fps, times=times, size=size, colour=self.hue)), WORTH)
+        spikes = prefetch(self._spikes(frames_of(frames, fps=fps, times=times, size=size, color=self.hue)), WORTH)
         return self._events(spikes)
 
     def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:

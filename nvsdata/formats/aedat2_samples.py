@@ -20,7 +20,7 @@ from nvsdata.data.events import LATEST, Events
 from nvsdata.data.samples import Frame, Inertial, Piece
 from nvsdata.kernels.aedat import DAVIS, aedat2_encode
 from nvsdata.kernels.aedat_frames import FRAME_FACTS, next_frame
-from nvsdata.kernels.order import never_falls
+from nvsdata.kernels.order import is_sorted
 
 BESIDE, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10
@@ -115,7 +115,7 @@ class _Line:
         if not self._waiting:
             return
         t, raw = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
-        if not never_falls(t):
+        if not is_sorted(t):
             order = np.argsort(t, kind="stable")
             t, raw = t[order], raw[order]
         count = t.size if until is None else int(t.searchsorted(until))

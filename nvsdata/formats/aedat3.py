@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import EVER, LATEST, Columns, Events, in_order
+from nvsdata.data.events import EVER, LATEST, Columns, Events, sort_by_time
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
@@ -101,7 +101,7 @@ class Aedat3Recording(FileRecording):
 
     def _of_packets(self, packets: np.ndarray) -> Columns:
         width, height = self._size or (0, 0)
-        columns = Columns.room(int(packets[:, NUMBER].sum()))
+        columns = Columns.empty(int(packets[:, NUMBER].sum()))
         kept = unmarked = dropped = 0
         for some, raw, base in self._read(packets):
             count, bad, without, strayed = aedat3_decode(raw, base, some, width, height, kept, *columns)
@@ -146,13 +146,13 @@ class Aedat3Recording(FileRecording):
         for k in range(len(packets)):
             count, _, _, strayed = aedat3_decode(raw, base, packets[k : k + 1], width, height, kept, *columns)
             if strayed >= 0:
-                some = columns.at(slice(kept, kept + count))
+                some = columns.take(slice(kept, kept + count))
                 # times have 31 bits and a sign
                 since = (some.t - packets[k, ADDED]).astype(np.uint32).view(np.int32).astype(np.int64)
                 fits = kept_words(since, 40, DISORDER_US) & (since >= 0)
                 lost += count - np.count_nonzero(fits)
                 count = np.count_nonzero(fits)
-                for column, fitting in zip(columns, some.at(fits), strict=True):
+                for column, fitting in zip(columns, some.take(fits), strict=True):
                     column[kept : kept + count] = fitting
             kept += count
         return kept - begin, lost
@@ -165,9 +165,9 @@ class Aedat3Recording(FileRecording):
         if not self.strict:
             return None
         first, last = self._reach
-        columns = in_order(self._of_packets(self.packets[(last >= start) & (first < stop)]))
+        columns = sort_by_time(self._of_packets(self.packets[(last >= start) & (first < stop)]))
         a, b = columns.t.searchsorted(start, "left"), columns.t.searchsorted(stop, "left")
-        return columns.at(slice(a, b))
+        return columns.take(slice(a, b))
 
     def decode_span(self) -> tuple[int, int] | None:
         if not self.strict or self.packets[:, SOME_INVALID].any():

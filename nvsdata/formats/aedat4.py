@@ -98,7 +98,7 @@ class Aedat4Recording(FileRecording):
                 raise
             self._repair("packets from the first damaged one on, cut off", 1)
         if not parts:
-            return Columns.room(0)
+            return Columns.empty(0)
         events = self._timed(np.concatenate(parts))
         return Columns(*(np.ascontiguousarray(column) for column in self._inside([events[name] for name in EVENTS])))
 

@@ -19,7 +19,7 @@ from nvsdata.data.events import (
     check_sensor_size,
     check_window,
     extent,
-    in_order,
+    sort_by_time,
 )
 from nvsdata.data.pieces import in_pieces
 from nvsdata.data.recording import Recording, anomalies_of
@@ -103,7 +103,7 @@ class FileRecording(Recording):
             return self._whole
         columns = self._sound(self.decode())
         if not self._rises:
-            columns = in_order(columns)
+            columns = sort_by_time(columns)
         if self._size is None:
             self._size = extent(columns)
         if columns.t.size and self._begins is not None and self._ends is not None:

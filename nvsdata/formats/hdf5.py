@@ -35,7 +35,7 @@ from nvsdata.formats.hdf5_writer import NAME, VERSION, write
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.kernels.order import never_falls
+from nvsdata.kernels.order import is_sorted
 
 STORE = "nvsdata-store"
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
@@ -124,7 +124,7 @@ class Hdf5Recording(FileRecording):
         ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
         if not ends or ends[0] < LATEST - self._offset:
             t = t.astype(np.int64, copy=False)
-            self._rises = never_falls(t)
+            self._rises = is_sorted(t)
             ends = [int(end) for end in ((t[0], t[-1]) if self._rises else (t.min(), t.max()))] if t.size else []
         far = next((end for end in ends if not -LATEST < end + self._offset < LATEST), None)
         if far is not None:

@@ -14,7 +14,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.formats.hdf5_file import check_stored, dataset_of, opened, places_of
 from nvsdata.formats.ondisk import OnDisk, OpenFile
-from nvsdata.kernels.order import never_falls
+from nvsdata.kernels.order import is_sorted
 
 BLOCK = 1 << 20  # bytes that are converted at a time: they stay in the cache
 SCANNED = 1 << 20  # values that are looked at together
@@ -141,6 +141,6 @@ def rises(column: Column, source: Source) -> bool:
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))
         # of one type, or the kernel is compiled for each; what is beyond it wraps, and falls
-        if not never_falls(values.astype(np.int64, copy=False)):
+        if not is_sorted(values.astype(np.int64, copy=False)):
             return False
     return True

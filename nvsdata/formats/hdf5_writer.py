@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata.common.files import flushed_early
-from nvsdata.data.events import Columns, Events, joined
+from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.formats.hdf5_disk import created
 from nvsdata.formats.hdf5_samples import Beside
 from nvsdata.formats.writing import Pieces
@@ -27,7 +27,7 @@ def write(pieces: Pieces, path: Path) -> None:
     with created(path) as (file, disk):
         beside = Beside(file, disk.check)
         chunks = _of_one_size(beside.passing(pieces))
-        waiting = list(islice(chunks, CONTIGUOUS + 1)) or [Columns.room(0)]
+        waiting = list(islice(chunks, CONTIGUOUS + 1)) or [Columns.empty(0)]
         clock, offset = _clock(waiting)
         kinds = {"t": clock, "x": _coordinate(width), "y": _coordinate(height), "p": np.uint8}
         file.attrs.update(format=np.bytes_(NAME), version=VERSION, width=width, height=height)
@@ -35,7 +35,7 @@ def write(pieces: Pieces, path: Path) -> None:
             with flushed_early(path):
                 offset = _write_chunks(file, disk.check, chain(waiting, chunks), kinds, offset)
         else:
-            for name, column in zip(kinds, _stored(joined(waiting), kinds, offset), strict=True):
+            for name, column in zip(kinds, _stored(concatenate(waiting), kinds, offset), strict=True):
                 file.create_dataset(f"events/{name}", data=column)
         if offset:
             file["t_offset"] = np.int64(offset)
@@ -104,12 +104,12 @@ def _widened(file: Any, offset: int) -> Any:
 
 def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
     """The same events in pieces of `CHUNK`, only the last one shorter."""
-    room, filled = Columns.room(CHUNK), 0
+    room, filled = Columns.empty(CHUNK), 0
     for piece in pieces:
         rest = piece.columns
         while rest.t.size:
             part = rest.first(CHUNK - filled)
-            rest = rest.at(slice(part.t.size, None))
+            rest = rest.take(slice(part.t.size, None))
             if part.t.size == CHUNK:
                 yield part
                 continue
@@ -118,6 +118,6 @@ def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
             filled += part.t.size
             if filled == CHUNK:
                 yield room
-                room, filled = Columns.room(CHUNK), 0
+                room, filled = Columns.empty(CHUNK), 0
     if filled:
         yield room.first(filled)

@@ -21,7 +21,7 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed
-from nvsdata.kernels.order import never_falls
+from nvsdata.kernels.order import is_sorted
 
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "pol", "polarity")}
 POLARITIES = (-1, 0, 1)
@@ -86,7 +86,7 @@ class NpyRecording(RecordFile):
 
     def decode(self) -> Columns:
         columns = self._between(0, self.records)
-        self._rises = never_falls(columns.t)
+        self._rises = is_sorted(columns.t)
         if self.strict and not self._rises:
             begins = np.arange(0, self.records, self.block)
             edges = np.minimum.reduceat(columns.t, begins), np.maximum.reduceat(columns.t, begins)

@@ -12,7 +12,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_sensor_size
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
-from nvsdata.kernels.order import never_falls
+from nvsdata.kernels.order import is_sorted
 
 
 class Blocks(NamedTuple):
@@ -63,7 +63,7 @@ class RecordFile(FileRecording):
         """FormatError if windows would miss events, by the times of all blocks, each int64 [M]."""
         early, late = lowest[1:] < starts[:-1], highest[:-2] > starts[2:]
         # where blocks themselves are in disorder, windows are cut from the whole
-        if never_falls(starts) and (early.any() or late.any()):
+        if is_sorted(starts) and (early.any() or late.any()):
             where = np.argmax(early) + 1 if early.any() else np.argmax(late)
             reason = f"events strayed by more than {self.block} records: they are out of order, or damaged"
             raise FormatError(self.path, self._byte(int(where) * self.block), reason)
@@ -87,7 +87,7 @@ class RecordFile(FileRecording):
         times, _, ordered, span = self.blocks
         if not self.records or ordered:
             return span
-        if ordered is False or not never_falls(times):
+        if ordered is False or not is_sorted(times):
             return None
         # events that strayed over a block's edge may be earlier than the first, or later than the last
         head = self._between(0, min(2 * self.block, self.records)).t
@@ -106,7 +106,7 @@ class RecordFile(FileRecording):
         if not self.strict:
             return None
         times, _, ordered, _ = self.blocks
-        if ordered is False or (ordered is None and not never_falls(times)):
+        if ordered is False or (ordered is None and not is_sorted(times)):
             return None
         margin = 0 if ordered else 1
         first = max(int(times.searchsorted(start, "left")) - 1 - margin, 0)
@@ -114,10 +114,10 @@ class RecordFile(FileRecording):
         lo, hi = first * self.block, min(last * self.block, self.records)
         columns = self._between(lo, max(lo, hi))
         t = columns.t
-        if not ordered and (not never_falls(t) or (hi < self.records and t.size and t[-1] > times[last])):
+        if not ordered and (not is_sorted(t) or (hi < self.records and t.size and t[-1] > times[last])):
             return None
         a, b = t.searchsorted(start, "left"), t.searchsorted(stop, "left")
-        return columns.at(slice(a, b))
+        return columns.take(slice(a, b))
 
 
 class PiecedFile(RecordFile):
@@ -149,7 +149,7 @@ class PiecedFile(RecordFile):
     def _run(self, lo: int, hi: int) -> tuple[Columns, np.ndarray]:
         """Events of records lo..hi, and the state after them; `lo` begins a block."""
         state = self._state(lo)
-        columns = Columns.room(self._room(lo, hi))
+        columns = Columns.empty(self._room(lo, hi))
         kept, record = 0, lo
         for raw in self._pieces(lo, hi):
             count, bad = self._piece(raw, state, kept, columns)

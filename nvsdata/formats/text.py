@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import Columns, joined
+from nvsdata.data.events import Columns, concatenate
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels import text as kernel
-from nvsdata.kernels.order import never_falls
+from nvsdata.kernels.order import is_sorted
 
 FAULTS = {
     kernel.BAD_NUMBER: "not a number",
@@ -60,7 +60,7 @@ class TextRecording(FileRecording):
 
     def decode(self) -> Columns:
         columns = self._parse(self._body, self._contents.size)
-        self._rises = never_falls(columns.t)
+        self._rises = is_sorted(columns.t)
         if self._sorted and self.strict and not self._rises:
             late = int(np.argmax(columns.t[1:] < columns.t[:-1])) + 1
             raise FormatError(self.path, None, f"event {late} is earlier than the one before it")
@@ -71,9 +71,9 @@ class TextRecording(FileRecording):
         cuts = [start]
         while cuts[-1] < stop:
             cuts.append(min(self._line_from(cuts[-1] + PIECE)[0], stop))
-        parsed = [self._lines(lo, hi) for lo, hi in pairwise(cuts)] or [(Columns.room(0), 0)]
+        parsed = [self._lines(lo, hi) for lo, hi in pairwise(cuts)] or [(Columns.empty(0), 0)]
         self._repair("lines that are no event, dropped", sum(dropped for _, dropped in parsed))
-        columns = joined([columns for columns, _ in parsed])
+        columns = concatenate([columns for columns, _ in parsed])
         return Columns(*self._inside(columns)) if self._size is not None else columns
 
     def _lines(self, start: int, stop: int) -> tuple[Columns, int]:
@@ -99,9 +99,9 @@ class TextRecording(FileRecording):
         columns = self._parse(lo, hi)
         t = columns.t
         first, last = t.searchsorted((start, stop)).tolist()
-        if not never_falls(t) or (first == 0 and lo > self._body) or (last == t.size and hi < size):
+        if not is_sorted(t) or (first == 0 and lo > self._body) or (last == t.size and hi < size):
             return None
-        return columns.at(slice(first, last))
+        return columns.take(slice(first, last))
 
     def _around(self, time: int) -> tuple[int, int]:
         """Two bytes, the first at a line's begin, between which the first event begins at or after `time`."""

@@ -103,7 +103,7 @@ def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, st
 def _dvs128_odd(words, before, offset, right, bottom, t, x, y, p):
     """Decode DVS128 records as if all were events; how many are not, or step back from those `before` them."""
     odd = 0
-    # no value is carried from turn to turn, or the loop would not be vectorised
+    # no value is carried from turn to turn, or the loop would not be vectorized
     for i in range(_U(t.size)):
         address, time = _swapped(words[_U(2) * i]), _swapped(words[_U(2) * i + _U(1)])
         odd += ((address & np.uint32(0x80008000)) != 0) | (time < _swapped(before[_U(2) * i + _U(1)]))

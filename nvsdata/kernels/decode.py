@@ -240,7 +240,7 @@ def dat_decode(raw, block, version, width, height, state, kept, t, x, y, p):
 def _dat_odd(words, before, offset, right, bottom, t, x, y, p):
     """Decode version 2 records as if none were odd; how many are, or step back from those `before` them."""
     odd = 0
-    # no value is carried from turn to turn, or the loop would not be vectorised
+    # no value is carried from turn to turn, or the loop would not be vectorized
     for i in range(_U(t.size)):
         time, address = words[_U(2) * i], words[_U(2) * i + _U(1)]
         column = np.int32(address & np.uint32(0x3FFF))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-MARGIN = 6  # pixels around a map, and up to which neighbours are looked up one by one
+MARGIN = 6  # pixels around a map, and up to which neighbors are looked up one by one
 CELL = 16  # pixels of the cells that are searched beyond that
 UNASKED = 21  # the pixel itself and the twenty nearest
 SPARSE = 64  # pixels a spike from which on cells are searched at once
@@ -47,7 +47,7 @@ def spikes(sums, touched, count):
 
 
 def _around() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Neighbours within `MARGIN` in order of distance: dy, dx and squared distances."""
+    """Neighbors within `MARGIN` in order of distance: dy, dx and squared distances."""
     dy, dx = np.mgrid[-MARGIN : MARGIN + 1, -MARGIN : MARGIN + 1].reshape(2, -1)
     squares = dx * dx + dy * dy
     order = np.argsort(squares, kind="stable")[: np.count_nonzero(squares <= MARGIN * MARGIN)]

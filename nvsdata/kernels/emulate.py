@@ -2,7 +2,7 @@
 
 Which tiles those are, `kernels.tiles` finds. Arrays: `frame` uint8 [H, W * C]; `plane`, `level`, `reference`,
 `difference` of one float type [H, W]; marks of tiles bool [tile rows, tile columns].
-What looks at no neighbours is done band by band, so that a band stays in the cache from byte to event.
+What looks at no neighbors is done band by band, so that a band stays in the cache from byte to event.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _one = np.float32(1)
 
 @njit(cache=True, nogil=True)
 def luminance(frame, first_weight, rule, tiles, plane):
-    """`plane` = what the brightness of pixels of one byte, grey, or three is seen as.
+    """`plane` = what the brightness of pixels of one byte, gray, or three is seen as.
 
     Of one byte that is the rule's table[byte], of three table[1000 q], q = 0.299 r + 0.587 g + 0.114 b, or (3.1) if
     the table is empty. `first_weight`, in thousandths, is that of the first byte: 299 for r, g, b, 114 for b, g, r.
@@ -35,7 +35,7 @@ def luminance(frame, first_weight, rule, tiles, plane):
     for r in range(tiles.shape[0]):
         right = 0
         while right < tiles.shape[1]:
-            # neighbouring tiles at one go
+            # neighboring tiles at one go
             left = right
             while right < tiles.shape[1] and tiles[r, right] == tiles[r, left]:
                 right += 1
@@ -71,7 +71,7 @@ def _look_up(places, table, out):
 
 @njit(cache=True, nogil=True)
 def contrast(plane, tiles, then_log, t_log, slope, level):
-    """Mean distance from the four neighbours, (3.2), borders replicated; then (3.1) if `then_log`."""
+    """Mean distance from the four neighbors, (3.2), borders replicated; then (3.1) if `then_log`."""
     height, width = plane.shape
     for tile in np.ndindex(tiles.shape):
         if not tiles[tile]:
@@ -151,7 +151,7 @@ def update(level, reference, difference, rule, active, still):
 
     An alpha >= 1 takes the level itself. Without `everywhere` only where |difference| >= threshold. A tile
     is still if, unchanged, it would not fire: co-located differences then only shrink, so none may
-    reach `calm`; others depend on neighbours, so no value may have moved, nor any fired.
+    reach `calm`; others depend on neighbors, so no value may have moved, nor any fired.
     """
     threshold, alpha, everywhere, calm = rule.threshold, rule.alpha, rule.everywhere, rule.calm
     for tile in np.ndindex(active.shape):

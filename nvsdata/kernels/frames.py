@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def sum_frames(x, y, p, bounds, sensor_size, factor):
+def to_frames(x, y, p, bounds, sensor_size, factor):
     """Mean over cells of the polarity, +1 or -1, summed at their pixels: float32 [frames, H, W]. O(N + output).
 
     Frame n has the events from `bounds[n]` to `bounds[n + 1]`.

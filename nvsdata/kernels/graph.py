@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.neighbours import nearest_edges, radius_edges
+from nvsdata.kernels.neighbors import nearest_edges, radius_edges
 
 
 @njit(cache=True, nogil=True)

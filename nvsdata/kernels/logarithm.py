@@ -26,7 +26,7 @@ def logarithm(thousandths, t_log, slope, scratch, out):
     exponent, bits = scratch[0], scratch[1]
     part = bits.view(np.float32)
     limit = _F(1000) * t_log  # compared in thousandths, which are whole: (3.1) jumps at t_log
-    # a loop for each step, so that each is vectorised
+    # a loop for each step, so that each is vectorized
     for i in range(n):
         part[i] = _F(thousandths[i]) * _F(0.001)
     for i in range(n):

@@ -18,7 +18,7 @@ FEW = 3  # events of a position that are written whether they count or not
 _U, _U32, _I32 = np.uint64, np.uint32, np.int32
 
 
-# with Python's error model every division asks for a zero, and isn't vectorised
+# with Python's error model every division asks for a zero, and isn't vectorized
 @njit(cache=True, nogil=True, error_model="numpy")
 def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
     """Events where |difference| >= threshold, (3.6) and (3.8), as keys in raster order.
@@ -38,7 +38,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
         m = _fired(difference[y], active[y // TILE[0]], threshold, mask, x)
         if m == 0:
             continue
-        # a loop for each array, so that each is vectorised
+        # a loop for each array, so that each is vectorized
         for j in range(_U(m)):
             ratio[j] = difference[y, _U(x[j])]
         for j in range(_U(m)):

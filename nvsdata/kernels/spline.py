@@ -55,7 +55,7 @@ def spline_plan(source, target, u, size, nodes):
     source's features to a row. O(4 E + size² + rows).
 
     Returns `cell_start` int64 [size² + 1], `row_node` int64 [R], and for each entry `entry_row`
-    int32, `entry_source` int32 and `entry_share` (type of u), the mean over the neighbours
+    int32, `entry_source` int32 and `entry_share` (type of u), the mean over the neighbors
     included.
     """
     edges = source.size

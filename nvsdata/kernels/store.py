@@ -53,7 +53,7 @@ def stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p):
     """
     first = _bisect(t, base, start)
     count = max(_bisect(t, base, stop) - first, 0)
-    # a loop a column, for the compiler to vectorise
+    # a loop a column, for the compiler to vectorize
     for i in range(_U(count)):
         out_t[i] = np.int64(t[_U(first) + i]) + base
     for i in range(_U(count)):

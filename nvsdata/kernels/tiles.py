@@ -19,7 +19,7 @@ _U = np.uint64
 class Rule(NamedTuple):
     """What stays the same from frame to frame, see `luminance`, `differ`, `inhibit`, `fire` and `update`.
 
-    `contrast` says that brightness is seen beside that of neighbours.
+    `contrast` says that brightness is seen beside that of neighbors.
     """
 
     contrast: bool
@@ -41,8 +41,8 @@ class Tiles(NamedTuple):
     """The state of tiles, [tile rows, tile columns]: bool, and how many frames references are `behind`, int64.
 
     `dirty` are those that changed, `affected` those in which brightness is seen otherwise than before (the same
-    array where neighbours don't matter), `active` those that have to be looked at; `still` ones need not be until
-    they or their neighbours get dirty.
+    array where neighbors don't matter), `active` those that have to be looked at; `still` ones need not be until
+    they or their neighbors get dirty.
     """
 
     dirty: np.ndarray
@@ -117,7 +117,7 @@ def _changed(row, previous):
 
 @njit(cache=True, nogil=True)
 def _wake(rule, tiles):
-    """Which tiles are affected and active: changed ones, restless ones, and neighbours that matter."""
+    """Which tiles are affected and active: changed ones, restless ones, and neighbors that matter."""
     affected, active = tiles.affected, tiles.active
     if rule.contrast:
         spread(tiles.dirty, affected)
@@ -132,7 +132,7 @@ def _wake(rule, tiles):
 
 @njit(cache=True, nogil=True)
 def spread(marks, out):
-    """Whether a tile or any of its eight neighbours is marked."""
+    """Whether a tile or any of its eight neighbors is marked."""
     rows, columns = marks.shape
     for r, c in np.ndindex(marks.shape):
         found = False

@@ -8,7 +8,7 @@ from nvsdata.metrics.distance import (
     emd,
     epsilon_repeatability,
 )
-from nvsdata.metrics.score import score
+from nvsdata.metrics.scoring import score
 from nvsdata.metrics.similarity import area_under_roc, roc, similarities
 
 __all__ = [

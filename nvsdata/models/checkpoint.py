@@ -23,7 +23,7 @@ from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from nvsdata.common.errors import FormatError, line_of
 from nvsdata.common.files import put
-from nvsdata.models import reference, rgcnn, rgcnn3d
+from nvsdata.models import graph_cnn, graph_cnn3d, reference
 from nvsdata.models.registry import NETWORKS
 from nvsdata.models.trained import Trained
 from nvsdata.transforms import from_repr
@@ -31,7 +31,7 @@ from nvsdata.transforms import from_repr
 VERSION = 1
 SUFFIX = ".safetensors"
 # importing these fills the registry
-_ = reference, rgcnn, rgcnn3d
+_ = reference, graph_cnn, graph_cnn3d
 
 
 def save(

@@ -2,7 +2,7 @@
 
 Each takes `x` [N, in_channels], `edge_index` int64 [2, E] (source, target) without loops, and
 pseudo-coordinates [E, 2], which only MoNet looks at, and gives [N, out_channels]. A node without
-neighbours hears nothing but itself. Plain torch, for any device.
+neighbors hears nothing but itself. Plain torch, for any device.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class GCNConv(nn.Module):
 
 
 class ChebConv(nn.Module):
-    """Chebyshev polynomials up to degree K - 1 of the normalised Laplacian (Defferrard et al. 2016).
+    """Chebyshev polynomials up to degree K - 1 of the normalized Laplacian (Defferrard et al. 2016).
 
     With lambda_max = 2 it is -D^-1/2 A D^-1/2; D counts the edges that leave.
     """
@@ -63,7 +63,7 @@ class ChebConv(nn.Module):
 
 
 class GMMConv(nn.Module):
-    """MoNet (Monti et al. 2017): K Gaussians of the pseudo-coordinates weigh neighbours; mean, and a root weight."""
+    """MoNet (Monti et al. 2017): K Gaussians of the pseudo-coordinates weigh neighbors; mean, and a root weight."""
 
     def __init__(self, in_channels: int, out_channels: int, kernels: int = 25) -> None:
         super().__init__()
@@ -78,18 +78,18 @@ class GMMConv(nn.Module):
         source, target = edge_index
         apart = (u.unsqueeze(1) - self.mean) / (self.deviation**2 + 1e-15).sqrt()
         weights = torch.exp(-0.5 * (apart * apart).sum(2))
-        heard, neighbours = self.root(x), x[source]
+        heard, neighbors = self.root(x), x[source]
         count = _degree(target, x).clamp(min=1).unsqueeze(1)
         # one kernel at a time: all at once would take E x K x C numbers
         for weight, matrix in zip(weights.T, self.linear.weight.view(self.kernels, self.out_channels, -1), strict=True):
-            summed = torch.zeros_like(x).index_add(0, target, weight.unsqueeze(1) * neighbours)
+            summed = torch.zeros_like(x).index_add(0, target, weight.unsqueeze(1) * neighbors)
             heard = heard + summed / count @ matrix.T
         out: torch.Tensor = heard
         return out
 
 
 class GINConv(nn.Module):
-    """MLP((1 + eps) x + sum of neighbours) (Xu et al. 2019); the MLP has one hidden layer, eps is learnt from 0."""
+    """MLP((1 + eps) x + sum of neighbors) (Xu et al. 2019); the MLP has one hidden layer, eps is learnt from 0."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__()

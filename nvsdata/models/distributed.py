@@ -32,7 +32,7 @@ class _Total(torch.autograd.Function):
         return total
 
 
-def total(x: torch.Tensor) -> torch.Tensor:
+def all_reduce_sum(x: torch.Tensor) -> torch.Tensor:
     """Sum of `x` over all processes; differentiable."""
     return _Total.apply(x) if processes() > 1 else x  # type: ignore[no-untyped-call]
 
@@ -55,7 +55,7 @@ class Dropout(nn.Module):
         if processes() > 1:
             counts = x.new_zeros(processes())
             counts[distributed.get_rank()] = count
-            shares = [int(c) for c in total(counts)]
+            shares = [int(c) for c in all_reduce_sum(counts)]
             count, before = sum(shares), sum(shares[: distributed.get_rank()])
         mask = x.new_empty(count, *x.shape[1:]).bernoulli_(1 - self.p)
         return x * mask[before : before + x.shape[0]] / (1 - self.p)

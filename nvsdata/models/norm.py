@@ -1,4 +1,4 @@
-"""Batch normalisation that survives tiny batches, short trainings and several processes."""
+"""Batch normalization that survives tiny batches, short trainings and several processes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from nvsdata.models.distributed import processes, total
+from nvsdata.models.distributed import all_reduce_sum, processes
 
 
 class BatchNorm(nn.modules.batchnorm._BatchNorm):
-    """Batch normalisation (thesis eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all but the channels.
+    """Batch normalization (thesis eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all but the channels.
 
     With fewer than two values a channel there is no variance: then the running statistics serve,
     and stay as they are. The first batches count equally in the running statistics, until
@@ -21,18 +21,18 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
     num_batches_tracked: torch.Tensor
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Normalise `x` [N, C, ...]."""
+        """Normalize `x` [N, C, ...]."""
         if not self.training:
-            return self._normalised(x, learn=False)
+            return self._normalized(x, learn=False)
         here = x.numel() // self.num_features
-        count = here if processes() == 1 else int(total(torch.tensor(float(here), device=x.device)))
+        count = here if processes() == 1 else int(all_reduce_sum(torch.tensor(float(here), device=x.device)))
         if count < 2:
-            return self._normalised(x, learn=False)
+            return self._normalized(x, learn=False)
         self.num_batches_tracked += 1
         factor = max(self.momentum or 0.0, 1 / int(self.num_batches_tracked))
-        return self._normalised(x, learn=True, factor=factor) if processes() == 1 else self._shared(x, count, factor)
+        return self._normalized(x, learn=True, factor=factor) if processes() == 1 else self._shared(x, count, factor)
 
-    def _normalised(self, x: torch.Tensor, *, learn: bool, factor: float = 0.0) -> torch.Tensor:
+    def _normalized(self, x: torch.Tensor, *, learn: bool, factor: float = 0.0) -> torch.Tensor:
         return functional.batch_norm(
             x, self.running_mean, self.running_var, self.weight, self.bias, learn, factor, self.eps
         )
@@ -40,16 +40,16 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
     def _shared(self, x: torch.Tensor, count: int, factor: float) -> torch.Tensor:
         """By the statistics of all processes' values."""
         over, shape = [0, *range(2, x.ndim)], [1, -1] + [1] * (x.ndim - 2)
-        mean = total(x.sum(over)) / count
-        centred = x - mean.view(shape)
-        variance = total(centred.square().sum(over)) / count
+        mean = all_reduce_sum(x.sum(over)) / count
+        centered = x - mean.view(shape)
+        variance = all_reduce_sum(centered.square().sum(over)) / count
         assert self.running_mean is not None
         assert self.running_var is not None
         with torch.no_grad():
             self.running_mean.lerp_(mean, factor)
             self.running_var.lerp_(variance * (count / (count - 1)), factor)
         scale = (self.weight * (variance + self.eps).rsqrt()).view(shape)
-        return centred * scale + self.bias.view(shape)
+        return centered * scale + self.bias.view(shape)
 
     def _check_input_dim(self, x: torch.Tensor) -> None:
         pass

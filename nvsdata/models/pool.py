@@ -63,9 +63,9 @@ class GraphPool(nn.Module):
 
 
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
-    """How far apart, along x and y, the centres of two joined clusters can be.
+    """How far apart, along x and y, the centers of two joined clusters can be.
 
-    A pixel is at most (side - 1) / 2 from the centre of its cluster, and an edge at most `reach` long.
+    A pixel is at most (side - 1) / 2 from the center of its cluster, and an edge at most `reach` long.
     """
     return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1
 

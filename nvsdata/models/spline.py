@@ -23,9 +23,9 @@ class SplineConv(nn.Module):
         out(i) = 1/|N(i)| Σ_{j in N(i)} Σ_p B_p(u(i, j)) f(j) W_p + b  (+ f(i) W_root)
 
     N(i) are the sources of the edges that end in i, p runs over the kernel_size² cells and B_p is
-    the product of the two hat functions of the cell. Without neighbours the sum is zero. The text
+    the product of the two hat functions of the cell. Without neighbors the sum is zero. The text
     has no W_root; with `root_weight` a node adds its own features too, as SplineCNN does.
-    Activation and batch normalisation are layers of their own.
+    Activation and batch normalization are layers of their own.
 
     `weight` [kernel_size², in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
     `root` [in_channels, out_channels], `bias` [out_channels].
@@ -57,7 +57,7 @@ class SplineConv(nn.Module):
     def reset_parameters(self) -> None:
         """Draw weights uniformly from ±1 / sqrt(fan-in), and set the bias to zero.
 
-        Small weights under batch normalisation let Adam turn them quickly.
+        Small weights under batch normalization let Adam turn them quickly.
         """
         bound = 1 / math.sqrt(self.kernel_size**2 * self.in_channels)
         nn.init.uniform_(self.weight, -bound, bound)

@@ -13,7 +13,7 @@ Pair = tuple[int, int]
 
 
 class Conv3D(nn.Sequential):
-    """Convolution, batch normalisation and ReLU; [B, in, T, H, W] to [B, out, T, H, W]."""
+    """Convolution, batch normalization and ReLU; [B, in, T, H, W] to [B, out, T, H, W]."""
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int = 3) -> None:
         super().__init__(
@@ -48,7 +48,7 @@ class Inception3D(nn.Module):
 
 
 class Residual3D(nn.Module):
-    """Res(c_in, c_inter, c_out): two convolutions, and a shortcut of 1x1x1, normalised and added before the ReLU."""
+    """Res(c_in, c_inter, c_out): two convolutions, and a shortcut of 1x1x1, normalized and added before the ReLU."""
 
     def __init__(self, in_channels: int, inter_channels: int, out_channels: int) -> None:
         super().__init__()

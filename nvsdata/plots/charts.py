@@ -38,10 +38,10 @@ def curves(
         cv2.putText(picture, name, (x - 6, y + 20), FONT, 0.45, INK, 1, cv2.LINE_AA)
     cv2.putText(picture, title, (left, 26), FONT, 0.55, INK, 1, cv2.LINE_AA)
     cv2.putText(picture, xlabel, (width // 2 - 24, height - 10), FONT, 0.45, INK, 1, cv2.LINE_AA)
-    for (name, values), colour, row in zip(lines, (OFF, ON, BOTH), range(3), strict=False):
+    for (name, values), color, row in zip(lines, (OFF, ON, BOTH), range(3), strict=False):
         points = np.array([place(i, v) for i, v in enumerate(values)], np.int32)
-        cv2.polylines(picture, [points], False, colour, 2, cv2.LINE_AA)
+        cv2.polylines(picture, [points], False, color, 2, cv2.LINE_AA)
         y = 16 + 16 * row
-        cv2.line(picture, (width - 190, y - 4), (width - 165, y - 4), colour, 2, cv2.LINE_AA)
+        cv2.line(picture, (width - 190, y - 4), (width - 165, y - 4), color, 2, cv2.LINE_AA)
         cv2.putText(picture, name, (width - 158, y), FONT, 0.45, INK, 1, cv2.LINE_AA)
     return picture

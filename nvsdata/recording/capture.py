@@ -18,7 +18,7 @@ from typing import Any
 
 from nvsdata import formats
 from nvsdata.common.clock import host_time
-from nvsdata.common.prefetch import ahead
+from nvsdata.common.prefetch import prefetch
 from nvsdata.common.signals import ENDING, Ended
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
@@ -130,7 +130,7 @@ def record(
             if path is None:
                 deque(pieces, maxlen=0)
             else:
-                formats.write(ahead(pieces), path)
+                formats.write(prefetch(pieces), path)
         except Exception as error:
             line.finish()
             if journal is not None and journal.size:

@@ -23,7 +23,8 @@ from nvsdata.recording.journal import check_finished, journal_of, left_over, tol
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.batch import manifest_of, record_videos, verify
 from nvsdata.recording.rig.calibrate import calibrate
-from nvsdata.recording.rig.calibration import FIGURES, described, write_calibration
+from nvsdata.recording.rig.calibration import FIGURES, write_calibration
+from nvsdata.recording.rig.calibration import summary as calibration_summary
 from nvsdata.recording.rig.live_view import Live
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.simulated.options import Simulation
@@ -69,7 +70,7 @@ def run(
                 report = _shown(camera, out, settings, seconds, stop, watch)
             else:
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
-    say(told(report), sys.stdout)
+    say(summary(report), sys.stdout)
     return 0 if report.whole else 1
 
 
@@ -147,7 +148,7 @@ def run_calibration(
             found = calibrate(camera, monitor, settings, seconds)
             size = (camera.facts.width, camera.facts.height)
         write_calibration(found, replace(settings, region=found.roi), size, out)
-    print(described(found, size))
+    print(calibration_summary(found, size))
     print(f"figures and pictures are in {out}; record with --settings {out / 'settings.json'}")
     return 0
 
@@ -196,7 +197,7 @@ def run_batch(
     return 1 if result.failed else 0
 
 
-def told(report: Report) -> str:
+def summary(report: Report) -> str:
     """The report in a few lines: what went wrong, if anything, is named."""
     lines = [f"{report.path or 'not kept'}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.frames:

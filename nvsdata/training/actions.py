@@ -1,4 +1,4 @@
-"""How networks learn actions and scenes (thesis section 5.3.1): their input, their settings, their optimisation."""
+"""How networks learn actions and scenes (thesis section 5.3.1): their input, their settings, their optimization."""
 
 from __future__ import annotations
 
@@ -87,10 +87,10 @@ class Actions:
         volumes = T.Volumes(self.graphs, T_VOL)
         if self.network in FRAME_NETWORKS:
             _, side, square = FRAME_NETWORKS[self.network]
-            crop = T.RandomCrop(square) if training else T.CentreCrop(square)
-            mirror = [T.RandomMirror()] if flip else []
-            return T.Compose([*cut, volumes, T.EventImage(), T.Normalise(), T.Resize(side), crop, *mirror])
-        graphs = T.Each(T.Compose([T.NonUniformSample(8), T.NearestGraph()]))
+            crop = T.RandomCrop(square) if training else T.CenterCrop(square)
+            mirror = [T.RandomHorizontalFlip()] if flip else []
+            return T.Compose([*cut, volumes, T.EventImage(), T.Normalize(), T.Resize(side), crop, *mirror])
+        graphs = T.Each(T.Compose([T.NonUniformSample(8), T.KNNGraph()]))
         augment = [T.RandomScale(0.8, 1.0)] if training else []
         return T.Compose([*cut, volumes, graphs, *augment, *([T.RandomFlip(0)] if flip else [])])
 
@@ -114,11 +114,11 @@ class Actions:
     ) -> Trainer:
         """A network, and what trains it on `data` (see `Trainer`) as the flags say, in `out`."""
         model = self.build(sensor_size, classes).to(here.device)
-        optimisation = self.optimisation(model, args.epochs)
+        optimization = self.optimization(model, args.epochs)
         run = {"epochs": args.epochs, "batch": args.batch, "seed": args.seed, "resume": args.resume}
-        return Trainer(model, *optimisation, out, data=data, team=here, **run)
+        return Trainer(model, *optimization, out, data=data, team=here, **run)
 
-    def optimisation(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
+    def optimization(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
         """Optimizer and schedule: Adam, or for 3D CNNs gradient descent from 0.01, tenfold less every 50 epochs.
 
         The thesis says nothing of networks of points; they are trained by Adam too.

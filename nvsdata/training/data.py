@@ -49,7 +49,7 @@ def _begin_worker(_: int) -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-class Halves:
+class TrainTestSplit:
     """A dataset's recordings for training and for testing.
 
     By its own split; where it has none, a fifth of each class is held back, by `seed`. `errors` says what becomes of

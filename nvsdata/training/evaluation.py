@@ -14,7 +14,7 @@ from nvsdata.training.processes import Team
 
 
 @torch.no_grad()
-def outputs(
+def predict(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], team: Team
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """What a model gives for all batches, in order: [N, ...] and targets [N], the same in all processes."""
@@ -38,7 +38,7 @@ def accuracies(
     A vote adds up log-probabilities. The batches hold every recording once, then again, and so on, for `rounds`
     times `windows`; every round votes anew.
     """
-    scores, targets = outputs(model, batches, team)
+    scores, targets = predict(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
     wanted = targets.chunk(rounds * windows)[0]
 

@@ -20,7 +20,7 @@ from torch.nn.parallel import DistributedDataParallel
 from tqdm import tqdm
 
 from nvsdata import models
-from nvsdata.models.distributed import total
+from nvsdata.models.distributed import all_reduce_sum
 from nvsdata.training import runs
 from nvsdata.training.data import loader
 from nvsdata.training.processes import Team
@@ -123,13 +123,13 @@ class Trainer:
             scores = model(inputs)
             loss = cross_entropy(scores, targets, reduction="sum")
             # gradients are averaged over the processes: of a sum, times their number, over the whole batch
-            count = total(torch.tensor(float(len(targets)), device=device))
+            count = all_reduce_sum(torch.tensor(float(len(targets)), device=device))
             self.optimizer.zero_grad()
             (loss * (self.team.count / count)).backward()  # type: ignore[no-untyped-call]
             self.optimizer.step()
             right = (scores.argmax(1) == targets).sum()
             sums += torch.stack((loss.detach().double(), right.double(), sums.new_tensor(len(targets))))
-        loss_sum, right, seen = total(sums).tolist()
+        loss_sum, right, seen = all_reduce_sum(sums).tolist()
         return {"loss": loss_sum / seen, "train_accuracy": right / seen}
 
     def _restore(self, state: runs.Checkpoint) -> None:

@@ -26,7 +26,7 @@ Graphs = TypeVar("Graphs", Graph, Sequence[Graph])
 
 @dataclass(frozen=True)
 class RandomScale:
-    """Scale positions about the sensor's centre by a factor from [low, high)."""
+    """Scale positions about the sensor's center by a factor from [low, high)."""
 
     low: float = 0.95
     high: float = 1.0
@@ -62,7 +62,7 @@ class RandomFlip:
 
 @dataclass(frozen=True)
 class RandomRotate:
-    """Rotate about the sensor's centre by an angle from [-degrees, degrees)."""
+    """Rotate about the sensor's center by an angle from [-degrees, degrees)."""
 
     degrees: float = 10.0
 
@@ -76,7 +76,7 @@ class RandomRotate:
 
 
 @dataclass(frozen=True)
-class RandomShift:
+class RandomTranslate:
     """Shift by up to `pixels` along each axis, either way."""
 
     pixels: float = 2.0
@@ -92,7 +92,7 @@ class RandomShift:
 
 @dataclass(frozen=True)
 class RandomAffine:
-    """Scale, rotate and shift events by amounts drawn as by `RandomScale`, `RandomRotate` and `RandomShift`."""
+    """Scale, rotate and shift events by amounts drawn as by `RandomScale`, `RandomRotate` and `RandomTranslate`."""
 
     scale: tuple[float, float] = (0.95, 1.0)
     degrees: float = 10.0
@@ -116,7 +116,7 @@ class RandomAffine:
 def affine(
     sample: Events | Recording, factor: float = 1.0, degrees: float = 0.0, dx: float = 0.0, dy: float = 0.0
 ) -> Events:
-    """Scale and rotate events about the sensor's centre, then shift them; each to its nearest pixel."""
+    """Scale and rotate events about the sensor's center, then shift them; each to its nearest pixel."""
     events = as_events(sample)
     width, height = events.sensor_size
     cx, cy = (width - 1) / 2, (height - 1) / 2
@@ -134,23 +134,23 @@ def alike(graphs: Any, change: Callable[[Graph], Graph]) -> Any:
 
 
 def scale(graph: Graph, factor: float) -> Graph:
-    """Multiply distances from the sensor's centre by `factor`."""
-    centre = _centre(graph)
-    return graph.moved((graph.pos - centre) * factor + centre)
+    """Multiply distances from the sensor's center by `factor`."""
+    center = _center(graph)
+    return graph.moved((graph.pos - center) * factor + center)
 
 
 def flip(graph: Graph, axis: int) -> Graph:
     """Mirror positions along `axis`: x to width - 1 - x, or y to height - 1 - y."""
     pos = graph.pos.clone()
-    pos[:, axis] = 2 * _centre(graph)[axis] - pos[:, axis]
+    pos[:, axis] = 2 * _center(graph)[axis] - pos[:, axis]
     return graph.moved(pos)
 
 
 def rotate(graph: Graph, degrees: float) -> Graph:
-    """Rotate by `degrees` about the sensor's centre, from the x axis towards the y axis (clockwise as seen)."""
+    """Rotate by `degrees` about the sensor's center, from the x axis towards the y axis (clockwise as seen)."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    centre = _centre(graph)
-    return graph.moved((graph.pos - centre) @ torch.tensor([[c, s], [-s, c]]) + centre)
+    center = _center(graph)
+    return graph.moved((graph.pos - center) @ torch.tensor([[c, s], [-s, c]]) + center)
 
 
 def shift(graph: Graph, dx: float, dy: float) -> Graph:
@@ -158,7 +158,7 @@ def shift(graph: Graph, dx: float, dy: float) -> Graph:
     return graph.moved(graph.pos + torch.tensor([dx, dy]))
 
 
-def _centre(graph: Graph) -> torch.Tensor:
+def _center(graph: Graph) -> torch.Tensor:
     if graph.sensor_size is None:
-        raise ValueError("the graph states no sensor_size, so it has no centre to turn about")
+        raise ValueError("the graph states no sensor_size, so it has no center to turn about")
     return torch.tensor([(side - 1) / 2 for side in graph.sensor_size])

@@ -32,7 +32,7 @@ def uniform(low: float, high: float) -> float:
     return low + (high - low) * float(_drawn.real_value[()])
 
 
-def below(bound: int) -> int:
+def randint(bound: int) -> int:
     """An integer in [0, bound)."""
     _drawn.whole.random_(bound, generator=_drawn.generator)
     return int(_drawn.whole_value[()])
@@ -40,7 +40,7 @@ def below(bound: int) -> int:
 
 def place(bound: int) -> int:
     """Where in time a window begins: an integer in [0, bound), drawn, or a voter's."""
-    return below(bound) if _drawn.share is None else min(int(_drawn.share * bound), bound - 1)
+    return randint(bound) if _drawn.share is None else min(int(_drawn.share * bound), bound - 1)
 
 
 def generator() -> torch.Generator | None:

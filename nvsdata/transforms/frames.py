@@ -12,13 +12,13 @@ from nvsdata.common.validation import positive
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_bounds, frame_edges
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.frames import sum_frames as kernel
+from nvsdata.kernels.frames import to_frames as kernel
 from nvsdata.transforms.draws import place
-from nvsdata.transforms.image import centre_crop, crop
+from nvsdata.transforms.image import center_crop, crop
 
 
 @dataclass(frozen=True)
-class SumFrames:
+class ToFrames:
     """Polarity summed at each pixel over frames of 1 / `fps` s, (3.18), averaged over `factor` x `factor` pixels.
 
     Gives float32 [frames, H, W], ON +1 and OFF -1, as many frames as
@@ -35,11 +35,11 @@ class SumFrames:
         positive("factor", self.factor)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        return sum_frames(sample, self.fps, self.factor)
+        return to_frames(sample, self.fps, self.factor)
 
 
 @dataclass(frozen=True)
-class RandomVolume:
+class RandomTemporalCrop:
     """`length` frames in a row from a random place (thesis: 160): [frames, H, W] to [length, H, W].
 
     Frames without events follow where there are fewer. With a length of 3: the stack that takes the
@@ -88,7 +88,7 @@ class MotionCrop:
 
 @dataclass(frozen=True)
 class FourCrops:
-    """The crops that the thesis tests with: most active and centre, each as it is and mirrored.
+    """The crops that the thesis tests with: most active and center, each as it is and mirrored.
 
     [..., H, W] to [4, ..., size, size].
     """
@@ -116,8 +116,8 @@ class MedianDenoise:
         return median_denoise(frames)
 
 
-def sum_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -> torch.Tensor:
-    """Frames of summed polarity; see `SumFrames`."""
+def to_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -> torch.Tensor:
+    """Frames of summed polarity; see `ToFrames`."""
     events = as_events(sample)
     edges = frame_edges(events.end - events.start, fps)
     bounds = frame_bounds(events, events.start, edges)
@@ -125,7 +125,7 @@ def sum_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -
 
 
 def volume(frames: torch.Tensor, start: int, length: int) -> torch.Tensor:
-    """`length` frames from `start` on, padded with zeros behind; see `RandomVolume`."""
+    """`length` frames from `start` on, padded with zeros behind; see `RandomTemporalCrop`."""
     cut = frames[start : start + length]
     return F.pad(cut, (0, 0) * (cut.ndim - 1) + (0, length - cut.shape[0]))
 
@@ -151,10 +151,10 @@ def motion_crop(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
 
 
 def four_crops(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
-    """Most active and centre square, each also mirrored; see `FourCrops`."""
+    """Most active and center square, each also mirrored; see `FourCrops`."""
     active = motion_crop(frames, size)
-    centre = centre_crop(frames, size)
-    return torch.stack((active, active.flip(-1), centre, centre.flip(-1)))
+    center = center_crop(frames, size)
+    return torch.stack((active, active.flip(-1), center, center.flip(-1)))
 
 
 def median_denoise(frames: torch.Tensor) -> torch.Tensor:

@@ -41,7 +41,7 @@ class RadiusGraph:
 
 
 @dataclass(frozen=True)
-class NearestGraph:
+class KNNGraph:
     """Graph in which each event hears its nearest (thesis 5.3.1): an edge to it from there.
 
     Nearest by alpha (dx² + dy²) + beta dt², then by index. Pseudo-coordinate 1 stands for `reach` pixels;
@@ -59,11 +59,11 @@ class NearestGraph:
         positive("reach", self.reach)
 
     def __call__(self, sample: Events | Recording) -> Graph:
-        return nearest_graph(sample, alpha=self.alpha, beta=self.beta, reach=self.reach)
+        return knn_graph(sample, alpha=self.alpha, beta=self.beta, reach=self.reach)
 
 
-def nearest_graph(sample: Events | Recording, *, alpha: float = 1.0, beta: float = 0.5e-5, reach: float = 8.0) -> Graph:
-    """Graph with a node an event and an edge a node; see `NearestGraph`."""
+def knn_graph(sample: Events | Recording, *, alpha: float = 1.0, beta: float = 0.5e-5, reach: float = 8.0) -> Graph:
+    """Graph with a node an event and an edge a node; see `KNNGraph`."""
     events = as_events(sample)
     reaches = (float(reach), float(reach))
     arrays = nearest_event_graph(*events.columns, events.start, float(alpha), float(beta), reaches)

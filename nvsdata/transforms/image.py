@@ -1,4 +1,4 @@
-"""Event images for convolutional networks: counts of events, scaled, cropped, mirrored, normalised (thesis 4.4.4)."""
+"""Event images for convolutional networks: counts of events, scaled, cropped, mirrored, normalized (thesis 4.4.4)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch.nn.functional import interpolate
 from nvsdata.common.validation import positive, probability
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.transforms.draws import below, uniform
+from nvsdata.transforms.draws import randint, uniform
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,14 @@ class RandomCrop:
             positive("scales", scale)
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        side = max(1, round(self.size * self.scales[below(len(self.scales))]))
+        side = max(1, round(self.size * self.scales[randint(len(self.scales))]))
         height, width = _holds(image, side)
-        cut = crop(image, below(width - side + 1), below(height - side + 1), side)
+        cut = crop(image, randint(width - side + 1), randint(height - side + 1), side)
         return cut if side == self.size else resize(cut, self.size)
 
 
 @dataclass(frozen=True)
-class CentreCrop:
+class CenterCrop:
     """The square of `size` pixels in the middle; [..., H, W]. ValueError for images that hold none."""
 
     size: int = 224
@@ -78,11 +78,11 @@ class CentreCrop:
         positive("size", self.size)
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        return centre_crop(image, self.size)
+        return center_crop(image, self.size)
 
 
 @dataclass(frozen=True)
-class RandomMirror:
+class RandomHorizontalFlip:
     """Left and right changed with probability `p`; [..., H, W]."""
 
     p: float = 0.5
@@ -95,13 +95,13 @@ class RandomMirror:
 
 
 @dataclass(frozen=True)
-class Normalise:
+class Normalize:
     """Subtract the mean of all values and divide by their deviation (thesis 3.5.1); what is constant becomes 0."""
 
     deterministic: ClassVar[bool] = True
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        return normalise(image)
+        return normalize(image)
 
 
 def event_image(sample: Events | Recording | Sequence[Events]) -> torch.Tensor:
@@ -132,17 +132,17 @@ def crop(image: torch.Tensor, x: int, y: int, size: int) -> torch.Tensor:
     return image[..., y : y + size, x : x + size]
 
 
-def centre_crop(image: torch.Tensor, size: int) -> torch.Tensor:
-    """The square in the middle; see `CentreCrop`."""
+def center_crop(image: torch.Tensor, size: int) -> torch.Tensor:
+    """The square in the middle; see `CenterCrop`."""
     height, width = _holds(image, size)
     return crop(image, (width - size) // 2, (height - size) // 2, size)
 
 
-def normalise(image: torch.Tensor) -> torch.Tensor:
-    """Mean 0 and deviation 1 over all values; see `Normalise`."""
-    centred = image - image.mean()
-    deviation = centred.square().mean().sqrt()
-    return centred / deviation if deviation > 0 else centred
+def normalize(image: torch.Tensor) -> torch.Tensor:
+    """Mean 0 and deviation 1 over all values; see `Normalize`."""
+    centered = image - image.mean()
+    deviation = centered.square().mean().sqrt()
+    return centered / deviation if deviation > 0 else centered
 
 
 def _holds(image: torch.Tensor, side: int) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from nvsdata.common.validation import not_negative, positive, probability
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
-from nvsdata.transforms.draws import below, generator, uniform
+from nvsdata.transforms.draws import generator, randint, uniform
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class NonUniformSample:
 
 
 @dataclass(frozen=True)
-class RandomDrop:
+class DropEvents:
     """Drop each event with one probability, drawn for the sample from [0, `most`)."""
 
     most: float = 0.3
@@ -53,9 +53,9 @@ def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 
     events = as_events(sample)
     if k == 1:
         return events
-    chosen = kernel(events.t, events.x, events.y, k, math.sqrt(alpha), math.sqrt(beta), below(2**62))
+    chosen = kernel(events.t, events.x, events.y, k, math.sqrt(alpha), math.sqrt(beta), randint(2**62))
     # the indices are sorted, so the events are
-    return events.of(events.columns.at(chosen))
+    return events.of(events.columns.take(chosen))
 
 
 def drop(sample: Events | Recording, share: float) -> Events:

@@ -1,6 +1,6 @@
 """OpenCV's reader of video files, asked for the luminance as it is stored where a file has one.
 
-Most codecs store luma and chroma. OpenCV turns them into colours, which takes a quarter of its time and, by
+Most codecs store luma and chroma. OpenCV turns them into colors, which takes a quarter of its time and, by
 the fast and coarse way that it goes, shifts luminance by up to 2.5 levels of 255. It can hand out luma
 alone, for pixel formats that begin with it; which values are black and white is seen on the first picture.
 """
@@ -25,23 +25,23 @@ FULL, STUDIO = (0, 255), (16, 235)  # values of black and white
 LUMA_FIRST = frozenset(
     cv2.VideoWriter.fourcc(*name) for name in ("I420", "IYUV", "YV12", "NV12", "422P", "Y42B", "444P", "Y800", "GREY")
 )
-COARSE, MOST = 3, 0.99  # levels that colours may be off by, and the share of pixels that are not further off
+COARSE, MOST = 3, 0.99  # levels that colors may be off by, and the share of pixels that are not further off
 CONTRAST = 5  # standard deviation, in levels, of a picture whose contrast can be told
 
 
 class Decoder:
-    """A video file's frames, [H, W, 3] of blue, green and red, or [H, W] if colours are not asked for.
+    """A video file's frames, [H, W, 3] of blue, green and red, or [H, W] if colors are not asked for.
 
     `levels` are the values of black and white. FormatError if OpenCV can't decode the file.
     """
 
-    def __init__(self, path: Path, colour: bool) -> None:
+    def __init__(self, path: Path, color: bool) -> None:
         self._reader, options = _opened(path)
         self.levels, self._luma = FULL, False
         self.rate = float(self._reader.get(cv2.CAP_PROP_FPS))
         self.promised = int(self._reader.get(cv2.CAP_PROP_FRAME_COUNT))
         self._first = self._reader.read()[1]
-        if not colour and self._first is not None and self._pixel_format() in LUMA_FIRST:
+        if not color and self._first is not None and self._pixel_format() in LUMA_FIRST:
             self._prefer_luma(cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options))
 
     def __iter__(self) -> Iterator[tuple[int, np.ndarray]]:
@@ -71,29 +71,29 @@ class Decoder:
         other.release()
 
 
-def levels_of(luma: np.ndarray | None, colours: np.ndarray) -> tuple[int, int] | None:
-    """Values of black and white in the luma of a picture whose colours, blue first, are known; None if in doubt."""
-    if luma is None or luma.shape != colours.shape[:2] or luma.dtype != np.uint8:
+def levels_of(luma: np.ndarray | None, colors: np.ndarray) -> tuple[int, int] | None:
+    """Values of black and white in the luma of a picture whose colors, blue first, are known; None if in doubt."""
+    if luma is None or luma.shape != colors.shape[:2] or luma.dtype != np.uint8:
         return None
     some = slice(None, None, max(1, min(luma.shape) // 128))
-    blue, green, red = np.moveaxis(colours[some, some].astype(np.float64), -1, 0)
+    blue, green, red = np.moveaxis(colors[some, some].astype(np.float64), -1, 0)
     luma, known = luma[some, some], luminance(red, green, blue)
     meant = {levels: stretched(luma, levels) for levels in (FULL, STUDIO)}
-    near = [levels for levels, grey in meant.items() if (abs(grey - known) <= COARSE).mean() >= MOST]
+    near = [levels for levels, gray in meant.items() if (abs(gray - known) <= COARSE).mean() >= MOST]
     if len(near) == 2:
-        # all is about mid-grey, where values mean nearly the same, but contrasts don't
+        # all is about mid-gray, where values mean nearly the same, but contrasts don't
         near = [levels for levels in near if _as_steep(meant[levels], known)]
     return near[0] if len(near) == 1 else None
 
 
-def _as_steep(grey: np.ndarray, known: np.ndarray) -> bool:
+def _as_steep(gray: np.ndarray, known: np.ndarray) -> bool:
     """Whether there is contrast, and one picture's is the other's: levels of the other kind differ by 0.16."""
-    spread = grey - grey.mean()
-    return bool(grey.std() >= CONTRAST and abs((spread * known).sum() / (spread * spread).sum() - 1) < 0.06)
+    spread = gray - gray.mean()
+    return bool(gray.std() >= CONTRAST and abs((spread * known).sum() / (spread * spread).sum() - 1) < 0.06)
 
 
 def luminance(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """q of colours (3.2.1), float64."""
+    """q of colors (3.2.1), float64."""
     return np.asarray((299 * r + 587 * g + 114 * b) / 1000)
 
 
@@ -126,7 +126,7 @@ _quiet = {"streams": 0, "level": 0}
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """OpenCV warns at each frame of luma that it is no colour. Its level of warnings is the process's."""
+    """OpenCV warns at each frame of luma that it is no color. Its level of warnings is the process's."""
     with _quiet_lock:
         if _quiet["streams"] == 0:
             _quiet["level"] = logging.setLogLevel(ERRORS_ONLY)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.common.prefetch import ahead
+from nvsdata.common.prefetch import prefetch
 from nvsdata.common.validation import positive
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.video.decoder import FULL, Decoder
@@ -25,7 +25,7 @@ USUAL_RATE = 30.0  # frames a second of what has no times of its own
 class Frame(NamedTuple):
     """A picture: `time` in µs; `pixels` [H, W] or [H, W, 3], uint8, or float64 from 0 to 255; red or blue first.
 
-    `levels` are the values of black and white in grey bytes.
+    `levels` are the values of black and white in gray bytes.
     """
 
     time: int
@@ -44,11 +44,11 @@ def frames_of(
     fps: float | None = None,
     times: Iterable[int] | None = None,
     size: tuple[int, int] | None = None,
-    colour: bool = True,
+    color: bool = True,
 ) -> Iterator[Frame]:
     """Time and picture of each frame; see `PIX2NVS.stream`. Times count from the first frame.
 
-    Without `colour` a file may give luminance alone, which it then need not turn into colours.
+    Without `color` a file may give luminance alone, which it then need not turn into colors.
     """
     if fps is not None:
         positive("fps", fps)
@@ -57,7 +57,7 @@ def frames_of(
     if fps is not None and times is not None:
         raise ValueError("give fps or times, not both")
     if isinstance(video, str | os.PathLike):
-        found = _file(Path(video), size, colour)
+        found = _file(Path(video), size, color)
     elif isinstance(video, int):
         found = _camera(video, size)
     else:
@@ -83,18 +83,18 @@ def _regular(fps: float) -> Iterator[int]:
         n += 1
 
 
-def _file(path: Path, size: tuple[int, int] | None, colour: bool) -> Iterator[Frame]:
+def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Frame]:
     """A file's frames, decoded ahead in a thread of their own."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such video")
     if path.is_dir():
         raise FormatError(path, None, "is a folder, not a video")
     check_name(path)
-    decoder = Decoder(path, colour)
+    decoder = Decoder(path, color)
     try:
         gap = MICROSECONDS / (decoder.rate or USUAL_RATE)
         count, first, last, longest = 0, 0, 0, gap
-        for moment, pixels in ahead((moment, _scaled(picture, size)) for moment, picture in decoder):
+        for moment, pixels in prefetch((moment, _scaled(picture, size)) for moment, picture in decoder):
             first = moment if count == 0 else first
             # containers without times report the same one for all
             now = moment - first if count == 0 or moment - first > last else last + round(gap)

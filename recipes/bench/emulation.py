@@ -115,7 +115,7 @@ def sparse_clip(path: Path) -> Path:
 
 def emulating(video: Path) -> list[Row]:
     """Frames in memory, as the file gives them, to events: on one core, and as `stream` overlaps its stages."""
-    frames = decoded(video, colour=False)
+    frames = decoded(video, color=False)
     pixels = frames[0].pixels.size * (len(frames) - 1)
 
     def stream() -> None:
@@ -137,11 +137,11 @@ def one_core(frames: list[Frame]) -> Callable[[], None]:
     return steps
 
 
-def decoded(video: Path, colour: bool = True) -> list[Frame]:
+def decoded(video: Path, color: bool = True) -> list[Frame]:
     """All frames."""
     from nvsdata.video.frames import frames_of
 
-    return list(frames_of(video, colour=colour))
+    return list(frames_of(video, color=color))
 
 
 def still_scene() -> list[Row]:
@@ -205,7 +205,7 @@ def memory(video: Path, home: Path) -> list[Row]:
         "import sys, itertools, nvsdata\n"
         "from nvsdata.video.frames import frames_of\n"
         "times = int(sys.argv[2])\n"
-        "frames = itertools.chain.from_iterable(frames_of(sys.argv[1], colour=False) for _ in range(times))\n"
+        "frames = itertools.chain.from_iterable(frames_of(sys.argv[1], color=False) for _ in range(times))\n"
         "nvsdata.write(nvsdata.PIX2NVS().stream(frames, 25), sys.argv[3])\n"
         "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')))\n"
     )

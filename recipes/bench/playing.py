@@ -75,15 +75,15 @@ def measured(place: Path, simulation: Simulation) -> dict[str, float]:
             super()._begin()
             began.append(self._began or 0)
 
-    def develop(one: take.Take, target: Path) -> dict[str, object]:
-        told = take.develop(one, target)
+    def cut_take(one: take.Take, target: Path) -> dict[str, object]:
+        told = take.cut_take(one, target)
         line, _ = take.synced(one)
         true = (one.performance.start - began[-1]) * (1 + simulation.drift * 1e-6)
         starts.append(line.camera(one.performance.start) - true)
         drifts.append(line.drift * 1e6 - simulation.drift)
         return told
 
-    batch.develop = develop
+    batch.cut_take = cut_take
     backend, look = simulation.watched(Known)
     videos = videos_in(place / "in", place / "out")
     began_at = time.perf_counter()

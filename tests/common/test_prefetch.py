@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from nvsdata.common.prefetch import DEPTH, ahead
+from nvsdata.common.prefetch import DEPTH, prefetch
 
 
 def makers(costs):
@@ -16,17 +16,17 @@ def makers(costs):
 
 
 def test_items_are_made_in_a_thread_of_their_own():
-    assert list(ahead(makers([0] * 20))) == ["nvsdata-ahead"] * 20
+    assert list(prefetch(makers([0] * 20))) == ["nvsdata-ahead"] * 20
 
 
 def test_no_thread_is_made_for_items_that_take_no_time():
     here = threading.current_thread().name
-    assert list(ahead(makers([0.004, 0] * 12), worth=0.002)) == [here] * 24
+    assert list(prefetch(makers([0.004, 0] * 12), worth=0.002)) == [here] * 24
 
 
 def test_a_thread_takes_over_once_it_is_worth_it():
     here = threading.current_thread().name
-    found = list(ahead(makers([0] * 3 + [0.004] * 15), worth=0.002))
+    found = list(prefetch(makers([0] * 3 + [0.004] * 15), worth=0.002))
     assert found == [here] * (3 + DEPTH) + ["nvsdata-ahead"] * (15 - DEPTH)
 
 
@@ -38,7 +38,7 @@ def test_an_error_comes_where_its_item_would(worth):
 
     found = []
     with pytest.raises(OSError, match="no more"):  # noqa: PT012  what came before counts
-        for item in ahead(broken(), worth):
+        for item in prefetch(broken(), worth):
             found.append(item)
     assert found == list(range(5))
 
@@ -55,7 +55,7 @@ def test_leaving_early_closes_what_makes_the_items(worth):
             closed.append(True)
 
     before = threading.active_count()
-    items = ahead(endless(), worth)
+    items = prefetch(endless(), worth)
     next(items)
     items.close()
     assert closed

@@ -33,7 +33,7 @@ def test_a_radius_graph(tmp_path):
     assert (graph.y, graph.sensor_size) == (7, (128, 128))
 
 
-def test_a_sequence_of_nearest_neighbours(tmp_path):
+def test_a_sequence_of_nearest_neighbors(tmp_path):
     graphs = np.empty((1, 2), [("feature", "O"), ("pos", "O"), ("edge", "O")])
     for n in range(2):
         # the third node hears the first

@@ -70,7 +70,7 @@ class Times:
 
 def test_the_head_is_made_once_and_the_tail_each_time(digits, tmp_path, monkeypatch):
     plain = dataset(digits, *HEAD)
-    cached = nvsdata.cache(dataset(digits, *HEAD, T.RandomShift(5)), tmp_path / "cache")
+    cached = nvsdata.cache(dataset(digits, *HEAD, T.RandomTranslate(5)), tmp_path / "cache")
     first, target = cached[7]
     monkeypatch.setattr(NMNIST, "recording", lambda *_: pytest.fail("read again"))
     second, _ = cached[7]
@@ -426,7 +426,7 @@ def test_what_was_worked_out_meanwhile_makes_no_difference(digits, tmp_path):
 
 def test_draws_depend_on_seed_epoch_and_index(digits, tmp_path):
     def epochs(workers):
-        cached = nvsdata.cache(dataset(digits, *HEAD, T.RandomShift(9), seed=4), tmp_path / "cache")
+        cached = nvsdata.cache(dataset(digits, *HEAD, T.RandomTranslate(9), seed=4), tmp_path / "cache")
         loader = DataLoader(cached, 4, num_workers=workers, collate_fn=nvsdata.collate)
         return [torch.cat([batch.pos for batch, _ in loader]) for _ in range(2)]
 

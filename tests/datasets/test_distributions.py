@@ -107,13 +107,13 @@ def test_events_are_those_that_were_written(home):
     assert np.array_equal(car.t, trees.some(103, size=(73, 40)).t)
 
 
-def test_nmnist_first_saccade_and_stabilised(home):
+def test_nmnist_first_saccade_and_stabilized(home):
     root = home(trees.nmnist())
     whole, _ = NMNIST(root)[4]
     first, _ = NMNIST(root, first_saccade=True)[4]
     assert first == whole.window(0, 100_000)
     assert NMNIST(root, first_saccade=True).recording(4).read(50_000, 120_000) == whole.window(50_000, 100_000)
-    still, _ = NMNIST(root, stabilised=True)[4]
+    still, _ = NMNIST(root, stabilized=True)[4]
     inside = [
         (t, round(x - d), round(y - e))
         for t, x, y, d, e in zip(whole.t, whole.x, whole.y, *_drift(whole.t), strict=True)

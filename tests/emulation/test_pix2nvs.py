@@ -233,24 +233,24 @@ def test_settings_out_of_range(bad, says):
 
 
 def test_frames_that_cannot_be():
-    grey = np.zeros((6, 8), np.uint8)
+    gray = np.zeros((6, 8), np.uint8)
     with pytest.raises(ValueError, match="no frames"):
         PIX2NVS().emulate([])
-    assert len(PIX2NVS().emulate([grey])) == 0
+    assert len(PIX2NVS().emulate([gray])) == 0
     with pytest.raises(ValueError, match="the frame at 33333 µs is 9x6"):
-        PIX2NVS().emulate([grey, np.zeros((6, 9), np.uint8)])
+        PIX2NVS().emulate([gray, np.zeros((6, 9), np.uint8)])
     with pytest.raises(ValueError, match="inhibition=7 is larger"):
-        PIX2NVS(inhibition=7).emulate([grey])
+        PIX2NVS(inhibition=7).emulate([gray])
     with pytest.raises(ValueError, match="times must rise"):
-        list(PIX2NVS().stream([grey, grey], times=[5, 5]))
+        list(PIX2NVS().stream([gray, gray], times=[5, 5]))
     with pytest.raises(ValueError, match="fewer times than frames"):
-        list(PIX2NVS().stream([grey, grey], times=[5]))
+        list(PIX2NVS().stream([gray, gray], times=[5]))
     with pytest.raises(ValueError, match="floats must lie"):
-        PIX2NVS().emulate([grey + 2.0])
+        PIX2NVS().emulate([gray + 2.0])
     with pytest.raises(ValueError, match=r"shape \(6, 8, 2\)"):
         PIX2NVS().emulate([np.zeros((6, 8, 2), np.uint8)])
     with pytest.raises(ValueError, match="int64"):
-        PIX2NVS().emulate([grey.astype(np.int64)])
+        PIX2NVS().emulate([gray.astype(np.int64)])
 
 
 def test_memory_of_a_buffer_that_is_reused():

@@ -27,7 +27,7 @@ def test_dirty_tiles_are_those_with_a_byte_that_changed(seed, height, width, cha
 
 
 @given(st.integers(1, 6), st.integers(1, 6), st.integers(0, 2**32 - 1))
-def test_marks_spread_to_all_eight_neighbours(rows, columns, seed):
+def test_marks_spread_to_all_eight_neighbors(rows, columns, seed):
     marks = np.random.default_rng(seed).random((rows, columns)) < 0.2
     padded = np.pad(marks, 1)
     expected = np.any([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], axis=0)

@@ -3,7 +3,7 @@ import torch
 from nvsdata.models import BatchNorm
 
 
-def test_it_normalises_as_torch_does():
+def test_it_normalizes_as_torch_does():
     ours, theirs = BatchNorm(4), torch.nn.BatchNorm1d(4)
     x = torch.randn(50, 4) * 3 + 1
     assert torch.allclose(ours(x), theirs(x))

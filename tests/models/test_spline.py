@@ -9,7 +9,7 @@ from nvsdata.models import spline as module
 
 
 def hat(k, u, size):
-    """Open B-spline of degree 1: 1 at knot k, 0 at its neighbours, straight between."""
+    """Open B-spline of degree 1: 1 at knot k, 0 at its neighbors, straight between."""
     return max(0.0, 1.0 - abs(u * (size - 1) - k)) if size > 1 else 1.0
 
 
@@ -98,7 +98,7 @@ def test_gradients_agree_with_plain_torch(dtype, tolerance):
         assert relative_error(ours, theirs.numpy()) < tolerance
 
 
-def test_a_node_without_neighbours_gets_zero(path):
+def test_a_node_without_neighbors_gets_zero(path):
     conv = SplineConv(1, 2, bias=False)
     out = conv(torch.ones(3, 1), torch.tensor([[0], [1]]), torch.tensor([[0.5, 0.5]]))
     assert out[0].tolist() == [0, 0]

@@ -12,10 +12,10 @@ import nvsdata
 from nvsdata import Events, models
 from nvsdata import transforms as T
 from nvsdata.models import Trained
-from nvsdata.transforms.draws import below, of_voter, place, uniform
+from nvsdata.transforms.draws import of_voter, place, randint, uniform
 
 GRAPHS = T.Compose([T.RandomWindow(20_000), T.NonUniformSample(2), T.RadiusGraph(3.0)])
-POINTS = T.Compose([T.RandomWindow(50_000), T.RandomAffine(shift=2), T.RandomDrop(0.5), T.Points(16)])
+POINTS = T.Compose([T.RandomWindow(50_000), T.RandomAffine(shift=2), T.DropEvents(0.5), T.Points(16)])
 
 
 class Counts(nn.Module):
@@ -94,7 +94,7 @@ def test_windows_are_spread_evenly(windows):
         with of_voter(number, windows):
             starts.append(int(T.RandomWindow(2000)(events).t[0]))
             parts = [int(window.t[0]) for window in T.Volumes(4, 500)(events)]
-            frames = T.RandomVolume(4)(torch.arange(24.0).view(24, 1, 1))
+            frames = T.RandomTemporalCrop(4)(torch.arange(24.0).view(24, 1, 1))
         assert [at - 2500 * n for n, at in enumerate(parts)] == [parts[0]] * 4
         assert parts[0] == int((number + 0.5) / windows * 2001)
         assert frames[0] == int((number + 0.5) / windows * 21)
@@ -103,7 +103,7 @@ def test_windows_are_spread_evenly(windows):
 
 def test_what_a_voter_draws_is_its_own():
     def draws():
-        return below(10**6), uniform(0, 1), place(1000)
+        return randint(10**6), uniform(0, 1), place(1000)
 
     with of_voter(1, 4):
         first = draws()

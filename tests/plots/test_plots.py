@@ -5,7 +5,7 @@ from nvsdata import Events, plots
 from nvsdata.plots import drawing
 
 
-def test_pixels_take_the_colour_of_what_they_saw():
+def test_pixels_take_the_color_of_what_they_saw():
     ev = Events([0, 1, 2, 3], [0, 1, 2, 2], [0, 0, 0, 0], [1, 0, 1, 0], (4, 2))
     image = plots.event_image(ev, zoom=3)
     assert image.shape == (6, 12, 3)

@@ -119,5 +119,5 @@ def test_ablations(run, fake_nmnist, tmp_path, flags):
         assert "duration=50000" in text
         assert (settings["kernel_size"], settings["channels"]) == (3, (128, 256))
     else:
-        assert "CentreCrop(size=32)" in text
+        assert "CenterCrop(size=32)" in text
     assert trained.predict(next(fake_nmnist.rglob("*.bin"))) in trained.classes

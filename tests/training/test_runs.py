@@ -13,7 +13,7 @@ from torch import nn
 from torch.utils.data import TensorDataset
 
 from nvsdata import FormatError, models
-from nvsdata.training import Halves, Team, Trainer, adam, evaluation
+from nvsdata.training import Team, Trainer, TrainTestSplit, adam, evaluation
 from nvsdata.training.runs import CHECKPOINT, LOG, Checkpoint
 
 DATA = {"dataset": "folder", "split": "all", "fold": 0, "seed": 0, "hash": "ab", "test_hash": "cd"}
@@ -82,7 +82,7 @@ def test_the_data_is_kept_and_told_once(tmp_path, capsys):
 
 def test_hashes_tell_what_is_trained_on(fake_nmnist, tmp_path):
     def hashes(root, name="n-mnist", seed=0):
-        data = Halves(name, root, seed=seed).data
+        data = TrainTestSplit(name, root, seed=seed).data
         return data["hash"], data["test_hash"]
 
     there = shutil.copytree(fake_nmnist, tmp_path / "elsewhere" / "nm")
@@ -205,7 +205,7 @@ def test_a_loss_that_is_no_number_ends_the_training(tmp_path):
 def test_scores_that_are_nan_name_no_class(monkeypatch):
     scores = torch.tensor([[0.0, 1.0], [torch.nan, torch.nan], [1.0, 0.0], [torch.nan, 2.0]])
     targets = torch.tensor([1, 0, 0, 0])
-    monkeypatch.setattr(evaluation, "outputs", lambda *_: (scores, targets))
+    monkeypatch.setattr(evaluation, "predict", lambda *_: (scores, targets))
     # two recordings with two windows each: of the second one, one window has no scores
     assert evaluation.accuracies(None, None, 1, HERE) == (0.5, 0.5)
     targets[:] = torch.tensor([1, 0, 1, 0])

@@ -43,8 +43,8 @@ def test_crops_are_parts_of_the_image(height, width):
     parts = image.unfold(1, 4, 1).unfold(2, 4, 1)
     assert cut.shape == (2, 4, 4)
     assert any(torch.equal(cut, parts[:, y, x]) for y in range(height - 3) for x in range(width - 3))
-    centre = T.CentreCrop(4)(image)
-    assert torch.equal(centre, parts[:, (height - 4) // 2, (width - 4) // 2])
+    center = T.CenterCrop(4)(image)
+    assert torch.equal(center, parts[:, (height - 4) // 2, (width - 4) // 2])
 
 
 def test_multi_scale_crops_come_out_at_one_size():
@@ -52,20 +52,20 @@ def test_multi_scale_crops_come_out_at_one_size():
     crop = T.RandomCrop(24, (0.5, 0.667, 0.833, 1.0))
     assert {crop(torch.rand(160, 30, 40)).shape for _ in range(10)} == {(160, 24, 24)}
     with pytest.raises(ValueError, match="40x30 holds no square of 50"):
-        T.CentreCrop(50)(torch.rand(30, 40))
+        T.CenterCrop(50)(torch.rand(30, 40))
 
 
 def test_mirrors_and_norms():
     image = torch.rand(2, 3, 4)
-    assert torch.equal(T.RandomMirror(1.0)(image), image.flip(-1))
-    assert torch.equal(T.RandomMirror(0.0)(image), image)
-    normal = T.Normalise()(image)
+    assert torch.equal(T.RandomHorizontalFlip(1.0)(image), image.flip(-1))
+    assert torch.equal(T.RandomHorizontalFlip(0.0)(image), image)
+    normal = T.Normalize()(image)
     assert abs(normal.mean()) < 1e-6
     assert normal.square().mean() == pytest.approx(1.0, abs=1e-5)
-    assert torch.equal(T.Normalise()(torch.ones(3, 3)), torch.zeros(3, 3))
+    assert torch.equal(T.Normalize()(torch.ones(3, 3)), torch.zeros(3, 3))
 
 
-@pytest.mark.parametrize("build", [lambda: T.Resize(0), lambda: T.RandomCrop(4, ()), lambda: T.RandomMirror(2)])
+@pytest.mark.parametrize("build", [lambda: T.Resize(0), lambda: T.RandomCrop(4, ()), lambda: T.RandomHorizontalFlip(2)])
 def test_settings_are_checked(build):
     with pytest.raises(ValueError, match=r"size|scales|p must"):
         build()

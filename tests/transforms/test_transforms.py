@@ -20,18 +20,18 @@ ALL = [
     T.Window(0, 30_000),
     T.RandomWindow(30_000),
     T.NonUniformSample(8),
-    T.RandomDrop(0.3),
+    T.DropEvents(0.3),
     T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2),
     T.RadiusGraph(radius=3, alpha=1, beta=0.5e-5, max_degree=32),
     T.RandomScale(),
     T.RandomFlip(0),
     T.RandomRotate(),
-    T.RandomShift(),
+    T.RandomTranslate(),
     T.Volumes(count=8, duration=33_333),
-    T.Each(T.NearestGraph(alpha=1, beta=1e-5, reach=5)),
+    T.Each(T.KNNGraph(alpha=1, beta=1e-5, reach=5)),
     T.Graph2Grid(cluster=(8, 6)),
-    T.SumFrames(fps=25, factor=8),
-    T.RandomVolume(160),
+    T.ToFrames(fps=25, factor=8),
+    T.RandomTemporalCrop(160),
     T.Stacks(3),
     T.MotionCrop(24),
     T.FourCrops(24),
@@ -58,7 +58,7 @@ def test_settings_cannot_be_changed():
         (lambda: T.RandomWindow(5, (0.5, 0.5)), "within must be"),
         (lambda: T.NonUniformSample(0), "k must be positive"),
         (lambda: T.NonUniformSample(k=8, beta=-1), "beta must not be negative"),
-        (lambda: T.RandomDrop(1.5), "between 0 and 1"),
+        (lambda: T.DropEvents(1.5), "between 0 and 1"),
         (lambda: T.RadiusGraph(radius=float("nan")), "radius must be positive"),
         (lambda: T.RadiusGraph(max_degree=0), "max_degree must be positive"),
         (lambda: T.RandomFlip(2), "axis must be 0 or 1"),
@@ -182,7 +182,7 @@ def test_the_seed_decides():
     draws = []
     for seed in (1, 1, 2):
         torch.manual_seed(seed)
-        draws.append(T.Compose([T.RandomWindow(30_000), T.NonUniformSample(4), T.RandomDrop(0.3)])(sweep()))
+        draws.append(T.Compose([T.RandomWindow(30_000), T.NonUniformSample(4), T.DropEvents(0.3)])(sweep()))
     assert draws[0] == draws[1]
     assert draws[0] != draws[2]
 
@@ -210,7 +210,7 @@ def test_a_quarter_turn_swaps_the_axes():
     assert torch.allclose(turned.edge_attr, g.edge_attr.flip(1), atol=1e-5)
 
 
-def test_scaling_scales_pseudo_coordinates_and_keeps_the_centre():
+def test_scaling_scales_pseudo_coordinates_and_keeps_the_center():
     g = graph()
     small = T.scale(g, 0.5)
     assert torch.allclose(small.edge_attr, g.edge_attr / 2)
@@ -254,12 +254,12 @@ def test_steps_in_the_wrong_order_are_named():
     assert caught.value.__notes__ == [
         "in step 2 of the pipeline, RandomWindow(duration=1000, within=(0.0, 1.0)), given Graph"
     ]
-    for transform in (T.RandomScale(), T.RandomRotate(), T.RandomShift(), T.RandomFlip(p=1), T.Graph2Grid()):
+    for transform in (T.RandomScale(), T.RandomRotate(), T.RandomTranslate(), T.RandomFlip(p=1), T.Graph2Grid()):
         with pytest.raises(TypeError, match="takes a graph, or a list of graphs, but was given Events"):
             transform(ev)
         with pytest.raises(TypeError, match="but was given a list of Events"):
             transform([ev])
-    of_events = (T.NonUniformSample(), T.RadiusGraph(), T.RandomDrop(), T.RandomAffine(), T.SumFrames(), T.Points())
+    of_events = (T.NonUniformSample(), T.RadiusGraph(), T.DropEvents(), T.RandomAffine(), T.ToFrames(), T.Points())
     for transform in of_events:
         with pytest.raises(TypeError, match=r"but was given Tensor \[2, 3\]"):
             transform(torch.zeros(2, 3))
@@ -281,9 +281,9 @@ def test_seconds_in_place_of_microseconds(make):
 
 def test_a_clock_that_is_off_makes_no_millions_of_frames():
     late = Events([2**40, 2**40 + 1_000], [1, 1], [1, 1], [0, 1], (4, 4))
-    assert T.SumFrames()(late).shape == (1, 4, 4)
+    assert T.ToFrames()(late).shape == (1, 4, 4)
     with pytest.raises(ValueError, match="do the events begin when they say"):
-        T.SumFrames()(late.window(0, None))
+        T.ToFrames()(late.window(0, None))
 
 
 def test_compose_takes_a_list():

@@ -1,4 +1,4 @@
-"""Sequences of graphs: windows, nearest neighbours, grids."""
+"""Sequences of graphs: windows, nearest neighbors, grids."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_only_the_windows_are_decoded(tmp_path, monkeypatch):
 
 @given(events(max_size=60, width=20, height=20), st.sampled_from([0.0, 0.5e-5, 1e-3]))
 def test_each_event_hears_its_nearest(ev, beta):
-    graph = T.nearest_graph(ev, beta=beta, reach=4)
+    graph = T.knn_graph(ev, beta=beta, reach=4)
     n = len(ev)
     assert graph.num_edges == (n if n > 1 else 0)
     if n < 2:
@@ -73,12 +73,12 @@ def test_each_event_hears_its_nearest(ev, beta):
 def test_nearest_does_not_depend_on_an_offset_in_time():
     ev = steady(300, 37)
     late = Events(ev.t + 1_600_000_000_000_000, ev.x, ev.y, ev.p, ev.sensor_size)
-    assert torch.equal(T.nearest_graph(ev).edge_index, T.nearest_graph(late).edge_index)
+    assert torch.equal(T.knn_graph(ev).edge_index, T.knn_graph(late).edge_index)
 
 
 @given(events(max_size=50), st.integers(1, 5), st.integers(1, 7))
 def test_a_grid_adds_up_the_nodes_of_a_cell(ev, wide, high):
-    graph = T.nearest_graph(ev)
+    graph = T.knn_graph(ev)
     grid = T.Graph2Grid((wide, high))([graph, graph])
     width, height = ev.sensor_size
     expected = np.zeros((-(-height // high), -(-width // wide)))
@@ -94,7 +94,7 @@ def test_a_dataset_can_hand_back_grids(tmp_path):
         (tmp_path / name).mkdir()
         nvsdata.write(steady(), tmp_path / name / "0.h5")
     transform = T.Compose(
-        [T.Volumes(4), T.Each(T.Compose([T.NonUniformSample(4), T.NearestGraph()])), T.Graph2Grid((8, 6))]
+        [T.Volumes(4), T.Each(T.Compose([T.NonUniformSample(4), T.KNNGraph()])), T.Graph2Grid((8, 6))]
     )
     dataset = nvsdata.EventFolder(tmp_path, transform=transform)
     loader = torch.utils.data.DataLoader(dataset, batch_size=2, collate_fn=nvsdata.collate)
@@ -104,7 +104,7 @@ def test_a_dataset_can_hand_back_grids(tmp_path):
 
 
 def test_what_has_no_grid():
-    graph = T.nearest_graph(steady(5))
+    graph = T.knn_graph(steady(5))
     with pytest.raises(ValueError, match="at least one graph"):
         T.graph2grid([])
     with pytest.raises(ValueError, match="without sensor_size"):
@@ -112,7 +112,7 @@ def test_what_has_no_grid():
     for build, says in (
         (lambda: T.Graph2Grid((0, 1)), "cluster must be"),
         (lambda: T.Volumes(0), "count must be positive"),
-        (lambda: T.NearestGraph(alpha=0), "alpha must be positive"),
+        (lambda: T.KNNGraph(alpha=0), "alpha must be positive"),
     ):
         with pytest.raises(ValueError, match=says):
             build()

@@ -25,29 +25,29 @@ def clip(path, code, frames):
 )
 def test_a_file_gives_its_luma_and_what_its_values_mean(tmp_path, capfd, code, ending, levels):
     path = clip(tmp_path / f"a.{ending}", code, moving_square())
-    grey, colour = list(frames_of(path, colour=False)), list(frames_of(path))
-    assert [frame.time for frame in grey] == [frame.time for frame in colour]
-    assert len(grey) == 12
-    for a, b in zip(grey, colour, strict=True):
+    gray, color = list(frames_of(path, color=False)), list(frames_of(path))
+    assert [frame.time for frame in gray] == [frame.time for frame in color]
+    assert len(gray) == 12
+    for a, b in zip(gray, color, strict=True):
         assert a.pixels.ndim == 2
         assert a.levels == levels
         assert abs(brightness(a) - brightness(b)).max() < 3.5
     assert capfd.readouterr().err == ""
 
 
-def test_colours_where_they_are_asked_for_or_there_is_no_luma(tmp_path):
+def test_colors_where_they_are_asked_for_or_there_is_no_luma(tmp_path):
     path = clip(tmp_path / "a.avi", "MJPG", moving_square())
     assert next(frames_of(path)).pixels.ndim == 3
     assert next(iter(PIX2NVS(hue=True).stream(path))).sensor_size == moving_square()[0].shape[1::-1]
     lossless = clip(tmp_path / "b.mkv", "FFV1", moving_square())  # blue, green, red
-    found = list(frames_of(lossless, colour=False))
+    found = list(frames_of(lossless, color=False))
     assert all((frame.pixels == drawn).all() for frame, drawn in zip(found, moving_square(), strict=True))
 
 
-def test_in_doubt_colours_are_read_and_no_frame_is_lost(tmp_path):
-    # of middle grey nobody can tell
+def test_in_doubt_colors_are_read_and_no_frame_is_lost(tmp_path):
+    # of middle gray nobody can tell
     frames = [np.full((48, 64, 3), 113, np.uint8), *moving_square()]
-    found = list(frames_of(clip(tmp_path / "a.avi", "MJPG", frames), colour=False))
+    found = list(frames_of(clip(tmp_path / "a.avi", "MJPG", frames), color=False))
     assert [frame.pixels.shape for frame in found] == [(48, 64, 3)] * len(frames)
     assert [frame.time for frame in found] == [40_000 * n for n in range(len(frames))]
 
@@ -59,21 +59,21 @@ def test_levels_are_told_by_a_picture_that_is_off_a_little(seed, levels, contras
     values = cv2.resize(rng.random((5, 7)).astype(np.float32), (64, 48)) * contrast + ground
     black, white = levels
     luma = np.clip(np.rint(values * (white - black) / 255 + black), 0, 255).astype(np.uint8)
-    colours = np.repeat(np.clip(stretched(luma, levels) - 1.4, 0, 255)[..., None], 3, 2).astype(np.uint8)
+    colors = np.repeat(np.clip(stretched(luma, levels) - 1.4, 0, 255)[..., None], 3, 2).astype(np.uint8)
     # where there is next to no contrast it may stay in doubt, but is never wrong
-    assert levels_of(luma, colours) in ((levels,) if contrast >= 60 else (levels, None))
+    assert levels_of(luma, colors) in ((levels,) if contrast >= 60 else (levels, None))
 
 
 def test_what_is_no_luma_of_the_picture(tmp_path):
     rng = np.random.default_rng(0)
-    colours = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
-    luma = (colours @ np.array([0.114, 0.587, 0.299])).round().astype(np.uint8)
-    assert levels_of(luma, colours) == FULL
-    assert levels_of(None, colours) is None
-    assert levels_of(luma[:, ::-1], colours) is None
-    assert levels_of(luma[:24], colours) is None
-    assert levels_of(luma.astype(np.uint16), colours) is None
-    assert levels_of(colours, colours) is None
+    colors = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    luma = (colors @ np.array([0.114, 0.587, 0.299])).round().astype(np.uint8)
+    assert levels_of(luma, colors) == FULL
+    assert levels_of(None, colors) is None
+    assert levels_of(luma[:, ::-1], colors) is None
+    assert levels_of(luma[:24], colors) is None
+    assert levels_of(luma.astype(np.uint16), colors) is None
+    assert levels_of(colors, colors) is None
 
 
 def test_warnings_are_as_they_were_after_a_stream_and_after_leaving_one(tmp_path):
@@ -105,5 +105,5 @@ def test_luma_is_seen_as_the_brightness_that_it_stands_for(settings):
 
 def test_frames_of_other_levels_are_not_of_one_video():
     pixels = np.zeros((48, 64), np.uint8)
-    with pytest.raises(ValueError, match="is 64x48 grey uint8, earlier ones were 64x48 grey uint8 from 16 to 235"):
+    with pytest.raises(ValueError, match="is 64x48 gray uint8, earlier ones were 64x48 gray uint8 from 16 to 235"):
         PIX2NVS().emulate([Frame(0, pixels, levels=STUDIO), Frame(40_000, pixels)])

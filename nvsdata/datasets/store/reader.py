@@ -143,7 +143,7 @@ class Store:
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         first, last = marked_range(marks, base, start, stop)
         lo, hi = lo + first * MARKED, min(lo + last * MARKED, hi)
-        columns = Columns.room(max(hi - lo, 0))
+        columns = Columns.empty(max(hi - lo, 0))
         count = -1
         if self._direct:
             count = read_window(*columns, base, start, stop, self._handle, lo, *self._direct)

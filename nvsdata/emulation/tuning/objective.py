@@ -42,13 +42,13 @@ class Pair:
         end = np.inf if seconds is None else seconds * 1e6
         size = real.sensor_size
 
-        def load(colour: bool) -> list[Frame]:
-            return list(takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size, colour=colour)))
+        def load(color: bool) -> list[Frame]:
+            return list(takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size, color=color)))
 
-        self.frames = load(colour=False)
+        self.frames = load(color=False)
         # hue, which few settings ask for, needs the rest of a file; arrays are there whole
         of_file = isinstance(video, str | os.PathLike)
-        self._coloured: Callable[[], list[Frame]] = cache(partial(load, True)) if of_file else lambda: self.frames
+        self._colored: Callable[[], list[Frame]] = cache(partial(load, True)) if of_file else lambda: self.frames
         if len(self.frames) < 2:
             raise ValueError(f"{video}: {len(self.frames)} frames in the time that counts, it takes two")
         last = self.frames[-1].time
@@ -59,7 +59,7 @@ class Pair:
 
     def emulate(self, settings: EventEmulator) -> Events:
         """The video by these settings."""
-        return settings.emulate(self._coloured() if getattr(settings, "hue", False) else self.frames)
+        return settings.emulate(self._colored() if getattr(settings, "hue", False) else self.frames)
 
     def __call__(self, settings: EventEmulator) -> tuple[float, float, float]:
         """1 - repeatability, Chamfer, EMD of these settings.

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from nvsdata.common.files import Journal
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
-from nvsdata.metrics.score import score
+from nvsdata.metrics.scoring import score
 
 BATCH = 4  # trials proposed at once, whatever the number of jobs: so the search doesn't depend on it
 ANYWHERE = 1  # of each batch, that the search may leave a valley that is not the deepest
@@ -113,7 +113,7 @@ def search(
     head = {"nvsdata-search": 1, "seed": seed, "base": settings_of(base), "space": _plain(space), **(note or {})}
     rng = np.random.default_rng(seed)
     result = Search()
-    centre: np.ndarray | None = None
+    center: np.ndarray | None = None
     radius = 1.0
     places: list[np.ndarray] = []
     with (
@@ -123,9 +123,9 @@ def search(
     ):
         while len(result.trials) < trials:
             count = min(BATCH, trials - len(result.trials))
-            wide = centre is None or len(result.trials) < FIRST
+            wide = center is None or len(result.trials) < FIRST
             # drawn for a whole batch, so that a search that was shorter goes on as a longer one would
-            drawn = [_near(rng, len(space), None if wide or i < ANYWHERE else centre, radius) for i in range(BATCH)][
+            drawn = [_near(rng, len(space), None if wide or i < ANYWHERE else center, radius) for i in range(BATCH)][
                 :count
             ]
             proposed = [_settings(base, space, place) for place in drawn]
@@ -143,19 +143,19 @@ def search(
             best = int(np.argmin(scores))
             if not wide and best < len(scores) - count:
                 radius = max(radius * SHRINK, LEAST_RADIUS)
-            centre = places[best]
+            center = places[best]
             bar.set_postfix_str(f"score {scores[best]:.4f}", refresh=False)
     return result
 
 
-def _near(rng: np.random.Generator, dimensions: int, centre: np.ndarray | None, radius: float) -> np.ndarray:
+def _near(rng: np.random.Generator, dimensions: int, center: np.ndarray | None, radius: float) -> np.ndarray:
     """A place in the unit cube: anywhere, or within a sphere, reflected where it sticks out."""
     anywhere = rng.random(dimensions)
     direction = rng.normal(size=dimensions) * (rng.random(dimensions) < MOVED)
     length = radius * rng.random() ** (1 / dimensions)
-    if centre is None:
+    if center is None:
         return anywhere
-    place = centre + direction / max(float(np.linalg.norm(direction)), 1e-9) * length
+    place = center + direction / max(float(np.linalg.norm(direction)), 1e-9) * length
     return np.asarray(np.clip(np.where(place < 0, -place, np.where(place > 1, 2 - place, place)), 0, 1))
 
 

@@ -32,7 +32,7 @@ def conv(
     groups: int = 1,
     relu: bool = True,
 ) -> nn.Sequential:
-    """Convolution without bias, batch normalisation and, unless told otherwise, ReLU."""
+    """Convolution without bias, batch normalization and, unless told otherwise, ReLU."""
     layers = [
         convolution(dimensions, in_channels, out_channels, kernel_size, stride, padding, groups=groups, bias=False),
         BatchNorm(out_channels),

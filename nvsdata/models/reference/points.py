@@ -29,7 +29,7 @@ def shared_mlp(*widths: int) -> nn.Sequential:
 
 
 def head(*widths: int, dropout: float) -> nn.Sequential:
-    """Fully connected layers with batch normalisation and ReLU, dropout before the last."""
+    """Fully connected layers with batch normalization and ReLU, dropout before the last."""
     layers: list[nn.Module] = []
     for a, b in pairwise(widths[:-1]):
         layers += [nn.Linear(a, b), BatchNorm(b), nn.ReLU(inplace=True)]
@@ -76,26 +76,26 @@ class PointNet(nn.Module):
 
 
 class Abstraction(nn.Module):
-    """PointNet++'s set abstraction: centres spread out, neighbours in a ball, an MLP and the maximum of each ball."""
+    """PointNet++'s set abstraction: centers spread out, neighbors in a ball, an MLP and the maximum of each ball."""
 
-    def __init__(self, centres: int, radius: float, neighbours: int, widths: Sequence[int]) -> None:
+    def __init__(self, centers: int, radius: float, neighbors: int, widths: Sequence[int]) -> None:
         super().__init__()
-        self.centres, self.radius, self.neighbours = centres, radius, neighbours
+        self.centers, self.radius, self.neighbors = centers, radius, neighbors
         self.mlp = shared_mlp(*widths)
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions [B, N, 3] and features [B, N, C] to those of the centres, [B, M, 3] and [B, M, C']."""
-        chosen = farthest_points(xyz, min(self.centres, xyz.shape[1]))
-        centre = _at(xyz, chosen)
-        apart = torch.cdist(centre, xyz, compute_mode="donot_use_mm_for_euclid_dist")
-        apart, near = apart.topk(min(self.neighbours, xyz.shape[1]), 2, largest=False)
-        # beyond the ball the nearest, which is the centre itself, stands in
+        """Positions [B, N, 3] and features [B, N, C] to those of the centers, [B, M, 3] and [B, M, C']."""
+        chosen = farthest_points(xyz, min(self.centers, xyz.shape[1]))
+        center = _at(xyz, chosen)
+        apart = torch.cdist(center, xyz, compute_mode="donot_use_mm_for_euclid_dist")
+        apart, near = apart.topk(min(self.neighbors, xyz.shape[1]), 2, largest=False)
+        # beyond the ball the nearest, which is the center itself, stands in
         near = torch.where(apart <= self.radius, near, near[..., :1])
         index = near.flatten(1)
         shape = (*near.shape, -1)
-        offset = _at(xyz, index).view(shape) - centre.unsqueeze(2)
+        offset = _at(xyz, index).view(shape) - center.unsqueeze(2)
         grouped = torch.cat((offset, _at(features, index).view(shape)), 3)
-        return centre, self.mlp(grouped.permute(0, 3, 1, 2)).amax(3).mT
+        return center, self.mlp(grouped.permute(0, 3, 1, 2)).amax(3).mT
 
 
 @register_network("pointnet++")

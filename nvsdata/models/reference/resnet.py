@@ -49,7 +49,7 @@ def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]
 
 
 def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.Module, ...]:
-    """Space, then time: 1x3x3, batch normalisation and ReLU, 3x1x1 and batch normalisation.
+    """Space, then time: 1x3x3, batch normalization and ReLU, 3x1x1 and batch normalization.
 
     As many channels between them as give the number of weights of a 3x3x3 convolution (Tran et al. 2018, 3.5).
     """

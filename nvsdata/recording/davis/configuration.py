@@ -13,7 +13,7 @@ Write = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
-class Facts:
+class DeviceInfo:
     """What a camera says of itself. `width`, `height` and `frame_size` are as the host sees them; clocks in MHz."""
 
     serial: str
@@ -37,7 +37,7 @@ class Facts:
         return CHIPS.get(self.chip, f"chip {self.chip}")
 
 
-def defaults(facts: Facts) -> Iterator[Write]:
+def defaults(facts: DeviceInfo) -> Iterator[Write]:
     """The vendor's default configuration but for biases, in its order: (module, parameter, value)."""
     old, small = facts.chip in (0, 1), facts.chip in (0, 1, 2)
     shift = [(p, int(p in (136, 138))) for p in range(128, 139)]
@@ -75,7 +75,7 @@ def defaults(facts: Facts) -> Iterator[Write]:
     yield USB, 1, cycles(1_000, facts.usb_clock)
 
 
-def changes(facts: Facts, settings: Settings) -> Iterator[Write]:
+def changes(facts: DeviceInfo, settings: Settings) -> Iterator[Write]:
     """What `settings` want in other ways than the defaults. ValueError for what the camera can't do."""
     default = Settings()
     for name, asked, needed in (

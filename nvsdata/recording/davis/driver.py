@@ -13,7 +13,7 @@ import usb.core
 import usb.util
 
 from nvsdata.recording.camera import CameraError, Unplugged
-from nvsdata.recording.davis.configuration import Facts, changes, defaults
+from nvsdata.recording.davis.configuration import DeviceInfo, changes, defaults
 from nvsdata.recording.davis.file import header
 from nvsdata.recording.davis.registers import (
     APS,
@@ -29,8 +29,8 @@ from nvsdata.recording.davis.registers import (
     biases_of,
 )
 from nvsdata.recording.davis.stream import Decoder
-from nvsdata.recording.usb.process_reader import Apart, can_read_apart
-from nvsdata.recording.usb.transfers import Gone, Single, Stream, queued
+from nvsdata.recording.usb.process_reader import SubprocessStream, can_read_in_subprocess
+from nvsdata.recording.usb.transfers import Disconnected, Stream, SyncStream, queued
 
 VENDOR = 0x152A
 # product, what board it is, the least firmware
@@ -92,7 +92,7 @@ class Davis:
         usb.util.claim_interface(self.device, 0)
         self._serial = (self.device.serial_number or "")[:8]
 
-    def _facts(self) -> Facts:
+    def _facts(self) -> DeviceInfo:
         board, least = BOARDS[self.device.idProduct]
         firmware = self.device.bcdDevice & 0xFF
         if firmware < least:
@@ -112,7 +112,7 @@ class Davis:
             ("skip filter", DVS, 50),
             ("polarity filter", DVS, 60),
             ("event statistics", DVS, 80),
-            ("colour", APS, 3),
+            ("color", APS, 3),
             ("global shutter", APS, 6),
             ("generator", EXTERNAL, 10),
             ("statistics", MUX, 80),
@@ -134,7 +134,7 @@ class Davis:
         except ValueError as error:
             self.close()
             raise CameraError(str(error)) from None
-        return Facts(
+        return DeviceInfo(
             self._serial or f"TMP{(self.device.bus or 0) * 256 + (self.device.address or 0):05d}",
             board,
             chip,
@@ -244,7 +244,7 @@ class Davis:
             self._stream = _stream(self.device)
         try:
             return self._stream.read(timeout)
-        except Gone as error:
+        except Disconnected as error:
             raise Unplugged(f"the camera stopped sending: {error}") from None
 
     def end_reading(self) -> None:
@@ -313,8 +313,8 @@ def _stream(device: Any) -> Stream:
     if found is not None:
         return found
     try:
-        return Apart.of(device, ENDPOINT) if can_read_apart(device) else Single(device, ENDPOINT)
-    except Gone as error:
+        return SubprocessStream.of(device, ENDPOINT) if can_read_in_subprocess(device) else SyncStream(device, ENDPOINT)
+    except Disconnected as error:
         raise CameraError(str(error)) from None
 
 

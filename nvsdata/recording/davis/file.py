@@ -14,7 +14,7 @@ from dataclasses import fields
 from typing import Any
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import Columns, Events, joined
+from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.registry import Format, starts_with
@@ -94,7 +94,7 @@ class StreamRecording(FileRecording):
         for piece in self.pieces():
             parts.append(piece.columns)
             self._ends = max(self._ends, piece.end)
-        columns = joined(parts)
+        columns = concatenate(parts)
         return Columns(*self._inside(columns)) if self._size is not None else columns
 
     @property

@@ -106,7 +106,7 @@ class Decoder:
         self._counts = np.zeros(kernel.COMPLAINTS, np.int64)
         self._odd = 0
         self._pixels = np.zeros(wide * high, np.uint16)
-        self._scratch = Columns.room(0)
+        self._scratch = Columns.empty(0)
         self._specials = np.empty((ROOM, 4), np.int64)
         self._samples = np.empty((ROOM, 12), np.int64)
         self._note([], [])
@@ -128,7 +128,7 @@ class Decoder:
         words = piece[: piece.size // 2 * 2].view("<u2")
         if words.size > self._scratch.t.size:
             # written to again and again: fresh memory would take longer than the decoding
-            self._scratch = Columns.room(words.size)
+            self._scratch = Columns.empty(words.size)
         notes: list[np.ndarray] = []
         rows: list[np.ndarray] = []
         self.frames, self.frame_words = [], []
@@ -141,7 +141,7 @@ class Decoder:
                 self._counts,
                 self._setting,
                 self._pixels,
-                *self._scratch.at(slice(count, None)),
+                *self._scratch.take(slice(count, None)),
                 self._specials,
                 self._samples,
             )
@@ -181,9 +181,9 @@ class Decoder:
                 begun, word = True, int(specials.word[resets[0]])
                 kept = slice(int(specials.before[resets[0]]), None)
                 triggers &= specials.word > word
-                samples = samples.at(self.sample_words > word)
+                samples = samples.take(self.sample_words > word)
                 frames = [frame for frame, at in zip(frames, self.frame_words, strict=True) if at > word]
-            columns = events.columns.at(kept)
+            columns = events.columns.take(kept)
             times = specials.t[triggers]
             if last is not None:
                 columns = columns.first(int(np.searchsorted(columns.t, last)))

@@ -24,7 +24,7 @@ from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig.contact_sheets import Sheets
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
-from nvsdata.recording.rig.take import Spoilt, develop, shoot
+from nvsdata.recording.rig.take import TakeRejected, cut_take, record_take
 from nvsdata.video.folder import Video, fatal, sha256
 from nvsdata.video.manifest import NAME, Manifest
 
@@ -109,7 +109,7 @@ def record_videos(
             try:
                 line |= {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
                 line |= _recorded(video, out, camera, monitor, settings)
-            except (Spoilt, CameraError) as reason:
+            except (TakeRejected, CameraError) as reason:
                 if isinstance(reason, CameraError):
                     cameras.drop()
                 if takes[video.name] < TAKES:
@@ -134,7 +134,7 @@ def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, setting
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
     try:
-        take = shoot(camera, monitor, video.path, raw, settings)
+        take = record_take(camera, monitor, video.path, raw, settings)
     except CameraError:
         raise
     except BaseException:
@@ -142,7 +142,7 @@ def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, setting
         raise
     with (out / PLAYED).open("a", encoding="utf-8") as file:
         file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
-    line = develop(take, video.target)
+    line = cut_take(take, video.target)
     raw.unlink()
     if take.performance.truncated:
         line |= {"status": "truncated", "reason": take.performance.truncated}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nvsdata.common.clock import host_time
-from nvsdata.data.events import Events, joined
+from nvsdata.data.events import Events, concatenate
 from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import Report
 from nvsdata.recording.davis.registers import Settings
@@ -54,7 +54,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: flo
         finally:
             monitor.check = lambda: None
             recorder.finish()
-    events = Events.trusted(joined([piece.columns for piece in pieces]), size, 0)
+    events = Events.trusted(concatenate([piece.columns for piece in pieces]), size, 0)
     line = fit(events, np.array(whole[0]), np.array(whole[1]))
     seen = response(events, line, *whole)
     corners = corners_of(seen, response(events, line, *corner))

@@ -15,7 +15,7 @@ from nvsdata.data.events import Events
 from nvsdata.plots import curves, save
 from nvsdata.plots.drawing import OFF, ON
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.rig.clock_fit import LONGEST, Fit, NoSync
+from nvsdata.recording.rig.clock_fit import LONGEST, ClockFit, NoSync
 
 FIGURES = "calibration.json"
 BIN = 500  # µs of the spectrum's time
@@ -51,7 +51,7 @@ class Calibration:
     flicker: dict[float, float]
 
 
-def response(events: Events, line: Fit, shown: list[float], bright: list[bool]) -> np.ndarray:
+def response(events: Events, line: ClockFit, shown: list[float], bright: list[bool]) -> np.ndarray:
     """Share of the flashes that each pixel saw, [H, W]."""
     width, height = events.sensor_size
     seen = np.zeros(width * height)
@@ -158,7 +158,7 @@ def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[floa
     return dict(sorted(found.items()))
 
 
-def described(found: Calibration, size: tuple[int, int]) -> str:
+def summary(found: Calibration, size: tuple[int, int]) -> str:
     """The calibration in a few lines."""
     places = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in found.corners)
     lines = [
@@ -210,11 +210,11 @@ def write_calibration(found: Calibration, settings: Settings, size: tuple[int, i
 
 def _picture(found: Calibration) -> np.ndarray:
     """Which pixels saw the flashes, and what was found of it: uint8 [H, W, 3], BGR."""
-    grey = (found.response * 255).astype(np.uint8).repeat(ZOOM, 0).repeat(ZOOM, 1)
-    picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    gray = (found.response * 255).astype(np.uint8).repeat(ZOOM, 0).repeat(ZOOM, 1)
+    picture = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
     corners = ((found.corners + 0.5) * ZOOM).round().astype(np.int32)
     cv2.polylines(picture, [corners], True, ON, 2, cv2.LINE_AA)
     cv2.circle(picture, corners[0].tolist(), 6, ON, -1, cv2.LINE_AA)
-    for (x, y, width, height), colour in ((found.roi, OFF), (found.crop, (60, 200, 60))):
-        cv2.rectangle(picture, (x * ZOOM, y * ZOOM), ((x + width) * ZOOM - 1, (y + height) * ZOOM - 1), colour, 1)
+    for (x, y, width, height), color in ((found.roi, OFF), (found.crop, (60, 200, 60))):
+        cv2.rectangle(picture, (x * ZOOM, y * ZOOM), ((x + width) * ZOOM - 1, (y + height) * ZOOM - 1), color, 1)
     return picture

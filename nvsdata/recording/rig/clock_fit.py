@@ -26,7 +26,7 @@ class NoSync(ValueError):
 
 
 @dataclass(frozen=True)
-class Fit:
+class ClockFit:
     """Camera time = `offset` + (1 + `drift`) x host time, µs.
 
     `residual` is the median distance of the flashes from it (µs), `used` how many of `flashes` agree with it.
@@ -56,7 +56,7 @@ def flashes(length: int = 31) -> np.ndarray:
     return np.array(bits, np.uint8)
 
 
-def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> Fit:
+def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
     """Match the flashes that were shown to what a camera saw of them.
 
     `seen`: its events, or the times (µs, rising) of triggers that a photodiode before the screen gave: one at each
@@ -90,7 +90,7 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
         raise NoSync(f"of {host.size} flashes only {used} agree in time")
     if abs(slope - 1) > MOST_DRIFT:
         raise NoSync(f"a clock that is {abs(slope - 1) * 1e6:.0f} ppm off isn't this camera's")
-    return Fit(offset, slope - 1, residual, used, host.size)
+    return ClockFit(offset, slope - 1, residual, used, host.size)
 
 
 def _matched(

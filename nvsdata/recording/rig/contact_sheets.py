@@ -80,7 +80,7 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
 
 
 def _middle(path: Path) -> np.ndarray:
-    """The video's middle picture; grey if it can't be had."""
+    """The video's middle picture; gray if it can't be had."""
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     try:
         capture.set(cv2.CAP_PROP_POS_FRAMES, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) // 2)

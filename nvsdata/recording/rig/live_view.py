@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.clock import host_time
-from nvsdata.data.events import Events, joined
+from nvsdata.data.events import Events, concatenate
 from nvsdata.plots import event_image
 from nvsdata.recording.rig.monitor import MonitorError, pygame_or_error
 
@@ -43,7 +43,7 @@ class Live:
         if len(events) == 0:
             return
         with self._lock:
-            both = Events.trusted(joined([self._events.columns, events.columns]), self.size, 0)
+            both = Events.trusted(concatenate([self._events.columns, events.columns]), self.size, 0)
             self._events = both.window(start=int(both.t[-1]) - SPAN)
 
     def draw(self) -> None:

@@ -98,7 +98,7 @@ class Monitor:
         return 1e6 / rate, False, float(gaps.min())
 
     def fill(self, level: int, due: float | None = None) -> float:
-        """Show one grey all over the screen; see `show`."""
+        """Show one gray all over the screen; see `show`."""
         return self._shown(lambda: self._surface.fill((level, level, level)), due)
 
     def show(self, frame: Frame, due: float | None = None) -> float:

@@ -23,7 +23,7 @@ USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 
 
 @dataclass
-class Performance:
+class PlaybackLog:
     """When what was shown, host times in µs.
 
     `flashes` are the times at which the whole screen turned bright or (where `bright` is False) dim; the video lasted
@@ -69,12 +69,12 @@ class Performance:
         }
 
 
-def perform(monitor: Monitor, video: Path) -> Performance:
+def perform(monitor: Monitor, video: Path) -> PlaybackLog:
     """Show a video, paced by its own times, between flash patterns.
 
     FormatError or FileNotFoundError before anything is shown, if it holds no picture. See `Monitor` for others.
     """
-    done = Performance(monitor.refresh)
+    done = PlaybackLog(monitor.refresh)
     frames = frames_of(video)
     try:
         first = next(frames)
@@ -90,7 +90,7 @@ def perform(monitor: Monitor, video: Path) -> Performance:
     return done
 
 
-def _play(monitor: Monitor, done: Performance, first: Frame, others: Iterator[Frame]) -> None:
+def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Frame]) -> None:
     """Show the pictures after the first; those whose successor is due are skipped."""
     done.due.append(done.start)
     done.shown.append(done.start)
@@ -106,14 +106,14 @@ def _play(monitor: Monitor, done: Performance, first: Frame, others: Iterator[Fr
     done.stop = done.start + last + gap
 
 
-def _to_the_end(frames: Iterator[Frame], done: Performance) -> Iterator[Frame]:
+def _to_the_end(frames: Iterator[Frame], done: PlaybackLog) -> Iterator[Frame]:
     try:
         yield from frames
     except TruncatedVideo as error:
         done.truncated = str(error)
 
 
-def _in_turn(monitor: Monitor, done: Performance, frame: Frame, next_due: float) -> None:
+def _in_turn(monitor: Monitor, done: PlaybackLog, frame: Frame, next_due: float) -> None:
     if host_time() > next_due - monitor.refresh / 2:
         done.skipped += 1
         return
@@ -140,7 +140,7 @@ def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tu
     return times, rising
 
 
-def _flash(monitor: Monitor, done: Performance) -> None:
+def _flash(monitor: Monitor, done: PlaybackLog) -> None:
     """Show the pattern all over the screen."""
     times, rising = pattern(monitor, lambda bright, due: monitor.fill(BRIGHT if bright else DIM, due))
     done.flashes += times

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.data.events import Events, joined
+from nvsdata.data.events import Events, concatenate
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.pieces import cut
 from nvsdata.data.recording import Recording
@@ -19,9 +19,9 @@ from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import Report
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.rig.clock_fit import MOST_DRIFT, Fit, NoSync, fit
+from nvsdata.recording.rig.clock_fit import MOST_DRIFT, ClockFit, NoSync, fit
 from nvsdata.recording.rig.monitor import Monitor
-from nvsdata.recording.rig.playback import Performance, perform
+from nvsdata.recording.rig.playback import PlaybackLog, perform
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 BESIDE = 500_000  # µs around the flashes
@@ -33,7 +33,7 @@ MOST_LATE = 0.05  # share of the pictures that were late or skipped
 WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
 
 
-class Spoilt(Exception):
+class TakeRejected(Exception):
     """A take that must be done again, and why."""
 
 
@@ -43,7 +43,7 @@ class Take:
 
     raw: Path
     report: Report
-    performance: Performance
+    performance: PlaybackLog
 
 
 @dataclass
@@ -55,7 +55,7 @@ class Tally:
     full: float = 0.0
 
 
-def shoot(camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
+def record_take(camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
     """Record while a video plays; whatever the monitor, the video or the camera raises ends both."""
     # a take that is cut short is done again
     recorder = Recorder(camera, raw, settings, journaled=False)
@@ -76,7 +76,7 @@ def shoot(camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Se
     return Take(raw, report, performance)
 
 
-def synced(take: Take) -> tuple[Fit, str]:
+def synced(take: Take) -> tuple[ClockFit, str]:
     """The fit of the take's flashes, by the external input's triggers if they show them, else by events; which of them.
 
     NoSync if neither does.
@@ -99,19 +99,19 @@ def _around_flashes(take: Take) -> Events:
         lo, hi = first * (1 - MOST_DRIFT) - BESIDE, last * (1 + MOST_DRIFT) + BESIDE
         lo = max(int(lo), windows[-1][1] if windows else 0)
         windows.append((lo, max(int(hi), lo)))
-    return Events.trusted(joined([recording.read(*window).columns for window in windows]), recording.sensor_size)
+    return Events.trusted(concatenate([recording.read(*window).columns for window in windows]), recording.sensor_size)
 
 
-def develop(take: Take, target: Path) -> dict[str, Any]:
+def cut_take(take: Take, target: Path) -> dict[str, Any]:
     """Cut the take to its video, from time zero, into `target`; what the manifest is to say of it.
 
-    `Spoilt` if it has to be done again: nothing is written then.
+    `TakeRejected` if it has to be done again: nothing is written then.
     """
     report, done = take.report, take.performance
     try:
         line, by = synced(take)
     except NoSync as error:
-        raise Spoilt(str(error)) from None
+        raise TakeRejected(str(error)) from None
     span = round(line.camera(done.start)), round(line.camera(done.stop))
     recording = formats.open(take.raw)
     tally = _tally(recording, *span)
@@ -134,23 +134,25 @@ def develop(take: Take, target: Path) -> dict[str, Any]:
     }
 
 
-def _check(report: Report, done: Performance, line: Fit, tally: Tally, duration: int) -> None:
-    """`Spoilt` unless all of the video was shown in time, seen and kept."""
+def _check(report: Report, done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
+    """`TakeRejected` unless all of the video was shown in time, seen and kept."""
     if report.lost:
-        raise Spoilt(f"{report.lost} bytes came faster than they could be decoded and written")
+        raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")
     if report.dropped:
-        raise Spoilt(f"the camera dropped {report.dropped} events")
+        raise TakeRejected(f"the camera dropped {report.dropped} events")
     if report.complaints.get("lost_wraps"):
-        raise Spoilt("parts of the camera's stream are missing")
+        raise TakeRejected("parts of the camera's stream are missing")
     if line.residual > WORST_RESIDUAL:
-        raise Spoilt(f"the flashes are {line.residual:.0f} µs off in the middle")
+        raise TakeRejected(f"the flashes are {line.residual:.0f} µs off in the middle")
     missed = done.late + done.skipped
     if missed > MOST_LATE * done.frames:
-        raise Spoilt(f"{missed} of {done.frames} pictures were late: is the computer busy?")
+        raise TakeRejected(f"{missed} of {done.frames} pictures were late: is the computer busy?")
     if tally.events < FEWEST * duration / MICROSECONDS:
-        raise Spoilt(f"{tally.events} events in {duration / MICROSECONDS:.2f} s are too few")
+        raise TakeRejected(f"{tally.events} events in {duration / MICROSECONDS:.2f} s are too few")
     if tally.full > MOST_FULL:
-        raise Spoilt(f"the readout is full for {tally.full:.0%} of the time: lower the contrast, or raise thresholds")
+        raise TakeRejected(
+            f"the readout is full for {tally.full:.0%} of the time: lower the contrast, or raise thresholds"
+        )
 
 
 def _pieces(recording: Recording, start: int, stop: int) -> Iterator[Events]:

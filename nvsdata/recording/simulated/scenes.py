@@ -11,7 +11,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from nvsdata.data.events import Events, joined
+from nvsdata.data.events import Events, concatenate
 from nvsdata.emulation.emulator import Emulator
 from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.pix2nvs import PIX2NVS
@@ -147,7 +147,7 @@ class Watched:
                 self._picture = mixed
                 pieces += self._until(begun + n * self.scan // (len(BANDS) - 1))
         pieces += self._until(stop)
-        events = Events.trusted(joined([piece.columns for piece in pieces]), SIZE, start)
+        events = Events.trusted(concatenate([piece.columns for piece in pieces]), SIZE, start)
         self._waiting = events.window(start=stop)
         return events.window(stop=stop)
 

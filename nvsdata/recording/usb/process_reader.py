@@ -18,7 +18,7 @@ import usb.util
 
 from nvsdata.common.processes import end_with_parent
 from nvsdata.common.signals import ENDING
-from nvsdata.recording.usb.transfers import Gone, Single
+from nvsdata.recording.usb.transfers import Disconnected, SyncStream
 
 READY = b""
 STARTING = 20.0  # s that the process may take to begin
@@ -27,16 +27,16 @@ GLIMPSE = 50  # ms of a read, between looks at whether more is wanted
 OURS = "usb.backend."
 
 
-def can_read_apart(device: Any) -> bool:
+def can_read_in_subprocess(device: Any) -> bool:
     """Whether another process finds the same device: it does through a backend of pyusb's own."""
     return type(device.backend).__module__.startswith(OURS)
 
 
-class Apart:
+class SubprocessStream:
     """What a camera sends, read by another process; a `Stream`.
 
-    `opener` is called there, must be picklable, and gives the device, its interface claimed. `Gone` if it can't.
-    `freed` is called when that process has ended.
+    `opener` is called there, must be picklable, and gives the device, its interface claimed. `Disconnected` if it
+    can't. `freed` is called when that process has ended.
     """
 
     def __init__(self, opener: Callable[[], Any], endpoint: int, freed: Callable[[], None] = lambda: None) -> None:
@@ -55,10 +55,10 @@ class Apart:
             word = b"it died"
         if word != READY:
             self.close()
-            raise Gone(f"the process that reads the camera failed: {word.decode()}")
+            raise Disconnected(f"the process that reads the camera failed: {word.decode()}")
 
     @classmethod
-    def of(cls, device: Any, endpoint: int) -> Apart:
+    def of(cls, device: Any, endpoint: int) -> SubprocessStream:
         """Hand a device to another process; its control transfers stay here."""
         usb.util.release_interface(device, 0)
         opener = partial(_found_again, device.idVendor, device.idProduct, device.bus, device.address)
@@ -73,7 +73,7 @@ class Apart:
                     taken.append(self._blocks.recv_bytes())
         except (EOFError, OSError):
             if not taken:
-                raise Gone("the process that reads the camera ended") from None
+                raise Disconnected("the process that reads the camera ended") from None
         return b"".join(taken)
 
     def close(self) -> None:
@@ -110,7 +110,7 @@ def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: E
         signal.signal(number, signal.SIG_IGN)
     end_with_parent()
     try:
-        source = Single(opener(), endpoint)
+        source = SyncStream(opener(), endpoint)
     except Exception as error:
         blocks.send_bytes(str(error).encode() or b"it failed")
         return
@@ -122,7 +122,7 @@ def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: E
         while not stop.is_set():
             if block := source.read(GLIMPSE):
                 waiting.put(block)
-    except Gone:
+    except Disconnected:
         pass
     finally:
         waiting.put(None)

@@ -13,10 +13,10 @@ import usb.core
 COUNT, SIZE = 32, 1 << 16  # requests, and bytes of each
 COMPLETED, TIMED_OUT, CANCELLED = 0, 2, 3
 BULK = 2
-PATIENCE = 1.0  # s that cancelled requests may take
+PATIENCE = 1.0  # s that canceled requests may take
 
 
-class Gone(Exception):
+class Disconnected(Exception):
     """The device doesn't answer any more."""
 
 
@@ -24,13 +24,13 @@ class Stream(Protocol):
     """What a camera sends, as it comes."""
 
     def read(self, timeout: int) -> bytes:
-        """What came within `timeout` ms, maybe nothing. `Gone` if the device is."""
+        """What came within `timeout` ms, maybe nothing. `Disconnected` if the device is."""
 
     def close(self) -> None:
         """No more is wanted."""
 
 
-class Single:
+class SyncStream:
     """One request at a time, through whatever backend the device has.
 
     Between two of them no request waits, and the camera's 3 kB of memory may run over.
@@ -46,7 +46,7 @@ class Single:
         except usb.core.USBTimeoutError:
             return b""
         except usb.core.USBError as error:
-            raise Gone(error.strerror or str(error)) from None
+            raise Disconnected(error.strerror or str(error)) from None
         return bytes(memoryview(self._buffer)[:count])
 
     def close(self) -> None:
@@ -57,7 +57,7 @@ class _Timeval(ctypes.Structure):
     _fields_ = (("seconds", ctypes.c_long), ("microseconds", ctypes.c_long))
 
 
-class Queued:
+class AsyncStream:
     """`COUNT` requests that wait in libusb, so that the camera never finds nobody listening.
 
     `lib`, `context` and `handle` are pyusb's own; the interface has been claimed.
@@ -106,7 +106,7 @@ class Queued:
     def read(self, timeout: int) -> bytes:
         if not self._done:
             if self._failed is not None and not self._waiting:
-                raise Gone("no request is answered any more")
+                raise Disconnected("no request is answered any more")
             self._handle(timeout)
         taken = []
         while self._done:
@@ -131,10 +131,10 @@ class Queued:
             self._transfers = []
 
 
-def queued(device: Any, endpoint: int) -> Queued | None:
+def queued(device: Any, endpoint: int) -> AsyncStream | None:
     """Requests that wait in libusb; None if the device's backend isn't pyusb's for it."""
     parts = _libusb(device)
-    return None if parts is None else Queued(*parts, endpoint)
+    return None if parts is None else AsyncStream(*parts, endpoint)
 
 
 def _libusb(device: Any) -> tuple[Any, Any, Any] | None:

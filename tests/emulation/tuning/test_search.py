@@ -36,7 +36,7 @@ def test_a_search_finds_settings_as_good_as_the_hidden_ones(frames, threshold):
     assert found.best.distances == found.trials[int(np.argmin(found.scores))].distances
 
 
-def test_a_pair_has_the_colours_of_a_file_for_hue_and_its_luma_for_the_rest(tmp_path):
+def test_a_pair_has_the_colors_of_a_file_for_hue_and_its_luma_for_the_rest(tmp_path):
     frames = moving_square()
     for frame in frames:
         frame[frame[..., 2] > 200, 2] //= 4  # the square is of another hue than the ground

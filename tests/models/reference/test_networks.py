@@ -94,7 +94,7 @@ SMALL = [
 def test_they_learn_and_a_sample_does_not_depend_on_its_batch(build, shape):
     model = build()
     x = torch.rand(3, *shape)
-    # no sum of scores: batch normalisation would leave that without gradients
+    # no sum of scores: batch normalization would leave that without gradients
     model(x).square().mul(torch.arange(1.0, 4.0).unsqueeze(1)).sum().backward()
     assert all(p.grad is not None and p.grad.isfinite().all() for p in model.parameters())
     # float64: statistics of so few places magnify every rounding

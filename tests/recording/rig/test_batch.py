@@ -19,10 +19,10 @@ from nvsdata.recording.capture import Report
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig import batch, take
-from nvsdata.recording.rig.clock_fit import Fit
+from nvsdata.recording.rig.clock_fit import ClockFit
 from nvsdata.recording.rig.monitor import Monitor
-from nvsdata.recording.rig.playback import Performance
-from nvsdata.recording.rig.take import Spoilt, Tally
+from nvsdata.recording.rig.playback import PlaybackLog
+from nvsdata.recording.rig.take import TakeRejected, Tally
 from nvsdata.recording.simulated.camera import Camera, picture
 from nvsdata.recording.simulated.scenes import Watched
 from nvsdata.recording.simulated.usb_backend import Backend
@@ -50,7 +50,7 @@ def lines(out):
 def truth(monkeypatch):
     """Of each take, how far its start and drift (µs, ppm) are from what the camera's clock says."""
     found, began = [], []
-    begin, develop = Camera._begin, take.develop
+    begin, develop = Camera._begin, take.cut_take
 
     def remembering(self):
         begin(self)
@@ -64,7 +64,7 @@ def truth(monkeypatch):
         return develop(one, target)
 
     monkeypatch.setattr(Camera, "_begin", remembering)
-    monkeypatch.setattr(batch, "develop", measuring)
+    monkeypatch.setattr(batch, "cut_take", measuring)
     return found
 
 
@@ -255,10 +255,10 @@ def test_what_spoils_a_take(report, done, line, tally, reason, monkeypatch):
     times = list(np.arange(20.0))
     given = (
         Report(None, **report),
-        Performance(16_667, due=times, shown=times, **done),
-        Fit(**{"offset": 0.0, "drift": 0.0, "residual": 5.0, "used": 30, "flashes": 32} | line),
+        PlaybackLog(16_667, due=times, shown=times, **done),
+        ClockFit(**{"offset": 0.0, "drift": 0.0, "residual": 5.0, "used": 30, "flashes": 32} | line),
         Tally(**{"events": 5_000, "on": 0, "full": 0.0} | tally),
         1_000_000,
     )
-    with pytest.raises(Spoilt, match=reason):
+    with pytest.raises(TakeRejected, match=reason):
         take._check(*given)

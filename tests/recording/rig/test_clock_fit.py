@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata import Events
-from nvsdata.recording.rig.clock_fit import ONSET, Fit, NoSync, fit, flashes
+from nvsdata.recording.rig.clock_fit import ONSET, ClockFit, NoSync, fit, flashes
 
 FRAME = 1e6 / 60
 
@@ -70,7 +70,7 @@ def test_a_fifth_of_the_flashes_a_frame_late_on_one_side():
 
 
 def test_times_go_there_and_back():
-    line = Fit(1_234_567.0, 80e-6, 0.0, 10, 10)
+    line = ClockFit(1_234_567.0, 80e-6, 0.0, 10, 10)
     assert line.host(line.camera(9e6)) == pytest.approx(9e6)
 
 

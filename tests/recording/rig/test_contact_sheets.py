@@ -22,7 +22,7 @@ def test_a_damaged_recording_leaves_its_place_empty(tmp_path):
     with Sheets(tmp_path, videos, SimpleNamespace(videos=lines)) as sheets:
         sheets.add(videos[0])
     page = cv2.imread(str(tmp_path / "contact-sheet-001.png"))
-    # the first recording's place is grey all over, the second has its events
+    # the first recording's place is gray all over, the second has its events
     first, second = page[18:138, 160:320], page[18:138, 492:652]
     assert (first == 240).all()
     assert second.std() > 0

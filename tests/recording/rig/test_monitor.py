@@ -24,8 +24,8 @@ class Eye:
         self.pictures.append(picture.copy())
 
 
-def picture(width, height, colour=(10, 20, 200)):
-    return Frame(0, np.full((height, width, 3), colour, np.uint8))
+def picture(width, height, color=(10, 20, 200)):
+    return Frame(0, np.full((height, width, 3), color, np.uint8))
 
 
 def test_a_picture_is_as_large_as_fits_and_black_around():

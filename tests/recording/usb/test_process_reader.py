@@ -20,8 +20,8 @@ from nvsdata.recording.davis.stream import Decoder
 from nvsdata.recording.simulated.camera import Camera
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
-from nvsdata.recording.usb.process_reader import Apart, can_read_apart
-from nvsdata.recording.usb.transfers import Gone, Single
+from nvsdata.recording.usb.process_reader import SubprocessStream, can_read_in_subprocess
+from nvsdata.recording.usb.transfers import Disconnected, SyncStream
 
 
 def streaming(reads=None, rate=400_000):
@@ -45,7 +45,7 @@ def read_out(apart):
     try:
         while True:
             came += len(apart.read(100))
-    except Gone as error:
+    except Disconnected as error:
         return came, str(error)
 
 
@@ -58,7 +58,7 @@ def dying():
 
 
 def test_what_another_process_reads_is_the_stream():
-    apart = Apart(streaming, ENDPOINT)
+    apart = SubprocessStream(streaming, ENDPOINT)
     decoder, events = Decoder(240, 180), []
     until = time.monotonic() + 30
     while sum(map(len, events)) <= 50_000 and time.monotonic() < until:
@@ -72,7 +72,7 @@ def test_what_another_process_reads_is_the_stream():
 
 def test_a_device_that_goes_away_there_is_gone_here():
     freed = []
-    apart = Apart(partial(streaming, 200), ENDPOINT, lambda: freed.append(True))
+    apart = SubprocessStream(partial(streaming, 200), ENDPOINT, lambda: freed.append(True))
     came, told = read_out(apart)
     apart.close()
     assert came > 1_000
@@ -84,12 +84,12 @@ def test_a_device_that_goes_away_there_is_gone_here():
     ("opener", "reason"), [(partial(failing, "no such device"), "no such device"), (dying, "died")]
 )
 def test_a_process_that_cannot_begin(opener, reason):
-    with pytest.raises(Gone, match=reason):
-        Apart(opener, ENDPOINT)
+    with pytest.raises(Disconnected, match=reason):
+        SubprocessStream(opener, ENDPOINT)
 
 
 def test_a_process_that_is_killed():
-    apart = Apart(streaming, ENDPOINT)
+    apart = SubprocessStream(streaming, ENDPOINT)
     apart._process.kill()
     assert "ended" in read_out(apart)[1]
     apart.close()
@@ -98,9 +98,9 @@ def test_a_process_that_is_killed():
 PARENT = """
 import os, signal, sys
 sys.path[:0] = {paths}
-from test_process_reader import ENDPOINT, Apart, streaming
+from test_process_reader import ENDPOINT, SubprocessStream, streaming
 if __name__ == "__main__":
-    apart = Apart(streaming, ENDPOINT)
+    apart = SubprocessStream(streaming, ENDPOINT)
     print(apart._process.pid, flush=True)
     while True:
         apart.read(100)
@@ -146,9 +146,9 @@ Elsewhere.__module__ = "usb.backend.other"
 def test_backends_of_pyusb_are_read_apart_and_others_here(monkeypatch):
     here = usb.core.find(backend=Backend(Camera()))
     there = usb.core.find(backend=Elsewhere(Camera()))
-    assert not can_read_apart(here)
-    assert can_read_apart(there)
-    assert isinstance(driver._stream(here), Single)
+    assert not can_read_in_subprocess(here)
+    assert can_read_in_subprocess(there)
+    assert isinstance(driver._stream(here), SyncStream)
     # the other process finds no such device
     with pytest.raises(CameraError, match="process that reads the camera failed"):
         driver._stream(there)

@@ -6,7 +6,7 @@ import pytest
 from usb.backend import libusb1
 
 from nvsdata.recording.usb import transfers
-from nvsdata.recording.usb.transfers import CANCELLED, COMPLETED, COUNT, Gone, Queued
+from nvsdata.recording.usb.transfers import CANCELLED, COMPLETED, COUNT, AsyncStream, Disconnected
 
 
 class Library:
@@ -47,7 +47,7 @@ class Library:
 
 
 def queued(library):
-    return Queued(library, None, libusb1._libusb_device_handle(), 0x82)
+    return AsyncStream(library, None, libusb1._libusb_device_handle(), 0x82)
 
 
 def test_what_comes_is_handed_on_in_order_and_requests_always_wait():
@@ -72,7 +72,7 @@ def test_a_device_that_goes_is_told_once_all_has_been_read():
     assert b"".join(got) == b"abcd"
     # one after the other, the requests end
     assert b"".join(reader.read(10) for _ in range(COUNT)) == b""
-    with pytest.raises(Gone):
+    with pytest.raises(Disconnected):
         reader.read(10)
     reader.close()
     assert library.freed == COUNT

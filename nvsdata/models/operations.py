@@ -13,7 +13,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from nvsdata.kernels.spline import spline_shares
 from nvsdata.models.conv import ChebConv, GCNConv, GINConv, GMMConv
-from nvsdata.models.rgcnn import GCNN, RGCNN
+from nvsdata.models.graph_cnn import GCNN, RGCNN
 from nvsdata.models.spline import SplineConv
 
 BASES = 4  # (m + 1)^d for degree m = 1 in d = 2 dimensions
@@ -74,7 +74,7 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
     The formulas: a convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs, (4.11) and its like in three dimensions,
     HWT its places of output; a graph convolution (4.12), the edges being the graph's; a fully connected layer
     (2I - 1) O. Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers (C_in + 1) C_out, and for a
-    graph network's first one C_in are channels, not channels times cells. Batch normalisation, root weights and
+    graph network's first one C_in are channels, not channels times cells. Batch normalization, root weights and
     what else the formulas don't name count only in `weights` and `executed`. Layers that the thesis has no formula
     for (other graph convolutions, LSTM) count as they are.
 

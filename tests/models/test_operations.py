@@ -70,7 +70,7 @@ def test_what_is_executed_is_what_the_convolution_does():
     entries = 6 * 2
     assert complexity(Lone(1, 4), batch).executed == 2 * entries + 2 * 5 * 25 * 4
     batch = replace(batch, x=torch.rand(5, 16))
-    # with many channels, only (node, cell) pairs that occur: 2 a node that has neighbours
+    # with many channels, only (node, cell) pairs that occur: 2 a node that has neighbors
     assert complexity(Lone(16, 4), batch).executed == 2 * entries * 16 + 2 * (4 * 2) * 16 * 4
 
 

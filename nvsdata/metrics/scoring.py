@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 
 def score(distances: npt.ArrayLike) -> np.ndarray:
-    """Weighted score of each setting, float64 [settings]: the mean of its distances, L2-normalised over the settings.
+    """Weighted score of each setting, float64 [settings]: the mean of its distances, L2-normalized over the settings.
 
     `distances` [settings, distances], all the smaller the better (`Comparison.values` has them). A
     distance that is 0 for all settings adds 0; NaN stands for a setting without a result, gives NaN,
@@ -17,5 +17,5 @@ def score(distances: npt.ArrayLike) -> np.ndarray:
     if table.ndim != 2:
         raise ValueError(f"distances must be [settings, distances], not {table.shape}")
     norms = np.sqrt(np.nansum(table * table, axis=0))
-    normalised = np.divide(table, norms, out=np.zeros_like(table), where=norms > 0)
-    return np.asarray(np.where(np.isnan(table).any(1), np.nan, normalised.mean(1)))
+    normalized = np.divide(table, norms, out=np.zeros_like(table), where=norms > 0)
+    return np.asarray(np.where(np.isnan(table).any(1), np.nan, normalized.mean(1)))

@@ -6,7 +6,7 @@ from nvsdata import transforms as T
 
 
 def learnt(model):
-    """A network whose statistics and normalisation are no longer those of the start."""
+    """A network whose statistics and normalization are no longer those of the start."""
     generator = torch.Generator().manual_seed(0)
     for module in model.modules():
         if isinstance(module, models.BatchNorm):
@@ -62,5 +62,5 @@ def test_it_is_neither_trained_nor_saved(tmp_path):
     fused = models.fused(models.rgcnn("n-mnist"))
     assert not fused.training
     assert not any(parameter.requires_grad for parameter in fused.parameters())
-    with pytest.raises(ValueError, match="or fused"):
+    with pytest.raises(ValueError, match="it is fused"):
         models.save(fused, tmp_path / "fused.safetensors")

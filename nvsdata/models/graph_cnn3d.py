@@ -9,10 +9,10 @@ import torch
 from torch import nn
 
 from nvsdata.data.graph import Graph, GraphBatch
+from nvsdata.models.graph_cnn import Activation, ResidualBlock, Size, check_input, check_pairs
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.registry import register_network
-from nvsdata.models.rgcnn import Activation, ResidualBlock, Size, check_input, check_pairs
 from nvsdata.models.temporal import temporal_network
 
 

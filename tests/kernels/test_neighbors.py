@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from strategies import events
 
 from nvsdata import Events
-from nvsdata.kernels import neighbours
+from nvsdata.kernels import neighbors
 from nvsdata.transforms import radius_graph
 
 
@@ -41,7 +41,7 @@ settings = st.fixed_dictionaries(
 @given(ev=events(max_size=60, gap=1_500), options=settings)
 def test_edges_are_those_of_brute_force(sweep, ev, options):
     order = ("radius", "alpha", "beta", "max_degree")
-    pairs = neighbours.radius_edges(ev.t, ev.x, ev.y, *(options[name] for name in order), sweep)
+    pairs = neighbors.radius_edges(ev.t, ev.x, ev.y, *(options[name] for name in order), sweep)
     assert set(zip(*pairs.tolist(), strict=True)) == slow_edges(ev, **options)
 
 

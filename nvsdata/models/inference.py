@@ -1,4 +1,4 @@
-"""Graph networks for inference: normalisation and shortcuts folded into the convolutions."""
+"""Graph networks for inference: normalization and shortcuts folded into the convolutions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import torch
 from torch import nn
 
 from nvsdata.data.graph import GraphBatch
+from nvsdata.models.graph_cnn import ConvBlock, ResidualBlock
 from nvsdata.models.norm import BatchNorm
-from nvsdata.models.rgcnn import ConvBlock, ResidualBlock
 from nvsdata.models.spline import SplineConv, add_self_loops
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -21,7 +21,7 @@ Network = TypeVar("Network", bound=nn.Module)
 def fused(model: Network) -> Network:
     """A copy of a trained network for inference, with the same outputs up to rounding and less to compute.
 
-    Each block of B-spline convolutions becomes one convolution, normalised by the running statistics: as the hat
+    Each block of B-spline convolutions becomes one convolution, normalized by the running statistics: as the hat
     functions of a kernel add up to 1 everywhere, a shortcut of kernel size 1 is a matrix added to every cell's.
     Blocks of other convolutions and 3D CNNs stay as they are. The copy can be neither trained nor saved.
     """
@@ -54,7 +54,7 @@ class _Block(nn.Module):
 
 
 def _fold(conv: SplineConv, norm: BatchNorm) -> None:
-    """Let a convolution give what the normalisation behind it makes of it."""
+    """Let a convolution give what the normalization behind it makes of it."""
     assert conv.bias is not None
     assert norm.running_mean is not None
     assert norm.running_var is not None

@@ -1,6 +1,6 @@
 """Graph CNNs for objects, plain and residual (thesis 4.2.5 and 4.4.2).
 
-A node counts among its own neighbours (its distance, 0, is within the radius of eq. 4.2) and has a
+A node counts among its own neighbors (its distance, 0, is within the radius of eq. 4.2) and has a
 root weight besides: event graphs have many lone nodes, which would otherwise have no say, and the
 node's share of the mean tells how crowded its place is.
 """
@@ -26,7 +26,7 @@ Size = tuple[int, int]
 
 
 class ConvBlock(nn.Module):
-    """Graph convolution and batch normalisation (thesis eqs. 4.6, 4.7), before their activation.
+    """Graph convolution and batch normalization (thesis eqs. 4.6, 4.7), before their activation.
 
     `convolution` is "spline" or one of `conv.CONVOLUTIONS`, which have their own way with the node itself.
     """
@@ -53,7 +53,7 @@ class ConvBlock(nn.Module):
 class ResidualBlock(nn.Module):
     """Res_g (thesis 4.2.5), before its activation.
 
-    A convolution and a shortcut of kernel size 1, each normalised, added. The shortcut's normalisation starts at
+    A convolution and a shortcut of kernel size 1, each normalized, added. The shortcut's normalization starts at
     a scale of 0: a network of such blocks begins as the plain one, and finds out what shortcuts are good for.
     """
 
