@@ -11,6 +11,7 @@ import torch
 from torch.utils.data import Dataset, Sampler
 
 from nvsdata.datasets.shared import Shared
+from nvsdata.kernels.random import FIRST, SECOND, STEP
 
 Key = tuple[int, int]
 """What `SeededBatches` yields and `SeededDataset` takes: the epoch, and the index of a sample."""
@@ -29,7 +30,7 @@ def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
         yield
         return
     # odd constants keep (seed, epoch, index) from meeting in one number
-    mixed = (seed * 0x9E3779B97F4A7C15 + epoch * 0xBF58476D1CE4E5B9 + index * 0x94D049BB133111EB) % 2**63
+    mixed = (seed * STEP + epoch * FIRST + index * SECOND) % 2**63
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(mixed)
         _seeding = True

@@ -27,6 +27,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
 from nvsdata.data.samples import Frame, Inertial
+from nvsdata.formats.columns import polarity
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.hdf5_columns import Column, Source, Stored, column_of, narrowed, rises
 from nvsdata.formats.hdf5_file import attribute, check_version, dataset_of, found_in, number_of, opened, text_of
@@ -112,7 +113,7 @@ class Hdf5Recording(FileRecording):
     def _events(self, source: Source, first: int, t: np.ndarray) -> Columns:
         """Events from the first on, of which the times are known."""
         x, y, p = (self._read(source, name, first, first + t.size) for name in "xyp")
-        inside = self._inside((t, x, y, np.where(p == -1, 0, p) if p.dtype.kind == "i" else p), first)
+        inside = self._inside((t, x, y, polarity(p)), first)
         return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
 
     def _read(self, source: Source, name: str, lo: int, hi: int) -> np.ndarray:

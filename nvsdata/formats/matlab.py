@@ -16,7 +16,8 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import LATEST, Columns
+from nvsdata.data.events import Columns
+from nvsdata.formats.columns import integers, polarity
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.hdf5_file import check_stored, found_in, opened
@@ -65,27 +66,12 @@ class MatlabRecording(FileRecording):
         return self._checked(columns)
 
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
-        t, x, y, p = (self._integers(name, columns[name]) for name in ("t", "x", "y", "p"))
+        t, x, y, p = (integers(self.path, f"variable {name!r}", columns[name]) for name in ("t", "x", "y", "p"))
         width, height = self._limits
         if (_greatest(x) == width or _greatest(y) == height) and x.min() >= 1 and y.min() >= 1:
             x, y = x.astype(np.int64) - 1, y.astype(np.int64) - 1
-        if _least(p) == -1:
-            p = np.where(p == -1, 0, p)
-        t, x, y, p = self._inside((t, x, y, p))
+        t, x, y, p = self._inside((t, x, y, polarity(p)))
         return Columns(t.astype(np.int64), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
-
-    def _integers(self, name: str, column: np.ndarray) -> np.ndarray:
-        """The column in integers; FormatError for fractions and numbers beyond 2^62."""
-        if column.dtype.kind == "b":
-            return column.astype(np.uint8)
-        if column.dtype.kind == "f":
-            # NaN fails the comparison, too
-            if not (np.abs(column) < 2.0**62).all() or (column != np.rint(column)).any():
-                raise FormatError(self.path, None, f"variable {name!r} holds numbers that aren't whole")
-            return column.astype(np.int64)
-        if column.dtype.itemsize == 8 and column.size and not -LATEST < column.min() <= column.max() < LATEST:
-            raise FormatError(self.path, None, f"variable {name!r} holds numbers beyond 2^62")
-        return column
 
     def _v5(self) -> dict[str, np.ndarray]:
         data = self._contents.read(0, self._contents.size).data
@@ -174,11 +160,6 @@ class MatlabRecording(FileRecording):
                         if item.dtype.kind in "iufb":
                             found[name] = h5py.Dataset(item)[()]
         return found
-
-
-def _least(column: np.ndarray) -> int:
-    """Least value; 0 of none, and of unsigned types, whose values are none below it."""
-    return int(column.min()) if column.size and column.dtype.kind != "u" else 0
 
 
 def _greatest(column: np.ndarray) -> int:

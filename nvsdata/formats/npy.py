@@ -17,6 +17,7 @@ from numpy.lib import format as npy
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, STRUCTURE, Columns
 from nvsdata.data.frame_edges import MICROSECONDS
+from nvsdata.formats.columns import integers, polarity
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.formats.registry import Format, starts_with
@@ -80,8 +81,8 @@ class NpyRecording(RecordFile):
 
     def _between(self, lo: int, hi: int) -> Columns:
         array = self._array(lo, hi)
-        x, y, p = (self._whole_numbers(name, self._column(array, name)) for name in "xyp")
-        t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, np.where(p == -1, 0, p)), lo)
+        x, y, p = (integers(self.path, f"column {name!r}", self._column(array, name)) for name in "xyp")
+        t, x, y, p = self._inside((self._times(self._column(array, "t")), x, y, polarity(p)), lo)
         return Columns(t, x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8))
 
     def decode(self) -> Columns:
@@ -95,19 +96,11 @@ class NpyRecording(RecordFile):
 
     def _times(self, column: np.ndarray) -> np.ndarray:
         if self._scale == 1:
-            return self._whole_numbers("t", column)
+            return integers(self.path, "column 't'", column).astype(np.int64)
         if not (np.abs(column) < LATEST / self._scale).all():
             raise FormatError(self.path, None, "holds times that are no numbers, or beyond 2^62 µs")
         # float32 has too few digits for what comes
         return np.rint(column.astype(np.float64) * self._scale).astype(np.int64)
-
-    def _whole_numbers(self, name: str, column: np.ndarray) -> np.ndarray:
-        # NaN fails the comparison, too
-        if column.dtype.kind == "f" and not ((np.abs(column) < LATEST) & (column == np.rint(column))).all():
-            raise FormatError(self.path, None, f"column {name!r} holds numbers that aren't whole")
-        if column.dtype.itemsize == 8 and column.size and not -LATEST < column.min() <= column.max() < LATEST:
-            raise FormatError(self.path, None, f"column {name!r} holds numbers beyond 2^62")
-        return column.astype(np.int64)
 
 
 def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:

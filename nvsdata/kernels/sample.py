@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from nvsdata.kernels.random import STEP, random_bits
+
 BUCKETS = 256  # of the histogram that finds a median
 
 
@@ -56,14 +58,10 @@ def nonuniform_sample(t, x, y, k, wx, wt, seed):
 
 @njit(cache=True, nogil=True)
 def _below(state, bound):
-    """Next state of a splitmix64 generator and a number in [0, bound)."""
-    state += np.uint64(0x9E3779B97F4A7C15)
-    z = state
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
+    """Next state of a generator and a number in [0, bound)."""
+    state += np.uint64(STEP)
     # the upper 32 bits, scaled: no modulo bias worth the name for boxes below 2^20 events
-    return state, np.int64(((z >> np.uint64(32)) * np.uint64(bound)) >> np.uint64(32))
+    return state, np.int64(((random_bits(state) >> np.uint64(32)) * np.uint64(bound)) >> np.uint64(32))
 
 
 @njit(cache=True, nogil=True)

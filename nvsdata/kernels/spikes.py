@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
+from nvsdata.kernels.random import STEP, random_bits
 from nvsdata.kernels.tiles import TILE
 
 INTERPOLATED, RANDOM, AT_ONCE = range(3)
@@ -121,11 +122,8 @@ def _grown(keys, n, more):
 
 @njit(cache=True, nogil=True)
 def _random(seed, place):
-    """64 random bits that depend on both numbers only (splitmix64, Steele et al. 2014)."""
-    z = seed + (place + _U(1)) * _U(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> _U(30))) * _U(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> _U(27))) * _U(0x94D049BB133111EB)
-    return z ^ (z >> _U(31))
+    """64 random bits that depend on both numbers only."""
+    return random_bits(seed + (place + _U(1)) * _U(STEP))
 
 
 @njit(cache=True, nogil=True)

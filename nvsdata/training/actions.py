@@ -14,8 +14,8 @@ from nvsdata import transforms as T
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
+from nvsdata.transforms.defaults import T_VOL
 
-T_VOL = 33_333  # µs, 1/30 s
 # 3D CNNs take frames whose smaller side has so many pixels, of which a square of so many
 FRAME_NETWORKS: dict[str, tuple[type[nn.Module], int, int]] = {
     "c3d": (models.reference.C3D, 128, 112),

@@ -13,6 +13,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.graph import event_graph, nearest_event_graph
+from nvsdata.transforms.defaults import BETA
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class RadiusGraph:
 
     radius: float = 3.0
     alpha: float = 1.0
-    beta: float = 0.5e-5
+    beta: float = BETA
     max_degree: int = 32
     deterministic: ClassVar[bool] = True
 
@@ -49,7 +50,7 @@ class KNNGraph:
     """
 
     alpha: float = 1.0
-    beta: float = 0.5e-5
+    beta: float = BETA
     reach: float = 8.0
     deterministic: ClassVar[bool] = True
 
@@ -62,7 +63,7 @@ class KNNGraph:
         return knn_graph(sample, alpha=self.alpha, beta=self.beta, reach=self.reach)
 
 
-def knn_graph(sample: Events | Recording, *, alpha: float = 1.0, beta: float = 0.5e-5, reach: float = 8.0) -> Graph:
+def knn_graph(sample: Events | Recording, *, alpha: float = 1.0, beta: float = BETA, reach: float = 8.0) -> Graph:
     """Graph with a node an event and an edge a node; see `KNNGraph`."""
     events = as_events(sample)
     reaches = (float(reach), float(reach))
@@ -76,7 +77,7 @@ def radius_graph(
     radius: float = 3.0,
     *,
     alpha: float = 1.0,
-    beta: float = 0.5e-5,
+    beta: float = BETA,
     max_degree: int = 32,
 ) -> Graph:
     """Graph with a node an event, in the order of the events; see `RadiusGraph`.

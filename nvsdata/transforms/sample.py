@@ -11,6 +11,7 @@ from nvsdata.common.validation import not_negative, positive, probability
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
+from nvsdata.transforms.defaults import BETA
 from nvsdata.transforms.draws import generator, randint, uniform
 
 
@@ -24,7 +25,7 @@ class NonUniformSample:
 
     k: int = 8
     alpha: float = 1.0
-    beta: float = 0.5e-5
+    beta: float = BETA
 
     def __post_init__(self) -> None:
         positive("k", self.k)
@@ -48,7 +49,7 @@ class DropEvents:
         return drop(sample, uniform(0, self.most))
 
 
-def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 1.0, beta: float = 0.5e-5) -> Events:
+def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 1.0, beta: float = BETA) -> Events:
     """One random event from each box of at most `k`; see `NonUniformSample`."""
     events = as_events(sample)
     if k == 1:

@@ -9,6 +9,7 @@ from typing import ClassVar
 from nvsdata.common.validation import microseconds, positive, whole_microseconds
 from nvsdata.data.events import Events, check_window
 from nvsdata.data.recording import Recording, as_events
+from nvsdata.transforms.defaults import T_VOL
 from nvsdata.transforms.draws import place
 
 
@@ -58,7 +59,7 @@ class Volumes:
     """
 
     count: int = 8
-    duration: int = 33_333
+    duration: int = T_VOL
 
     def __post_init__(self) -> None:
         positive("count", self.count)
@@ -68,7 +69,7 @@ class Volumes:
         return volumes(sample, self.count, self.duration)
 
 
-def volumes(sample: Events | Recording, count: int = 8, duration: int = 33_333) -> list[Events]:
+def volumes(sample: Events | Recording, count: int = 8, duration: int = T_VOL) -> list[Events]:
     """A window from each of `count` equal parts of the recording; see `Volumes`."""
     first, last = _span(sample)
     edges = [first + (last + 1 - first) * n // count for n in range(count + 1)]

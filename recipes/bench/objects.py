@@ -27,6 +27,7 @@ from torch.utils.data import DataLoader
 import nvsdata
 from nvsdata import NMNIST, models
 from nvsdata import transforms as T
+from nvsdata.transforms.defaults import BETA
 
 SENSOR = (34, 34)
 ROUNDS = 7
@@ -79,7 +80,7 @@ def graph(events: list[nvsdata.Events]) -> Row:
         attributes = Cartesian(max_value=3.0)
 
         def peer(ev: nvsdata.Events) -> Any:
-            scaled = (ev.t - ev.start) * 0.5e-5**0.5
+            scaled = (ev.t - ev.start) * BETA**0.5
             pos = torch.from_numpy(np.stack([ev.x, ev.y, scaled], 1).astype(np.float32))
             edges = torch_cluster.radius_graph(pos, 3.0, max_num_neighbors=32)
             return attributes(Data(x=torch.from_numpy(ev.p * 2.0 - 1), pos=pos[:, :2], edge_index=edges))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.signal import max_len_seq
 
 from nvsdata.data.events import Events
 
@@ -48,12 +49,9 @@ class ClockFit:
 
 
 def flashes(length: int = 31) -> np.ndarray:
-    """Brightness, 0 or 1, of each step of the pattern: a shift register's, which no shift of it is like."""
-    state, bits = 1, []
-    for _ in range(length):
-        bits.append(state & 1)
-        state = state >> 1 | ((state ^ state >> 2) & 1) << 4
-    return np.array(bits, np.uint8)
+    """Brightness, 0 or 1, of each step of the pattern: a maximum length sequence, which no shift of it is like."""
+    # begun with one flash by itself
+    return np.resize(np.roll(max_len_seq(5)[0][::-1], 19), length).astype(np.uint8)
 
 
 def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:

@@ -1,0 +1,61 @@
+from . import datasets, emulation, formats, metrics, models, plots, transforms
+from ._version import __version__ as __version__
+from .common.errors import FormatError
+from .data.batching import collate
+from .data.events import Events
+from .data.graph import Graph, GraphBatch
+from .data.recording import Recording
+from .datasets import (
+    ASLANDVS,
+    ASLDVS,
+    CIFAR10DVS,
+    HMDB51DVS,
+    MNISTDVS,
+    NCARS,
+    NMNIST,
+    UCF50DVS,
+    UCF101DVS,
+    YUPENNDVS,
+    DVS128Gesture,
+    EventFolder,
+    NCaltech101,
+)
+from .datasets.cache import cache
+from .datasets.store.writer import pack
+from .emulation import PIX2NVS
+from .formats import open, read, write
+
+__all__ = [
+    "ASLANDVS",
+    "ASLDVS",
+    "CIFAR10DVS",
+    "HMDB51DVS",
+    "MNISTDVS",
+    "NCARS",
+    "NMNIST",
+    "PIX2NVS",
+    "UCF50DVS",
+    "UCF101DVS",
+    "YUPENNDVS",
+    "DVS128Gesture",
+    "EventFolder",
+    "Events",
+    "FormatError",
+    "Graph",
+    "GraphBatch",
+    "NCaltech101",
+    "Recording",
+    "cache",
+    "collate",
+    "datasets",
+    "emulation",
+    "formats",
+    "metrics",
+    "models",
+    "open",
+    "pack",
+    "plots",
+    "read",
+    "transforms",
+    "write",
+]
