@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from flags import actions_of, add_actions, run_of
 
 from nvsdata.common.files import Journal
 from nvsdata.datasets import YUPENNDVS
@@ -28,7 +29,7 @@ from nvsdata.training.actions import Actions
 
 def main() -> None:
     args = arguments()
-    protocol = Actions.of(args)
+    protocol = actions_of(args)
     everything = YUPENNDVS(args.root, "all")
     first, last = args.folds or (0, len(everything))
     log = args.out / "log.jsonl"
@@ -60,7 +61,8 @@ def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team)
     train_set = YUPENNDVS(args.root, "train", fold=fold, transform=protocol.pipeline(training=True))
     test_set = YUPENNDVS(args.root, "test", fold=fold, transform=protocol.pipeline(training=False))
     data, out = data_of(train_set, test_set, args.seed), args.out / f"fold-{fold:03d}"
-    trainer = protocol.trainer(args, (240, 180), len(train_set.classes), data, here, out)
+    known = {"sensor_size": (240, 180), "classes": len(train_set.classes), "data": data}
+    trainer = protocol.trainer(out, team=here, **known, **run_of(args))
     trainer.fit(train_set, lambda epoch: {})
     scores, targets = predict(trainer.model, loader(test_set, 1, here, seed=args.seed, last=args.votes), here)
     named = int(scores.log_softmax(1).sum(0).argmax())
@@ -89,7 +91,7 @@ def arguments() -> argparse.Namespace:
     add("--out", required=True, type=Path, help="where logs and checkpoints go")
     add("--folds", type=int, nargs=2, metavar=("FIRST", "LAST"), help="recordings to leave out (default: each)")
     add("--votes", type=int, default=1, help="draws of the recording left out that vote (default 1)")
-    Actions.flags(parser)
+    add_actions(parser)
     return parser.parse_args()
 
 

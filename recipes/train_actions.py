@@ -5,7 +5,7 @@
     torchrun --nproc-per-node 4 recipes/train_actions.py ...
 
 S windows of 1/30 s from S equal parts of the recording (or of --duration µs of it, drawn at random: 250000 and 500000
-in Table 5.1), each a graph in which every node hears its nearest; scale from (0.8, 1) and left-right flips; Adam with
+in Table 5.1), each a graph with an edge from every node's nearest; scale from (0.8, 1) and left-right flips; Adam with
 learning rate 1e-3 decayed tenfold at 60/150 and 100/150 of the epochs; batches of 32 for S = 8, 16 for 16.
 
 --network takes the reference networks too: 3D CNNs on event frames, by gradient descent from 0.01 decayed tenfold every
@@ -20,26 +20,24 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from pathlib import Path
 
 import torch
+from flags import actions_of, add_actions, add_data, run_of
 
-from nvsdata.datasets import DATASETS
-from nvsdata.datasets.damage import ERRORS
 from nvsdata.training import TrainTestSplit, accuracies, loader, run, team
-from nvsdata.training.actions import Actions
 
 
 def main() -> None:
     args = arguments()
-    protocol = Actions.of(args, flip=args.dataset != "dvs128-gesture")
+    protocol = actions_of(args, flip=args.dataset != "dvs128-gesture")
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
         halves = TrainTestSplit(args.dataset, args.root, fold=args.fold, seed=args.seed, errors=args.errors)
         train_set = halves.train(protocol.pipeline(training=True))
         test_set = halves.test(protocol.pipeline(training=False))
-        trainer = protocol.trainer(args, halves.sensor_size, len(halves.classes), halves.data, here, args.out)
-        load = partial(loader, test_set, args.batch, here, seed=args.seed)
+        known = {"sensor_size": halves.sensor_size, "classes": len(halves.classes), "data": halves.data}
+        trainer = protocol.trainer(args.out, team=here, **known, **run_of(args))
+        load = partial(loader, test_set, trainer.batch, here, seed=args.seed)
         test_batches = load()
 
         def evaluate(epoch: int) -> dict[str, float]:
@@ -55,14 +53,11 @@ def main() -> None:
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_data(parser)
     add = parser.add_argument
-    add("--errors", choices=ERRORS, default="raise", help="what to do about damaged recordings (default raise)")
-    add("--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings")
-    add("--root", required=True, type=Path, help="where the recordings are")
-    add("--out", required=True, type=Path, help="where log, checkpoint and model go")
     add("--fold", type=int, help="the dataset's split (default 1 of UCF101-DVS and HMDB51-DVS)")
     add("--votes", type=int, default=5, help="draws that vote in the last evaluation (default 5)")
-    Actions.flags(parser)
+    add_actions(parser)
     return parser.parse_args()
 
 

@@ -70,6 +70,8 @@ def run(monkeypatch, capsys):
 
     def run(recipe, *arguments):
         monkeypatch.setattr(sys, "argv", [recipe, *map(str, arguments)])
+        # as if it had been started by its path
+        monkeypatch.syspath_prepend(RECIPES)
         runpy.run_path(str(RECIPES / recipe), run_name="__main__")
         return capsys.readouterr().out
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from torch import nn
 
@@ -30,6 +29,7 @@ POINT_NETWORKS: dict[str, type[nn.Module]] = {
     "pointnet++": models.reference.PointNet2,
     "lstm": models.reference.LSTM,
 }
+EPOCHS = 150
 NETWORKS = ("rgcnn3d", *FRAME_NETWORKS, *POINT_NETWORKS)
 
 
@@ -37,9 +37,14 @@ NETWORKS = ("rgcnn3d", *FRAME_NETWORKS, *POINT_NETWORKS)
 class Actions:
     """The protocol of section 5.3.1 for one of `NETWORKS`.
 
-    `graphs` is S, the number of graphs or frames a sample, 8 or 16; `duration` µs of each recording serve, all of it if
-    None; `events` is how many a sample of PointNet, PointNet++ and LSTM has; `flip`, whether
-    left-right flips augment. ValueError for an unknown network.
+    - `network`: one of `NETWORKS`
+    - `temporal`: the 3D CNN of rgcnn3d, one of `models.TEMPORAL`
+    - `graphs`: S, the number of graphs or frames per sample, 8 or 16
+    - `duration`: µs of each recording that are used, at a random place; None for all of it
+    - `events`: per sample of PointNet, PointNet++ and LSTM
+    - `flip`: whether left-right flips augment
+
+    ValueError for an unknown network.
     """
 
     network: str = "rgcnn3d"
@@ -53,31 +58,10 @@ class Actions:
         if self.network not in NETWORKS:
             raise ValueError(f"network must be one of {NETWORKS}, not {self.network!r}")
 
-    @staticmethod
-    def flags(parser: argparse.ArgumentParser) -> None:
-        """Add the flags that say what is trained, and how."""
-        add = parser.add_argument
-        add("--network", choices=NETWORKS, default="rgcnn3d")
-        add("--temporal", choices=models.TEMPORAL, default="residual", help="3D CNN of rgcnn3d")
-        add("--graphs", type=int, choices=(8, 16), default=8, help="S: graphs, or frames, a sample (default 8)")
-        add("--duration", type=int, help="µs of a recording, at a random place (default: all of it)")
-        add("--events", type=int, default=1024, help="events a sample of pointnet, pointnet++ and lstm (default 1024)")
-        add("--epochs", type=int, default=150)
-        add("--batch", type=int, help="samples a step, over all processes (default 32 for 8 graphs, 16 for 16)")
-        add("--seed", type=int, default=0)
-        add("--device", help="default: a GPU if there is one, else cpu")
-        add("--resume", action="store_true", help="go on from what is in OUT")
-
-    @classmethod
-    def of(cls, args: argparse.Namespace, *, flip: bool = True) -> Self:
-        """As the flags say; sets the default batch in `args`."""
-        args.batch = args.batch or {8: 32, 16: 16}[args.graphs]
-        return cls(args.network, args.temporal, args.graphs, args.duration, args.events, flip)
-
     def pipeline(self, *, training: bool) -> T.Compose:
         """From a recording to what the network takes, augmented for training.
 
-        S windows of 1/30 s of S equal parts, and of each a graph in which every node hears its nearest, scaled by a
+        S windows of 1/30 s of S equal parts, and of each a graph with an edge from each node's nearest, scaled by a
         factor from (0.8, 1); or a frame of ON and OFF counts, scaled and cropped.
         """
         cut = [T.RandomWindow(self.duration)] if self.duration else []
@@ -103,20 +87,31 @@ class Actions:
         name = "dvs128-gesture" if max(sensor_size) <= 128 else "ucf101-dvs"
         return models.RGCNN3D(**models.CONFIGURATIONS_3D[name] | {"temporal": self.temporal, "num_classes": classes})
 
+    @property
+    def batch(self) -> int:
+        """Samples per step, over all processes."""
+        return 32 if self.graphs == 8 else 16
+
     def trainer(
         self,
-        args: argparse.Namespace,
+        out: Path,
+        *,
         sensor_size: tuple[int, int],
         classes: int,
         data: dict[str, Any],
-        here: Team,
-        out: Path,
+        team: Team,
+        epochs: int = EPOCHS,
+        batch: int | None = None,
+        seed: int = 0,
+        resume: bool = False,
     ) -> Trainer:
-        """A network, and what trains it on `data` (see `Trainer`) as the flags say, in `out`."""
-        model = self.build(sensor_size, classes).to(here.device)
-        optimization = self.optimization(model, args.epochs)
-        run = {"epochs": args.epochs, "batch": args.batch, "seed": args.seed, "resume": args.resume}
-        return Trainer(model, *optimization, out, data=data, team=here, **run)
+        """A network, and what trains it in `out` on `data` (see `Trainer`); `batch` is the protocol's by default."""
+        model = self.build(sensor_size, classes).to(team.device)
+        optimizer, schedule = self.optimization(model, epochs)
+        batch = batch or self.batch
+        return Trainer(
+            model, optimizer, schedule, out, data=data, epochs=epochs, batch=batch, team=team, seed=seed, resume=resume
+        )
 
     def optimization(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
         """Optimizer and schedule: Adam, or for 3D CNNs gradient descent from 0.01, tenfold less every 50 epochs.

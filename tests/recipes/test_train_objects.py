@@ -52,6 +52,7 @@ def dying(*args):
     save(*args)
 torch.save = dying
 sys.argv[0] = {recipe!r}
+sys.path.insert(0, os.path.dirname({recipe!r}))
 runpy.run_path({recipe!r}, run_name="__main__")
 """
 

@@ -1,0 +1,52 @@
+"""The flags that the training recipes share."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from nvsdata import models
+from nvsdata.datasets import DATASETS
+from nvsdata.datasets.damage import ERRORS
+from nvsdata.training import actions
+
+
+def add_data(parser: argparse.ArgumentParser) -> None:
+    """Which recordings are trained on."""
+    add = parser.add_argument
+    add("--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings")
+    add("--root", required=True, type=Path, help="where the recordings are")
+    add("--out", required=True, type=Path, help="where log, checkpoint and model go")
+    add("--errors", choices=ERRORS, default="raise", help="what to do about damaged recordings (default raise)")
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """How a training runs."""
+    add = parser.add_argument
+    add("--seed", type=int, default=0, help="of all that is random (default 0)")
+    add("--device", help="default: a GPU if there is one, else cpu")
+    add("--resume", action="store_true", help="go on from what is in OUT")
+
+
+def add_actions(parser: argparse.ArgumentParser) -> None:
+    """What is trained by the protocol of `Actions`."""
+    add = parser.add_argument
+    add("--network", choices=actions.NETWORKS, default="rgcnn3d", help="default rgcnn3d")
+    add("--temporal", choices=models.TEMPORAL, default="residual", help="3D CNN of rgcnn3d (default residual)")
+    add("--graphs", type=int, choices=(8, 16), default=8, help="S: graphs, or frames, per sample (default 8)")
+    add("--duration", type=int, help="µs of a recording, at a random place (default: all of it)")
+    add("--events", type=int, default=1024, help="events per sample of pointnet, pointnet++ and lstm (default 1024)")
+    add("--epochs", type=int, default=actions.EPOCHS, help=f"default {actions.EPOCHS}")
+    add("--batch", type=int, help="samples per step, over all processes (default 32 for 8 graphs, 16 for 16)")
+    add_run(parser)
+
+
+def actions_of(args: argparse.Namespace, *, flip: bool = True) -> actions.Actions:
+    """The protocol that the flags ask for."""
+    return actions.Actions(args.network, args.temporal, args.graphs, args.duration, args.events, flip)
+
+
+def run_of(args: argparse.Namespace) -> dict[str, Any]:
+    """What a protocol's `trainer` is told of how to run."""
+    return {name: getattr(args, name) for name in ("epochs", "batch", "seed", "resume")}
