@@ -65,17 +65,19 @@ class Objects:
         window = T.RandomWindow(self.window, within)
         if self.network in IMAGE_NETWORKS:
             scaled, size = T.Resize(round(self.image_size * 256 / 224)), self.image_size
-            crops = [T.RandomCrop(size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(size)]
+            crops: list[Any] = [T.RandomCrop(size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(size)]
             return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
         # a digit is small: it needs every event
         k = self.k or (1 if self.dataset == DIGITS else 8)
-        sample = [T.NonUniformSample(k)] if k > 1 else []
+        sample: list[Any] = [T.NonUniformSample(k)] if k > 1 else []
         graph = T.RadiusGraph(self.radius)
         if self.dataset == DIGITS:
             # a digit's mirror image is not a digit
-            augment = [T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2)] if training else []
+            augment: list[Any] = [T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2)] if training else []
             return T.Compose([window, *augment, *sample, graph])
-        augment_graph = [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()] if training else []
+        augment_graph: list[Any] = (
+            [T.RandomScale(), T.RandomFlip(0), T.RandomFlip(1), T.RandomRotate()] if training else []
+        )
         return T.Compose([window, *sample, graph, *augment_graph])
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
