@@ -39,6 +39,6 @@ def run(args: argparse.Namespace) -> int:
     report = convert_videos(args.source, args.out, settings, jobs=args.jobs, scheduler=args.scheduler, **chosen)
     for name, reason in report.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
-    done = f"{report.converted:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
+    done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
     print(f"{done}; {report.events:,} events in {args.out or default_out(args.source)}")
     return 1 if report.failed else 0

@@ -177,7 +177,7 @@ class Journal:
         found = [head] if torn else []
         if not torn:
             text = path.read_text(encoding="utf-8")
-            parsed = [_parsed(line) for line in text.splitlines()]
+            parsed = [parsed_line(line) for line in text.splitlines()]
             found = [line for line in parsed if line is not None]
             torn = len(found) < len(parsed) or bool(text and not text.endswith("\n"))
         self.head: dict[str, Any] = found[0] if found else {}
@@ -188,7 +188,7 @@ class Journal:
     def __enter__(self) -> Self:
         if self._torn:
             with atomic(self.path) as temporary:
-                temporary.write_text("".join(json.dumps(line) + "\n" for line in (self.head, *self.lines)))
+                temporary.write_text("".join(map(json_line, (self.head, *self.lines))))
         self._file = self.path.open("a", encoding="utf-8")
         return self
 
@@ -199,13 +199,19 @@ class Journal:
     def add(self, line: dict[str, Any]) -> None:
         """Add a line; it is on its way to the disk when this returns."""
         assert self._file is not None, "a journal is added to within its block"
-        self._file.write(json.dumps(line) + "\n")
+        self._file.write(json_line(line))
         self._file.flush()
 
 
-def _parsed(line: str) -> dict[str, Any] | None:
+def json_line(value: dict[str, Any]) -> str:
+    """A line of a journal or log."""
+    return json.dumps(value) + "\n"
+
+
+def parsed_line(line: str | bytes) -> dict[str, Any] | None:
+    """What a line of a journal says; None for one that is torn."""
     try:
         value = json.loads(line)
-    except json.JSONDecodeError:
+    except ValueError:
         return None
     return value if isinstance(value, dict) else None

@@ -8,7 +8,6 @@ from collections.abc import Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import dataclass, field
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
@@ -22,17 +21,9 @@ from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.video.folder import videos_in
-from nvsdata.video.manifest import Manifest
+from nvsdata.video.manifest import FolderReport, Manifest
 
-
-@dataclass
-class Report:
-    """What a run did: videos converted and those that were there already, events made, and what failed, why."""
-
-    converted: int = 0
-    kept: int = 0
-    events: int = 0
-    failed: dict[str, str] = field(default_factory=dict)
+DONE = ("converted",)
 
 
 def convert_videos(
@@ -46,7 +37,7 @@ def convert_videos(
     jobs: int = 1,
     limit: int | None = None,
     scheduler: str | None = None,
-) -> Report:
+) -> FolderReport:
     """Convert a video, or every video below a folder, to `out` (default: the folder's name and "-events").
 
     The tree of folders is kept, so class folders stay class folders. `jobs` processes work at once, or
@@ -61,23 +52,19 @@ def convert_videos(
     found = plan(source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, limit=limit)
     target = out or default_out(source)
     target.mkdir(parents=True, exist_ok=True)
-    report = Report()
+    report = FolderReport()
     made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
     with claimed(target), Manifest(target, "nvsdata-videos", made) as manifest:
-        waiting = [job for job in found if not manifest.has(job.name, job.video, job.target, ("converted",))]
+        waiting = [job for job in found if not manifest.has(job.name, job.video, job.target, DONE)]
         report.kept = len(found) - len(waiting)
         started = time.monotonic()
         with (
             tqdm(total=len(waiting), desc="converting", unit="video", disable=None) as bar,
             closing(_results(waiting, jobs, scheduler)) as results,
         ):
-            for job, line in results:
+            for _, line in results:
                 manifest.add(line)
-                report.events += line.get("events", 0)
-                if line["status"] == "converted":
-                    report.converted += 1
-                else:
-                    report.failed[job.name] = line["reason"]
+                report.count(line, DONE)
                 bar.set_postfix_str(f"{report.events / (time.monotonic() - started):,.0f} events/s", refresh=False)
                 bar.update()
     return report

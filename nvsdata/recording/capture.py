@@ -32,7 +32,7 @@ SWITCH = 2e-4
 
 
 @dataclass
-class Report:
+class RecordingReport:
     """How a recording went.
 
     `dropped` are events that the camera dropped (None if it doesn't count), `lost` bytes that came and found no room,
@@ -83,16 +83,16 @@ def record(
     *,
     seconds: float | None = None,
     stop: Event | None = None,
-    watch: Callable[[Report, Events], None] = lambda report, events: None,
+    watch: Callable[[RecordingReport, Events], None] = lambda report, events: None,
     journaled: bool = True,
-) -> Report:
+) -> RecordingReport:
     """Record to a file, in the format of its extension, until `seconds` are over or `stop` is set.
 
     With None for the file, events are only given to `watch`.
 
     Times count from the reset of the camera's clock at the start. A camera that is unplugged, or sends nothing
     for 5 s, and a disk with less than 64 MB left end the recording; what came until then is in the file, and
-    `Report.ended` says so. `watch` is called with the events of each block, from another thread.
+    `RecordingReport.ended` says so. `watch` is called with the events of each block, from another thread.
 
     The file appears when it is whole. Until then, if `journaled`, what the camera sends is kept in FILE.davis, which
     `nvsdata.open` reads; it goes when the file is there, and stays if the file can't be written.
@@ -104,7 +104,7 @@ def record(
     FileExistsError if there is a journal of that file already, `Unfinished` if the file can't be written.
     """
     check_camera(camera)
-    report = Report(None if path is None else Path(path))
+    report = RecordingReport(None if path is None else Path(path))
     if report.path is not None:
         check_format(report.path, settings)
         check_place(report.path)
@@ -201,7 +201,11 @@ def switching_fast() -> Iterator[None]:
 
 
 def _pieces(
-    decoder: Decoder, line: Line, last: int | None, report: Report, watch: Callable[[Report, Events], None]
+    decoder: Decoder,
+    line: Line,
+    last: int | None,
+    report: RecordingReport,
+    watch: Callable[[RecordingReport, Events], None],
 ) -> Iterator[Events]:
     """What comes, from the reset of the clock on, until `last` µs of the camera's time."""
     yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)

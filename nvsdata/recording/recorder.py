@@ -9,7 +9,7 @@ from typing import Any
 
 from nvsdata.data.events import Events
 from nvsdata.recording.camera import Camera
-from nvsdata.recording.capture import Report, record
+from nvsdata.recording.capture import RecordingReport, record
 
 
 class Recorder(Thread):
@@ -25,12 +25,12 @@ class Recorder(Thread):
         settings: Any,
         *,
         seconds: float | None = None,
-        watch: Callable[[Report, Events], None] = lambda report, events: None,
+        watch: Callable[[RecordingReport, Events], None] = lambda report, events: None,
         journaled: bool = True,
     ) -> None:
         super().__init__(name="nvsdata-recorder", daemon=True)
         self.camera, self.path, self.settings = camera, path, settings
-        self.report = Report(path)
+        self.report = RecordingReport(path)
         self.begun, self.over = Event(), Event()
         self._watch, self._asked = watch, Event()
         self._how: dict[str, Any] = {"seconds": seconds, "journaled": journaled}
@@ -45,7 +45,7 @@ class Recorder(Thread):
             self.over.set()
             self.begun.set()
 
-    def _seen(self, report: Report, events: Events) -> None:
+    def _seen(self, report: RecordingReport, events: Events) -> None:
         self._watch(report, events)
         self.begun.set()
 
@@ -54,7 +54,7 @@ class Recorder(Thread):
         if self.over.is_set() and (error := self._error or self.report.failure):
             raise error
 
-    def finish(self) -> Report:
+    def finish(self) -> RecordingReport:
         """End it, and wait until its file is whole; raises what `record` did."""
         self._asked.set()
         self.join()

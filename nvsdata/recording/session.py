@@ -16,7 +16,7 @@ from tqdm import tqdm
 from nvsdata.common.files import claimed, creating
 from nvsdata.common.terminal import Terminal, say
 from nvsdata.data.events import Events
-from nvsdata.recording.capture import Report, check_format, check_place, record, stopped_by_interrupt
+from nvsdata.recording.capture import RecordingReport, check_format, check_place, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
@@ -61,7 +61,7 @@ def run(
         shown: Any = Terminal(sys.stderr)
         with tqdm(total=seconds, unit="s", disable=None, file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar:
 
-            def watch(report: Report, events: Events) -> None:
+            def watch(report: RecordingReport, events: Events) -> None:
                 rate = report.events / report.seconds if report.seconds else 0
                 bar.set_description_str(f"{report.events:,} events, {rate / 1e3:,.0f} k/s, ", refresh=False)
                 bar.update(min(report.seconds, seconds or report.seconds) - bar.n)
@@ -101,12 +101,12 @@ def _shown(
     settings: Settings,
     seconds: float | None,
     stop: Event,
-    watch: Callable[[Report, Events], None],
-) -> Report:
+    watch: Callable[[RecordingReport, Events], None],
+) -> RecordingReport:
     """Record in another thread, and show events in this one."""
     with Live((camera.facts.width, camera.facts.height)) as window:
 
-        def both(report: Report, events: Events) -> None:
+        def both(report: RecordingReport, events: Events) -> None:
             watch(report, events)
             window.add(events)
 
@@ -192,12 +192,12 @@ def run_batch(
             raise
     for name, reason in result.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
-    done = f"{result.recorded:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
+    done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
     print(f"{done}; {result.events:,} events in {out}")
     return 1 if result.failed else 0
 
 
-def summary(report: Report) -> str:
+def summary(report: RecordingReport) -> str:
     """The report in a few lines: what went wrong, if anything, is named."""
     lines = [f"{report.path or 'not kept'}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.frames:

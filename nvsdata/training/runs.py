@@ -13,7 +13,7 @@ import torch
 from torch.optim import Optimizer
 
 from nvsdata.common.errors import FormatError, line_of
-from nvsdata.common.files import named, put
+from nvsdata.common.files import json_line, named, put
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.jsonl"
 
@@ -103,10 +103,10 @@ def _alike(a: Any, b: Any) -> bool:
 
 def write_log(out: Path, lines: list[dict[str, Any]]) -> None:
     """The log as a checkpoint has it: what a kill or a full disk left of it beyond, or torn, is gone."""
-    put(out / LOG, "".join(json.dumps(line) + "\n" for line in lines).encode())
+    put(out / LOG, "".join(map(json_line, lines)).encode())
 
 
 def add_to_log(out: Path, line: dict[str, Any]) -> None:
     """Add the line of an epoch."""
     with named(out / LOG), (out / LOG).open("a", encoding="utf-8") as log:
-        log.write(json.dumps(line) + "\n")
+        log.write(json_line(line))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,29 @@ class Manifest(Journal):
     def add(self, line: dict[str, Any]) -> None:
         super().add(line)
         self.videos[line["video"]] = line
+
+
+@dataclass
+class FolderReport:
+    """What a run did with a folder of videos.
+
+    - `done`: recordings that it made
+    - `kept`: recordings that were there already
+    - `events`: in the recordings that it made
+    - `failed`: why videos failed, by their names
+    """
+
+    done: int = 0
+    kept: int = 0
+    events: int = 0
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def count(self, line: dict[str, Any], good: tuple[str, ...]) -> None:
+        """Count a line of the manifest, whose recording was made if its status is one of the `good`."""
+        self.events += line.get("events", 0)
+        self.done += line["status"] in good
+        if "reason" in line:
+            self.failed[line["video"]] = line["reason"]
 
 
 def _flat(made: dict[str, Any]) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def lines(out):
 def test_a_folder_of_videos_becomes_a_dataset(videos):
     report = convert_videos(videos)
     out = videos.with_name("videos-events")
-    assert (report.converted, report.kept, report.failed) == (4, 0, {})
+    assert (report.done, report.kept, report.failed) == (4, 0, {})
     dataset = EventFolder(out)
     assert dataset.classes == ["run", "walk"]
     assert len(dataset) == 4
@@ -62,12 +62,12 @@ def test_every_format_holds_the_same_events(videos, format):
 
 def test_a_second_run_does_only_what_is_missing(videos, tmp_path):
     out = tmp_path / "out"
-    assert convert_videos(videos, out, limit=2).converted == 2
-    assert convert_videos(videos, out).converted == 2
+    assert convert_videos(videos, out, limit=2).done == 2
+    assert convert_videos(videos, out).done == 2
     (out / "run/a.h5").unlink()
     write_video(videos / "run/b.avi", moving_square(20))
     report = convert_videos(videos, out)
-    assert (report.converted, report.kept) == (2, 2)
+    assert (report.done, report.kept) == (2, 2)
     assert len(nvsdata.read(out / "run/b.h5")) == len(PIX2NVS().emulate(videos / "run/b.avi"))
     with pytest.raises(ValueError, match=r"made with threshold 0\.2, not 0\.3: choose another folder"):
         convert_videos(videos, out, PIX2NVS(threshold=0.3))
@@ -82,7 +82,7 @@ def test_after_a_run_was_killed(videos, tmp_path):
     manifest.write_bytes(manifest.read_bytes()[:-30])
     (out / f"run/.c.h5.{dead_owner()}-x7.part").write_bytes(b"half")
     report = convert_videos(videos, out)
-    assert (report.converted, report.kept) == (3, 1)
+    assert (report.done, report.kept) == (3, 1)
     assert not list(out.rglob(".*.part"))
     assert len(lines(out)) == 5
 
@@ -102,7 +102,7 @@ def test_a_killed_process_leaves_nothing_half_written(videos, tmp_path):
         if not path.name.startswith("."):
             nvsdata.read(path)
     report = convert_videos(videos, out)
-    assert report.converted + report.kept == 4
+    assert report.done + report.kept == 4
     assert report.kept >= 1
 
 
@@ -145,7 +145,7 @@ def test_a_full_disk_stops_the_run_and_loses_nothing(videos, tmp_path, monkeypat
     assert not list(out.rglob(".*.part"))
     monkeypatch.undo()
     report = convert_videos(videos, out)
-    assert (report.converted, report.kept) == (2, 2)
+    assert (report.done, report.kept) == (2, 2)
 
 
 def test_an_interrupted_run_goes_on(videos, tmp_path, monkeypatch):
@@ -233,7 +233,7 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(convert, "_results", kills_one)
             report = convert_videos(tmp_path / "v", tmp_path / "many", scheduler=cluster.scheduler_address)
-    assert (report.converted, report.failed) == (8, {})
+    assert (report.done, report.failed) == (8, {})
     assert sorted_lines(tmp_path / "one") == sorted_lines(tmp_path / "many")
     assert not list((tmp_path / "many").rglob(".*.part"))
 
@@ -274,7 +274,7 @@ def test_a_process_that_is_killed_ends_the_run_with_a_word(videos, tmp_path, mon
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 1
     assert "was killed (out of memory?); run again to go on" in capsys.readouterr().err
     monkeypatch.undo()
-    assert convert_videos(videos, tmp_path / "out").converted == 4
+    assert convert_videos(videos, tmp_path / "out").done == 4
 
 
 def test_names_with_newlines_work_and_others_than_utf8_are_refused_at_the_beginning(tmp_path, capsys):

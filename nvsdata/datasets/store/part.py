@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -11,6 +10,7 @@ from typing import IO, Any, Self
 
 import numpy as np
 
+from nvsdata.common.files import json_line, parsed_line
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.store.reader import COLUMNS, VERSION, crc_of
 
@@ -65,12 +65,14 @@ class Part:
         journal = self.folder / JOURNAL
         lines = journal.read_bytes().splitlines(keepends=True) if journal.exists() else []
         whole = 0
-        if lines and _parsed(lines[0]) == self._head:
+        # a line without its end was torn
+        lines = [line for line in lines if line.endswith(b"\n")]
+        if lines and parsed_line(lines[0]) == self._head:
             whole = len(lines[0])
             with ExitStack() as stack:
                 columns = [stack.enter_context((self.folder / name).open("rb")) for name in self.kinds]
                 for line in lines[1:]:
-                    facts = _parsed(line)
+                    facts = parsed_line(line)
                     if facts is None or facts.get("name") not in names or not self._holds(facts, columns):
                         break
                     whole += len(line)
@@ -80,7 +82,7 @@ class Part:
         with journal.open("ab") as file:
             file.truncate(whole)
             if not whole:
-                file.write(_line(self._head))
+                file.write(json_line(self._head).encode())
         for name, kind in self.kinds.items():
             os.truncate(self.folder / name, self.events * kind.itemsize)
 
@@ -132,7 +134,7 @@ class Part:
             for file, values in zip(self._columns.values(), stored, strict=True):
                 _write(file, values.data)
             line = facts | {"crc": crc_of(stored)}
-        _write(self._journal, _line(line))
+        _write(self._journal, json_line(line).encode())
         self._note(line)
 
 
@@ -141,16 +143,3 @@ def _write(file: Any, data: Any) -> None:
     left = memoryview(data).cast("B")
     while left:
         left = left[file.write(left) :]
-
-
-def _line(facts: dict[str, Any]) -> bytes:
-    return json.dumps(facts).encode() + b"\n"
-
-
-def _parsed(line: bytes) -> dict[str, Any] | None:
-    """A line of the journal; None for one that was torn."""
-    try:
-        found = json.loads(line) if line.endswith(b"\n") else None
-    except ValueError:
-        return None
-    return found if isinstance(found, dict) else None

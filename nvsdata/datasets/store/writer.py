@@ -29,7 +29,7 @@ NARROW = np.iinfo(np.uint32).max
 
 
 @dataclass
-class Report:
+class PackReport:
     """What was packed, and what was left out and why (name to reason)."""
 
     packed: int = 0
@@ -44,7 +44,7 @@ def pack(
     jobs: int = 1,
     compress: bool = False,
     overwrite: bool = False,
-) -> Report:
+) -> PackReport:
     """Write the recordings of `dataset` and its small side files (lists, labels) into the store `out`.
 
     The dataset's class opens the store in place of a folder, with the same classes, splits and samples: pack
@@ -78,7 +78,7 @@ def pack(
         with atomic(target) as temporary:
             _assemble(part, dataset, temporary, compress)
         shutil.rmtree(part.folder)
-    return Report(len(part.facts), part.events, part.skipped)
+    return PackReport(len(part.facts), part.events, part.skipped)
 
 
 Decoded = tuple[dict[str, Any], list[np.ndarray]] | str

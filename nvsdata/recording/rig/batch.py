@@ -7,7 +7,7 @@ import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
 from nvsdata.recording.rig.take import TakeRejected, cut_take, record_take
 from nvsdata.video.folder import Video, fatal, sha256
-from nvsdata.video.manifest import NAME, Manifest
+from nvsdata.video.manifest import NAME, FolderReport, Manifest
 
 TAKES = 3  # of a video, before it is given up
 RETRY = 1_000_000  # µs between looks for a camera that is gone
@@ -34,16 +34,6 @@ KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
 PLAYED = "playback.jsonl"  # when each picture of each take was shown
 HIDDEN = ".takes"  # of the folder of recordings: takes that aren't cut yet, or that failed
-
-
-@dataclass
-class Result:
-    """What a batch did: videos recorded, and those that were there; events; what failed, and why."""
-
-    recorded: int = 0
-    kept: int = 0
-    events: int = 0
-    failed: dict[str, str] = field(default_factory=dict)
 
 
 @contextmanager
@@ -79,7 +69,7 @@ def record_videos(
     find: Callable[[], Camera],
     monitor: Monitor,
     settings: Settings,
-) -> Result:
+) -> FolderReport:
     """Play and record every video that isn't done; each is a line of the manifest, as soon as it is.
 
     A take that fails its checks is done again after the others, up to three times; of one that fails for good the last
@@ -88,7 +78,7 @@ def record_videos(
     with, OSError if nothing can be written.
     """
     waiting = deque(video for video in videos if not manifest.has(video.name, video.path, video.target, DONE))
-    result = Result(kept=len(videos) - len(waiting))
+    result = FolderReport(kept=len(videos) - len(waiting))
     takes: Counter[str] = Counter()
     with (
         _Cameras(find, monitor, settings) as cameras,
@@ -122,7 +112,7 @@ def record_videos(
                     raise
                 line |= {"status": "failed", "reason": str(error)}
             manifest.add(line | {"takes": takes[video.name]})
-            _count(result, line)
+            result.count(line, DONE)
             bar.set_postfix_str(f"{result.events:,} events", refresh=False)
             bar.update()
             sheets.add(video)
@@ -147,13 +137,6 @@ def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, setting
     if take.performance.truncated:
         line |= {"status": "truncated", "reason": take.performance.truncated}
     return line
-
-
-def _count(result: Result, line: dict[str, Any]) -> None:
-    result.events += line.get("events", 0)
-    result.recorded += line["status"] in DONE
-    if "reason" in line:
-        result.failed[line["video"]] = line["reason"]
 
 
 class _Cameras:

@@ -7,7 +7,7 @@ import numpy as np
 from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events, concatenate
 from nvsdata.recording.camera import Camera
-from nvsdata.recording.capture import Report
+from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.calibration import Calibration, corners_of, lines_of, rectangles, response, spectrum_of
@@ -31,7 +31,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: flo
     size = (camera.facts.width, camera.facts.height)
     with Live(size) as live:
 
-        def watch(report: Report, events: Events) -> None:
+        def watch(report: RecordingReport, events: Events) -> None:
             live.add(events)
             pieces.append(events)
 

@@ -16,7 +16,7 @@ from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.pieces import cut
 from nvsdata.data.recording import Recording
 from nvsdata.recording.camera import Camera
-from nvsdata.recording.capture import Report
+from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.clock_fit import MOST_DRIFT, ClockFit, NoSync, fit
@@ -42,7 +42,7 @@ class Take:
     """What came of playing and recording at once."""
 
     raw: Path
-    report: Report
+    report: RecordingReport
     performance: PlaybackLog
 
 
@@ -134,7 +134,7 @@ def cut_take(take: Take, target: Path) -> dict[str, Any]:
     }
 
 
-def _check(report: Report, done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
+def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
     """`TakeRejected` unless all of the video was shown in time, seen and kept."""
     if report.lost:
         raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")

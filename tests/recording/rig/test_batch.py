@@ -15,7 +15,7 @@ import nvsdata
 from nvsdata import EventFolder
 from nvsdata.cli import main
 from nvsdata.recording import capture
-from nvsdata.recording.capture import Report
+from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig import batch, take
@@ -75,7 +75,7 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
     out = tmp_path / "out"
     camera = Camera(scene=Watched(late=0.03, seed=1), speed=1 + 100e-6)
     result = recorded(tmp_path / "in", out, camera)
-    assert (result.recorded, result.kept, list(result.failed)) == (2, 0, ["run/broken.avi"])
+    assert (result.done, result.kept, list(result.failed)) == (2, 0, ["run/broken.avi"])
     head, *told = lines(out)
     assert head["settings"]["inertial"]
     by_name = {line["video"]: line for line in told}
@@ -110,7 +110,7 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
     with pytest.raises(FileExistsError, match="--resume"):
         recorded(tmp_path / "in", out, camera)
     again = recorded(tmp_path / "in", out, camera, resume=True)
-    assert (again.recorded, again.kept, list(again.failed)) == (0, 2, ["run/broken.avi"])
+    assert (again.done, again.kept, list(again.failed)) == (0, 2, ["run/broken.avi"])
 
     monitor = ["record", "--monitor", str(tmp_path / "in"), "--out", str(out), "--verify"]
     assert main(monitor) == 1
@@ -148,7 +148,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
         patch.setattr(Davis, "find", back)
         patch.setattr(batch, "RETRY", 10_000)
         result = recorded(tmp_path / "in", tmp_path / "out", camera, before=pulled, format="aedat2")
-    assert result.recorded == 1
+    assert result.done == 1
     assert lines(tmp_path / "out")[-1]["takes"] == 2
     assert "waiting for it" in capsys.readouterr().out
     assert len(nvsdata.read(tmp_path / "out/run/a.aedat")) == lines(tmp_path / "out")[-1]["events"]
@@ -213,7 +213,7 @@ def test_frames_and_samples_are_cut_with_their_video(tmp_path):
         result = batch.record_videos(
             videos, tmp_path / "out", manifest, lambda: Davis.find(backend=backend), monitor, settings
         )
-    assert result.recorded == 1
+    assert result.done == 1
     # a name with a line break is a name
     recording = nvsdata.open(tmp_path / "out/run/a\nb.h5")
     duration = lines(tmp_path / "out")[-1]["duration"]
@@ -254,7 +254,7 @@ def test_what_spoils_a_take(report, done, line, tally, reason, monkeypatch):
     monkeypatch.setattr(take, "MOST_LATE", 0.05)
     times = list(np.arange(20.0))
     given = (
-        Report(None, **report),
+        RecordingReport(None, **report),
         PlaybackLog(16_667, due=times, shown=times, **done),
         ClockFit(**{"offset": 0.0, "drift": 0.0, "residual": 5.0, "used": 30, "flashes": 32} | line),
         Tally(**{"events": 5_000, "on": 0, "full": 0.0} | tally),
