@@ -35,7 +35,7 @@ class ConvBlock(nn.Module):
         super().__init__()
         self.loops = convolution == "spline"
         if self.loops:
-            self.conv: nn.Module = SplineConv(in_channels, out_channels, kernel_size, root_weight=True)
+            self.conv: nn.Module = SplineConv(in_channels, out_channels, kernel_size=kernel_size, root_weight=True)
         elif convolution in CONVOLUTIONS:
             self.conv = CONVOLUTIONS[convolution](in_channels, out_channels, kernel_size)
         else:
@@ -59,9 +59,9 @@ class ResidualBlock(nn.Module):
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
         super().__init__()
-        self.conv = SplineConv(in_channels, out_channels, kernel_size, root_weight=True)
+        self.conv = SplineConv(in_channels, out_channels, kernel_size=kernel_size, root_weight=True)
         self.norm = BatchNorm(out_channels)
-        self.shortcut = SplineConv(in_channels, out_channels, 1, root_weight=True)
+        self.shortcut = SplineConv(in_channels, out_channels, kernel_size=1, root_weight=True)
         self.shortcut_norm = BatchNorm(out_channels)
         nn.init.zeros_(self.shortcut_norm.weight)
 

@@ -35,8 +35,8 @@ class SplineConv(nn.Module):
         self,
         in_channels: int,
         out_channels: int,
-        kernel_size: int = 5,
         *,
+        kernel_size: int = 5,
         root_weight: bool = False,
         bias: bool = True,
     ) -> None:

@@ -58,7 +58,7 @@ def path(request, monkeypatch):
 @pytest.mark.parametrize("grid", [None, 4])
 def test_forward_is_equation_4_6(path, dtype, tolerance, size, grid):
     x, edge_index, u = random_case(1, dtype=dtype, grid=grid)
-    conv = SplineConv(3, 4, size, root_weight=True).to(dtype)
+    conv = SplineConv(3, 4, kernel_size=size, root_weight=True).to(dtype)
     torch.nn.init.normal_(conv.bias)
     expected = slow_spline_conv(x, edge_index, u, conv.weight, size, conv.bias, conv.root)
     assert relative_error(conv(x, edge_index, u), expected) < tolerance
@@ -67,7 +67,7 @@ def test_forward_is_equation_4_6(path, dtype, tolerance, size, grid):
 @given(seed=st.integers(0, 10**6), nodes=st.integers(1, 15), edges=st.integers(0, 60), channels=st.integers(1, 9))
 def test_any_graph_in_any_edge_order(seed, nodes, edges, channels):
     x, edge_index, u = random_case(seed, (channels, 3), nodes, edges, grid=seed % 7)
-    conv = SplineConv(channels, 3, 5, bias=False).double()
+    conv = SplineConv(channels, 3, kernel_size=5, bias=False).double()
     expected = slow_spline_conv(x, edge_index, u, conv.weight, 5)
     assert np.allclose(conv(x, edge_index, u).detach().numpy(), expected, atol=1e-12)
 
@@ -75,7 +75,7 @@ def test_any_graph_in_any_edge_order(seed, nodes, edges, channels):
 @pytest.mark.parametrize("size", [1, 3])
 def test_gradients_are_those_of_finite_differences(path, size):
     x, edge_index, u = random_case(2, nodes=6, edges=15)
-    conv = SplineConv(3, 4, size, root_weight=True).double()
+    conv = SplineConv(3, 4, kernel_size=size, root_weight=True).double()
     inputs = (x.requires_grad_(), conv.weight, conv.root, conv.bias)
 
     def function(x, *_):
@@ -142,4 +142,4 @@ def test_impossible_edges_are_refused(edge, u, message, channels):
 
 def test_sizes_below_one_are_refused():
     with pytest.raises(ValueError, match="kernel_size must be at least 1, not 0"):
-        SplineConv(1, 1, 0)
+        SplineConv(1, 1, kernel_size=0)

@@ -17,33 +17,31 @@ from nvsdata.kernels import wire as kernel
 
 ROOM = 1024  # special events and samples that a call of the kernel has room for
 SPECIALS = {
-    0: "timestamp_wrap",
-    1: "timestamp_reset",
-    2: "external_rising",
-    3: "external_falling",
-    4: "external_pulse",
-    12: "generator_rising",
-    13: "generator_falling",
-    14: "frame_start",
-    15: "frame_end",
-    16: "exposure_start",
-    17: "exposure_end",
+    kernel.WRAP: "timestamp_wrap",
+    kernel.RESET: "timestamp_reset",
+    kernel.RISING: "external_rising",
+    kernel.FALLING: "external_falling",
+    kernel.PULSE: "external_pulse",
+    kernel.GENERATOR_RISING: "generator_rising",
+    kernel.GENERATOR_FALLING: "generator_falling",
+    kernel.FRAME_START_EVENT: "frame_start",
+    kernel.FRAME_END_EVENT: "frame_end",
+    kernel.EXPOSURE_START_EVENT: "exposure_start",
+    kernel.EXPOSURE_END_EVENT: "exposure_end",
 }
-RESET, RISING, PULSE = 1, 2, 4  # of `SPECIALS`
-COMPLAINTS = (
-    "row_out_of_range",
-    "column_out_of_range",
-    "time_not_rising",
-    "unknown_special",
-    "unknown_data",
-    "surplus_pixels",
-    "short_columns",
-    "broken_frames",
-    "broken_samples",
-    "lost_wraps",
-    "late_resets",
-    "odd_bytes",
-)
+COMPLAINTS = {
+    kernel.ROW_OUT_OF_RANGE: "row_out_of_range",
+    kernel.COLUMN_OUT_OF_RANGE: "column_out_of_range",
+    kernel.TIME_NOT_RISING: "time_not_rising",
+    kernel.UNKNOWN_SPECIAL: "unknown_special",
+    kernel.UNKNOWN_DATA: "unknown_data",
+    kernel.SURPLUS_PIXELS: "surplus_pixels",
+    kernel.SHORT_COLUMNS: "short_columns",
+    kernel.BROKEN_FRAMES: "broken_frames",
+    kernel.BROKEN_SAMPLES: "broken_samples",
+    kernel.LOST_WRAPS: "lost_wraps",
+    kernel.LATE_RESETS: "late_resets",
+}
 
 
 class Specials(NamedTuple):
@@ -114,7 +112,7 @@ class Decoder:
     @property
     def complaints(self) -> dict[str, int]:
         """How often what was amiss."""
-        return dict(zip(COMPLAINTS, (*self._counts.tolist(), self._odd), strict=True))
+        return {name: int(self._counts[i]) for i, name in COMPLAINTS.items()} | {"odd_bytes": self._odd}
 
     @property
     def now(self) -> int:
@@ -173,9 +171,9 @@ class Decoder:
         for block in blocks:
             events = self.feed(block)
             specials, samples, frames = self.specials, self.samples, self.frames
-            kept, triggers = slice(None), (specials.kind == RISING) | (specials.kind == PULSE)
+            kept, triggers = slice(None), (specials.kind == kernel.RISING) | (specials.kind == kernel.PULSE)
             if not begun:
-                resets = np.flatnonzero(specials.kind == RESET)
+                resets = np.flatnonzero(specials.kind == kernel.RESET)
                 if not resets.size:
                     continue
                 begun, word = True, int(specials.word[resets[0]])
