@@ -1,4 +1,4 @@
-"""AEDAT 1.0 (jAER, DVS128): as AEDAT 2.0, with addresses of 16 bits; the oldest files name no version."""
+"""AEDAT 1.0 (jAER, DVS128): like AEDAT 2.0, but with 16-bit addresses; the oldest files don't state a version."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ class Aedat1Recording(aedat2.Aedat2Recording):
 
 
 def looks_like(head: bytes, _: int) -> bool:
-    """Whether a file that begins so, and names no version, could be one: times that never fall. It may be cut off."""
+    """Whether a file that begins with `head` and states no version could be AEDAT 1.0: its times never fall.
+
+    The file may be cut off.
+    """
     if head.startswith(b"#!"):
         return False
     end = header_lines(head, b"#")[1]
@@ -40,19 +43,19 @@ def looks_like(head: bytes, _: int) -> bool:
     if raw.size < 6 * 16:
         return False
     t = np.ascontiguousarray(raw[: raw.size - raw.size % 6].reshape(-1, 6)[:, 2:]).view(">u4").astype(np.uint32)
-    # differences are those of a counter that may wrap
+    # the counter may wrap, so differences are taken modulo 2^32
     return bool(0 < np.diff(t, axis=0).sum(dtype=np.int64) < WRAP_US // 2)
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write AEDAT 1.0 records of a DVS128. ValueError for a larger sensor, and times as for AEDAT 2.0."""
+    """Write AEDAT 1.0 records of a DVS128. ValueError for a larger sensor, and for times as in AEDAT 2.0."""
     size, layout, name = CHIPS["DVS128"]
     width, height = pieces.sensor_size
     if width > size[0] or height > size[1]:
         raise ValueError(f"AEDAT 1.0 is written for sensors up to 128x128, not {width}x{height}")
     with headed(path, pieces, partial(header, "1.0", name)) as file:
         for events in with_times_of_32_bits(pieces, "AEDAT 1.0"):
-            # the upper half of the address, which is 0, is left out
+            # the upper half of the address is 0 and is left out
             records = aedat2_encode(*events.columns, layout, *size).view(np.uint8).reshape(-1, 8)
             file.write(np.ascontiguousarray(records[:, 2:]).data)
 

@@ -1,14 +1,14 @@
 """AEDAT 1.0 and 2.0 (jAER): MNIST-DVS, CIFAR10-DVS, UCF50-DVS, HMDB51-DVS.
 
-Header lines begin with `#` and end CR LF. Records are big-endian: a 32-bit address (1.0: 16 bits)
-and a 32-bit time in µs that wraps. What the address bits mean depends on the camera, which the
-line `# AEChip:` names; without it, `sensor_size` or the addresses themselves tell.
+Header lines begin with `#` and end with CR LF. Records are big-endian: a 32-bit address (1.0: 16 bits)
+and a 32-bit time in µs that wraps. The meaning of the address bits depends on the camera, which
+the line `# AEChip:` names; without that line it follows from `sensor_size` or from the addresses themselves.
 
 - DVS128: bit 0 polarity (0 is ON), bits 1-7 x, bits 8-14 y, bit 15 external event
 - DAVIS: bit 11 polarity (1 is ON), bits 12-21 x, bits 22-30 y, bit 31 frame or inertial sample
   (`nvsdata.formats.aedat2_samples`), bit 10 external event
 
-x is mirrored and y counts from the bottom; both are turned, so that the origin is top left.
+x is mirrored and y counts from the bottom; both are converted, so that the origin is top left.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode
 
-# camera, as the class name in `# AEChip:` ends: size, layout, the class name that is written
+# camera (the end of the class name in `# AEChip:`): size, layout, the class name that is written
 CHIPS = {
     "DVS128": ((128, 128), DVS128, "ch.unizh.ini.jaer.chip.retina.DVS128"),
     "DAVIS240": ((240, 180), DAVIS, "eu.seebetter.ini.chips.davis.DAVIS240C"),
@@ -40,7 +40,7 @@ CHIPS = {
 
 
 class Aedat2Recording(ClockedFile):
-    """An AEDAT 2.0 file; that of 1.0 differs in its records' size."""
+    """An AEDAT 2.0 file; AEDAT 1.0 differs in the size of a record."""
 
     format = "aedat2"
     holds_samples = True
@@ -57,7 +57,7 @@ class Aedat2Recording(ClockedFile):
         self._scales = Scales.stated(lines)
 
     def _camera(self, chip: str | None) -> tuple[tuple[int, int], int]:
-        """Size and address layout: as the header says, else as the sensor's size or the addresses tell."""
+        """Size and address layout: from the header, else from the sensor's size, else from the addresses."""
         for name, (size, layout, _) in CHIPS.items():
             if chip is not None and chip.startswith(name):
                 return size, layout
@@ -72,7 +72,7 @@ class Aedat2Recording(ClockedFile):
         return CHIPS[name][:2]
 
     def _wide(self, raw: np.ndarray) -> np.ndarray:
-        """The records as those of AEDAT 2.0."""
+        """The records in the layout of AEDAT 2.0."""
         return raw
 
     def _times(self, raw: np.ndarray) -> np.ndarray:
@@ -101,9 +101,8 @@ class Aedat2Recording(ClockedFile):
 def write(pieces: Pieces, path: Path) -> None:
     """Write AEDAT 2.0 records of the smallest of DVS128, DAVIS240C and DAVIS346 that holds the sensor.
 
-    ValueError for a larger sensor, a first time outside [0, 2^32 - 1) µs or a gap of 2^31 µs or more,
-    or of five minutes where the 32 bits wrap:
-    a reader could not unwrap the 32-bit times.
+    ValueError for a larger sensor; and, because a reader could not unwrap the 32-bit times, for a first time outside
+    [0, 2^32 - 1) µs, a gap of 2^31 µs or more, or a gap of more than five minutes where the 32 bits wrap.
     """
     width, height = pieces.sensor_size
     chips = [chip for chip in CHIPS.values() if width <= chip[0][0] and height <= chip[0][1]]
@@ -118,7 +117,7 @@ def write(pieces: Pieces, path: Path) -> None:
 
 
 def header(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) -> bytes:
-    """What a file begins with; `told` are lines of more."""
+    """The header of a file; `told`: further lines in it."""
     lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}")
     return "".join(f"{line}\r\n" for line in (*lines, *told, time_comment(pieces), "#End Of ASCII Header")).encode()
 

@@ -1,11 +1,12 @@
-"""Frames and inertial samples among the records of AEDAT 2.0, as jAER puts them there (bit 31 of the address is set).
+"""Frames and inertial samples among the records of AEDAT 2.0, in jAER's encoding (bit 31 of the address is set).
 
-- a frame: two records a pixel, a reading before the exposure (bits 10-11: 0) and one after it (1), in bits 0-9; x (bits
-  12-21) is not mirrored, unlike that of events, y (bits 22-30) counts from the bottom. What fell on a pixel is the
-  difference; the four times are those of the first and last reading before, and of the first and last one after.
+- a frame: two records per pixel, a reading before the exposure (bits 10-11: 0) and one after it (1), in bits 0-9; x
+  (bits 12-21) is not mirrored, unlike the x of events; y (bits 22-30) counts from the bottom. The light on a pixel is
+  the difference. The four times of a frame are those of the first and last reading before the exposure, and of the
+  first and last one after it.
 - an inertial sample: seven records (bits 10-11: 3), numbered in bits 28-30, with 16 bits of acceleration, temperature
-  (340 per °C, from 35 °C) and rotation in bits 12-27. The header's preferences tell what 2^15 stands for; without them
-  it is what jAER takes by default, 8 g and 1,000 degrees/s. Axes are the unit's own.
+  (340 per °C, from 35 °C) and rotation in bits 12-27. The header's preferences state what 2^15 stands for; without
+  them it is jAER's default, 8 g and 1,000 degrees/s. Axes are those of the inertial unit.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from nvsdata.kernels.order import is_sorted
 
 BESIDE, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10
-MOST = 1023  # of a reading
-DEPTH = 6  # bits that a frame's pixels have below those of a reading
+MOST = 1023  # the largest reading
+DEPTH = 6  # bits by which a frame's pixels (16 bits) are wider than a reading (10 bits)
 FULL = 1 << 15
 PER_KELVIN, ZERO = 340.0, 35.0
 _SCALE = re.compile(r'#.*key="Imu(Accel|Gyro)Scale" value="(?:ImuAccelScaleG|GyroFullScaleDegPerSec)(\d{1,5})"')
-PATIENCE = 1_000_000  # µs that events are held back for a frame that began before them, before there was one
-LONGEST = 10_000_000  # the same, after one
+PATIENCE = 1_000_000  # µs that events wait for a frame that began before them, until the first frame has come
+LONGEST = 10_000_000  # the same, once a frame has come
 
 
 Timed = Iterator[tuple[np.ndarray, np.ndarray]]  # records, piece by piece: bytes or addresses, and times in µs, int64
@@ -44,33 +45,33 @@ class Scales(NamedTuple):
 
     @classmethod
     def stated(cls, lines: Iterable[str]) -> Scales:
-        """As the lines of a header tell, jAER's defaults where they don't."""
+        """As a header's lines state; jAER's defaults where they don't."""
         found = {match[1]: float(match[2]) for line in lines if (match := _SCALE.match(line)) and int(match[2])}
         return cls(found.get("Accel", cls().g), found.get("Gyro", cls().degrees))
 
     @property
     def lines(self) -> tuple[str, str]:
-        """Lines of a header that tell."""
+        """The header lines that state them."""
         return (
             f'#<entry key="ImuAccelScale" value="ImuAccelScaleG{self.g:.0f}"/>',
             f'#<entry key="ImuGyroScale" value="GyroFullScaleDegPerSec{self.degrees:.0f}"/>',
         )
 
 
-WRITTEN = Scales(4.0, 500.0)  # of a DAVIS as nvsdata sets it
+WRITTEN = Scales(4.0, 500.0)  # the scales that nvsdata sets on a DAVIS
 
 
 class Records(NamedTuple):
-    """Records: `t` int64 [N], µs, and `raw` uint64 [N], their bytes as they are in a file."""
+    """Records: `t` int64 [N], µs, and `raw` uint64 [N], their bytes as in a file."""
 
     t: np.ndarray
     raw: np.ndarray
 
 
 def merged(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iterator[Any]:
-    """The `Records` of pieces, each in order of time: what a frame shows began before the last of its data came.
+    """The `Records` of pieces, each in order of time. They have to be sorted: a frame begins before its last data come.
 
-    ValueError for what the layout of a DVS128 can't hold.
+    ValueError for samples that the layout of a DVS128 can't hold.
     """
     line = _Line(layout, size)
     for piece in pieces:
@@ -83,12 +84,12 @@ def merged(pieces: Iterable[Events], layout: int, size: tuple[int, int]) -> Iter
 
 
 class _Line:
-    """Records that wait for earlier ones: they are put in order for half of `PATIENCE` at once."""
+    """Records that wait for earlier ones: they are sorted once per half of `PATIENCE`."""
 
     def __init__(self, layout: int, size: tuple[int, int]) -> None:
         self._layout, self._size = layout, size
         self._waiting: list[Records] = []
-        self._due = -LATEST  # when a piece ends after this, records are put in order
+        self._due = -LATEST  # when a piece ends after this time, records are sorted
         self._framed = -LONGEST  # where the last frame ended
         self._patience = PATIENCE
         self._last = 0
@@ -99,10 +100,10 @@ class _Line:
         return Records(piece.t, raw.view(np.uint64).reshape(-1))
 
     def passed(self, piece: Piece) -> Iterator[Records]:
-        """Let a piece's records wait, and give those that nothing can come before any more."""
+        """Queue a piece's records, and give those that no later record can precede."""
         self._waiting.append(self.events(piece))
         for t, addresses in (*self._inertial(piece.inertial), *self._frames(piece.frames)):
-            # a frame may have begun before time 0, or have taken longer than was waited for
+            # a frame may have begun before time 0, or have taken longer than records wait
             t = np.maximum(t, self._last)
             words = np.stack((addresses, t & 0xFFFFFFFF), axis=1).astype(">u4")
             self._waiting.append(Records(t, words.view(np.uint64).reshape(-1)))
@@ -111,7 +112,7 @@ class _Line:
             yield from self.take(min(max(self._framed, piece.end - self._patience), piece.end))
 
     def take(self, until: int | None) -> Iterator[Records]:
-        """Records before a time, or all."""
+        """The waiting records before the time `until`; all of them for None."""
         if not self._waiting:
             return
         t, raw = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
@@ -151,7 +152,7 @@ class _Line:
                 (BEFORE, np.full_like(light, MOST), (frame.start, frame.exposure_start)),
                 (AFTER, MOST - light, (frame.exposure_end, frame.end)),
             ):
-                # the first and the last, which alone tell when the exposure was
+                # only the first and the last reading's times define the exposure
                 t = np.full(light.size, ends[kind == BEFORE], np.int64)
                 t[0 if kind == BEFORE else -1] = ends[kind != BEFORE]
                 yield t, place | kind | reading
@@ -159,7 +160,7 @@ class _Line:
 
     def _check_layout(self, what: str) -> None:
         if self._layout != DAVIS:
-            raise ValueError(f"AEDAT 2.0 of a sensor up to 128x128 is that of a DVS128, and holds no {what}")
+            raise ValueError(f"AEDAT 2.0 of a sensor up to 128x128 is written as a DVS128's, which holds no {what}")
 
 
 def inertial_of(timed: Timed, scales: Scales) -> Inertial:
@@ -191,7 +192,7 @@ def frames_of(timed: Timed, size: tuple[int, int]) -> Iterator[Frame]:
     """The frames among the records of a file, one by one; those that lack pixels are left out."""
     found = _whole_frames(timed, size)
     first, second = next(found, None), next(found, None)
-    # what is left of a frame that began before the file looks like one of a smaller region
+    # the rest of a frame that began before the file looks like a frame of a smaller region
     if first is not None and (second is None or first.pixels.size >= second.pixels.size):
         yield first
     if second is not None:
@@ -211,7 +212,7 @@ def _whole_frames(timed: Timed, size: tuple[int, int]) -> Iterator[Frame]:
             at, found = next_frame(addresses, t, at, before, light, state, facts)
             if found:
                 yield _frame(facts, light)
-    # the last one ends with the file
+    # the last frame ends with the file
     if next_frame(np.zeros(0, np.uint32), np.zeros(0, np.int64), 0, before, light, state, facts)[1]:
         yield _frame(facts, light)
 
@@ -224,7 +225,7 @@ def _frame(facts: np.ndarray, light: np.ndarray) -> Frame:
 
 
 def _beside(timed: Timed) -> Timed:
-    """Of the records of a file those that are no events: addresses, uint32, and times."""
+    """The records of a file that are not events: addresses, uint32, and times."""
     for raw, t in timed:
         addresses = raw.view(">u4")[::2].astype(np.uint32)
         which = addresses >= BESIDE

@@ -1,8 +1,8 @@
 """AEDAT 3.0 and 3.1 (cAER, libcaer): DVS128 Gesture.
 
-Header lines begin with `#` and end CR LF, the last is `#!END-HEADER`. Packets follow, little-endian:
-28 bytes of header, then events of one type and size. Of polarity packets a window decodes only
-those that it touches; packets of other types are passed over by their size.
+Header lines begin with `#` and end with CR LF; the last is `#!END-HEADER`. Packets follow, little-endian:
+28 bytes of header, then events of one type and size. A window decodes only the polarity packets
+that it touches; packets of other types are skipped by their size.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from nvsdata.kernels.aedat import (
 )
 from nvsdata.kernels.clock import kept_words
 
-CAN_SEEK = hasattr(os, "pread")  # else the index of packets is made of the whole file in memory
+CAN_SEEK = hasattr(os, "pread")  # without it, the packet index is built from the whole file in memory
 FAULTS = {TORN: "truncated within a packet", NONSENSE: "no packet begins here", CUT: "truncated while it was read"}
 SENSORS = {"DVS128": (128, 128), "DAVIS240": (240, 180), "DAVIS346": (346, 260), "DVXPLORER": (640, 480)}
-PACKET = 8192  # events of a packet that is written
+PACKET = 8192  # events per packet that is written
 
 
 class Aedat3Recording(FileRecording):
@@ -78,7 +78,7 @@ class Aedat3Recording(FileRecording):
 
     @property
     def packets(self) -> np.ndarray:
-        """The index of polarity packets, as `aedat3_packets` gives it; made at its first use."""
+        """The index of polarity packets, as `aedat3_packets` gives it; built at its first use."""
         if self._found is None:
             contents = self._contents
             known = np.frombuffer(contents.head, np.uint8) if CAN_SEEK else contents.read(0, contents.size)
@@ -95,7 +95,7 @@ class Aedat3Recording(FileRecording):
         """The first and the last time, int64 [M] each, at which each packet may hold an event."""
         packets = self.packets
         reach = np.stack((packets[:, FIRST] - DISORDER_US, packets[:, LAST] + DISORDER_US))
-        # the first or last event of a packet with invalid ones may be one of them
+        # a packet's first or last event may itself be an invalid one
         reach[:, packets[:, SOME_INVALID] > 0] = np.array(EVER)[:, None]
         return tuple(reach)
 
@@ -127,9 +127,9 @@ class Aedat3Recording(FileRecording):
         return columns
 
     def _read(self, packets: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
-        """Some packets at a time, the bytes that hold them, and where in the file those begin."""
+        """Yield some packets at a time, the bytes that hold them, and where in the file these bytes begin."""
         begins, ends = packets[:, FIRST_BYTE], packets[:, FIRST_BYTE] + 8 * packets[:, NUMBER]
-        # the last packet reaches beyond: so that it seldom makes more than a piece
+        # half a piece, because the last packet reaches beyond it: together they seldom exceed a piece
         half = PIECE // 2
         edges = [0, len(packets)]
         if len(packets) and begins[0] // half != begins[-1] // half:
@@ -140,14 +140,14 @@ class Aedat3Recording(FileRecording):
             yield packets[lo:hi], raw, int(begins[lo])
 
     def _mended(self, raw: np.ndarray, base: int, packets: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        """Decode damaged packets without the events whose times don't fit; how many are kept, and how many are not."""
+        """Decode damaged packets without the events whose times don't fit; returns how many are kept and lost."""
         begin, lost = kept, 0
         width, height = self._size or (0, 0)
         for k in range(len(packets)):
             count, _, _, strayed = aedat3_decode(raw, base, packets[k : k + 1], width, height, kept, *columns)
             if strayed >= 0:
                 some = columns.take(slice(kept, kept + count))
-                # times have 31 bits and a sign
+                # 31-bit times with a sign
                 since = (some.t - packets[k, ADDED]).astype(np.uint32).view(np.int32).astype(np.int64)
                 fits = kept_words(since, 40, DISORDER_US) & (since >= 0)
                 lost += count - np.count_nonzero(fits)
@@ -205,7 +205,7 @@ def _packets(events: Events) -> Iterator[bytes]:
     records[:, 0] = events.x.astype(np.uint32) << 17 | events.y.astype(np.uint32) << 2
     records[:, 0] |= events.p.astype(np.uint32) << 1 | 1
     records[:, 1] = t & 0x7FFFFFFF
-    # a packet has one overflow count
+    # a packet has a single overflow count, so it ends where the count changes
     ends = np.unique(
         np.concatenate((np.flatnonzero(np.diff(t >> 31)) + 1, np.arange(PACKET, t.size, PACKET), [t.size]))
     )

@@ -1,10 +1,9 @@
 """AEDAT 4 (iniVation DV), with the packages lz4 and zstandard (extra `aedat4`).
 
-`#!AER-DAT4.0` CR LF, the length of a flatbuffer and the flatbuffer: compression, place of a table at
-the end, and XML that names the streams. Packets follow: stream and size as int32, then a flatbuffer,
-compressed as a whole; of events it holds a vector of 16-byte structs with times in µs. Only the first
-stream of events is read. Packets don't say their times before they are inflated, so a window decodes
-the whole file.
+A file begins with `#!AER-DAT4.0` CR LF, the length of a flatbuffer, and that flatbuffer: the compression, the place of
+a table at the end, and XML that names the streams. Packets follow: stream and size as int32, then a flatbuffer,
+compressed as a whole. A packet of events holds a vector of 16-byte structs with times in µs. Only the first stream of
+events is read. The times of a packet are not known before it is inflated, so a window decodes the whole file.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ class Aedat4Recording(FileRecording):
         return bytes
 
     def _packets(self) -> Iterator[tuple[int, memoryview]]:
-        """Place and bytes of the packets of the stream."""
+        """Byte offset and content of the packets of the stream of events."""
         data, at = self._contents.read(self._first, self._end).data, self._first
         while at + 8 <= self._end:
             stream, size = struct.unpack_from("<ii", data, at - self._first)
@@ -103,7 +102,7 @@ class Aedat4Recording(FileRecording):
         return Columns(*(np.ascontiguousarray(column) for column in self._inside([events[name] for name in EVENTS])))
 
     def _timed(self, events: np.ndarray) -> np.ndarray:
-        """The events without those whose times no Events can hold."""
+        """The events whose times Events can hold."""
         late = (events["t"] <= -LATEST) | (events["t"] >= LATEST)
         if not late.any():
             return events
@@ -119,12 +118,12 @@ class Aedat4Recording(FileRecording):
             if count * EVENT.itemsize > len(payload) - first:
                 raise ValueError(f"{count} events in {len(payload)} bytes")
             return np.frombuffer(payload, EVENT, count, first)
-        except Exception as error:  # lz4 and zstandard have errors of their own
+        except Exception as error:  # lz4 and zstandard raise their own errors
             raise self._fault(at, error) from error
 
 
 class _Table:
-    """A table of a flatbuffer: where its fields lie. struct.error or ValueError if it is broken."""
+    """A table of a flatbuffer: gives its fields. struct.error or ValueError if it is broken."""
 
     def __init__(self, data: memoryview, at: int) -> None:
         self.data, self.at = data, at
@@ -144,18 +143,18 @@ class _Table:
         return value
 
     def _place(self, field: int) -> int:
-        """Where a field lies; 0 if it is left out."""
+        """Byte at which a field lies; 0 if the table has no such field."""
         inside = 4 + 2 * field < self._read("<H", self.fields)
         offset = self._read("<H", self.fields + 4 + 2 * field) if inside else 0
         return self.at + offset if offset else 0
 
     def number(self, field: int, kind: str, default: int) -> int:
-        """A number."""
+        """The number in a field, of the struct format `kind`; `default` if the table has no such field."""
         place = self._place(field)
         return self._read(kind, place) if place else default
 
     def vector(self, field: int) -> tuple[int, int]:
-        """First byte and length of a vector."""
+        """First byte and length of the vector in a field; (0, 0) if the table has no such field."""
         place = self._place(field)
         if not place:
             return 0, 0
@@ -163,7 +162,7 @@ class _Table:
         return place + 4, self._read("<I", place)
 
     def string(self, field: int) -> str:
-        """A string."""
+        """The string in a field."""
         first, length = self.vector(field)
         if length > len(self.data) - first:
             raise ValueError(f"a string of {length} bytes beyond the buffer")
@@ -184,7 +183,7 @@ def _events_stream(root: Any) -> tuple[int, tuple[str, str] | None]:
 
 def _unzstd(zstandard: Any, packet: memoryview) -> bytes:
     size = zstandard.get_frame_parameters(packet).content_size
-    if MOST < size < (1 << 64) - 2:  # the two last numbers say that it isn't known
+    if MOST < size < (1 << 64) - 2:  # the two largest values mean that it isn't known
         raise ValueError(f"a packet that inflates to {size} bytes")
     inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MOST)
     return inflated

@@ -1,7 +1,7 @@
-"""ATIS 40-bit records, `.bin` (N-MNIST, N-Caltech101): no header, five bytes an event.
+"""ATIS 40-bit records, `.bin` (N-MNIST, N-Caltech101): no header, five bytes per event.
 
-Byte 0 is x, byte 1 y, bit 7 of byte 2 the polarity, the other 23 bits the time in µs, most
-significant first. A record with y = 240 is no event: it adds 2^13 µs to every later time. A larger y is damage.
+Byte 0 is x, byte 1 is y, bit 7 of byte 2 is the polarity; the other 23 bits are the time in µs, most significant
+first. A record with y = 240 is not an event: it adds 2^13 µs to every later time. A larger y is damage.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from nvsdata.kernels.decode import (
     atis_walk,
 )
 
-SHORT = 32  # blocks of a file that is decoded as a whole
+SHORT = 32  # blocks; up to so long a file is decoded as a whole
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
 
 
 class AtisRecording(PiecedFile):
-    """An ATIS `.bin` file; it holds no sensor size: by default the one that its events need."""
+    """An ATIS `.bin` file. It states no sensor size: the default is the smallest that holds its events."""
 
     format = "atis"
     record_size = 5
@@ -51,7 +51,7 @@ class AtisRecording(PiecedFile):
 
     @property
     def _short(self) -> bool:
-        """Whether windows are cut from the whole: the index takes as long, for it has to look at every record."""
+        """Whether windows are cut from the whole: an index takes as long, because it has to look at every record."""
         return self.records <= SHORT * self.block
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
@@ -61,7 +61,10 @@ class AtisRecording(PiecedFile):
         return None if self._short else super().decode_span()
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What `atis_walk` knows after all records, and times and overflow of the blocks; FormatError if `strict`."""
+        """The state of `atis_walk` after all records, and each block's time and overflow.
+
+        If `strict`, FormatError for a damaged record.
+        """
         count = -(-self.records // self.block)
         walk, times, offsets = np.array(ATIS_BEGUN), np.empty(count, np.int64), np.empty((count, 1), np.int64)
         for raw in self._pieces(0, self.records):
@@ -83,10 +86,10 @@ class AtisRecording(PiecedFile):
         self._check_rows(int(state[3]))
 
     def _check_rows(self, damaged: int) -> None:
-        """FormatError if `strict` and there is a damaged record."""
+        """FormatError if `strict` and `damaged`, the number of a damaged record, is not -1."""
         if self.strict and damaged >= 0:
             y = int(self.contents.read(self._byte(damaged), self._byte(damaged + 1))[1])
-            reason = f"y = {y} is damage: of an event it is below {ATIS_OVERFLOW_Y}; strict=False drops the record"
+            reason = f"y = {y} is damage: events have y below {ATIS_OVERFLOW_Y}; strict=False drops the record"
             raise FormatError(self.path, self._byte(damaged), reason)
 
     def decode(self) -> Columns:
@@ -104,7 +107,7 @@ class AtisRecording(PiecedFile):
 
 
 def looks_like(head: bytes, size: int) -> bool:
-    """Whether a file of `size` bytes that begins so could be one: whole records, times that never fall."""
+    """Whether a file of `size` bytes that begins with `head` could be ATIS: whole records, times that never fall."""
     raw = np.frombuffer(head[: 5 * 256], np.uint8)
     if size % 5 or raw.size < 5 * 16:
         return False

@@ -1,4 +1,4 @@
-"""Records with the time of a 32-bit counter of µs: what `.dat` and AEDAT 1 and 2 share."""
+"""Records with times from a 32-bit counter of µs: what `.dat` and AEDAT 1 and 2 share."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from nvsdata.kernels.clock import (
 
 
 class ClockedFile(PiecedFile):
-    """Records whose times are told apart by those before them; see `kernels.clock`.
+    """Records whose wrapped times are resolved by the record before; see `kernels.clock`.
 
-    The index looks at the first records of each block alone. What would make it differ from the whole is found when the
-    whole is read, and FormatError: a step back that no camera makes, an event that strayed by more than a block, and
-    a block of over 35 minutes which begins with a burst and seems to last less than one.
+    The index looks at only the first records of each block. Whatever makes it differ from the whole file is found when
+    the whole is read, and is a FormatError: a step back that no camera makes, an event displaced by more than a block,
+    or a block of more than 35 minutes that begins with a burst and seems to last less than `SOON_US`.
     """
 
     block = 4096
@@ -43,7 +43,7 @@ class ClockedFile(PiecedFile):
 
     @abstractmethod
     def _times(self, raw: np.ndarray) -> np.ndarray:
-        """The counter as some records show it, uint32 [N]."""
+        """The counter values of some records, uint32 [N]."""
 
     def _index(self) -> Blocks:
         if not self.records:
@@ -72,14 +72,14 @@ class ClockedFile(PiecedFile):
             raise self._jump()
 
     def _jump(self) -> FormatError:
-        """What is to be raised for times that no camera writes."""
+        """The error to raise for times that no camera writes."""
         kept = self._kept()
         damaged = f"{kept.size - np.count_nonzero(kept)} of {kept.size} records are damaged"
         reason = f"a time that no camera writes: {damaged}, or the clock was set back; strict=False drops them"
         return FormatError(self.path, self._byte(int(np.argmin(kept))), reason)
 
     def _kept(self) -> np.ndarray:
-        """Which records to keep of a damaged file: the most whose times a camera may have written."""
+        """Mask of the records of a damaged file to keep: as many as a camera may have written together."""
         times = [self._times(raw).astype(np.int64) for raw in super()._pieces(0, self.records)]
         kept: np.ndarray = kept_words(np.concatenate(times), 32, BACK_US, SILENT_US)
         return kept
@@ -103,7 +103,7 @@ class ClockedFile(PiecedFile):
         return columns
 
     def _drops(self, state: np.ndarray) -> bool:
-        """Whether records are dropped from now on: the whole file, which ended with `state`, turned out damaged."""
+        """Whether records are dropped from now on, because the whole file, which ended with `state`, proved damaged."""
         if self.strict or state[JUMP] < 0 or self._keep is not None:
             return False
         self._keep = self._kept()
@@ -131,9 +131,9 @@ class ClockedFile(PiecedFile):
             yield raw, t
 
     def _check_index(self, state: np.ndarray) -> None:
-        """FormatError if windows, which rely on the index, would miss events of the file, which ended with `state`."""
+        """FormatError if windows, which rely on the index, would miss events; `state` is that after the whole file."""
         if state[HIDDEN] >= 0:
-            reason = f"{self.block} records over more than 35 minutes: no window could tell the time"
+            reason = f"{self.block} records over more than 35 minutes: a window could not determine their times"
             raise FormatError(self.path, self._byte(int(state[HIDDEN])), reason)
         if not state[FELL]:
             return
@@ -147,15 +147,16 @@ class ClockedFile(PiecedFile):
 
 
 def _steps(times: np.ndarray) -> np.ndarray:
-    """From word to word of a counter, along the last axis, up to half a wrap either way."""
+    """Differences between a counter's successive values along the last axis, at most half a wrap either way."""
     steps: np.ndarray = (np.diff(times) + WRAP_US // 2) % WRAP_US - WRAP_US // 2
     return steps
 
 
 def with_times_of_32_bits(pieces: Iterable[Events], name: str) -> Iterator[Events]:
-    """The pieces; ValueError where a reader could not unwrap times.
+    """The pieces; ValueError for times that a reader could not unwrap.
 
-    That is a first one of 32 ones or more, a gap of half a wrap, and one over a wrap that is longer than `SILENT_US`.
+    These are: a first time below 0 or of 2^32 - 1 µs or more, a gap of 2^31 µs or more, and a gap across a wrap that is
+    longer than `SILENT_US`.
     """
     last = None
     for events in pieces:

@@ -1,4 +1,4 @@
-"""Columns as other programs write them, made integers: what `.mat`, `.npy` and HDF5 files share."""
+"""Columns as other programs write them, converted to integers: what `.mat`, `.npy` and HDF5 files share."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from nvsdata.data.events import LATEST
 
 
 def integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
-    """A column of any numeric type in integers, of its own type if it is one.
+    """A column of any numeric type as integers; integers keep their type.
 
-    FormatError, which says `name`, for fractions, NaN, and numbers at or beyond 2^62.
+    FormatError, which names the column as `name`, for fractions, NaN, and numbers at or beyond 2^62.
     """
     if column.dtype.kind == "b":
         return column.astype(np.uint8)

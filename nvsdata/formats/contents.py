@@ -1,4 +1,4 @@
-"""The bytes of a recording, read when they are decoded."""
+"""The bytes of a recording, read only when they are decoded."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from nvsdata.formats.ondisk import OnDisk
 from nvsdata.kernels.reading import read_samples
 
 PIECE = 1 << 20  # bytes that are read and decoded at a time
-_ROOMS: list[np.ndarray] = []  # of a piece each, kept when their reader ends: fresh pages cost more than what is read
-HEAD = 1 << 16  # bytes that are read to tell the format; less than that is a whole file
-LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends here whatever follows
-# an AEDAT record may begin with the mark by chance; Prophesee's hardly do, but their headers may hold foreign names
+_ROOMS: list[np.ndarray] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
+HEAD = 1 << 16  # bytes that are read to recognize the format; fewer mean that it is the whole file
+LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends with such a line, whatever follows
+# an AEDAT record may begin with the mark by chance; Prophesee's rarely do, but their headers may be non-ASCII
 _PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
 
 
 class Contents:
-    """The bytes of a file that begins with `head`: all of them if it is short, else read from the disk when asked for.
+    """The bytes of a file that begins with `head`: `head` itself if the file is short, else read on demand.
 
-    Nothing stays open or mapped. `size` is the file's when this was made; every method that reads raises FormatError
-    if the file was cut or changed since.
+    No file stays open or mapped. `size` is the file's size when this object was made; every method that reads raises
+    FormatError if the file was cut or changed since.
     """
 
     def __init__(self, path: str, head: bytes) -> None:
@@ -35,7 +35,7 @@ class Contents:
         self.size = len(head) if self._file is None else self._file.size
 
     def let_go(self) -> None:
-        """Forget the head of a file that is longer: those of many recordings would add up."""
+        """Forget the head unless it is the whole file: the heads of many recordings would add up."""
         if self._file is not None:
             self.head = b""
 
@@ -47,7 +47,7 @@ class Contents:
         assert self._file is not None
         with self._file.opened() as file:
             file.fill(start, out)
-        # as the bytes in memory are: compiled loops tell the two kinds of arrays apart
+        # like the bytes in memory: numba compiles a kernel again for writable arrays
         out.flags.writeable = False
         return out
 
@@ -56,7 +56,7 @@ class Contents:
         return self.ranges([(at, min(at + step, stop)) for at in range(start, stop, step)])
 
     def ranges(self, ranges: Sequence[tuple[int, int]]) -> Iterator[np.ndarray]:
-        """Bytes from the first to the second number of each, uint8 and read-only; each is overwritten by the next."""
+        """The bytes of each range (start, stop), uint8 and read-only; each array is overwritten by the next."""
         if max((stop for _, stop in ranges), default=0) <= len(self.head):
             return iter([np.frombuffer(self.head, np.uint8, stop - start, start) for start, stop in ranges])
         return self._from_disk(ranges)
@@ -81,7 +81,7 @@ class Contents:
 
     @contextmanager
     def handle(self) -> Iterator[int]:
-        """A descriptor of the file for as long as the block runs; -1 if all of it is in `head`."""
+        """A descriptor of the file, open while the block runs; -1 if `head` is the whole file."""
         if self._file is None:
             yield -1
         else:
@@ -112,7 +112,7 @@ class Contents:
         lines, end, torn = header_lines(self.head, mark)
         size = len(self.head)
         while torn and size < self.size:
-            # jAER puts its preferences into the header, which then is longer than any head
+            # jAER puts its preferences into the header, which can then be longer than `head`
             begin, size = end, min(4 * size, self.size)
             more, end, torn = header_lines(self.read(begin, size).tobytes(), mark)
             lines, end = lines + more, begin + end

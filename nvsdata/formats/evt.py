@@ -1,4 +1,4 @@
-"""Prophesee RAW, EVT2 and EVT3 (`.raw`): header lines beginning with `% `, then little-endian words.
+"""Prophesee RAW, EVT2 and EVT3 (`.raw`): header lines that begin with `% `, then little-endian words.
 
 The header names the encoding (`% evt 3.0`, or `% format EVT3;height=720;width=1280`) and may state
 the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
@@ -37,12 +37,12 @@ ENCODING = re.compile(r"^% (?:evt |format EVT)([23])", re.IGNORECASE | re.MULTIL
 
 
 class EvtRecording(PiecedFile):
-    """An EVT2 or EVT3 file. Events before the first word that gives the time are left out, as nothing dates them."""
+    """An EVT2 or EVT3 file. Events before the first time word are left out, because they have no time."""
 
     format = "evt"
     block = 4096
-    _events: np.ndarray  # of each block, EVT3 only
-    _dropped: np.ndarray | None = None  # words of damaged files that are passed over
+    _events: np.ndarray  # number of events in each block, EVT3 only
+    _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         contents = Contents(path, head)
@@ -59,7 +59,7 @@ class EvtRecording(PiecedFile):
             self._size = stated_size(path, *stated)
 
     def _index(self) -> Blocks:
-        """By the last event before each block, for the block's first word needn't be an event."""
+        """The index, by the last event before each block, because a block's first word needn't be an event."""
         walk = self._walk()
         if walk[0][JUMP] >= 0:
             strays = self._strays()
@@ -73,7 +73,7 @@ class EvtRecording(PiecedFile):
         return Blocks(times, states, not seen[FALLS], (max(int(seen[FIRST]), 0), max(int(seen[LAST]), 0)))
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What a walk has seen, and the blocks' states and times."""
+        """What a walk over all words has seen (see `kernels.evt`), and the blocks' states and times."""
         count = -(-self.records // self.block)
         state = np.array(UNDATED[: 1 if self.version == 2 else 5])
         states, times = np.empty((count, state.size), np.int64), np.empty(count, np.int64)
@@ -86,7 +86,7 @@ class EvtRecording(PiecedFile):
         return seen, states, times
 
     def _strays(self) -> np.ndarray:
-        """The words of time that no camera wrote."""
+        """Indices of the time words that no camera wrote."""
         find, bits, shift = (evt2_highs, 28, 6) if self.version == 2 else (evt3_highs, 12, 12)
         begin, places, highs = 0, [], []
         for raw in self._pieces(0, self.records):

@@ -1,4 +1,4 @@
-"""A recording in a file of its own: what all formats share."""
+"""A recording in its own file: what all formats share."""
 
 from __future__ import annotations
 
@@ -28,12 +28,19 @@ from nvsdata.data.recording import Recording, anomalies_of
 class FileRecording(Recording):
     """A file that is opened but not decoded; `read` decodes the window that is asked for.
 
-    Formats subclass it: `decode` they must give; `decode_window`, `decode_span` and `decode_size` they give
-    if they can do better than to decode the whole file. They set `_size` to what the file states,
-    unless a size was given, `_begins` and `_ends` to what it states of its time (`Events.start` and `end`),
-    `_rises` if they saw that times never fall, and raise FormatError for
-    what is broken if `strict`. Otherwise they leave out what can't be decoded, count it by `_repair`,
-    and hand out the rest.
+    - `path`: the file
+    - `sensor_size`: (width, height) in pixels, in place of what the file states; default None
+    - `strict`: whether damage is a FormatError; default True. Otherwise what can't be decoded is left out, and
+      `repairs` counts it
+
+    A format is a subclass. It must define `decode`; it defines `decode_window`, `decode_span` and `decode_size` where
+    it can do better than to decode the whole file. It sets
+
+    - `_size`: the sensor size that the file states, unless one was given
+    - `_begins`, `_ends`: the first and last moment that the file states, in µs (`Events.start` and `end`)
+    - `_rises`: True if it saw that times never fall
+
+    It raises FormatError for damage if `strict`, and otherwise counts what it leaves out by `_repair`.
     """
 
     _begins: int | None = None
@@ -51,25 +58,25 @@ class FileRecording(Recording):
 
     @property
     def sensor_size(self) -> tuple[int, int]:
-        """(width, height): as given to `open`, else as the file says, else as its events need."""
+        """(width, height) in pixels: as given, else as the file states, else the smallest that holds its events."""
         if self._size is None:
             self._size = self.decode_size()
         return self._size
 
     @abstractmethod
     def decode(self) -> Columns:
-        """All events in file order."""
+        """Decode all events, in file order."""
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Events of the window if it can be had without decoding the rest, else None."""
+        """Events with start <= t < stop (µs) if they can be decoded without the rest, else None."""
         return None
 
     def decode_span(self) -> tuple[int, int] | None:
-        """First and last time if they can be had without decoding the rest, else None."""
+        """First and last time in µs if they can be found without decoding everything, else None."""
         return None
 
     def decode_size(self) -> tuple[int, int]:
-        """The smallest sensor that holds the events, asked for where nothing states its size."""
+        """The smallest sensor that holds the events; called if neither the file nor the caller states a size."""
         return extent(self.decode())
 
     @property
@@ -111,7 +118,7 @@ class FileRecording(Recording):
         return Events.trusted(columns, self._size, self._begins, self._ends)
 
     def _lasts(self, time: tuple[int, int] | None) -> None:
-        """Note the first and last moment that a file states, if it does."""
+        """Note the first and last moment in µs that a file states; None if it states none."""
         if time is None:
             return
         if -LATEST < time[0] <= time[1] < LATEST:
@@ -122,7 +129,7 @@ class FileRecording(Recording):
             self._repair("times of beginning and end that make no sense, left out", 1)
 
     def _check_time(self, first: int, last: int) -> None:
-        """The time that the file states must hold its first and last event."""
+        """Check that the time range that the file states holds its first and last event."""
         assert self._begins is not None
         assert self._ends is not None
         if self._begins <= first and last <= self._ends:
@@ -145,7 +152,7 @@ class FileRecording(Recording):
         return in_pieces(self) if self.holds_samples else iter((self.read(),))
 
     def _sound(self, columns: Columns) -> Columns:
-        """The columns as they are or, if not `strict`, without what no Events can hold."""
+        """The columns as they are or, if not `strict`, without values that Events can't hold."""
         if self.strict:
             return columns
         columns = Columns(*self._inside(columns))
@@ -158,24 +165,24 @@ class FileRecording(Recording):
         return self._size or (MAX_COORDINATE + 1, MAX_COORDINATE + 1)
 
     def _inside(self, columns: Sequence[np.ndarray], first: int = 0) -> Sequence[np.ndarray]:
-        """Columns t, x, y, p of any type without events outside the sensor or of other polarity than 0 and 1.
+        """Columns t, x, y, p of any type, without events outside the sensor or with a polarity other than 0 and 1.
 
-        If `strict`, FormatError for such an event, counted from `first`.
+        If `strict`, FormatError for such an event; its number counts from `first`.
         """
         _, x, y, p = columns
         width, height = self._limits
-        # the greatest tell whether any event needs a closer look
+        # the largest values show whether any event needs a closer look
         if all(c.size == 0 or _unsigned(c).max() < end for c, end in ((x, width), (y, height), (p, 2))):
             return columns
         bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
         if self.strict:
             where = f"event {first + int(np.argmax(bad))}"
-            raise FormatError(self.path, None, f"{where}: outside the sensor of {width}x{height}, or no polarity")
+            raise FormatError(self.path, None, f"{where}: outside the sensor of {width}x{height}, or not a polarity")
         self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
         return [column[~bad] for column in columns]
 
     def _repair(self, what: str, count: int) -> None:
-        """Note what was left out or put right; `repairs` tells of the last time that it was met."""
+        """Note what was left out or corrected; `repairs` keeps the latest count that isn't 0."""
         if count:
             self.repairs[what] = count
 
@@ -184,5 +191,5 @@ class FileRecording(Recording):
 
 
 def _unsigned(column: np.ndarray) -> np.ndarray:
-    """The same integers, of which negative ones are seen as larger than any that aren't."""
+    """The same integers viewed as unsigned, so that negative ones are larger than all others."""
     return column.view(column.dtype.str.replace("i", "u")) if column.dtype.kind == "i" else column

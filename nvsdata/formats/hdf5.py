@@ -1,19 +1,23 @@
 """HDF5: nvsdata's own files, and the layouts of DSEC, of Metavision, and of plain columns.
 
-Our own: `/events/t`, `x`, `y`, `p`, contiguous, so that a window is a slice of each, or in
-chunks of 2^18 events if there are more than 2^21 (they are written as they come); frames and inertial samples as
-`nvsdata.formats.hdf5_samples` says; `/` has
-attributes `format` ("nvsdata-events"), `version`, `width`, `height`. t is uint32 µs, to which `/t_offset` is
-added if there is one, or int64 where 71 minutes are not enough; x and y are uint8 where the sensor has at most
-256 columns or rows, else int16, and p is uint8: 7 to 9 bytes an event.
+nvsdata's own files:
+
+- `/events/t`, `x`, `y`, `p`: contiguous, so that a window is a slice of each; or in chunks of 2^18 events if there
+  are more than 2^21 (they are written as they come). t is uint32 µs, to which `/t_offset` is added if there is one, or
+  int64 where 71 minutes are not enough; x and y are uint8 where the sensor has at most 256 columns or rows, else
+  int16; p is uint8. This makes 7 to 9 bytes per event.
+- frames and inertial samples: see `nvsdata.formats.hdf5_samples`
+- attributes of `/`: `format` ("nvsdata-events"), `version`, `width`, `height`
+
 Compressed copies (h5repack) are read too, through h5py.
 
-Others: columns x, y, t, p below `/events` or `/`, with `/t_offset`, too (DSEC), or one
-compound `/CD/events` (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the
-package hdf5plugin (`nvsdata[hdf5]`), which is used if it is installed.
+Other files: columns x, y, t, p below `/events` or `/`, also with `/t_offset` (DSEC), or one compound `/CD/events`
+(Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`),
+which is used if it is installed.
 
-All but plain columns promise that times never fall: a window is found by bisection. A file that breaks the promise is
-refused, or sorted if it is not to be read strictly; of plain columns all times are looked at before the first window.
+All layouts except plain columns promise that times never fall, so a window is found by bisection. A file that breaks
+the promise is refused, or sorted if it isn't read strictly. For plain columns, all times are checked before the first
+window is read.
 """
 
 from __future__ import annotations
@@ -40,7 +44,7 @@ from nvsdata.kernels.order import is_sorted
 
 STORE = "nvsdata-store"
 TYPES = {"t": np.int64, "x": np.int16, "y": np.int16, "p": np.uint8}
-AROUND = 64  # events on either side of a window that must be in order with it
+AROUND = 64  # events on either side of a window that are checked to be in order with it
 
 
 class Hdf5Recording(FileRecording):
@@ -51,7 +55,7 @@ class Hdf5Recording(FileRecording):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
-        self._offset = 0  # what is added to times
+        self._offset = 0  # µs that are added to times
         self._file = OnDisk(path)
         with opened(path, "damaged HDF5") as file:
             kind = text_of(file, "format")
@@ -83,7 +87,7 @@ class Hdf5Recording(FileRecording):
             table = dataset_of(self.path, file, "CD/events")
             kinds = dict(table.dtype.fields or {}) if table.ndim == 1 else {}
             if not all(name in kinds and kinds[name][0].kind in "iub" for name in TYPES):
-                raise FormatError(self.path, None, f"/CD/events is {table}, no row of x, y, p and t")
+                raise FormatError(self.path, None, f"/CD/events is {table}, not rows of x, y, p and t")
             return {name: Stored("CD/events", table.size, name) for name in TYPES}
         for home in ("events", ""):
             place = found_in(self.path, file.id, home)
@@ -100,7 +104,7 @@ class Hdf5Recording(FileRecording):
         value = np.asarray(dataset_of(self.path, file, "t_offset")[()])
         if value.size == 1 and value.dtype.kind in "iuf" and abs(value.item()) < LATEST:
             return int(value.item())
-        raise FormatError(self.path, None, f"/t_offset is {value}, no time in µs below 2^62")
+        raise FormatError(self.path, None, f"/t_offset is {value}, not a time in µs below 2^62")
 
     def decode(self) -> Columns:
         with Source(self._file) as source:
@@ -111,7 +115,7 @@ class Hdf5Recording(FileRecording):
             return self._events(source, 0, t)
 
     def _events(self, source: Source, first: int, t: np.ndarray) -> Columns:
-        """Events from the first on, of which the times are known."""
+        """Events first, first + 1, ..., as many as there are times `t`, which have been read."""
         x, y, p = (self._read(source, name, first, first + t.size) for name in "xyp")
         inside = self._inside((t, x, y, polarity(p)), first)
         return Columns(*(column.astype(kind, copy=False) for column, kind in zip(inside, TYPES.values(), strict=True)))
@@ -120,7 +124,7 @@ class Hdf5Recording(FileRecording):
         return self._columns[name].read(source, lo, hi, TYPES[name])
 
     def _times(self, source: Source, lo: int, hi: int) -> np.ndarray:
-        """Times lo..hi; `_rises` says whether they never fall."""
+        """Times lo..hi in µs, int64; sets `_rises`: whether they never fall."""
         t = self._read(source, "t", lo, hi)
         ends = [int(t.max(initial=0))] if t.dtype == np.uint64 else []
         if not ends or ends[0] < LATEST - self._offset:
@@ -131,12 +135,12 @@ class Hdf5Recording(FileRecording):
         if far is not None:
             raise FormatError(self.path, None, f"/{self._columns['t'].name} holds {far}: at or beyond 2^62 µs")
         if self._offset:
-            # they are in memory of their own
+            # in place: this memory is not shared
             t += self._offset
         return t
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """A bisection over t; None if the times that it comes to tell that it went astray."""
+        """Decode a window found by bisection over t; None if the times around it show that the bisection went wrong."""
         t = self._columns["t"]
         with Source(self._file) as source:
             if not self._in_order(source):
@@ -151,7 +155,7 @@ class Hdf5Recording(FileRecording):
             return self._events(source, first + lo, around[lo:hi])
 
     def _in_order(self, source: Source) -> bool:
-        """Whether times never fall; if no layout promises it, all of them are looked at once."""
+        """Whether times never fall; if the layout doesn't promise it, all times are checked, once."""
         if self._ordered is None:
             t = self._columns["t"]
             self._ordered = rises(t, source)

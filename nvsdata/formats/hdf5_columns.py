@@ -1,4 +1,4 @@
-"""Columns of HDF5 files: read in place where they lie in the file as they are, else by the library."""
+"""Columns of HDF5 files: read directly where the file holds plain values, else by the HDF5 library."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from nvsdata.formats.hdf5_file import check_stored, dataset_of, opened, places_o
 from nvsdata.formats.ondisk import OnDisk, OpenFile
 from nvsdata.kernels.order import is_sorted
 
-BLOCK = 1 << 20  # bytes that are converted at a time: they stay in the cache
-SCANNED = 1 << 20  # values that are looked at together
-BISECTED = 512  # values that are read rather than bisected further
+BLOCK = 1 << 20  # bytes that are converted at a time: few enough to stay in the cache
+SCANNED = 1 << 20  # values that are checked at a time
+BISECTED = 512  # so few values are read instead of bisected further
 
 
 class Source(OpenFile):
-    """A file while a block reads its columns; the library opens it for those alone that it must decode."""
+    """A file, open while a block reads its columns; the HDF5 library opens it only for columns that it must decode."""
 
     __slots__ = ("_dataset", "_library")
 
@@ -37,10 +37,10 @@ class Source(OpenFile):
             self._library.__exit__(kind, error, tb)
 
     def dataset(self, name: str) -> Any:
-        """A dataset as the library reads it."""
+        """A dataset, as h5py's object."""
         if self._library is None:
             self._library = opened(self.file.path, "can't read the events")
-            # what is open keeps what it has decompressed
+            # an open dataset caches the chunks that it has decompressed
             self._dataset = cache(partial(dataset_of, self.file.path, self._library.__enter__()))
         return self._dataset(name)
 
@@ -52,19 +52,19 @@ class Column(Protocol):
     size: int
 
     def value(self, source: Source, i: int) -> int:
-        """A single value."""
+        """The value at index i."""
 
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
-        """Values lo..hi in memory of their own: in `kind` if that holds all values of their type, else in their own."""
+        """Values lo..hi in new memory: of type `kind` if it holds all values of the stored type, else of that type."""
 
 
 class Plain:
-    """A column that lies in the file as it is: at `places`, `length` values each."""
+    """A column that the file holds as plain values: `length` values at each of the bytes `places`."""
 
     def __init__(self, file: OnDisk, name: str, kind: Any, size: int, places: Sequence[int], length: int) -> None:
         self.name, self.kind, self.size = name, kind, size
         self._places, self._length = places, length
-        self._seen: dict[int, int] = {}  # a bisection begins where the last one did
+        self._seen: dict[int, int] = {}  # values that bisections have read: many bisections share their first ones
         for i, place in enumerate(places):
             if place + min(length, size - i * length) * kind.itemsize > file.size:
                 raise FormatError(file.path, place, f"truncated within /{name}")
@@ -95,7 +95,7 @@ class Plain:
 
 
 class Stored:
-    """A column, or a field of a table, that the library reads: it is compressed, or spread over rows."""
+    """A column, or a field of a table, that the HDF5 library reads: it is compressed, or its values aren't adjacent."""
 
     def __init__(self, name: str, size: int, field: str | None = None) -> None:
         self.name, self.size, self._field = name, size, field
@@ -111,13 +111,13 @@ class Stored:
 
 
 def column_of(file: OnDisk, name: str, dataset: Any) -> Column:
-    """The column that an object of h5py's lower level is; FormatError if it is none of integers."""
+    """The column of an object of h5py's low-level API; FormatError if it is not a column of integers."""
     if not isinstance(dataset, h5py.h5d.DatasetID):
-        raise FormatError(file.path, None, f"/{name} is no dataset")
+        raise FormatError(file.path, None, f"/{name} is not a dataset")
     layout, shape = check_stored(file.path, dataset)
     kind = dataset.dtype
     if len(shape) != 1 or kind.kind not in "iub":
-        raise FormatError(file.path, None, f"/{name} is no column of integers")
+        raise FormatError(file.path, None, f"/{name} is not a column of integers")
     places, length = places_of(dataset, layout, shape[0])
     if not places:
         return Stored(name, shape[0])
@@ -125,7 +125,7 @@ def column_of(file: OnDisk, name: str, dataset: Any) -> Column:
 
 
 def narrowed(column: Column, source: Source, value: int) -> tuple[int, int]:
-    """Two indices at most `BISECTED` apart, between which a column that never falls comes to `value` or more."""
+    """Two indices at most `BISECTED` apart, between which a column that never falls first reaches `value`."""
     lo, hi = 0, column.size
     while hi - lo > BISECTED:
         middle = (lo + hi) // 2
@@ -140,7 +140,7 @@ def rises(column: Column, source: Source) -> bool:
     """Whether no value of a column is smaller than the one before it."""
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))
-        # of one type, or the kernel is compiled for each; what is beyond it wraps, and falls
+        # one type, or the kernel is compiled for each; values beyond int64 wrap, so the column falls
         if not is_sorted(values.astype(np.int64, copy=False)):
             return False
     return True

@@ -1,8 +1,8 @@
 """New HDF5 files whose writing errors are raised.
 
-The library itself notices a full disk too late: h5py only prints what fails when a file is closed, and the process may
-end in a crash. So the library writes through `_Disk`, which never fails: once the disk refuses, it keeps in memory what
-the library goes on to write, until somebody asks by `check`.
+The HDF5 library notices a full disk too late: h5py only prints errors that occur while a file is closed, and the
+process may crash. So the library writes through `_Disk`, which never fails: after an error of the disk it keeps in
+memory whatever the library goes on to write, until `check` raises the error.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any
 
 import h5py
 
-# the newer layout has checksums, and texts of fixed length need no heap: the library loops on some damaged ones
+# the newer layout has checksums, and texts of fixed length need no heap: the library hangs on some damaged heaps
 _LAYOUT: dict[str, Any] = {"libver": ("v110", "latest")}
 
 
 @contextmanager
 def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
-    """A new HDF5 file at `path`, in place of what is there, and its disk, whose `check` tells early that it is full.
+    """A new HDF5 file at `path`, in place of any file there, and its `_Disk`, whose `check` raises errors early.
 
-    At the end of the block the file is closed and, if all went well, complete. Raises the first OSError that writing
-    met.
+    At the end of the block the file is closed and, if no error is raised, complete. Raises the first OSError of the
+    writing.
     """
     with _Disk(path) as disk:
         with h5py.File(disk, "w", **_LAYOUT) as file:
@@ -33,16 +33,16 @@ def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
 
 
 class _Disk(io.RawIOBase):
-    """A file as HDF5's library wants it: written and read at any place, in whole pieces, without ever failing."""
+    """A file for the HDF5 library: written and read at any place, in whole pieces, without ever failing."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)
         self._error: OSError | None = None
-        self._kept: list[tuple[int, bytes]] = []  # what came after the error: place and content
+        self._kept: list[tuple[int, bytes]] = []  # what was written after the error: place and content
         self._at = self._end = 0
 
     def check(self) -> None:
-        """Raise what went wrong, if anything has."""
+        """Raise the first error of the disk, if there was one."""
         if self._error is not None:
             raise self._error
 

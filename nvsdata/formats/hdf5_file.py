@@ -1,8 +1,8 @@
-"""What is in an HDF5 file, and in that file alone: attributes, and datasets all of whose values are in it.
+"""The contents of an HDF5 file itself: attributes, and datasets all of whose values are in the file.
 
-HDF5 knows three ways to speak of other files: external links, virtual datasets and external storage. Through them a
-file could show any file of the machine, wait for ever on a pipe, or claim values that are nowhere. They are
-refused, unless the environment has NVSDATA_HDF5_LINKS=1, which leaves them to the library.
+HDF5 has three ways to refer to other files: external links, virtual datasets and external storage. Through them a
+file could expose any file of the machine, wait forever on a pipe, or claim values that exist nowhere. They are
+refused, unless the environment has NVSDATA_HDF5_LINKS=1, which leaves them to the HDF5 library.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MOST_LINKS = 16  # soft links on the way to one object
 
 @contextmanager
 def opened(path: Any, reason: str) -> Iterator[Any]:
-    """h5py's file, to read; what goes wrong while it is open is a FormatError that begins with `reason`."""
+    """h5py's file, open for reading; any error while it is open is a FormatError that begins with `reason`."""
     try:
         with h5py.File(path, "r") as file:
             yield file
@@ -36,7 +36,7 @@ def opened(path: Any, reason: str) -> Iterator[Any]:
 
 
 def attribute(file: Any, name: str) -> Any:
-    """An attribute of a file, None if it has none; in a third of the time that h5py's own way takes."""
+    """An attribute of a file, None if it has none; takes a third of the time of h5py's `attrs`."""
     if not h5py.h5a.exists(file.id, name.encode()):
         return None
     found = h5py.h5a.open(file.id, name.encode())
@@ -48,7 +48,7 @@ def attribute(file: Any, name: str) -> Any:
 
 
 def text_of(file: Any, name: str) -> str:
-    """An attribute of a file that is a text, empty if it has none."""
+    """A text attribute of a file; empty if it has none."""
     value = attribute(file, name)
     if isinstance(value, bytes):
         return value.decode("ascii", "replace")
@@ -56,29 +56,29 @@ def text_of(file: Any, name: str) -> str:
 
 
 def number_of(path: Any, file: Any, name: str) -> int:
-    """An attribute of a file that is a whole number; FormatError if it has none."""
+    """An integer attribute of a file; FormatError if it has none."""
     value = np.asarray(attribute(file, name))
     if value.size != 1 or value.dtype.kind not in "iuf" or value.item() % 1 != 0:
-        raise FormatError(path, None, f"attribute {name} is {value}, no whole number")
+        raise FormatError(path, None, f"attribute {name} is {value}, not a whole number")
     return int(value.item())
 
 
 def check_version(path: Any, file: Any, known: int) -> None:
-    """FormatError for a file of a newer version than the one that is known."""
+    """FormatError for a file of a newer version than `known`."""
     version = number_of(path, file, "version")
     if version > known:
         raise FormatError(path, None, f"version {version} is newer than {known}: update nvsdata")
 
 
 def links_are_followed() -> bool:
-    """Whether the user asked for what lies in other files."""
+    """Whether the user allowed references to other files."""
     return os.environ.get(FOLLOW) == "1"
 
 
 def found_in(path: Any, place: Any, name: str) -> Any:
-    """The object of that name below a file or a group, all of h5py's lower level; None if there is none.
+    """The object of that name below a file or a group, in h5py's low-level API; None if there is none.
 
-    Soft links are followed, which lead to names in the same file; FormatError for those that lead out of it.
+    Soft links, which lead to names in the same file, are followed. FormatError for links that lead out of it.
     """
     at = place if isinstance(place, h5py.h5g.GroupID) else h5py.h5g.open(place, b"/")
     waiting = name.encode().split(b"/")[::-1]
@@ -107,29 +107,29 @@ def found_in(path: Any, place: Any, name: str) -> Any:
 
 
 def dataset_of(path: Any, file: Any, name: str) -> Any:
-    """A dataset of h5py's file, all of whose values are in it; else FormatError."""
+    """A dataset of h5py's file; FormatError unless all its values are in that file."""
     found = found_in(path, file.id, name)
     if not isinstance(found, h5py.h5d.DatasetID):
-        raise FormatError(path, None, f"/{name} is no dataset" if found is not None else f"there is no /{name}")
+        raise FormatError(path, None, f"/{name} is not a dataset" if found is not None else f"there is no /{name}")
     check_stored(path, found)
     return h5py.Dataset(found)
 
 
 def name_of(thing: Any) -> str:
-    """Where an object of h5py's lower level lies in its file."""
+    """The full name of an object of h5py's low-level API in its file."""
     name: str = h5py.h5i.get_name(thing).decode("utf-8", "replace")
     return name
 
 
 def check_stored(path: Any, dataset: Any) -> tuple[Any, tuple[int, ...]]:
-    """How a dataset of h5py's lower level is laid out, and its shape; FormatError if its values aren't in the file.
+    """Creation properties and shape of a dataset of h5py's low-level API; FormatError if its values aren't in the file.
 
-    HDF5 would make up what was never written, however much, and look for the rest wherever it is said to be.
+    HDF5 itself fills in values that were never written, however many, and follows every reference to other files.
     """
     layout = dataset.get_create_plist()
     kind = layout.get_layout()
     if kind == h5py.h5d.VIRTUAL or (kind == h5py.h5d.CONTIGUOUS and layout.get_external_count()):
-        # before its shape is asked for: that opens the others
+        # before its shape is queried: that opens the other files
         if not links_are_followed():
             how = "virtual" if kind == h5py.h5d.VIRTUAL else "stored externally"
             raise _elsewhere(path, name_of(dataset), how)
@@ -158,7 +158,7 @@ def check_stored(path: Any, dataset: Any) -> tuple[Any, tuple[int, ...]]:
 
 
 def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
-    """FormatError if a dataset is compressed in a way that nothing here can undo."""
+    """FormatError if a dataset is compressed by a filter that isn't installed."""
     for i in range(layout.get_nfilters()):
         code, *_ = layout.get_filter(i)
         if h5py.h5z.filter_avail(code):
@@ -171,7 +171,7 @@ def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
 
 
 def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
-    """Bytes at which the `count` values of a dataset lie as they are, and how many lie together; none if they don't."""
+    """Bytes at which runs of a dataset's `count` plain values begin, and values per run; ([], 0) if it isn't plain."""
     if links_are_followed() or layout.get_nfilters() or not count:
         return [], 0
     offset = dataset.get_offset()

@@ -1,12 +1,13 @@
-"""What nvsdata's HDF5 files hold beside events: frames, inertial samples, and what is known of the camera.
+"""What nvsdata's HDF5 files hold besides events: frames, inertial samples, and facts about the camera.
 
 - `/frames`: `start`, `exposure_start`, `exposure_end`, `end` (int64 [N], µs), `x`, `y`, `width`, `height` (int16 [N]),
-  and `pixels`, uint16, those of one frame after the other, row by row
+  and `pixels`, uint16, frame after frame, row by row
 - `/inertial`: `t` (int64 [N], µs), `acceleration` (g) and `rotation` (degrees/s), float32 [N, 3], `temperature` (°C),
   float32 [N]
-- attributes of `/`: `camera`, `serial`, `started` (wall-clock time 0, ISO 8601), `biases` (JSON), `temperature` (°C)
+- attributes of `/`: `camera`, `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (JSON),
+  `temperature` (°C)
 
-Times are in the clock of the events; `/t_offset` is not added to them. A group is there if there was anything for it.
+Times are in the clock of the events; `/t_offset` is not added to them. A group exists only if it has content.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ from nvsdata.formats.hdf5_file import found_in
 TIMES = ("start", "exposure_start", "exposure_end", "end")
 PLACES = ("x", "y", "width", "height")
 TEXTS = ("camera", "serial", "started")
-CHUNK, CHUNK_PIXELS = 1 << 12, 1 << 16  # rows, and pixels, that are stored together
-GATHERED = 64  # frames, or pieces with inertial samples, that are written at once
+CHUNK, CHUNK_PIXELS = 1 << 12, 1 << 16  # rows, and pixels, per chunk
+GATHERED = 64  # frames, or pieces with inertial samples, that are written together
 
 
 class Beside:
-    """Writes what pieces carry beside their events to an HDF5 file, as they pass; then `finish` it.
+    """Writes what pieces carry besides events to an HDF5 file while they pass; `finish` writes the rest.
 
-    `check` raises what went wrong on the disk: it is called for each piece.
+    `check` is called for each piece; it raises errors of the disk.
     """
 
     def __init__(self, file: Any, check: Callable[[], None]) -> None:
@@ -44,7 +45,7 @@ class Beside:
         self._frames: list[Frame] = []
 
     def passing(self, pieces: Iterable[Events]) -> Iterator[Events]:
-        """The same pieces."""
+        """Yield the same pieces, and write what they carry."""
         for piece in pieces:
             if isinstance(piece, Piece):
                 self._about.update(piece.about)
@@ -58,18 +59,18 @@ class Beside:
             yield piece
 
     def finish(self) -> None:
-        """Write what is left, and what is known of the camera."""
+        """Write the samples that are left, and the facts about the camera."""
         self._write(1)
         for name, value in self._about.items():
             if name == "temperature":
                 self._file.attrs[name] = float(value)
             else:
-                # of fixed length, as all texts here
+                # fixed length, like all texts here
                 text = value if isinstance(value, str) else json.dumps(value)
                 self._file.attrs[name] = np.bytes_(text.encode("ascii", "replace"))
 
     def _write(self, least: int) -> None:
-        """Write what was gathered, if it is so much."""
+        """Write the gathered frames and the gathered samples if there are `least` of them."""
         if len(self._samples) >= least:
             for name, values in Inertial.joined(self._samples)._asdict().items():
                 self._append(f"inertial/{name}", values, CHUNK)
@@ -97,7 +98,7 @@ class Beside:
 
 
 def inertial_in(path: str, file: Any, dataset: Callable[[str], Any], start: int | None, stop: int | None) -> Inertial:
-    """Samples of an open file with start <= t < stop; `dataset` gives one by its name, checked."""
+    """Samples of an open file with start <= t < stop; `dataset` gives a checked dataset by its name."""
     if found_in(path, file.id, "inertial") is None:
         return Inertial.empty()
     found = Inertial(*(np.asarray(dataset(f"inertial/{name}")[()]) for name in Inertial._fields))
@@ -112,9 +113,9 @@ def inertial_in(path: str, file: Any, dataset: Callable[[str], Any], start: int 
 def frames_in(
     path: str, file: Any, dataset: Callable[[str], Any], start: int | None, stop: int | None
 ) -> Iterator[Frame]:
-    """Frames of an open file whose exposure begins at start <= t < stop (µs); `dataset` gives one by its name, checked.
+    """Frames of an open file whose exposure begins at start <= t < stop (µs), read one by one.
 
-    They are read one by one.
+    `dataset` gives a checked dataset by its name.
     """
     if found_in(path, file.id, "frames") is None:
         return
@@ -138,7 +139,7 @@ def frames_in(
 
 
 def about_in(texts: Callable[[str], str], number: Callable[[str], Any]) -> dict[str, Any]:
-    """What a file says of its camera; `texts` and `number` give an attribute by its name, if there is one."""
+    """What a file states about its camera; `texts` and `number` give an attribute by its name, if there is one."""
     about: dict[str, Any] = {name: text for name in TEXTS if (text := texts(name))}
     with suppress(ValueError, RecursionError):
         if isinstance(biases := json.loads(texts("biases") or "0"), dict):

@@ -1,4 +1,4 @@
-"""Writing nvsdata's own HDF5; `nvsdata.formats.hdf5` says what is in it."""
+"""Writing nvsdata's own HDF5 files; `nvsdata.formats.hdf5` documents their layout."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from nvsdata.formats.hdf5_samples import Beside
 from nvsdata.formats.writing import Pieces
 
 NAME, VERSION = "nvsdata-events", 1
-CHUNK = 1 << 18  # events of a piece of a long file
-CONTIGUOUS = 8  # pieces up to which a file's columns are kept in memory and written whole
-SHORT = 1 << 32  # µs that uint32 can tell apart
+CHUNK = 1 << 18  # events per chunk of a long file
+CONTIGUOUS = 8  # chunks; up to so many, the columns are kept in memory and written whole
+SHORT = 1 << 32  # µs that uint32 can represent
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write the four columns: contiguous if they are short, else in chunks as they come; never compressed."""
+    """Write the four columns: contiguous if they are short, else in chunks as they come. Never compressed."""
     width, height = pieces.sensor_size
     with created(path) as (file, disk):
         beside = Beside(file, disk.check)
@@ -44,12 +44,12 @@ def write(pieces: Pieces, path: Path) -> None:
 
 
 def _coordinate(side: int) -> Any:
-    """Type in which coordinates below `side` are stored."""
+    """The type in which coordinates below `side` are stored."""
     return np.uint8 if side <= 256 else np.int16
 
 
 def _clock(pieces: Sequence[Columns]) -> tuple[Any, int]:
-    """Type in which these times are stored, and what is taken off them; 0 where that will do."""
+    """The type in which these times are stored, and the µs that are subtracted from them, 0 where possible."""
     if pieces[-1].t.size == 0:
         return np.uint32, 0
     first, last = int(pieces[0].t[0]), int(pieces[-1].t[-1])
@@ -66,7 +66,7 @@ def _stored(columns: Columns, kinds: dict[str, Any], offset: int) -> list[np.nda
 def _write_chunks(
     file: Any, check: Callable[[], None], pieces: Iterable[Columns], kinds: dict[str, Any], offset: int
 ) -> int:
-    """Write pieces of `CHUNK` events, and `check` the disk after each; what is taken off the times in the end."""
+    """Write pieces of `CHUNK` events, and `check` the disk after each; returns the µs subtracted from all times."""
     datasets = {name: _endless(file, name, kind) for name, kind in kinds.items()}
     count = 0
     for piece in pieces:
@@ -75,7 +75,7 @@ def _write_chunks(
             kinds, offset = {**kinds, "t": np.int64}, 0
         for values, dataset in zip(_stored(piece, kinds, offset), datasets.values(), strict=True):
             dataset.resize((count + values.size,))
-            # past the library's own path, which would copy
+            # directly, because the library's usual path would copy
             whole = (
                 values
                 if values.size == CHUNK
@@ -92,7 +92,7 @@ def _endless(file: Any, name: str, kind: Any) -> Any:
 
 
 def _widened(file: Any, offset: int) -> Any:
-    """The column of times in int64: the recording takes longer than uint32 can tell."""
+    """The column of times converted to int64, because the recording is longer than uint32 can represent."""
     narrow, wide = file["events/t"], _endless(file, "wide", np.int64)
     wide.resize(narrow.shape)
     for start in range(0, narrow.size, CHUNK):
@@ -103,7 +103,7 @@ def _widened(file: Any, offset: int) -> Any:
 
 
 def _of_one_size(pieces: Iterable[Events]) -> Iterator[Columns]:
-    """The same events in pieces of `CHUNK`, only the last one shorter."""
+    """The same events in pieces of `CHUNK`; only the last may be shorter."""
     room, filled = Columns.empty(CHUNK), 0
     for piece in pieces:
         rest = piece.columns

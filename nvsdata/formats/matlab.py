@@ -1,8 +1,8 @@
 """MATLAB `.mat`, v5 and v7.3: columns `ts`, `x`, `y`, `pol` (ASL-DVS, UCF101-DVS, ASLAN-DVS).
 
-v5 is a row of tagged elements, each usually compressed by zlib by itself; v7.3 is HDF5. Columns may
-be of any numeric type and may lie in a struct; polarity may be 0/1 or -1/1. Coordinates counted
-from 1 are told by a value that equals the sensor's width or height, and shifted.
+v5 is a sequence of tagged elements, each usually compressed separately by zlib; v7.3 is HDF5. Columns may
+be of any numeric type and may be fields of a struct; polarity may be 0/1 or -1/1. Coordinates that count
+from 1 are recognized by a value that equals the sensor's width or height, and are shifted.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from nvsdata.formats.inflation import most_bytes
 from nvsdata.formats.registry import Format
 
 try:
-    # inflates in three quarters of zlib's time, which is most of what a file takes
+    # needs three quarters of zlib's time, and inflating is most of the time to read a file
     from isal.isal_zlib import IsalError as ZlibError
     from isal.isal_zlib import decompressobj
-except ImportError:  # a platform without a wheel of it
+except ImportError:  # a platform for which isal has no wheel
     from zlib import decompressobj
     from zlib import error as ZlibError
 
@@ -37,13 +37,13 @@ HEADER = 128
 COMPRESSED, MATRIX = 15, 14
 _CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 NUMBERS = {kind: np.dtype(f"<{code}") for kind, code in _CODES.items()}
-NUMERIC_CLASSES = range(6, 16)  # double, single and the integers
-MOST_FIELDS = 4096  # of a struct
+NUMERIC_CLASSES = range(6, 16)  # double, single and the integer types
+MOST_FIELDS = 4096  # that a struct may have
 _TAG = struct.Struct("<II").unpack_from
 
 
 class MatlabRecording(FileRecording):
-    """A MATLAB file of events; it holds no sensor size."""
+    """A MATLAB file of events; it states no sensor size."""
 
     format = "matlab"
 
@@ -76,7 +76,7 @@ class MatlabRecording(FileRecording):
     def _v5(self) -> dict[str, np.ndarray]:
         data = self._contents.read(0, self._contents.size).data
         if bytes(data[124:128]) != b"\x00\x01IM":
-            raise FormatError(self.path, 124, "no little-endian MATLAB v5 file, or truncated")
+            raise FormatError(self.path, 124, "not a little-endian MATLAB v5 file, or truncated")
         found: dict[str, np.ndarray] = {}
         left = most_bytes(len(data))
         for at, kind, body in self._elements(data, HEADER):
@@ -90,10 +90,10 @@ class MatlabRecording(FileRecording):
         return found
 
     def _elements(self, data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview]]:
-        """Offset, type and body of the tagged elements from byte `at`."""
+        """Offset, type and body of each tagged element from byte `at` on."""
         while at + 8 <= len(data):
             kind, size = _TAG(data, at)
-            if kind >> 16:  # the size in the upper half, up to four bytes right behind it
+            if kind >> 16:  # small element: the size in the upper half, up to four bytes right after it
                 yield at, kind & 0xFFFF, data[at + 4 : at + 4 + min(kind >> 16, 4)]
                 at += 8
                 continue
@@ -105,7 +105,7 @@ class MatlabRecording(FileRecording):
             at += 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
 
     def _inflated(self, at: int, body: memoryview, left: int) -> memoryview:
-        """The body of a compressed element; FormatError, before it is made, if it comes to more than `left` bytes."""
+        """The inflated body of a compressed element; FormatError as soon as it exceeds `left` bytes."""
         inflater = decompressobj()
         try:
             inflated = inflater.decompress(body, left + 1)
@@ -120,7 +120,7 @@ class MatlabRecording(FileRecording):
         return memoryview(inflated)
 
     def _matrix(self, at: int, body: memoryview, found: dict[str, np.ndarray], prefix: str | None = None) -> None:
-        """Add a numeric matrix, or the fields of a struct of such, to `found` under its name."""
+        """Add a numeric matrix, or the numeric fields of a struct, to `found` by name."""
         elements = ((kind, part) for _, kind, part in self._elements(body, 0))
         parts = list(islice(elements, 4))
         if len(parts) < 4 or len(parts[0][1]) < 8:
@@ -145,13 +145,13 @@ class MatlabRecording(FileRecording):
         found: dict[str, np.ndarray] = {}
         with opened(self.path, "damaged MATLAB v7.3 file") as file:
             root = h5py.h5g.open(file.id, b"/")
-            # a variable, or a field of a struct, which is a group; MATLAB's own things begin with #
+            # variables, and fields of structs, which are groups; names with # in front are MATLAB's own
             names = [name for name in root if not name.startswith(b"#")]
             groups = [n for n in names if h5py.h5g.get_objinfo(root, n, False).type == h5py.h5g.GROUP]
             for place in (root, *(h5py.h5g.open(root, name) for name in groups)):
                 for name in (name.decode("latin-1") for name in place):
                     if name not in wanted:
-                        # of others their names are enough
+                        # for other variables the name is enough
                         found.setdefault(name, np.empty(0))
                         continue
                     item = found_in(self.path, place, name)
@@ -163,7 +163,7 @@ class MatlabRecording(FileRecording):
 
 
 def _greatest(column: np.ndarray) -> int:
-    """Greatest value; 0 of none."""
+    """Greatest value; 0 for an empty column."""
     return int(column.max()) if column.size else 0
 
 

@@ -1,8 +1,8 @@
 """NumPy arrays of events, `.npy`: records with named fields, or four columns `x y t p` or `x y p t`.
 
-Fields are t (or ts, timestamp), x, y and p (or pol, polarity), in any order and of any number type. Of columns without
-names the polarity is the one that holds -1, 0 and 1 only, p rather than t where both do. Times that are not whole are
-seconds, others µs; polarity may be 0/1 or -1/1. We write records of x, y, t and p.
+Fields are t (or ts, timestamp), x, y and p (or pol, polarity), in any order and of any numeric type. Of columns without
+names, the polarity is the one that holds only -1, 0 and 1; if both do, the order is `x y t p`. Fractional times are in
+seconds, whole ones in µs; polarity may be 0/1 or -1/1. nvsdata writes records of x, y, t and p.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ POLARITIES = (-1, 0, 1)
 
 
 class NpyRecording(RecordFile):
-    """A `.npy` file of events; it holds no sensor size."""
+    """A `.npy` file of events; it states no sensor size."""
 
     format = "npy"
     block = 4096
@@ -98,19 +98,19 @@ class NpyRecording(RecordFile):
         if self._scale == 1:
             return integers(self.path, "column 't'", column).astype(np.int64)
         if not (np.abs(column) < LATEST / self._scale).all():
-            raise FormatError(self.path, None, "holds times that are no numbers, or beyond 2^62 µs")
-        # float32 has too few digits for what comes
+            raise FormatError(self.path, None, "holds times that are not numbers, or beyond 2^62 µs")
+        # float32 has too few digits for µs
         return np.rint(column.astype(np.float64) * self._scale).astype(np.int64)
 
 
 def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Shape, whether columns lie one after the other, type, and the byte where the data begin."""
+    """Shape, whether the array is stored column by column, type, and the byte at which the data begin."""
     file = io.BytesIO(head)
     try:
         version = npy.read_magic(file)
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, transposed, kind = read(file)
-    except Exception as error:  # numpy parses it as Python, and fails in as many ways
+    except Exception as error:  # numpy parses the header as Python, so it may raise anything
         raise FormatError(path, 0, f"damaged header of a NumPy array: {str(error)[:100]}") from None
     numbers = kind.fields or {"": (kind, 0)}
     if any(field[0].kind not in "biuf" for field in numbers.values()):
@@ -123,7 +123,7 @@ def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any
 
 
 def _fields(path: str, array: np.ndarray) -> dict[str, str | int]:
-    """What the columns are called, or which they are, as the first records tell."""
+    """Field names or column numbers of t, x, y and p, as the first records show."""
     if array.dtype.names is None:
         for names in ("xytp", "xypt"):
             if np.isin(array[:, names.index("p")], POLARITIES).all():
@@ -148,7 +148,7 @@ def write(pieces: Pieces, path: Path) -> None:
 
 def _begin(pieces: Pieces) -> bytes:
     file = io.BytesIO()
-    # numpy leaves room for any number
+    # numpy pads the header, so that any number fits
     npy.write_array_header_1_0(file, {"shape": (pieces.count,), "fortran_order": False, "descr": STRUCTURE.descr})
     return file.getvalue()
 

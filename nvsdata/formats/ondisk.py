@@ -1,7 +1,8 @@
 """The bytes of a file, read rather than mapped.
 
-A mapped file that another process cuts short ends this one, and each map keeps a descriptor for as long as anything
-refers to it. So a recording keeps a path, opens it for each read, and closes it: reading costs no more than mapping.
+If another process cuts a mapped file short, this process is killed; and each map keeps a descriptor for as long as
+anything refers to it. So a recording keeps a path, and opens and closes the file for each read: reading costs no more
+than mapping.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from nvsdata.common.errors import FormatError
 class OnDisk:
     """A file as it was when it was opened.
 
-    Reading raises FormatError if it was cut short, written to or replaced since: what was learned of it no longer
-    holds.
+    Reading raises FormatError if it was cut short, written to or replaced since: what was learned about it may be wrong
+    then.
     """
 
     def __init__(self, path: str) -> None:
@@ -32,11 +33,11 @@ class OnDisk:
         return self._stamp[0]
 
     def opened(self) -> OpenFile:
-        """The file, open while the block runs."""
+        """A context manager that opens the file while its block runs."""
         return OpenFile(self)
 
     def check(self, status: os.stat_result | None = None) -> None:
-        """FormatError if the file isn't as it was."""
+        """FormatError if the file has changed."""
         now = _stamp(os.stat(self.path) if status is None else status)
         if now[0] < self.size:
             raise FormatError(self.path, now[0], f"truncated: it had {self.size} bytes when it was opened")
@@ -45,7 +46,7 @@ class OnDisk:
 
 
 class OpenFile:
-    """A file that is open for as long as a block runs; the descriptor alone, which takes half of Python's own file."""
+    """A file that is open while a block runs: only a descriptor, which takes half the time of Python's file objects."""
 
     __slots__ = ("descriptor", "file")
 
@@ -65,11 +66,11 @@ class OpenFile:
         os.close(self.descriptor)
 
     def fill(self, at: int, target: np.ndarray) -> None:
-        """Read the bytes from `at` on into `target`, a contiguous array, as many as it has."""
+        """Fill `target`, a contiguous array, with the bytes of the file from `at` on."""
         wanted = target.nbytes
         done = _read_at(self.descriptor, target, at) if wanted else 0
         while done < wanted:
-            # the system hands out 2 GiB at most at a time
+            # one call reads at most 2 GiB
             count = _read_at(self.descriptor, target.reshape(-1).view(np.uint8)[done:], at + done)
             if not count:
                 raise FormatError(self.file.path, at + done, "truncated while it was read")

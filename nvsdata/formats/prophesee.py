@@ -1,4 +1,4 @@
-"""Prophesee `.dat` (N-CARS): lines beginning with `% `, two bytes, then eight bytes an event.
+"""Prophesee `.dat` (N-CARS): lines that begin with `% `, two bytes, then eight bytes per event.
 
 The header may state Version, Width and Height. A record is a little-endian uint32 time in µs
 (it wraps at 2^32) and a uint32 address: version 2 has x in bits 0-13, y in 14-27, polarity in 28;
@@ -38,7 +38,7 @@ class DatRecording(ClockedFile):
             raise FormatError(path, contents.size, "truncated: the header has no event type and size after it")
         kind, size = contents.read(end, end + 2).tolist()
         if kind not in (0x00, 0x0C) or size != 8:
-            raise FormatError(path, end, f"event type {kind:#04x} of {size} bytes is no change-detection event")
+            raise FormatError(path, end, f"event type {kind:#04x} of {size} bytes is not a change-detection event")
         super().__init__(contents, sensor_size, strict, header_size=end + 2)
         numbers = {m[1].lower(): m[2] for line in lines if (m := re.match(r"%\s*(\w+)\s+(\d+)\s*$", line))}
         self.version = 1 if numbers.get("version", "1") in ("0", "1") else 2
@@ -56,11 +56,10 @@ class DatRecording(ClockedFile):
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write version 2 records, type 0x0C. ValueError for a pixel beyond 16383 or a time that wraps out of reach.
+    """Write version 2 records, type 0x0C. ValueError for a pixel beyond 16383, or times that a reader couldn't unwrap.
 
-    The first time must lie in [0, 2^32 - 1) µs, and no gap may reach 2^31 µs, or five
-    minutes where the 32 bits wrap: only so can a reader
-    unwrap the 32-bit times.
+    The first time must lie in [0, 2^32 - 1) µs; gaps must be shorter than 2^31 µs, and at most five minutes where the
+    32 bits wrap.
     """
     width, height = pieces.sensor_size
     if max(width, height) > MAX_ADDRESS + 1:

@@ -1,4 +1,4 @@
-"""Files of events opened, and read in a call."""
+"""Opening files of events, and reading one in a single call."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from nvsdata.data.recording import Recording
 from nvsdata.formats.contents import HEAD
 from nvsdata.formats.registry import format_of
 
-# a pipe that nobody writes to would be waited for
+# O_NONBLOCK: opening a pipe that nobody writes to would wait
 _READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
 def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = None, strict: bool = True) -> Recording:
     """Open a file of events without decoding it.
 
-    `sensor_size` (width, height) overrides what the file says, or says it where the file doesn't.
-    Without `strict`, a damaged file is read as far as it makes sense: a torn tail is cut off and
-    events outside the sensor are dropped; the recording's `repairs` says how many.
+    - `path`: the file; its format is recognized by its content, else by its extension
+    - `sensor_size`: (width, height) in pixels, in place of what the file states; by default what it states, else the
+      smallest size that holds the events
+    - `strict`: whether damage is a FormatError; default True. Otherwise a damaged file is read as far as it makes
+      sense: a torn tail is cut off and events outside the sensor are dropped, and the recording's `repairs` counts them
 
-    Raises FileNotFoundError, and FormatError for a directory, an empty file of a format that
-    needs a header, or content that no known format explains.
+    Raises FileNotFoundError, and FormatError for a directory, a pipe, an empty file of a format that
+    needs a header, or content that fits no known format.
     """
     path = os.path.expanduser(os.fspath(path))
     head = head_of(path)
@@ -41,10 +43,16 @@ def read(
     relative: bool = False,
     strict: bool = True,
 ) -> Events:
-    """Events of a file with start <= t < stop, in µs of the file's own clock; see `open`.
+    """Events of a file with start <= t < stop.
 
-    Few cameras' clocks begin at 0, so `read(path, 0, 30_000)` holds no event of most files, and warns. With
-    `relative`, `start` and `stop` count from the recording's first event; the events keep the file's times.
+    - `path`, `sensor_size`, `strict`: as in `open`
+    - `start`, `stop`: the window in µs of the file's own clock; None, the default, is without bound
+    - `relative`: whether `start` and `stop` count from the recording's first event; default False. The events keep the
+      file's times in any case
+
+    Few cameras' clocks begin at 0, so `read(path, 0, 30_000)` has no events for most files, and warns.
+
+    Raises what `open` raises, FormatError if the decoded part is damaged, and ValueError if stop < start.
     """
     recording = open(path, sensor_size=sensor_size, strict=strict)
     if relative:
@@ -57,7 +65,7 @@ def read(
 
 
 def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> None:
-    """Tell of a window that lies before the first or after the last event."""
+    """Warn about a window that lies before the first or after the last event."""
     first, last = recording.span if recording.knows_span else (0, 0)
     if first < last and ((stop is not None and stop <= first) or (start is not None and start > last)):
         window = f"[{'' if start is None else start}, {'' if stop is None else stop})"
@@ -70,7 +78,7 @@ def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> 
 
 def head_of(path: str) -> bytes:
     """The first bytes of a file; all of it if it is small."""
-    # plain system calls: a file object costs twice as much, and small files come by the 100,000
+    # plain system calls: a file object costs twice as much, and a dataset may have 100,000 small files
     handle = os.open(path, _READING)
     try:
         head = os.read(handle, HEAD)

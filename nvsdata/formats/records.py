@@ -1,4 +1,4 @@
-"""What formats with records of a fixed size share: an index of blocks, and windows by it."""
+"""What formats with records of a fixed size share: an index of blocks, and windows that use it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from nvsdata.kernels.order import is_sorted
 
 
 class Blocks(NamedTuple):
-    """Time of every block's first record, int64 [M], and the state that a decoder goes on from there, [M, ...].
+    """The index of a file of M blocks.
 
-    `ordered` says whether times never fall, None if only the first records of blocks were looked
-    at; `span` is the first and the last time of those that are known to be in order.
+    - `times`: time of each block's first record in µs, int64 [M]
+    - `states`: the decoder's state before each block, [M, ...]
+    - `ordered`: whether times never fall; None if only the first records of blocks were read
+    - `span`: first and last time in µs, valid if `ordered` is true
     """
 
     times: np.ndarray
@@ -29,13 +31,13 @@ class Blocks(NamedTuple):
 
 
 class RecordFile(FileRecording):
-    """Fixed-size records after a header, in order of time unless the file is broken.
+    """Fixed-size records after a header, in order of time unless the file is damaged.
 
-    What isn't `strict` is decoded as a whole: what a damaged file holds can't be told from its parts.
+    If not `strict`, the file is decoded as a whole, because a part of a damaged file doesn't show what the file holds.
     """
 
     record_size: int
-    block: int  # records between two entries of the index
+    block: int  # records per entry of the index
 
     def __init__(
         self, contents: Contents, sensor_size: tuple[int, int] | None, strict: bool, header_size: int = 0
@@ -53,16 +55,16 @@ class RecordFile(FileRecording):
 
     @abstractmethod
     def _index(self) -> Blocks:
-        """The index of blocks."""
+        """Build the index of blocks."""
 
     @abstractmethod
     def _between(self, lo: int, hi: int) -> Columns:
-        """Events of records lo..hi; `lo` begins a block."""
+        """Events of records lo..hi; `lo` is the first record of a block."""
 
     def _check_blocks(self, starts: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """FormatError if windows would miss events, by the times of all blocks, each int64 [M]."""
+        """FormatError if windows would miss events: by each block's first, lowest and highest time, int64 [M]."""
         early, late = lowest[1:] < starts[:-1], highest[:-2] > starts[2:]
-        # where blocks themselves are in disorder, windows are cut from the whole
+        # if the blocks themselves are out of order, windows are cut from the whole
         if is_sorted(starts) and (early.any() or late.any()):
             where = np.argmax(early) + 1 if early.any() else np.argmax(late)
             reason = f"events strayed by more than {self.block} records: they are out of order, or damaged"
@@ -76,7 +78,7 @@ class RecordFile(FileRecording):
 
     @property
     def blocks(self) -> Blocks:
-        """The index, made at its first use."""
+        """The index, built at its first use."""
         if self._blocks is None:
             self._blocks = self._index()
         return self._blocks
@@ -89,7 +91,7 @@ class RecordFile(FileRecording):
             return span
         if ordered is False or not is_sorted(times):
             return None
-        # events that strayed over a block's edge may be earlier than the first, or later than the last
+        # events displaced across a block's edge may be earlier than the first record, or later than the last
         head = self._between(0, min(2 * self.block, self.records)).t
         tail = self._between((times.size - 2) * self.block, self.records).t if times.size > 2 else head
         if not (head.size and tail.size):
@@ -98,10 +100,10 @@ class RecordFile(FileRecording):
         return (first, last) if times.size < 3 or (first <= times[1] and last >= times[-1]) else None
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """Decode the blocks that the window touches; None if they are in disorder.
+        """Decode the blocks that the window touches; None if they are out of order.
 
-        If only the blocks' first records are known, one more block is decoded on each side: an event
-        that strayed further is found when the whole is read.
+        If only the blocks' first records are known, one more block is decoded on each side; an event
+        that is displaced further is found when the whole is read.
         """
         if not self.strict:
             return None
@@ -125,20 +127,20 @@ class PiecedFile(RecordFile):
 
     @abstractmethod
     def _state(self, record: int) -> np.ndarray:
-        """What `_piece` goes on from before `record`, which begins a block."""
+        """The decoder's state before `record`, the first record of a block."""
 
     @abstractmethod
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        """Decode the bytes of some records, going on from `state`, which is changed, to place `kept` of the columns.
+        """Decode the bytes of some records into the columns from index `kept` on; `state` is read and updated.
 
-        Returns how many events there are, and the first of the records that lies outside the sensor, or -1.
+        Returns the number of events, and the index of the first record outside the sensor, or -1.
         """
 
     def _check(self, state: np.ndarray) -> None:
-        """FormatError if `state` tells of damage; called in strict mode after each piece."""
+        """FormatError if `state` shows damage; called after each piece if `strict`."""
 
     def _room(self, lo: int, hi: int) -> int:
-        """The most events that records lo..hi can hold."""
+        """The largest number of events that records lo..hi can hold."""
         return hi - lo
 
     def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
@@ -147,7 +149,7 @@ class PiecedFile(RecordFile):
         return self.contents.pieces(self._byte(lo), self._byte(hi), step * self.record_size)
 
     def _run(self, lo: int, hi: int) -> tuple[Columns, np.ndarray]:
-        """Events of records lo..hi, and the state after them; `lo` begins a block."""
+        """Events of records lo..hi, and the state after them; `lo` is the first record of a block."""
         state = self._state(lo)
         columns = Columns.empty(self._room(lo, hi))
         kept, record = 0, lo
@@ -168,9 +170,9 @@ class PiecedFile(RecordFile):
 
 
 def stated_size(path: str, width: str | int, height: str | int) -> tuple[int, int]:
-    """The size that a header states; FormatError if no sensor has it."""
+    """The sensor size that a header states; FormatError if it is not a valid one."""
     try:
-        # Python refuses to make a number of thousands of digits, but with a ValueError
+        # int() refuses thousands of digits, also with a ValueError
         return check_sensor_size((int(width), int(height)))
     except ValueError as error:
-        raise FormatError(path, 0, f"the header states no sensor: {str(error)[:200]}") from None
+        raise FormatError(path, 0, f"the header states no valid sensor size: {str(error)[:200]}") from None

@@ -1,4 +1,4 @@
-"""The formats that are known, and which of them a file is of."""
+"""The known formats, and how a file's format is recognized."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from nvsdata.formats.writing import Pieces
 class Format:
     """How files of a format are recognized, opened and written.
 
-    - `name`: as `nvsdata info` calls it
+    - `name`: the name that `nvsdata info` shows
     - `suffixes`: extensions in lower case with their dot; the first is for new files
-    - `open(path, sensor_size, head, strict)`: the recording in a file that begins with the bytes `head`: all of it, if
-      that is less than 64 KiB
-    - `begins(head)`: whether a file that begins so is certainly one; None for a format without a mark of its own
-    - `looks_like(head, size)`: whether a file of `size` bytes that begins so could be one; asked where neither a mark
-      nor an extension tells
-    - `write(pieces, path)`: writes a new file; None for a format that is only read
-    - `holds_samples`: whether files keep frames and inertial samples
+    - `open(path, sensor_size, head, strict)`: gives the `Recording` of a file. `head`: its first 64 KiB, or the whole
+      file if that is shorter
+    - `begins(head)`: whether a file that begins with `head` is certainly of this format; None, the default, for a
+      format without a mark of its own
+    - `looks_like(head, size)`: whether a file of `size` bytes that begins with `head` could be of this format; called
+      if neither a mark nor an extension decides. Default None
+    - `write(pieces, path)`: writes a new file; None, the default, for a format that is only read
+    - `holds_samples`: whether files hold frames and inertial samples; default False
     """
 
     name: str
@@ -41,11 +42,11 @@ class Format:
 
 
 def starts_with(mark: bytes) -> Callable[[bytes], bool]:
-    """The test of a format whose files begin with a mark."""
+    """A test `begins` for a format whose files begin with `mark`."""
     return lambda head: head.startswith(mark)
 
 
-# modules of our own, each with its FORMAT; where several could be meant, the first is it
+# nvsdata's own modules, each with its FORMAT; if several formats fit a file, the first is taken
 BUILT_IN = (
     "nvsdata.formats.hdf5",
     "nvsdata.recording.davis.file",
@@ -63,7 +64,7 @@ BUILT_IN = (
 
 
 class _Formats(Registry[Format]):
-    """Our own formats are imported when a file is first opened or written."""
+    """The formats by name; nvsdata's own are imported when a file is first opened or written."""
 
     def loaded(self) -> Iterator[Format]:
         if not self._known:
@@ -85,10 +86,13 @@ FORMATS = _Formats("format", "formats", lambda _, found: register_format(found))
 
 
 def register_format(added: Format) -> Format:
-    """Make a format known to `open`, `read`, `write` and all commands; a package does it by an entry point, too.
+    """Make a format known to `open`, `read`, `write` and all commands; returns it.
 
-    (Group `nvsdata.formats`, the object a `Format`.) Formats of before are asked first. ValueError for a name that is
-    taken, TypeError for what is no Format.
+    - `added`: the format; formats registered before it are tried first
+
+    A package registers one by an entry point of the group `nvsdata.formats` whose object is a `Format`.
+
+    Raises ValueError for a name that is taken, TypeError for anything but a Format.
     """
     if not isinstance(added, Format):
         raise TypeError(f"register_format takes a Format, not {added!r}")
@@ -96,9 +100,9 @@ def register_format(added: Format) -> Format:
 
 
 def format_of(path: str, head: bytes) -> Format:
-    """The format of a file that begins with `head`, by content first and by extension second.
+    """The format of a file that begins with `head`: recognized by content first, by extension second.
 
-    FormatError if no format explains it.
+    FormatError if no format fits.
     """
     suffix = os.path.splitext(path)[1].lower()
     found = _among(FORMATS.loaded(), path, head, suffix)
@@ -124,7 +128,7 @@ def _among(formats: Iterator[Format], path: str, head: bytes, suffix: str) -> Fo
     if not head:
         return None
     for one in known:
-        # a mark that is missing is damage only where the extension speaks for the format
+        # without its mark, a format is tried only if the extension is one of its own
         asked = one.begins is None or suffix in one.suffixes
         if asked and one.looks_like is not None and _says(one, one.looks_like, head, os.path.getsize(path)):
             return one
@@ -132,17 +136,17 @@ def _among(formats: Iterator[Format], path: str, head: bytes, suffix: str) -> Fo
 
 
 def _says(one: Format, test: Callable[..., Any], *given: Any) -> bool:
-    """What a format's test says; one that raises is warned of, and says no."""
+    """The result of a format's test; a test that raises counts as False, with a warning."""
     try:
         return bool(test(*given))
-    except Exception as error:  # of somebody else's format
+    except Exception as error:  # a test of somebody else's format may raise anything
         reason = f"{type(error).__name__}: {error}"
         warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=4)
         return False
 
 
 def writer_of(path: str | os.PathLike[str]) -> Format:
-    """The format that new files of this extension are written in; ValueError if there is none."""
+    """The format in which a new file `path` is written, by its extension; ValueError if there is none."""
     suffix = Path(path).suffix.lower()
     for _ in range(2):
         for one in FORMATS.loaded():
@@ -154,5 +158,5 @@ def writer_of(path: str | os.PathLike[str]) -> Format:
 
 
 def suffixes() -> tuple[str, ...]:
-    """Extensions, lower case with their dot, of all formats that can be opened."""
+    """Extensions of all formats that can be opened: lower case, with their dot."""
     return tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)

@@ -1,4 +1,4 @@
-"""Files of events written, whole or not at all."""
+"""Writing files of events, whole or not at all."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ READ_BACK = 4096  # events at the end of a file that are compared after it was w
 
 
 def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike[str]) -> int:
-    """Write events in the format that the extension of `path` names; the file appears whole or not at all.
+    """Write events in the format that the extension of `path` names; returns the number of events.
 
-    Returns how many events were written.
+    - `events`: Events, a Recording, or an iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream`
+      gives them). Pieces are written as they come, in constant memory; the first one states the sensor size
+    - `path`: the file, which appears whole or not at all, in place of any file there
 
-    An iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream` gives them), is
-    written as it comes, in constant memory; the first piece states the sensor. HDF5 and AEDAT 2 keep frames and
-    inertial samples of a Recording, or of a `Piece`; other formats hold events alone.
+    HDF5 and AEDAT 2 hold frames and inertial samples of a Recording, or of a `Piece`; other formats hold events alone.
 
     Raises ValueError for an unknown extension, a format that can't be written, events that
-    the format can't hold (every format but HDF5 and text has such), and pieces that are out of
-    order, of different sensors, or none.
+    the format can't hold (every format except HDF5 and text has limits), and pieces that are out of
+    order, of different sensors, or none at all. OSError if the disk is full or gives back other data.
     """
     path = os.path.expanduser(path)
     how = writer_of(path)
@@ -46,21 +46,21 @@ def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike
 
 
 def left_out(recording: Recording, path: str | os.PathLike[str]) -> bool:
-    """Whether a recording has frames or inertial samples that a file of this extension can't hold."""
+    """Whether a recording has frames or inertial samples that a file with the extension of `path` can't hold."""
     if not recording.holds_samples or writer_of(path).holds_samples:
         return False
     return bool(recording.inertial().t.size) or next(iter(recording.frames()), None) is not None
 
 
 def _check_written(how: Format, path: Path, pieces: Pieces) -> None:
-    """OSError unless the file's last events are those that were written: not every full disk tells by itself."""
+    """OSError unless the file's last events are those that were written: not every full disk raises an error."""
     if pieces.last is None:
         return
     first = int(pieces.last.t[-READ_BACK:][0])
     wanted = pieces.last.window(first, None)
     try:
         found = how.open(str(path), pieces.sensor_size, head_of(str(path)), True).read(first, None)
-        # those at the same time may have come with the piece before
+        # events at the same time may have come in the piece before
         same = found[max(len(found) - len(wanted), 0) :] == wanted
     except FormatError as error:
         raise OSError(errno.EIO, f"can't be read back after it was written: {error.reason}") from error

@@ -1,7 +1,7 @@
-"""Text, an event a line: `x y t p` with t in µs, or `t x y p` with t in seconds.
+"""Text, one event per line: `x y t p` with t in µs, or `t x y p` with t in seconds.
 
-The second form is told by a decimal point in the first number, or by a first line of two numbers,
-the width and the height. Our own files begin with a comment that states the sensor and that the
+The second form is recognized by a decimal point in the first number, or by a first line of two numbers,
+the width and the height. nvsdata's own files begin with a comment that states the sensor and that the
 events are sorted, so that a window is found by bisection over the bytes.
 """
 
@@ -30,10 +30,10 @@ FAULTS = {
     kernel.TOO_LATE: "a time at or beyond 2^62 µs",
 }
 OWN = re.compile(rb"# nvsdata events: x y t p, sorted, sensor (\d+)x(\d+)\n([^\n]* us\n)?")
-EVENT = re.compile(rb"\d+ \d+ (-?\d{1,19}) \d\r?\n?")  # a line of ours
+EVENT = re.compile(rb"\d+ \d+ (-?\d{1,19}) \d\r?\n?")  # a line of nvsdata's own files
 SIZE = re.compile(rb"[ \t]*(\d+)[ \t]+(\d+)[ \t]*\r?\n")
 SECONDS = re.compile(rb"[ \t]*-?\d+\.\d")
-CHUNK = 1 << 14  # bytes that are parsed rather than bisected further
+CHUNK = 1 << 14  # so few bytes are parsed instead of bisected further
 LINE = 128  # bytes that are read to find a line
 PIECE = 1 << 24  # bytes that are parsed together
 
@@ -77,20 +77,20 @@ class TextRecording(FileRecording):
         return Columns(*self._inside(columns)) if self._size is not None else columns
 
     def _lines(self, start: int, stop: int) -> tuple[Columns, int]:
-        """Events of a piece of the file, and how many of its lines are none."""
+        """Events of a piece of the file, and how many of its lines were dropped."""
         raw = self._contents.read(start, stop)
-        # as a short file's are, or the kernel is compiled once more
+        # like a short file's bytes: for writable arrays the kernel would be compiled again
         raw.flags.writeable = False
         columns = np.empty((4, int(np.count_nonzero(raw == kernel.NEWLINE)) + 1), np.int64)
         kept, fault, where, dropped = kernel.text_decode(raw, 0, raw.size, self._seconds, not self.strict, columns)
         if fault:
             raise FormatError(self.path, start + int(where), FAULTS[fault])
         t, x, y, p = columns[:, :kept]
-        # a copy: the others' memory needn't be kept
+        # a copy, so that the array of all four columns is freed
         return Columns(t.copy(), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8)), int(dropped)
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
-        """A bisection over the lines; None if the times that it comes to tell that it went astray."""
+        """Decode a window found by bisection over the lines; None if the times around it show that this went wrong."""
         if not (self._sorted and self.strict):
             return None
         size = self._contents.size
@@ -104,7 +104,7 @@ class TextRecording(FileRecording):
         return columns.take(slice(first, last))
 
     def _around(self, time: int) -> tuple[int, int]:
-        """Two bytes, the first at a line's begin, between which the first event begins at or after `time`."""
+        """Two bytes between which the first event at or after `time` begins; the first byte begins a line."""
         lo, hi = self._body, self._contents.size
         while hi - lo > CHUNK:
             middle = (lo + hi) // 2
@@ -118,7 +118,7 @@ class TextRecording(FileRecording):
         return lo, hi
 
     def _probe(self, at: int) -> tuple[int, int | None]:
-        """Where the next line from a byte on begins, and its time if it is an event; a bisection begins as the last."""
+        """The byte at or after `at` where a line begins, and its time, None if it isn't an event; results are kept."""
         if at not in self._probed:
             begin, line = self._line_from(at)
             event = EVENT.fullmatch(line)
@@ -126,11 +126,11 @@ class TextRecording(FileRecording):
         return self._probed[at]
 
     def _line_from(self, at: int) -> tuple[int, bytes]:
-        """The first line that begins at byte `at` or after it, and the byte at which it does."""
+        """The byte at or after `at` at which a line begins, and that line; the file's size if there is none."""
         size, length = self._contents.size, LINE
         while at < size:
             stop = min(at + length, size)
-            # a line begins behind the end of another
+            # a line begins after the end of another
             piece = self._contents.read(at - 1, stop).tobytes()
             begin = piece.find(b"\n") + 1
             end = piece.find(b"\n", begin) + 1 if begin else 0
@@ -149,13 +149,13 @@ def _first_line(head: bytes) -> bytes:
 
 
 def looks_like(head: bytes, size: int) -> bool:
-    """Whether it begins with a line of two or four decimal numbers, after comments."""
+    """Whether a file begins with a line of two or four decimal numbers, after comments."""
     line = _first_line(head)
     return re.fullmatch(rb"\s*-?[\d.]+([ \t,]+-?[\d.]+)([ \t,]+-?[\d.]+[ \t,]+-?[\d.]+)?\s*", line) is not None
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write lines `x y t p` under comments that state sensor, order and time."""
+    """Write lines `x y t p` after comments that state sensor size, order and time range."""
     with headed(path, pieces, _header) as file:
         for events in pieces:
             table = np.column_stack((events.x, events.y, events.t, events.p))

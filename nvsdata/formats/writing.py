@@ -1,4 +1,4 @@
-"""Events on their way into a file: pieces that are checked as they pass, and headers that tell of all of them."""
+"""Events on their way into a file: pieces that are checked while they pass, and headers that describe all of them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _TIME = re.compile(r"[#%] nvsdata time +(-?\d+) to +(-?\d+) us")
 
 
 class Pieces:
-    """Pieces of a stream of events, to be gone through once; those with nothing in them are left out.
+    """Pieces of a stream of events, to be iterated over once; pieces with nothing in them are left out.
 
-    - `sensor_size`: that of the first piece, empty or not
-    - `start`, `end`, `count`: where the pieces begin and end that have passed, and how many events they had
-    - `last`: the last piece that passed, None before one has
+    - `sensor_size`: (width, height) of the first piece, empty or not
+    - `start`, `end`, `count`: beginning and end in µs of the pieces so far, and the number of their events
+    - `last`: the last piece with events so far; None before the first
 
-    While they pass, ValueError for pieces of different sensors, out of order, or with times at or beyond 2^62 µs;
-    at once for no piece at all.
+    ValueError at once for no piece at all; during iteration for pieces of different sensors, out of order, or with
+    times at or beyond 2^62 µs.
     """
 
     def __init__(self, pieces: Iterable[Events]) -> None:
@@ -48,7 +48,7 @@ class Pieces:
             yield piece
 
     def _check(self, piece: Events) -> None:
-        """Hold events to those before them, and note them."""
+        """Check a piece against those before it, and note it."""
         if not -LATEST < piece.t[0] <= piece.t[-1] < LATEST:
             raise ValueError(f"times from {piece.t[0]} to {piece.t[-1]} µs: files hold those below 2^62 only")
         if self.last is not None and piece.t[0] < self.last.t[-1]:
@@ -60,9 +60,9 @@ class Pieces:
 
 @contextmanager
 def headed(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Iterator[IO[bytes]]:
-    """A new file that begins with `header`, to write the pieces to in the block.
+    """A new file that begins with `header`, for the block to write the pieces to.
 
-    The header is written again at the end, when they have passed: it must always be of one length.
+    The header is written again at the end, when the pieces have passed, so its length must not change.
     """
     with path.open("wb") as file:
         begin = header(pieces)
@@ -75,13 +75,13 @@ def headed(path: Path, pieces: Pieces, header: Callable[[Pieces], bytes]) -> Ite
 
 
 def time_comment(pieces: Pieces, mark: str = "#") -> str:
-    """A comment line of a header, without its end, that tells from when to when the pieces last.
+    """A comment line of a header, without line end, that states the time range of the pieces.
 
-    Its length doesn't depend on the numbers, which are known last.
+    Its length doesn't depend on the numbers, because these are known only at the end.
     """
     return f"{mark} nvsdata time {pieces.start:>20} to {pieces.end:>20} us"
 
 
 def stated_time(lines: Iterable[str]) -> tuple[int, int] | None:
-    """The first and last moment in µs that a header's lines tell by `time_comment`, None if none does."""
+    """The first and last moment in µs that a header's `time_comment` states; None if there is no such line."""
     return next(((int(m[1]), int(m[2])) for line in lines if (m := _TIME.fullmatch(line.rstrip()))), None)

@@ -151,7 +151,7 @@ def test_a_filter_that_is_not_installed_names_what_to_install(tmp_path):
 def test_sizes_in_headers_are_checked(path, size):
     with h5py.File(path, "r+") as file:
         file.attrs.update(width=size[0], height=size[1])
-    with pytest.raises(FormatError, match=r"a\.h5: (byte 0: the header states no sensor|attribute width is)"):
+    with pytest.raises(FormatError, match=r"a\.h5: (byte 0: the header states no valid sensor|attribute width is)"):
         nvsdata.open(path)
 
 

@@ -237,7 +237,7 @@ def test_other_formats_hold_events_alone(tmp_path):
     assert other.read() == recording.read()
     assert other.about == {}
     for asked in (other.frames, other.inertial):
-        with pytest.raises(FormatError, match=r"b\.txt: .* aren't read of text files"):
+        with pytest.raises(FormatError, match=r"b\.txt: .* aren't read from text files"):
             asked()
     nvsdata.write(recording.read(), tmp_path / "c.h5")
     assert list(nvsdata.open(tmp_path / "c.h5").frames()) == []
@@ -394,5 +394,5 @@ def test_aedat_1_is_not_read_for_frames(tmp_path):
     nvsdata.write(Events([1], [1], [1], [1], (128, 128)), tmp_path / "a.aedat1")
     recording = nvsdata.open(tmp_path / "a.aedat1")
     for asked in (recording.frames, recording.inertial):
-        with pytest.raises(FormatError, match=r"a\.aedat1: .* aren't read of aedat1 files"):
+        with pytest.raises(FormatError, match=r"a\.aedat1: .* aren't read from aedat1 files"):
             asked()

@@ -186,7 +186,7 @@ def test_newer_versions_wrong_checksums_and_other_datasets_are_refused(store):
     [
         (lambda f: f.attrs.pop("version"), "attribute version is None"),
         (lambda f: f.attrs.update(checksum="?"), "attribute checksum is"),
-        (lambda f: (f.pop("index/name"), f.create_group("index/name")), "/index/name is no dataset"),
+        (lambda f: (f.pop("index/name"), f.create_group("index/name")), "/index/name is not a dataset"),
         (lambda f: f.pop("index/name"), "there is no /index/name"),
         (
             lambda f: (f.pop("index/base"), f.create_dataset("index/base", (10**12,), "i8", chunks=(9,))),
