@@ -1,1 +1,1 @@
-"""Ground tools that every room stands on: errors, files, locks, signals, processes, checks of settings."""
+"""Basic tools that all other packages use: errors, files, locks, signals, processes, checks of settings."""

@@ -1,4 +1,4 @@
-"""The clock of this computer that everything is timed by."""
+"""The clock of this computer, by which everything is timed."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import time
 
 
 def host_time() -> float:
-    """The host's time in µs, from an arbitrary moment on."""
+    """The host's time in µs since an arbitrary moment."""
     return time.perf_counter() * 1e6

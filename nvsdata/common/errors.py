@@ -1,4 +1,4 @@
-"""The exceptions that bad files and failed downloads raise, and what others say."""
+"""The exceptions for bad files and failed downloads, and the texts of other errors."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 
 def shown(name: str | os.PathLike[str]) -> str:
-    """A file's name as it can be printed, on one line: line breaks and bytes that aren't UTF-8 are escaped."""
+    """A file's name in printable form, on one line: line breaks and bytes that aren't UTF-8 are escaped."""
     text = os.fspath(name)
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
@@ -14,11 +14,12 @@ def shown(name: str | os.PathLike[str]) -> str:
 class FormatError(ValueError):
     """A file that cannot be read as events.
 
-    Attributes: `path` (str), `offset` (byte in the file where reading failed, or None when no
-    single byte is to blame) and `reason`.
+    - `path`: the file, str
+    - `offset`: byte of the file at which reading failed; None, the default, if the error has no single byte
+    - `reason`: what is wrong, str
 
-    A DataLoader makes what its worker raised anew from one text, the worker's traceback, whose last line
-    names the file: that is `reason` then, and `path` is empty.
+    A DataLoader raises its worker's error again from a single text, the worker's traceback, whose last line names the
+    file: `reason` is that text then, and `path` is empty.
     """
 
     def __init__(self, path: str | os.PathLike[str], offset: int | None = None, reason: str | None = None) -> None:
@@ -28,14 +29,14 @@ class FormatError(ValueError):
         super().__init__(f"{shown(self.path)}:{where} {self.reason}" if self.path else self.reason)
 
     def __reduce__(self) -> tuple[type, tuple[str, int | None, str] | tuple[str]]:
-        # DataLoader workers send exceptions by pickle
+        # DataLoader workers pickle exceptions
         return type(self), (self.path, self.offset, self.reason) if self.path else (self.reason,)
 
 
 def line_of(error: BaseException) -> str:
-    """What an error says, in a line: of other libraries' errors, which may have many."""
+    """An error's message on one line, of at most 300 characters: other libraries' messages may have many lines."""
     return " ".join(str(error).split())[:300] or type(error).__name__
 
 
 class DownloadError(OSError):
-    """An archive that could not be downloaded or unpacked; the text says how to get it by hand."""
+    """An archive that could not be downloaded or unpacked; the message says how to get it manually."""

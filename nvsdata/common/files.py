@@ -1,4 +1,4 @@
-"""Writing files so that nothing half-written is ever seen."""
+"""Writing files so that a half-written file never appears."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from typing import IO, Any, Self
 from nvsdata.common.locks import is_dead, locked, owner
 
 FLUSH_EVERY = 0.03  # s
-PART = ".part"  # ends the names of unfinished files
+PART = ".part"  # suffix of unfinished files
 _BLOCK = 1 << 20  # bytes that are read back
-_LONGEST = 100  # characters of a file's name that its temporary one has
+_LONGEST = 100  # characters of a file's name that its temporary file's name contains
 
 
 @contextmanager
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; it takes the place of `path` if the block succeeds.
+    """Yield a temporary path beside `path`; it replaces `path` if the block succeeds.
 
-    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. FileNotFoundError names
-    the folder if there is none.
+    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. FileNotFoundError, which
+    names the folder, if the folder doesn't exist.
     """
-    # where a link points, as a plain `open` would write
+    # a plain `open` would also write to where a link points
     target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(target.parent))
@@ -49,10 +49,12 @@ def _prefix(name: str) -> str:
 
 
 def sweep(folder: Path, name: str | None = None) -> int:
-    """Remove what processes that were killed left of files they wrote by `atomic`; how many there were.
+    """Remove temporary files of `atomic` that killed processes left; returns how many there were.
 
-    `folder`: all below it or, with `name`, what was to become the file of that name in it. What a process that
-    still runs is writing stays, and so does what one of another host left.
+    - `folder`: where to look: everywhere below it or, with `name`, directly in it
+    - `name`: only temporary files of the file of this name; None: of all
+
+    Temporary files of running processes, and of processes on other hosts, stay.
     """
     found = folder.rglob(f".*{PART}") if name is None else folder.glob(f".*{PART}")
     count = 0
@@ -67,28 +69,29 @@ def sweep(folder: Path, name: str | None = None) -> int:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Be the only process that writes to `folder` while the block runs; what killed ones left there is swept first.
+    """Be the only process that writes to `folder` while the block runs; leftovers of killed ones are removed first.
 
-    Raises OutputInUse if there is one already.
+    Raises OutputInUse if another process already writes to it.
     """
     with locked(folder):
         sweep(folder)
         try:
             yield
         finally:
-            # of processes of our own that were ended in the middle
+            # leftovers of this process's own children that were killed
             sweep(folder)
 
 
 @contextmanager
 def creating(path: Path, *, overwrite: bool) -> Iterator[None]:
-    """Be the only process that writes the file `path` while the block runs; what killed ones left of it is swept.
+    """Be the only process that writes the file `path` while the block runs; leftovers of killed ones are removed.
 
-    Raises FileExistsError if it is there, unless to `overwrite`, and OutputInUse if another process writes it.
+    Raises FileExistsError if `path` exists, unless `overwrite`; IsADirectoryError if it is a folder; OutputInUse if
+    another process writes it.
     """
     _refuse(path, overwrite)
     with locked(path):
-        # another process may have finished it meanwhile
+        # another process may have finished it in the meantime
         _refuse(path, overwrite)
         sweep(path.parent, path.name)
         yield
@@ -103,9 +106,9 @@ def _refuse(path: Path, overwrite: bool) -> None:
 
 @contextmanager
 def flushed_early(path: Path) -> Iterator[None]:
-    """While the block writes to `path`, have the disk begin: little is left for the end.
+    """Flush `path` to disk while the block writes to it, so that little is left for the end.
 
-    Where the system can't flush a file's content alone, nothing is done.
+    Does nothing on systems without `fdatasync`.
     """
     if not hasattr(os, "fdatasync"):
         yield
@@ -129,7 +132,7 @@ def flushed_early(path: Path) -> Iterator[None]:
 
 @contextmanager
 def named(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Errors of writing within the block name `path`: those of a full disk name no file by themselves."""
+    """Make OSErrors of the block name `path`: those of a full disk name no file by themselves."""
     try:
         yield
     except OSError as error:
@@ -139,9 +142,9 @@ def named(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def put(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
-    """Have `path` hold `content`, or be as before: OSError, which names it, if the disk is full or gives back another.
+    """Write `content` to `path`, whole or not at all. OSError, which names `path`, if the disk is full or corrupts it.
 
-    Libraries that write files themselves tell of a full disk in many ways, or not at all: better let them make bytes.
+    Libraries that write files themselves report a full disk in many ways, or not at all; so let them make bytes.
     """
     with named(path), atomic(path) as temporary:
         temporary.write_bytes(content)
@@ -152,7 +155,7 @@ def put(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
 
 
 def _settle(temporary: Path, target: Path) -> None:
-    """Flush to disk and give the permissions that a plain `open` would have given, or left as they are."""
+    """Flush to disk, and set the permissions of `target` or, if it is new, those that a plain `open` would give."""
     try:
         mode = stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -165,10 +168,11 @@ def _settle(temporary: Path, target: Path) -> None:
 
 
 class Journal:
-    """A file of JSON lines, open for adding: the first says what it belongs to, the others are what was done.
+    """A file of JSON lines that is appended to: the first line says what it belongs to, the others what was done.
 
-    `head`, `lines`: what the file holds, or held before; a line that was torn, as by a kill, is left out
-    and mended. A file that isn't there is begun with `head`.
+    - `path`: the file; a new one begins with `head`
+    - `head`, `lines`: the first line and the others, as the file held them when it was opened. A torn line, such as
+      after a kill, is left out, and the file is repaired
     """
 
     def __init__(self, path: Path, head: dict[str, Any]) -> None:
@@ -197,7 +201,7 @@ class Journal:
             self._file.close()
 
     def add(self, line: dict[str, Any]) -> None:
-        """Add a line; it is on its way to the disk when this returns."""
+        """Append a line; it has been handed to the system when this returns."""
         assert self._file is not None, "a journal is added to within its block"
         self._file.write(json_line(line))
         self._file.flush()

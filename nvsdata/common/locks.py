@@ -1,4 +1,4 @@
-"""One process per output, and whose the files are that a process left behind."""
+"""One process per output, and which process left a file behind."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from typing import IO, Any
 
 FOLDER_LOCK = ".nvsdata.lock"
 _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file systems without locks
-_MARK = b'{"owner": '  # that a lock file begins with
-_LONGEST = 240  # bytes of a file's name that its lock's can hold, too
-_BEYOND = 1 << 30  # byte that Windows locks: locked bytes can't be read by others
+_MARK = b'{"owner": '  # what a lock file begins with
+_LONGEST = 240  # bytes; a lock file's name can contain a file name of at most this length
+_BEYOND = 1 << 30  # the byte that is locked on Windows: others can't read locked bytes
 
 
 class OutputInUse(OSError):
-    """Another process writes to the same file or folder; the text names it."""
+    """Another process writes to the same file or folder; the message names it."""
 
 
 @contextmanager
 def locked(output: str | os.PathLike[str]) -> Iterator[None]:
     """Keep other processes from writing to `output`, a file or a folder, while the block runs.
 
-    The lock is a file with host, process and command: `.NAME.lock` beside a file, `.nvsdata.lock` in a folder that
-    is there. The system lets go of it when the process ends, however it ends, so a lock file that a dead process
-    left is simply taken over. Where the file system knows no locks, host and process number decide: a process of
+    The lock is a file with host, process and command: `.NAME.lock` beside a file, `.nvsdata.lock` in an existing
+    folder. The system releases the lock when the process ends, however it ends, so a lock file that a dead process
+    left is simply taken over. Where the file system has no locks, host and process number decide: a process of
     another host counts as alive.
 
-    Raises OutputInUse at once if another process (or thread) holds it, FileNotFoundError if the folder isn't there.
+    Raises OutputInUse at once if another process (or thread) holds it, FileNotFoundError if the folder doesn't exist.
     """
     place = lock_path(output)
     if not place.parent.is_dir():
@@ -44,18 +44,18 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     finally:
-        # first the name, then the lock: who waits for this inode finds that the name has gone
+        # first the name, then the lock: a process that gets the lock of this inode sees that the name is gone
         with suppress(OSError):
             place.unlink()
         file.close()
         if sys.platform == "win32":
-            # there an open file keeps its name
+            # on Windows an open file can't be removed
             with suppress(OSError):
                 place.unlink()
 
 
 def lock_path(output: str | os.PathLike[str]) -> Path:
-    """Where the lock file of an output lies."""
+    """The path of an output's lock file."""
     target = Path(output)
     if target.is_dir():
         return target / FOLDER_LOCK
@@ -66,18 +66,18 @@ def lock_path(output: str | os.PathLike[str]) -> Path:
 
 
 def owner() -> str:
-    """A name of this process that another process can look up: of host and process number."""
+    """A name for this process, of host and process number, that another process can look up with `is_dead`."""
     return f"{_host()}-{os.getpid()}"
 
 
 def is_dead(name: str) -> bool:
-    """Whether the process of that name ran on this host and has ended; False if that can't be told."""
+    """Whether the process of that name (see `owner`) ran on this host and has ended; False if that is unknown."""
     host, _, number = name.rpartition("-")
     return host == _host() and number.isdecimal() and not _alive(int(number))
 
 
 def _host() -> str:
-    """Six digits for this host, and in a container for its own numbering of processes."""
+    """Six hexadecimal digits for this host and, in a container, for its process namespace."""
     try:
         space = os.stat("/proc/self/ns/pid").st_ino
     except OSError:
@@ -87,7 +87,7 @@ def _host() -> str:
 
 def _alive(pid: int) -> bool:
     if sys.platform == "win32":
-        return True  # os.kill would end it
+        return True  # os.kill would end the process on Windows
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -98,14 +98,14 @@ def _alive(pid: int) -> bool:
         state = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
     except (OSError, IndexError):
         return True
-    # ended, but nobody has asked how: in a container without an init that may last
+    # Z: ended, but not reaped; in a container without an init process that may stay so
     return state not in (b"Z", b"X")
 
 
 def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
-    """The lock file, locked and ours."""
+    """The lock file, locked and signed by this process."""
     while True:
-        # neither truncated nor exclusive: it may be another's, or left by one that died
+        # neither truncated nor exclusive: it may belong to another process, or be left by a dead one
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         try:
             file = os.fdopen(os.open(place, flags, 0o666), "r+", encoding="utf-8")
@@ -116,7 +116,7 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
             _refuse_others(place)
             free = _try_lock(file)
             held = _holder(file)
-            if free is None:  # no locks here
+            if free is None:  # the file system has no locks
                 free = not held or is_dead(str(held.get("owner"))) or held.get("owner") == owner()
             if not free:
                 who = f"process {held.get('pid', '?')} on {held.get('host', '?')} ({held.get('command', '?')})"
@@ -131,16 +131,16 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
 
 
 def _refuse_others(place: Path) -> None:
-    """FileExistsError for what has the lock's name and isn't a lock: it would be overwritten."""
+    """FileExistsError if a file that is not a lock has the lock's name: it would be overwritten."""
     with suppress(FileNotFoundError):
         status = place.lstat()
-        # what a full disk or a kill left of a lock is empty, or begins as one
+        # a lock cut off by a full disk or a kill is empty, or begins like one
         if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(place.read_bytes()[: len(_MARK)]):
             raise FileExistsError(f"{place} is not a lock of nvsdata's: move it away")
 
 
 def _try_lock(file: IO[str]) -> bool | None:
-    """Whether the lock could be had at once; None where there are no locks."""
+    """Try to take the lock without waiting; returns whether that worked, None if the file system has no locks."""
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -158,7 +158,7 @@ def _try_lock(file: IO[str]) -> bool | None:
 
 
 def _is_still(file: IO[str], place: Path) -> bool:
-    """Whether the locked file is the one of that name: another may have removed it before it was locked."""
+    """Whether the locked file still has that name: another process may have removed it before it was locked."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), os.stat(place))
     except FileNotFoundError:
@@ -178,7 +178,7 @@ def _sign(file: IO[str]) -> None:
     command = " ".join((Path(sys.argv[0]).name, *sys.argv[1:])) if sys.argv else ""
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     entry = {"owner": owner(), "host": socket.gethostname(), "pid": os.getpid(), "command": command, "since": since}
-    # a full disk leaves the lock without a name, which is no reason not to hold it
+    # on a full disk the lock file stays unsigned, but the lock holds
     with suppress(OSError):
         file.seek(0)
         file.truncate()

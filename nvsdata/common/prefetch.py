@@ -1,4 +1,4 @@
-"""Steps of a pipeline in threads: decoding, emulating and writing overlap, for each lets go of Python's lock."""
+"""Pipeline steps in threads: decoding, emulating and writing overlap, because each releases Python's lock."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from time import thread_time
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
-DEPTH = 8  # items that are made before they are asked for
-PATIENCE = 0.005  # s to wait for more than one
+DEPTH = 8  # items that are made in advance
+PATIENCE = 0.005  # s to wait for several items instead of one
 
 
 _alone = False
 
 
 def stay_in_one_thread() -> None:
-    """Do without threads from now on, in a process whose siblings keep the other cores busy."""
+    """Use no threads from now on, for a process whose siblings keep the other cores busy."""
     global _alone
     _alone = True
 
@@ -28,10 +28,12 @@ def in_one_thread() -> bool:
 
 
 def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
-    """The same items, made up to `DEPTH` ahead in a thread of their own; an error comes where its item would.
+    """The same items, made up to `DEPTH` ahead in a separate thread; an error is raised where its item would come.
 
-    Threads wait for each other, too: none is made until several items in a row took `worth` seconds of the
-    processor. Closing the generator stops the thread and closes `items`.
+    - `worth`: s of processor time per item. Because threads wait for each other, the thread starts only after `DEPTH`
+      items in a row took more; default 0, at once
+
+    Closing the generator stops the thread and closes `items`.
     """
     try:
         slow = 0
@@ -64,8 +66,8 @@ def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
 class _Line(Generic[Item]):
     """Items on their way from one thread to another.
 
-    Waking a thread takes longer than many an item, so both sides sleep until it is worth it: the maker until
-    the line is empty, the taker until it is half full or some time has passed.
+    Waking a thread often takes longer than making an item, so both threads sleep for several items: the maker until
+    the queue is empty, the taker until it is half full or `PATIENCE` has passed.
     """
 
     def __init__(self, items: Iterator[Item]) -> None:
@@ -76,7 +78,7 @@ class _Line(Generic[Item]):
         self._ended = self._stopped = self._starving = False
 
     def fill(self) -> None:
-        """Make items until there are no more, or nobody wants them."""
+        """Make items until there are no more, or `stop` is called."""
         try:
             for item in self._items:
                 with self._change:
@@ -95,9 +97,9 @@ class _Line(Generic[Item]):
                 self._change.notify()
 
     def take(self) -> list[Item]:
-        """What has been made, some of it at least; nothing at the end. Raises what making the next raised."""
+        """The items made so far, at least one; empty at the end. Raises the error of making the next item."""
         with self._change:
-            # a camera's frames come slowly: then each is taken as it is
+            # a camera's frames come slowly: then each is taken as soon as it is there
             self._change.wait_for(lambda: len(self._made) >= DEPTH // 2 or self._ended, PATIENCE)
             self._starving = True
             self._change.wait_for(lambda: bool(self._made) or self._ended)
@@ -110,7 +112,7 @@ class _Line(Generic[Item]):
         return found
 
     def stop(self) -> None:
-        """Have the maker stop after the item in hand."""
+        """Make the maker stop after its current item."""
         with self._change:
             self._stopped = True
             self._change.notify()

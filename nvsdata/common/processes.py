@@ -1,4 +1,4 @@
-"""Processes that work side by side, and how they end."""
+"""Processes that work in parallel, and how they end."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from threading import Thread
 def pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
     """`count` processes, each of which calls `prepare` first. They end when this process does, even if it is killed.
 
-    Forking a process that has threads (torch's, numba's) may hang. They are forked off one that has only
-    imported `module`, which takes a second once; where the system can't, each imports it anew.
+    Forking a process that has threads (torch's, numba's) may hang. So they are forked from a process that has only
+    imported `module`, which takes a second once; where the system can't do that, each process imports `module` itself.
     """
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
     context = get_context(method)
@@ -31,14 +31,14 @@ def _begin(prepare: Callable[[], None] | None) -> None:
 
 
 def end_with_parent() -> None:
-    """Have this child of multiprocessing end as soon as the process that started it has ended."""
+    """Make this child process of multiprocessing end as soon as its parent has ended."""
     parent = parent_process()
     if parent is None:
         return
 
     def watch() -> None:
         wait([parent.sentinel])
-        # what it does is of no use to anyone; the next run sweeps up what it was writing
+        # its result is of no use now; the next run removes the files that it was writing
         os._exit(1)
 
     Thread(target=watch, name="nvsdata-parent", daemon=True).start()

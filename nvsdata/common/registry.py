@@ -1,4 +1,4 @@
-"""What is known by a name: our own things, those that a program registers, and those of installed packages."""
+"""Things known by a name: nvsdata's own, those that a program registers, and those of installed packages."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ Thing = TypeVar("Thing")
 class Registry(Mapping[str, Thing], Generic[Thing]):
     """Things by their names, in the order in which they were registered.
 
-    Those of installed packages come last: they are the entry points of the group `nvsdata.PLURAL`, and are loaded
-    when a name isn't found without them, or all names are asked for. One that can't be loaded is warned of.
+    Things of installed packages come last: they are the entry points of the group `nvsdata.PLURAL`, and are loaded
+    when a name isn't found without them, or all names are requested. One that can't be loaded gives a warning.
 
     - `singular`, `plural`: what the things are called
     - `enter(name, thing)`: registers the thing of an entry point; by default under the entry point's name
@@ -27,10 +27,10 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._loaded = False
 
     def register(self, name: str, thing: Thing) -> Thing:
-        """Make a thing known by a name.
+        """Make a thing known by a name; returns it.
 
-        ValueError for a name that is taken, unless by the same thing: a class that is defined once more, as in a
-        notebook's cell that is run again, takes the place of the former.
+        ValueError for a name that is taken, unless by the same thing: a class that is defined again, such as when a
+        notebook's cell is run again, replaces the former.
         """
         known = self._known.get(name)
         if known is not None and _origin(known) != _origin(thing):
@@ -52,11 +52,11 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         return len(self._known)
 
     def loaded(self) -> Iterator[Thing]:
-        """The things known without those of installed packages that haven't been loaded."""
+        """The things known so far; doesn't load those of installed packages."""
         return iter(list(self._known.values()))
 
     def load_installed(self) -> bool:
-        """Load what installed packages bring, unless that was done; whether there is anything new."""
+        """Load the things of installed packages unless that was done; returns whether there are new ones."""
         before = len(self._known)
         self._load()
         return len(self._known) > before
@@ -70,14 +70,14 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
                 thing = point.load()
                 if not any(thing is known for known in self._known.values()):
                     self._enter(point.name, thing)
-            except Exception as error:  # a package of somebody else's
+            except Exception as error:  # somebody else's package may raise anything
                 reason = f"{type(error).__name__}: {error}"
                 told = f"the {self._singular} {point.name!r} ({point.value}) of an installed package can't be used"
                 warnings.warn(f"{told}: {reason}", stacklevel=3)
 
 
 def _origin(thing: object) -> object:
-    """What tells that two things are the same: where a class or function was defined."""
+    """A value that is equal for two versions of the same thing: where a class or function was defined."""
     if hasattr(thing, "__qualname__"):
         return getattr(thing, "__module__", None), thing.__qualname__
     return id(thing)

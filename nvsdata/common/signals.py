@@ -1,4 +1,4 @@
-"""Commands that are asked to end by a signal."""
+"""Ending commands by a signal."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from threading import current_thread, main_thread
 from types import FrameType
 
-# a terminal that is closed, `kill`, `timeout`, a machine that is shut down
+# sent when a terminal is closed, by `kill` and `timeout`, and when a machine is shut down
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 class Ended(KeyboardInterrupt):
-    """A signal asked the process to end; it is handled as Ctrl-C is. `number` is the signal's."""
+    """A signal asked the process to end; it is handled like Ctrl-C. `number` is the signal's number."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -41,10 +41,10 @@ def ending_by_signals() -> Iterator[None]:
 
 
 def exit_code(error: KeyboardInterrupt) -> int:
-    """What a shell expects of a command that was ended so: 130 after Ctrl-C, 128 and the signal's number otherwise."""
+    """The exit code of a command that was ended in this way: 128 plus the signal's number, so 130 after Ctrl-C."""
     return 128 + (error.number if isinstance(error, Ended) else signal.SIGINT)
 
 
 def end_of(error: KeyboardInterrupt) -> str:
-    """How it ended, in a word."""
+    """How the command ended, in words."""
     return f"ended by {error}" if isinstance(error, Ended) else "interrupted"

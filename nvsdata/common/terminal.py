@@ -1,4 +1,4 @@
-"""Telling the user how it goes, also when the terminal has gone."""
+"""Messages to the user, also after the terminal was closed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any, TextIO
 
 
 class Terminal:
-    """A stream to tell things on; a terminal that was closed takes them without an error."""
+    """A text stream for messages; after its terminal was closed, writing is ignored without an error."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
 
     def write(self, text: str) -> int:
-        """Write as far as it can be."""
+        """Write the text; errors of the stream are ignored."""
         with suppress(OSError):
             self.stream.write(text)
         return len(text)

@@ -6,31 +6,31 @@ import math
 
 
 def positive(name: str, value: float) -> None:
-    """ValueError unless value > 0 and finite."""
+    """ValueError unless `value` is finite and > 0; `name` is the setting that the message names."""
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} must be positive, not {value}")
 
 
 def not_negative(name: str, value: float) -> None:
-    """ValueError unless value >= 0 and finite."""
+    """ValueError unless `value` is finite and >= 0."""
     if not (value >= 0 and math.isfinite(value)):
         raise ValueError(f"{name} must not be negative, not {value}")
 
 
 def probability(name: str, value: float) -> None:
-    """ValueError unless 0 <= value <= 1."""
+    """ValueError unless 0 <= `value` <= 1."""
     if not 0 <= value <= 1:
         raise ValueError(f"{name} must lie between 0 and 1, not {value}")
 
 
 def microseconds(name: str, value: float) -> None:
-    """ValueError unless it is a whole number of µs, at least one."""
+    """ValueError unless `value` is a whole number of µs, at least one."""
     whole_microseconds(name, value)
     positive(name, value)
 
 
 def whole_microseconds(name: str, value: float) -> None:
-    """ValueError unless it is a whole number; one that isn't is likely to be of seconds."""
+    """ValueError unless `value` is a whole number of µs; a fraction was probably meant in seconds."""
     if not math.isfinite(value) or value != int(value):
         meant = f" ({value} s are {round(value * 1e6)})" if 0 < value < 1000 else ""
         raise ValueError(f"{name} counts whole µs, not {value}{meant}")

@@ -1,1 +1,1 @@
-"""What the other rooms hand to each other: events, recordings, graphs, batches."""
+"""What the other packages pass to each other: events, recordings, graphs, batches."""

@@ -12,16 +12,18 @@ import torch
 from nvsdata.common.errors import FormatError
 from nvsdata.data.graph import Graph, grouped, pseudo
 
-# sensor and reach: of CIFAR10-DVS, radius graphs; of UCF101-DVS, nearest neighbors as `T.KNNGraph` has them
+# sensor size and reach: of CIFAR10-DVS's radius graphs, and of UCF101-DVS's nearest-neighbor graphs (`T.KNNGraph`)
 RADIUS, NEAREST = ((128, 128), (3.0, 3.0)), ((240, 180), (8.0, 8.0))
 
 
 def read_author_graphs(path: str | os.PathLike[str]) -> list[Graph]:
     """The graph of a CIFAR10-DVS file, or the S graphs of a UCF101-DVS file, as a list.
 
-    The former have `feature` [N, 1], `pseudo` [N, 2] (pixels), `edge` [2, E] and `label`, which becomes `y`; the
-    latter a struct `graph` [1, S] of `feature` [N, 2], `pos` [N, 2] counted from 1, and `edge` [2, N]. The first
-    row of edges is the node that hears, the second the one that is heard. There are no times: `t` is 0.
+    - `path`: the file. One of CIFAR10-DVS has `feature` [N, 1], `pseudo` [N, 2] (pixels), `edge` [2, E] and `label`,
+      which becomes `y`; one of UCF101-DVS has a struct `graph` [1, S] of `feature` [N, 2], `pos` [N, 2] counted from
+      1, and `edge` [2, N]
+
+    The first row of `edge` is the target, the second the source. The files hold no times: `t` is 0.
 
     FormatError for a file that is neither.
     """
@@ -29,7 +31,7 @@ def read_author_graphs(path: str | os.PathLike[str]) -> list[Graph]:
         found = scipy.io.loadmat(path)
     except FileNotFoundError:
         raise
-    except Exception as error:  # scipy raises whatever a damaged file leads it to
+    except Exception as error:  # on a damaged file scipy may raise anything
         raise FormatError(path, None, f"can't be read as MATLAB v5: {error!r}") from None
     if {"feature", "pseudo", "edge"} <= found.keys():
         label = int(found["label"].ravel()[0]) if "label" in found else None

@@ -1,4 +1,4 @@
-"""Samples to batches."""
+"""Making batches of samples."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.recording import Recording
 
-SMALL = 1 << 19  # bytes up to which a copy through the pipe is cheaper than handing over shared memory
+SMALL = 1 << 19  # bytes; up to this, a copy through the pipe is cheaper than sharing memory
 
 
 class Batch(NamedTuple):
-    """`(inputs, targets)`, as `collate` makes them."""
+    """`(inputs, targets)` of a batch, as `collate` makes them."""
 
     inputs: Any
     targets: Any
 
 
 def collate(samples: Sequence[tuple[Any, Any]]) -> Batch:
-    """`collate_fn` for a DataLoader: a list of `(sample, target)` to `(batch, targets)`.
+    """`collate_fn` for a DataLoader: makes `(inputs, targets)` of B pairs `(sample, target)`.
 
-    Graphs become a `GraphBatch`; sequences of S graphs become a `GraphBatch` with `volumes` = S;
-    Events stay a list (their lengths differ); anything else goes through torch's own collation.
-    Targets are collated by torch (ints to int64 [B]). ValueError for no samples, or sequences of
-    different lengths.
+    - `samples`: the pairs. Graphs become a `GraphBatch`; sequences of S graphs become a `GraphBatch` with
+      `volumes` = S; Events and Recordings stay a list, because their lengths differ; anything else is collated by
+      torch. Targets are collated by torch (ints to int64 [B])
+
+    Raises ValueError for no samples, sequences of different lengths, or graphs of different `reach`.
     """
     if not samples:
         raise ValueError("can't make a batch of no samples")
@@ -57,7 +58,7 @@ def _stack(inputs: list[Any]) -> Any:
 
 
 def _send(batch: Batch) -> tuple[Any, ...]:
-    """How a batch travels from a worker: all tensors in one piece, for torch hands over each by itself."""
+    """How a batch is pickled in a worker: all tensors in one piece, because torch sends each tensor separately."""
     graphs, targets = batch
     if not (isinstance(graphs, GraphBatch) and isinstance(targets, torch.Tensor)):
         return Batch, tuple(batch)
@@ -65,7 +66,7 @@ def _send(batch: Batch) -> tuple[Any, ...]:
     tensors = {name: value for name, value in given.items() if isinstance(value, torch.Tensor)}
     if any(tensor.device.type != "cpu" or tensor.requires_grad for tensor in tensors.values()):
         return Batch, tuple(batch)
-    # the widest elements first, so that all lie aligned
+    # the widest elements first, so that all are aligned
     names = sorted(tensors, key=lambda name: -tensors[name].element_size())
     piece = torch.cat([tensors[name].contiguous().view(-1).view(torch.uint8) for name in names])
     layout = [(name, tensors[name].dtype, tensors[name].shape) for name in names]
@@ -91,6 +92,6 @@ def _batch(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
     return _stack(list(samples))
 
 
-# a DataLoader without collate_fn knows what to do with these, too: torch asks here for types of others
+# so that a DataLoader without collate_fn handles these types, too: torch looks up other libraries' types here
 for kind in (Graph, Events, Recording):
     default_collate_fn_map[kind] = _batch

@@ -30,15 +30,15 @@ class Columns(NamedTuple):
 
     @classmethod
     def empty(cls, size: int) -> Columns:
-        """Columns of `size` events, yet to be filled.
+        """Uninitialized columns of `size` events.
 
-        Made by numpy, which asks for large pages: what numba allocates costs a fault every 4 KiB.
+        Allocated by numpy, which asks for large pages: numba's memory costs a page fault every 4 KiB.
         """
         xy = np.empty(size, np.int16), np.empty(size, np.int16)
         return cls(np.empty(size, np.int64), *xy, np.empty(size, np.uint8))
 
     def take(self, which: slice | np.ndarray) -> Columns:
-        """The events under a slice, a boolean mask or indices."""
+        """The events selected by a slice, a boolean mask or indices."""
         return Columns(self.t[which], self.x[which], self.y[which], self.p[which])
 
     def first(self, count: int) -> Columns:
@@ -52,13 +52,13 @@ class Events:
     - `t` int64 [N]: µs, never decreasing (unsorted input is sorted, equal times keep their order)
     - `x`, `y` int16 [N]: pixels, origin top left
     - `p` uint8 [N]: polarity, 1 for ON and 0 for OFF
-    - `sensor_size`: (width, height) in pixels; by default as large as the coordinates ask for
-    - `start`, `end`: µs, the first and the last moment of the time in which these events were seen: where a
-      window begins that they were cut from, when an emulated video's first and last frame are. By default the
-      times of the first and the last event (0 if there is none)
+    - `sensor_size`: (width, height) in pixels; by default the smallest that holds the coordinates
+    - `start`, `end`: µs, the first and the last moment of the time range in which these events were observed, such as
+      the bounds of the window that they were cut from, or the times of an emulated video's first and last frame. By
+      default the times of the first and the last event (0 if there is none)
 
-    Immutable in spirit: operations return new Events and share memory where they can. An index gives Events, too,
-    of one event, so iterating does; the columns are what loops should go through.
+    Events should be treated as immutable: operations return new Events and share memory where they can. An index, and
+    so iteration, gives Events of one event; loops should go through the columns instead.
 
     Raises ValueError for columns of different lengths, times at or beyond 2^62 µs, coordinates outside the
     sensor and polarities other than 0 and 1.
@@ -72,7 +72,7 @@ class Events:
     p: npt.NDArray[np.uint8]
     sensor_size: tuple[int, int]
     start: int
-    stated_end: int | None  # None: nothing but the events tells
+    stated_end: int | None  # None: not stated, `end` follows from the events
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class Events:
         needed = extent(columns)
         size = needed if sensor_size is None else check_sensor_size(sensor_size)
         if needed[0] > size[0] or needed[1] > size[1]:
-            # times as small as coordinates are likely to be such
+            # times as small as coordinates are probably coordinates
             hint = ORDER if int(columns.t.max()) < max(size) else ""
             outside = f"outside the sensor of {size[0]}x{size[1]}"
             raise ValueError(f"events reach {needed[0]}x{needed[1]} pixels, {outside}{hint}")
@@ -121,11 +121,11 @@ class Events:
 
     @classmethod
     def empty(cls, sensor_size: tuple[int, int], start: int = 0, end: int | None = None) -> Events:
-        """No events."""
+        """Events without any event; `start`, `end` in µs."""
         return cls.trusted(Columns.empty(0), sensor_size, start, end)
 
     def of(self, columns: Columns) -> Events:
-        """Other events, sorted, of the same sensor and time."""
+        """Events of sorted columns, with the same sensor size and time range."""
         return Events.trusted(columns, self.sensor_size, self.start, self.stated_end)
 
     @property
@@ -135,7 +135,7 @@ class Events:
 
     @property
     def end(self) -> int:
-        """µs, the last moment of the time in which these events were seen."""
+        """µs, the last moment of the time range in which these events were observed."""
         if self.stated_end is not None:
             return self.stated_end
         return int(self.t[-1]) if self.t.size else self.start
@@ -149,9 +149,9 @@ class Events:
         return int(self.t.size)
 
     def __getitem__(self, which: SupportsIndex | slice | npt.NDArray[Any]) -> Events:
-        """Events under an index, a slice, a boolean mask [N] or indices [M]; still sorted by time.
+        """Events selected by an index, a slice, a boolean mask [N] or indices [M], sorted by time.
 
-        IndexError for an index beyond the events.
+        IndexError for an index out of range.
         """
         if isinstance(which, int | np.integer):
             at = range(len(self))[which]
@@ -159,7 +159,10 @@ class Events:
         return self.of(sort_by_time(self.columns.take(which)))  # type: ignore[arg-type]
 
     def window(self, start: int | None = None, stop: int | None = None) -> Events:
-        """Events with start <= t < stop (µs, absolute). Nothing is copied."""
+        """Events with start <= t < stop (µs, absolute; None is without bound). Nothing is copied.
+
+        ValueError if stop < start.
+        """
         check_window(start, stop)
         lo = 0 if start is None else int(self.t.searchsorted(start, "left"))
         hi = self.t.size if stop is None else int(self.t.searchsorted(stop, "left"))
@@ -175,14 +178,17 @@ class Events:
 
     @classmethod
     def from_structured(cls, array: np.ndarray, sensor_size: tuple[int, int] | None = None) -> Events:
-        """Events from a structured array with fields t (µs), x, y and p, in any order and type."""
+        """Events from a structured array with fields t (µs), x, y and p, in any order and type.
+
+        ValueError for a missing field, and for values that `Events` doesn't take.
+        """
         missing = {"t", "x", "y", "p"} - set(array.dtype.names or ())
         if missing:
             raise ValueError(f"the array lacks the fields {sorted(missing)}; it has {array.dtype.names}")
         return cls(array["t"], array["x"], array["y"], array["p"], sensor_size)
 
     def torch(self) -> dict[str, torch.Tensor]:
-        """Tensors `t` int64, `x` and `y` int16, `p` uint8, each [N]; memory is shared if it can be."""
+        """Tensors `t` int64, `x` and `y` int16, `p` uint8, each [N]; they share memory where possible."""
         import torch
 
         return {
@@ -204,12 +210,12 @@ class Events:
 
 
 def concatenate(pieces: Sequence[Columns]) -> Columns:
-    """The events of all pieces, one after the other; of one piece, itself."""
+    """The events of all pieces, one after the other; a single piece is returned as it is."""
     return pieces[0] if len(pieces) == 1 else Columns(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
 
 
 def together(pieces: Sequence[Events]) -> Events:
-    """Pieces of a stream, in order of time, as one: it lasts from the first piece's start to the last one's end."""
+    """Pieces of a stream, in order of time, joined: from the first piece's start to the last one's end."""
     columns = concatenate([piece.columns for piece in pieces])
     return Events.trusted(columns, pieces[0].sensor_size, pieces[0].start, pieces[-1].stated_end)
 
@@ -220,16 +226,16 @@ def extent(columns: Columns) -> tuple[int, int]:
 
 
 def sort_by_time(columns: Columns) -> Columns:
-    """The columns sorted by time, stably; as they are if they are sorted."""
+    """The columns sorted stably by time; returned as they are if they are sorted."""
     if is_sorted(columns.t):
         return columns
     return columns.take(np.argsort(columns.t, kind="stable"))
 
 
 def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int | None) -> tuple[int | None, int | None]:
-    """`begin` and `end` of the window [start, stop) of what lasts from `begin` to `end`; None for what is not known."""
+    """Begin and end of the window [start, stop) of events that last from `begin` to `end`; None for unknown ones."""
     if end is None:
-        # nor is it known then when it really begins
+        # without the end, the true begin is not known either
         return begin if start is None else start, None
     begin = begin if start is None else start if begin is None else max(start, begin)
     end = end if stop is None else min(stop - 1, end)
@@ -243,7 +249,7 @@ def check_window(start: int | None, stop: int | None) -> None:
 
 
 def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
-    """The size as two ints; ValueError if it is none."""
+    """The size as two ints; ValueError if it is not a sensor size."""
     given_width, given_height = size
     width, height = int(given_width), int(given_height)
     if not (0 < width <= MAX_COORDINATE + 1 and 0 < height <= MAX_COORDINATE + 1):

@@ -9,13 +9,13 @@ import numpy as np
 from nvsdata.data.events import Events
 
 MICROSECONDS = 1_000_000
-MOST = 1 << 24  # frames of a sequence, six days of 30 a second: more is a clock that is off
+MOST = 1 << 24  # frames in a sequence, six days at 30 per second: more means that a clock is wrong
 
 
 def frame_edges(duration: int, fps: float | None) -> np.ndarray:
-    """µs at which frames of 1 / `fps` s begin and end that cover 0 to `duration`: int64 [frames + 1].
+    """Edges in µs of the frames of 1 / `fps` s that cover 0 to `duration` (µs): int64 [frames + 1].
 
-    None: a single frame.
+    `fps` None: a single frame. ValueError for more than 2^24 frames.
     """
     if fps is None:
         return np.array([0, max(duration, 1)])
@@ -28,10 +28,10 @@ def frame_edges(duration: int, fps: float | None) -> np.ndarray:
 
 
 def frame_bounds(events: Events, origin: int, edges: np.ndarray) -> np.ndarray:
-    """Index of the first event of each frame, and after the last: int64 [frames + 1]; `edges` count from `origin`.
+    """Index of the first event of each frame, and the end of the last: int64 [frames + 1]; `edges` count from `origin`.
 
-    A frame has the events after its beginning up to its end, for what an emulator makes of frame F_n
-    may lie at F_n exactly; the first has those at its beginning, too.
+    A frame has the events after its beginning up to and including its end, because an emulator's events of frame F_n
+    may lie at F_n exactly; the first frame also has the events at its beginning.
     """
     bounds = np.searchsorted(events.t, origin + edges, "right")
     bounds[0] = np.searchsorted(events.t, origin, "left")

@@ -22,11 +22,11 @@ class Graph:
     - `x` float32 [N, F]: node features, by default polarity as ±1 (F = 1)
     - `pos` float32 [N, 2]: pixels (x, y)
     - `t` int64 [N]: µs since the start of the window
-    - `edge_index` int64 [2, E]: source and target of each edge, grouped by target
-    - `edge_attr` float32 [E, 2]: pseudo-coordinates |dx|, |dy| over `reach`, in [0, 1]
-    - `y`: target, if any
-    - `sensor_size`: (width, height) in pixels
-    - `reach`: pixels along x and y that pseudo-coordinate 1 stands for
+    - `edge_index` int64 [2, E]: source and target node of each edge, grouped by target node
+    - `edge_attr` float32 [E, 2]: pseudo-coordinates |dx|, |dy| divided by `reach`, in [0, 1]
+    - `y`: the label of the sample; default None
+    - `sensor_size`: (width, height) in pixels; default None
+    - `reach`: pixels along x and y that pseudo-coordinate 1 stands for; default (3.0, 3.0)
     """
 
     x: torch.Tensor
@@ -49,11 +49,11 @@ class Graph:
         return self.edge_index.shape[1]
 
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> Self:
-        """The same on another device."""
+        """The same graph on another device."""
         return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
     def pin_memory(self) -> Self:
-        """The same in page-locked memory, from which copies to a GPU are fast."""
+        """The same graph in page-locked memory, from which copies to a GPU are fast."""
         return self._each(lambda tensor: tensor.pin_memory())
 
     def _each(self, change: Callable[[torch.Tensor], torch.Tensor]) -> Self:
@@ -66,7 +66,7 @@ class Graph:
         return replace(self, pos=pos, edge_attr=pseudo(pos, self.edge_index, self.reach))
 
     def to_pyg(self) -> Any:
-        """A `torch_geometric.data.Data` (or `Batch`) of the same tensors; needs the extra `pyg`."""
+        """A `torch_geometric.data.Data` of the same tensors, those of a batch included; needs the extra `pyg`."""
         try:
             from torch_geometric.data import Data
         except ImportError as error:
@@ -81,14 +81,15 @@ class Graph:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GraphBatch(Graph):
-    """Graphs side by side in one: nodes concatenated, edges shifted to match.
+    """B graphs in one: nodes concatenated, node numbers in edges shifted to match.
 
-    The fields of `Graph`, and
-    - `batch` int64 [N]: which graph a node belongs to
-    - `ptr` int64 [B + 1]: graph b owns the nodes ptr[b] to ptr[b + 1]
-    - `volumes`: S, for samples that are sequences of S graphs each (graph b belongs to sample b // S)
+    It has the fields of `Graph`, and
+    - `batch` int64 [N]: the number of the graph that a node belongs to
+    - `ptr` int64 [B + 1]: graph b has the nodes ptr[b] to ptr[b + 1] - 1
+    - `volumes`: S, if each sample is a sequence of S graphs (graph b belongs to sample b // S); default 1
 
-    `sensor_size` is the largest among the graphs.
+    `sensor_size` is the largest width and the largest height among the graphs. `y` is a tensor [B], or None if any
+    graph has none.
     """
 
     batch: torch.Tensor
@@ -102,7 +103,7 @@ class GraphBatch(Graph):
 
     @classmethod
     def from_graphs(cls, graphs: Sequence[Graph], *, volumes: int = 1) -> GraphBatch:
-        """Concatenate graphs. ValueError if there are none or their `reach` differs."""
+        """Concatenate graphs. ValueError if there are none, or if their `reach` differs."""
         if not graphs:
             raise ValueError("a batch needs at least one graph")
         if len({graph.reach for graph in graphs}) > 1:
@@ -131,7 +132,7 @@ class GraphBatch(Graph):
 
     @classmethod
     def of(cls, graph: Graph) -> GraphBatch:
-        """The graph as a batch of one; a batch as it is."""
+        """The graph as a batch of one; a batch is returned as it is."""
         return graph if isinstance(graph, GraphBatch) else cls.from_graphs([graph.to("cpu")]).to(graph.x.device)
 
     def __repr__(self) -> str:
@@ -147,7 +148,7 @@ def pseudo(pos: torch.Tensor, edge_index: torch.Tensor, reach: Reach) -> torch.T
 
 
 def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Source, target and pseudo-coordinates, grouped by target (CPU). ValueError for edges no graph can have."""
+    """Source, target and pseudo-coordinates, grouped by target (CPU). ValueError for invalid edges."""
     source, target, u = edge_index[0].contiguous(), edge_index[1].contiguous(), u.detach().contiguous()
     code = kernel.check_edges(source.numpy(), target.numpy(), u.numpy(), nodes)
     if code == kernel.NO_SUCH_NODE:

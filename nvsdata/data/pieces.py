@@ -1,4 +1,4 @@
-"""Recordings handed out piece by piece, with what was recorded beside their events."""
+"""Recordings handed out piece by piece, with what was recorded besides events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nvsdata.data.samples import Frame, Inertial, Piece
 
 
 class _Passing:
-    """Frames and inertial samples of a recording, read once and handed out as its time passes."""
+    """Frames and inertial samples of a recording, read once and handed out in order of time."""
 
     def __init__(self, recording: Recording, start: int | None = None, stop: int | None = None) -> None:
         inertial = recording.inertial(start, stop)
@@ -24,12 +24,12 @@ class _Passing:
         self._next = next(self._frames, None)
 
     def first(self) -> list[int]:
-        """Times of the next frame and the next sample, as far as there are any."""
+        """Times of the next frame and the next sample, if there are any."""
         times = self._inertial.t[:1].tolist()
         return times if self._next is None else [*times, self._next.exposure_start]
 
     def until(self, last: int) -> tuple[list[Frame], Inertial]:
-        """What is left up to a time in µs, which belongs to it."""
+        """The remaining frames and samples up to and including the time `last` in µs."""
         frames = []
         while self._next is not None and self._next.exposure_start <= last:
             frames.append(self._next)
@@ -40,10 +40,10 @@ class _Passing:
 
 
 def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
-    """A recording with its frames and inertial samples, `every` µs at once; last comes what is known of the camera.
+    """A recording with its frames and inertial samples in pieces of `every` µs; the last piece has the camera's facts.
 
-    Events are decoded as a whole, so that damage is told of before any are handed out. Where there is nothing for a
-    long time, no pieces are.
+    Events are decoded as a whole, so that damage is reported before any are handed out. A time without any content
+    gives no pieces.
     """
     events, beside, done = recording.read(), _Passing(recording), 0
     while times := [*events.t[done : done + 1].tolist(), *beside.first()]:
@@ -57,9 +57,9 @@ def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
 
 
 def cut(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> Iterator[Events]:
-    """A recording from `start` to `stop` (µs), `every` µs at once, with times counted from `start`.
+    """A recording from `start` to `stop` (µs) in pieces of `every` µs, with times counted from `start`.
 
-    Frames belong to where their exposure begins; `about` tells when the cut began.
+    A frame belongs to the piece in which its exposure begins; `started` in `about` is moved to the time of the cut.
     """
     about = later(recording.about, start)
     beside = _Passing(recording, start, stop) if recording.holds_samples else None
@@ -76,7 +76,7 @@ def cut(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> 
 
 
 def later(about: Mapping[str, Any], time: int) -> dict[str, Any]:
-    """What is known of a camera, for a recording whose time 0 is `time` µs later."""
+    """The facts `about` a camera for a recording whose time 0 lies `time` µs later."""
     moved = dict(about)
     with suppress(KeyError, TypeError, ValueError):
         began = datetime.fromisoformat(moved["started"])

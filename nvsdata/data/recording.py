@@ -1,4 +1,4 @@
-"""What a recording is, wherever its events lie: the interface that transforms and datasets are given."""
+"""The interface of recordings, wherever their events are stored; transforms and datasets are given recordings."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 class Recording(ABC):
     """Events that are not decoded yet; `read` decodes the window that is asked for.
 
-    A subclass has `sensor_size`, `span` and `read`; and `start`, `end`, `frames`, `inertial`, `about`, where there is
-    more to tell than the events do.
+    A subclass must define `sensor_size`, `span` and `read`; it defines `start`, `end`, `frames`, `inertial` and `about`
+    if its file holds more than events.
 
-    - `path`: the file that they come from
+    - `path`: the file that the events come from
     - `format`: name of the file's format
-    - `holds_samples`: whether frames and inertial samples can be read
-    - `repairs`: what was left out or put right when it was read without `strict`, counted
+    - `holds_samples`: whether frames and inertial samples can be read; default False
+    - `repairs`: kinds of what was left out or corrected when it was read without `strict`, with counts
     """
 
     path: str
@@ -44,15 +44,15 @@ class Recording(ABC):
 
     @abstractmethod
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
-        """Events with start <= t < stop (µs, as in the file), sorted by time.
+        """Events with start <= t < stop (µs, as in the file; None is without bound), sorted by time.
 
-        A window outside the recording gives empty Events. Raises FormatError if what was decoded
-        is broken, ValueError if stop < start.
+        A window outside the recording gives empty Events. Raises FormatError if the decoded part
+        is damaged, ValueError if stop < start.
         """
 
     @property
     def knows_span(self) -> bool:
-        """Whether `span` can be told without decoding more than has been."""
+        """Whether `span` is known without decoding more events."""
         return True
 
     @property
@@ -66,31 +66,32 @@ class Recording(ABC):
         return self.span[1]
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
-        """Frames whose exposure begins at start <= t < stop (µs, as in the file), one by one; none if none are there.
+        """Frames whose exposure begins at start <= t < stop (µs, as in the file), one by one, if there are any.
 
-        Of HDF5, AEDAT 2 and a DAVIS camera's stream; FormatError for other formats: nvsdata reads events alone of them.
+        They are read from HDF5, AEDAT 2 and a DAVIS camera's stream. FormatError for other formats, of which nvsdata
+        reads only events.
         """
-        raise FormatError(self.path, None, f"frames aren't read of {self.format} files")
+        raise FormatError(self.path, None, f"frames aren't read from {self.format} files")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
-        """Inertial samples with start <= t < stop (µs, as in the file), of the formats that `frames` are read of."""
-        raise FormatError(self.path, None, f"inertial samples aren't read of {self.format} files")
+        """Inertial samples with start <= t < stop (µs, as in the file), from the same formats as `frames`."""
+        raise FormatError(self.path, None, f"inertial samples aren't read from {self.format} files")
 
     @property
     def about(self) -> Mapping[str, Any]:
-        """What the file says of its camera, as far as it does.
+        """What the file states about its camera; keys are missing where it states nothing.
 
-        `camera` and `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (two numbers each, by name),
+        `camera` and `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (name to two numbers),
         `temperature` (°C).
         """
         return {}
 
     def pieces(self) -> Iterator[Events]:
-        """The whole recording as `nvsdata.write` takes it, with frames and inertial samples if there can be any."""
+        """The whole recording in pieces for `nvsdata.write`, with frames and inertial samples if `holds_samples`."""
         return iter((self.read(),))
 
     def anomalies(self) -> Mapping[str, int]:
-        """What is odd about the recording, counted: steps back in time, and events given twice."""
+        """Counts of oddities in the recording: steps back in time, and duplicate events."""
         return anomalies_of(self.read().columns)
 
     def __repr__(self) -> str:
@@ -98,10 +99,10 @@ class Recording(ABC):
 
 
 def anomalies_of(raw: Columns) -> dict[str, int]:
-    """Steps back in time of events in file order, and events given twice, counted."""
+    """Counts of steps back in time and of duplicate events, for events in file order."""
     steps_back = int(np.count_nonzero(raw.t[1:] < raw.t[:-1]))
     raw = sort_by_time(raw)
-    # twins at one time need not be neighbors in the file
+    # duplicates at one time need not be adjacent in the file
     order = np.lexsort((raw.p, raw.y, raw.x, raw.t))
     twins = np.ones(max(raw.t.size - 1, 0), bool)
     for column in raw:
@@ -111,7 +112,7 @@ def anomalies_of(raw: Columns) -> dict[str, int]:
 
 
 def as_events(sample: object) -> Events:
-    """The events themselves: a Recording is read whole. TypeError for anything else."""
+    """The events of a sample: Events as they are, a Recording read whole. TypeError for anything else."""
     if isinstance(sample, Events):
         return sample
     if isinstance(sample, Recording):
@@ -120,7 +121,7 @@ def as_events(sample: object) -> Events:
 
 
 def misplaced(wanted: str, given: object) -> TypeError:
-    """What to raise where a transform or a network is given something else than it takes."""
+    """The error to raise where a transform or a network is given a wrong type."""
     return TypeError(f"it takes {wanted}, but was given {_kind(given)}: are the steps in the right order?")
 
 

@@ -1,4 +1,4 @@
-"""What cameras record beside events: frames, and samples of an inertial unit; and what is known of the camera."""
+"""What cameras record besides events: frames, samples of an inertial unit, and facts about the camera."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from nvsdata.data.events import EVER, Events
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture of a camera that records events, too.
+    """A picture of a camera that also records events.
 
-    `pixels` uint16 [height, width], bright is large; its upper left one lies at (`x`, `y`) of the sensor. Times are in
-    µs, in the clock of the events: of the frame's first and last data, and between them of the exposure.
+    - `start`, `end`: times of the frame's first and last data, in µs of the events' clock
+    - `exposure_start`, `exposure_end`: times between which it was exposed, likewise
+    - `x`, `y`: the sensor's pixel that is the frame's upper left one
+    - `pixels` uint16 [height, width]: bright is large
     """
 
     start: int
@@ -28,14 +30,20 @@ class Frame:
     pixels: np.ndarray
 
     def shifted(self, time: int) -> Frame:
-        """The frame with `time` µs taken off its times."""
+        """The frame with `time` µs subtracted from its times."""
         times = {name: getattr(self, name) - time for name in ("start", "exposure_start", "exposure_end", "end")}
         return replace(self, **times)
 
 
 class Inertial(NamedTuple):
-    """Samples of an inertial unit: `t` int64 [N], µs in the clock of the events; `acceleration` (g) and `rotation`
-    (degrees/s) float32 [N, 3], `temperature` (°C) float32 [N]. What the unit doesn't measure is 0."""
+    """Samples of an inertial unit.
+
+    - `t` int64 [N]: µs of the events' clock
+    - `acceleration`, `rotation` float32 [N, 3]: g and degrees/s
+    - `temperature` float32 [N]: °C
+
+    Quantities that the unit doesn't measure are 0.
+    """
 
     t: np.ndarray
     acceleration: np.ndarray
@@ -54,22 +62,22 @@ class Inertial(NamedTuple):
         return cls(*map(np.concatenate, zip(*parts, strict=True))) if parts else cls.empty()
 
     def take(self, which: slice | np.ndarray) -> Inertial:
-        """The samples under a slice or a boolean mask."""
+        """The samples selected by a slice or a boolean mask."""
         return Inertial(*(column[which] for column in self))
 
     def window(self, start: int | None, stop: int | None) -> Inertial:
-        """The samples with start <= t < stop; None is without bound."""
+        """The samples with start <= t < stop (µs); None is without bound."""
         return self.take((self.t >= _least(start)) & (self.t < _most(stop)))
 
     def shifted(self, time: int) -> Inertial:
-        """The samples with `time` µs taken off their times."""
+        """The samples with `time` µs subtracted from their times."""
         return self._replace(t=self.t - time)
 
 
 class Piece(Events):
-    """Events with what a camera sent beside them: `frames`, `inertial`, and what is known of it (`about`).
+    """Events together with what else a camera sent: `frames`, `inertial`, and facts about the camera (`about`).
 
-    `about` is as `Recording.about`; where pieces follow each other, the later ones add to it.
+    `about` is as in `Recording.about`; in a sequence of pieces, later ones add to it.
     """
 
     __slots__ = ("about", "frames", "inertial")
@@ -82,7 +90,7 @@ class Piece(Events):
     def beside(
         cls, events: Events, frames: Sequence[Frame] = (), inertial: Inertial | None = None, about: Any = None
     ) -> Self:
-        """The events with these beside them; columns are shared."""
+        """A piece of these events with the other data; columns are shared."""
         piece = cls.__new__(cls)
         for name in Events.__slots__:
             setattr(piece, name, getattr(events, name))
@@ -91,17 +99,17 @@ class Piece(Events):
 
     @property
     def bare(self) -> bool:
-        """Whether there is nothing in it, not even beside events."""
+        """Whether the piece holds nothing: neither events nor other data."""
         return not (len(self) or len(self.frames) or self.inertial.t.size or self.about)
 
 
 def without_samples(events: Events) -> Events:
-    """The events alone, for formats that hold nothing else."""
+    """The events without other data, for formats that hold nothing else."""
     return events.of(events.columns) if isinstance(events, Piece) else events
 
 
 def is_bare(events: Events) -> bool:
-    """Whether a piece has nothing to be written."""
+    """Whether a piece has nothing to write."""
     return events.bare if isinstance(events, Piece) else len(events) == 0
 
 

@@ -1,4 +1,4 @@
-"""Recordings seen through a window in time or a map of their events. What isn't asked for is not decoded."""
+"""Recordings seen through a time window or a mapping of their events. Only what is asked for is decoded."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class _View(Recording):
-    """A recording that answers from another one."""
+    """A recording that forwards to another one, `whole`."""
 
     def __init__(self, whole: Recording) -> None:
         self.whole = whole
@@ -64,9 +64,9 @@ class _View(Recording):
 
 
 class Slice(_View):
-    """The events with start <= t < stop (µs, as in the file) of a recording.
+    """The events of a recording with start <= t < stop (µs, as in the file).
 
-    `span` is that of the slice, as far as the recording reaches: its first event may come later.
+    `span` is the part of the slice within the recording's span: the slice's first event may be later, its last earlier.
     """
 
     format = "slice"
@@ -107,7 +107,7 @@ class Slice(_View):
 
 
 class Mapped(_View):
-    """A recording whose events pass through `change`, which must keep their order in time."""
+    """A recording whose events are mapped by `change`, which must keep them sorted by time."""
 
     format = "mapped"
 
@@ -120,7 +120,7 @@ class Mapped(_View):
 
 
 class FlippedY(_View):
-    """A recording whose y counts from the bottom of the sensor up, counted from the top."""
+    """A recording whose file counts y from the bottom of the sensor, with y counted from the top."""
 
     format = "flipped"
 
@@ -131,7 +131,7 @@ class FlippedY(_View):
 
 
 class Scaled(_View):
-    """A recording of events alone whose times count in `unit` µs, in µs."""
+    """A recording of events alone whose file counts time in units of `unit` µs, with times in µs."""
 
     format = "scaled"
     holds_samples = False
@@ -155,10 +155,10 @@ class Scaled(_View):
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
         check_window(start, stop)
-        # rounded up: the first time that isn't before the bound
+        # rounded up, to the first time that isn't before the bound
         events = self.whole.read(*(None if bound is None else -(-bound // self.unit) for bound in (start, stop)))
         columns, end = events.columns._replace(t=events.t * self.unit), events.stated_end
-        # the whole's units are coarser than the bounds
+        # the bounds are finer than the file's unit
         begin = events.start * self.unit if start is None else None
         bounds = bounds_of(start, stop, begin, None if end is None else end * self.unit)
         return Events.trusted(columns, events.sensor_size, *bounds)
