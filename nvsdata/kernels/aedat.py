@@ -10,7 +10,7 @@ from nvsdata.kernels.clock import MIXED, WRAP_US, begin, go_evenly, nearest, unw
 from nvsdata.kernels.reading import pread
 
 DVS128, DAVIS = 0, 1
-PROBE = 4096  # records that tell whether a file has others than events
+PROBE = 4096  # records that are checked for records other than events
 
 _U = np.uint64
 
@@ -18,7 +18,7 @@ _U = np.uint64
 @njit(cache=True, nogil=True, inline="always")
 def _swapped(word):
     """The word with its four bytes in the other order."""
-    # numba makes 64 bits of a shift
+    # numba widens a shift to 64 bits
     return np.uint32(
         word << np.uint32(24)
         | (word & np.uint32(0xFF00)) << np.uint32(8)
@@ -42,7 +42,7 @@ def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, st
     """Decode AEDAT 2 records. O(N).
 
     `state` is that of `kernels.clock`, and `block` the number of records in a block. `layout` DVS128 or DAVIS
-    says what the address bits mean; x and y are mirrored within the chip. Records that are no polarity events
+    says what the address bits mean; x and y are mirrored within the chip. Records that are not polarity events
     are left out.
     """
     words = raw.view(np.uint32)
@@ -56,7 +56,7 @@ def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, st
     begin(state, begun)
     offset = nearest(begun, state[LAST_TIME], 32) - begun
     done = 0
-    # frames and the like show early: so the most of a file is begun only where its first records were events
+    # frames and the like appear early, so the fast loop is tried only if a file's first records were all events
     for end in (1, min(PROBE, size), size):
         if odd == 0 and done < end:
             some = words[2 * done : 2 * end]
@@ -101,9 +101,12 @@ def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, st
 
 @njit(cache=True, nogil=True)
 def _dvs128_odd(words, before, offset, right, bottom, t, x, y, p):
-    """Decode DVS128 records as if all were events; how many are not, or step back from those `before` them."""
+    """Decode DVS128 records as if all were events; returns how many are not, or step back in time.
+
+    `before`: the words of the records before each.
+    """
     odd = 0
-    # no value is carried from turn to turn, or the loop would not be vectorized
+    # no value is carried from one iteration to the next, or the loop would not be vectorized
     for i in range(_U(t.size)):
         address, time = _swapped(words[_U(2) * i]), _swapped(words[_U(2) * i + _U(1)])
         odd += ((address & np.uint32(0x80008000)) != 0) | (time < _swapped(before[_U(2) * i + _U(1)]))
@@ -116,7 +119,7 @@ def _dvs128_odd(words, before, offset, right, bottom, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def _davis_odd(words, before, offset, right, bottom, t, x, y, p):
-    """The same of DAVIS records; those beyond the chip count as odd, too."""
+    """The same for DAVIS records; those outside the chip are counted, too."""
     odd = 0
     for i in range(_U(t.size)):
         address, time = _swapped(words[_U(2) * i]), _swapped(words[_U(2) * i + _U(1)])
@@ -133,7 +136,7 @@ def _davis_odd(words, before, offset, right, bottom, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def aedat2_encode(t, x, y, p, layout, chip_width, chip_height):
-    """AEDAT 2 bytes, eight an event. O(N)."""
+    """AEDAT 2 bytes, eight per event. O(N)."""
     raw = np.empty((t.size, 8), np.uint8)
     for i in range(t.size):
         column, row = np.uint32(chip_width - 1 - x[i]), np.uint32(chip_height - 1 - y[i])
@@ -150,9 +153,9 @@ def aedat2_encode(t, x, y, p, layout, chip_width, chip_height):
 
 POLARITY_EVENT = 1
 PACKET_HEADER = 28
-NEAR = 512  # bytes that are read at a packet's beginning: the whole of a small one, and the next
-DISORDER_US = 1_000  # that an event may lie before the first or after the last of its packet
-# What can be wrong with a file of packets: torn, damaged, or cut while it was read
+NEAR = 512  # bytes that are read at a packet's beginning: enough for a small packet and the next one
+DISORDER_US = 1_000  # µs by which an event may lie before its packet's first or after its last event
+# Faults of a file of packets: torn, damaged, or cut while it was read
 FINE, TORN, NONSENSE, CUT = 0, 1, 2, 3
 # Columns of the index of packets: byte of the first event, number of events, µs to add to their times, first and last
 # time, whether the header counts fewer valid events than events
@@ -163,8 +166,8 @@ FIRST_BYTE, NUMBER, ADDED, FIRST, LAST, SOME_INVALID = range(6)
 def aedat3_packets(known, handle, size, start):
     """Walk the packet headers of a file of `size` bytes from byte `start` on. O(packets).
 
-    `known` uint8 are its first bytes; unless it is all of them, `handle` is the open file. Returns the index of
-    polarity packets, int64 [M, 6]; then a fault code and the byte of the packet that has it (the file's size if none).
+    `known` uint8: the file's first bytes; unless these are all, `handle` is the open file. Returns the index of
+    polarity packets, int64 [M, 6], a fault code, and the byte of the faulty packet (the file's size if none).
     """
     packets = np.empty((16, 6), np.int64)
     count = 0
@@ -187,7 +190,7 @@ def aedat3_packets(known, handle, size, start):
         if kind == POLARITY_EVENT and (length != 8 or when != 4):
             return packets[:count], NONSENSE, at
         first = at + PACKET_HEADER
-        # of a torn packet the whole events are kept
+        # the complete events of a torn packet are kept
         whole = min(number, (size - first) // length)
         torn = whole < number
         number = whole
@@ -201,7 +204,7 @@ def aedat3_packets(known, handle, size, start):
             packets[count, FIRST_BYTE], packets[count, NUMBER], packets[count, ADDED] = first, number, add
             packets[count, FIRST] = add + np.int64(_little_endian(near, first + 4 - begin))
             last = first + 8 * number - 4
-            # the next packet's header, which follows, is read with it
+            # the next packet's header follows, and is read together with it
             near, begin = _near(near, begin, handle, last, last + 4, size)
             if near.size == 0:
                 return packets[:count], CUT, last
@@ -216,7 +219,7 @@ def aedat3_packets(known, handle, size, start):
 
 @njit(cache=True, nogil=True)
 def _near(near, begin, handle, at, end, size):
-    """Bytes of the file that hold at..end, and where they begin: `near` (at `begin`) or others; none if it was cut."""
+    """Bytes that include at..end, and where they begin: `near` (at `begin`) or new ones; empty if the file was cut."""
     if begin <= at and end <= begin + near.size:
         return near, begin
     fresh = np.empty(min(NEAR, size - at), np.uint8)
@@ -229,10 +232,10 @@ def _near(near, begin, handle, at, end, size):
 def aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p):
     """Decode polarity packets of the index. O(events).
 
-    `raw` uint8 holds the file from byte `base` on, as far as these packets. Events that aren't marked valid are
-    dropped where the packet's header counts them as invalid. Returns the number of events, the byte of the first
-    one outside the sensor (-1: none), how many were kept without the mark, and the first packet whose events don't
-    lie between its first and last (-1: none).
+    `raw` uint8 holds the file from byte `base` to the end of these packets. Events that aren't marked valid are
+    dropped if the packet's header counts them as invalid. Returns the number of events, the byte of the first
+    one outside the sensor (-1: none), the number of events kept without the mark, and the first packet with events
+    that don't lie between its first and last event (-1: none).
     """
     begin = kept
     unmarked = 0
@@ -240,7 +243,7 @@ def aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p):
     right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 15)
     for k in range(len(packets)):
         first, number, add, some_invalid = packets[k, 0], packets[k, 1], packets[k, 2], packets[k, 5]
-        # of 31 bits; the first or last event of a packet with invalid ones may be one of them
+        # of 31 bits; a packet's first or last event may itself be an invalid one
         early = np.uint32(max(packets[k, FIRST] - add - DISORDER_US, 0) if not some_invalid else 0)
         late = np.uint32(
             min(packets[k, LAST] - add + DISORDER_US, (1 << 31) - 1) if not some_invalid else (1 << 31) - 1
@@ -271,7 +274,7 @@ def aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def _packet_sound(records, add, right, bottom, early, late, t, x, y, p):
-    """Decode a packet as if all its events were sound, without branches; whether it was so."""
+    """Decode a packet as if all its events were sound, without branches; returns whether they were."""
     odd = 0
     for i in range(np.uint64(t.size)):
         data, time = records[np.uint64(2) * i], records[np.uint64(2) * i + np.uint64(1)]

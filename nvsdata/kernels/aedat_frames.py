@@ -1,4 +1,4 @@
-"""Frames among AEDAT 2 records, put together pixel by pixel."""
+"""Frames among AEDAT 2 records, assembled pixel by pixel."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def next_frame(addresses, t, at, before, light, state, facts):
-    """Go through readings from `at` on, to the first one of another frame, or to their end. O(N + pixels a frame).
+    """Process readings from `at` on, up to the first one of the next frame, or to their end. O(N + pixels per frame).
 
     `addresses` uint32 [N] and `t` int64 [N]: records of pixels. `before` and `light` uint16 [height, width], `state`
-    uint8 [height, width] and `facts` int64 live on between calls. A frame ends where the next column isn't the
-    one beside, or a pixel is read anew, and with no records at all.
+    uint8 [height, width] and `facts` int64 are kept between calls. A frame ends where the next column isn't
+    the adjacent one, where a pixel is read again, and with a call without records.
 
-    Returns where it stopped, and whether a frame is complete then: `facts` tell of it, `light` holds it.
+    Returns where it stopped, and whether a frame is complete: `facts` describe it, `light` holds its pixels.
     """
     height, width = state.shape
     for i in range(at, addresses.size):
@@ -55,7 +55,7 @@ def next_frame(addresses, t, at, before, light, state, facts):
         if step * step == 1 and facts[WAY] == 0 and facts[BEFORE]:
             facts[WAY] = step
         if state[y, x] or (facts[BEFORE] and step != 0 and step != facts[WAY]):
-            # the caller comes back to it, with an empty frame
+            # the caller calls again from here, with an empty frame
             if _ended(state, facts):
                 return i, True
             state[:] = 0
@@ -64,7 +64,7 @@ def next_frame(addresses, t, at, before, light, state, facts):
         if facts[BEFORE] == 0:
             facts[START] = t[i]
             facts[LEFT], facts[RIGHT], facts[TOP], facts[BOTTOM] = x, x, y, y
-        # a rolling shutter reads some pixels again before it has read all for the first time
+        # a rolling shutter reads some pixels a second time before it has read all pixels once
         if facts[AFTER] == 0:
             facts[EXPOSURE_START] = t[i]
         else:
@@ -81,7 +81,7 @@ def next_frame(addresses, t, at, before, light, state, facts):
 
 @njit(cache=True, nogil=True)
 def _ended(state, facts):
-    """Whether the frame so far is complete; `state` and the counts are then as at a frame's begin."""
+    """Whether the frame so far is complete; resets `state` and the counts for the next frame."""
     area = (facts[RIGHT] + 1 - facts[LEFT]) * (facts[BOTTOM] + 1 - facts[TOP])
     whole = facts[BEFORE] > 0 and facts[BEFORE] == area and facts[AFTER] == area
     if whole:

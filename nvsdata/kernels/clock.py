@@ -1,9 +1,9 @@
-"""Times of counters that wrap, and those among them that no camera wrote.
+"""Times of counters that wrap, and times among them that no camera wrote.
 
-A counter of few bits tells a time but for whole wraps. The time of a record is taken to be the one next to that of the
-record before it, up to half a wrap before or after: so a damaged word moves no other event. Cameras write events
-nearly in order, and noise all the time; a step back of more than `BACK_US`, or to before time 0, is damage, and so is
-one over a wrap that lasts longer than `SILENT_US`.
+A counter of few bits gives a time only up to whole wraps. The time of a record is taken to be the one nearest to that
+of the record before it, at most half a wrap earlier or later: so a damaged word moves no other event. Cameras write
+events nearly in order, and noise all the time. So a step back of more than `BACK_US`, or to before time 0, is damage,
+and so is a step across a wrap that lasts longer than `SILENT_US`.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ import numpy as np
 from numba import njit
 
 BACK_US = 100_000
-# No camera is silent for so long, as its noise is not: a longer silence over a wrap is a damaged word's. Within a wrap,
-# where it moves no event, any silence is believed
+# No camera is silent for longer, because of its noise: a longer silence across a wrap comes from a damaged word. Within
+# a wrap, where it moves no other event, a silence of any length is accepted
 SILENT_US = 300_000_000
 ANY = 1 << 62  # a silence of any length
-WRAP_US = 1 << 32  # of a 32-bit counter of µs
+WRAP_US = 1 << 32  # wrap of a 32-bit counter of µs
 UNKNOWN = -(1 << 62)  # the time before a counter's first word
 NONE = -1
 
-# What is known after some records: the time of the last one and of the last one that began a block, whether that block
-# began with many events, whether times fell, the number of the next record, the first that no camera wrote, the first
-# after a block that lasted longer than the index can see, and whether records of other kinds than events were seen
+# The state after some records: the time of the last one, and of the last one that began a block; whether that block
+# began with many events; whether times fell; the number of the next record, of the first that no camera wrote, and of
+# the first after a block that lasted longer than the index can see; whether records other than events were seen
 LAST, BEGUN, DENSE, FELL, NEXT, JUMP, HIDDEN, MIXED = range(8)
-# An index sees how long a block lasts by its first word and the next block's, but for whole wraps. It walks blocks that
-# seem to last longer than SOON_US, or no time at all, or whose first PEEK records last longer than PEEK_US
+# An index finds how long a block lasts, up to whole wraps, from its first word and the next block's. It reads all words
+# of blocks that seem to last longer than SOON_US, or no time, or whose first PEEK records last longer than PEEK_US
 SOON_US, PEEK, PEEK_US = 1 << 26, 16, 100_000
 
 
 @njit(cache=True, nogil=True)
 def clock_at(time, record):
-    """The state before `record`, which begins a block and whose time, but for whole wraps, is `time` or unknown."""
+    """The state before `record`, the first of a block, whose time up to whole wraps is `time` or UNKNOWN."""
     state = np.full(8, NONE, np.int64)
     state[LAST] = state[BEGUN] = time
     state[DENSE] = state[FELL] = state[MIXED] = 0
@@ -41,34 +41,34 @@ def clock_at(time, record):
 
 @njit(cache=True, nogil=True, inline="always")
 def nearest(raw, last, bits):
-    """The time next to `last` that a counter of `bits` bits shows as `raw`."""
+    """The time nearest to `last` that a counter of `bits` bits shows as `raw`."""
     half = np.int64(1) << (bits - 1)
     return last + ((np.int64(raw) - last + half) & (2 * half - 1)) - half
 
 
 @njit(cache=True, nogil=True, inline="always")
 def first_time(raw, bits):
-    """The time of a first word: as it stands, but -1 for 28 ones or more, which is what lost memory holds."""
+    """The time of a first word: its value, but -1 for 28 ones or more, which is what lost memory holds."""
     return np.int64(-1) if bits > 12 and np.int64(raw) == (np.int64(1) << bits) - 1 else np.int64(raw)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def is_jump(before, after, bits, back, silent):
-    """Whether no camera goes on at `after`: `back` too far, before 0, or over a wrap by more than `silent`."""
+    """Whether no camera continues at `after`: over `back` earlier, before 0, or across a wrap by over `silent`."""
     step = after - before
     return step < -back or after < 0 or (step > silent and after >> bits != before >> bits)
 
 
 @njit(cache=True, nogil=True)
 def begin(state, raw):
-    """Tell the state of the first word of a 32-bit counter, unless it knows the time."""
+    """Set the state's time from the first word of a 32-bit counter, unless it is known."""
     if state[LAST] == UNKNOWN:
         state[LAST] = state[BEGUN] = max(first_time(raw, 32), 0)
 
 
 @njit(cache=True, nogil=True)
 def unwrap(state, t, block):
-    """Turn the words of a 32-bit counter, `t` int64 [N], into times, and go on by those records. O(N)."""
+    """Turn the words of a 32-bit counter, `t` int64 [N], into times in place, and advance the state. O(N)."""
     if t.size == 0:
         return
     begin(state, t[0])
@@ -81,7 +81,7 @@ def unwrap(state, t, block):
         time += step
         t[i] = time
         falls += step < 0
-        # a step forward to a lesser word goes over a wrap
+        # a step forward to a smaller word crosses a wrap
         jumps += (step < -BACK_US) | (time < 0) | ((step > SILENT_US) & (word < shown))
         shown = word
     if falls:
@@ -98,7 +98,7 @@ def unwrap(state, t, block):
 
 @njit(cache=True, nogil=True)
 def go_evenly(state, t, block):
-    """Go on by records of times `t` [N], not empty, that never fall and end less than half a wrap after they begin."""
+    """Advance the state by records of times `t` [N], N > 0, that never fall and span less than half a wrap."""
     begin(state, t[0])
     if t[0] < state[LAST]:
         state[FELL] = 1
@@ -111,7 +111,7 @@ def go_evenly(state, t, block):
 def _pass_blocks(state, t, block):
     first = state[NEXT]
     for i in range((block - first % block) % block, t.size, block):
-        # what the first words of the last block and of this one say of the time between them
+        # the time between the first words of the last block and of this one, as an index sees it
         shown = nearest(t[i], state[BEGUN], 32) - state[BEGUN]
         if state[DENSE] and shown != t[i] - state[BEGUN] and 0 < shown <= SOON_US and state[HIDDEN] < 0:
             state[HIDDEN] = first + i
@@ -123,7 +123,7 @@ def _pass_blocks(state, t, block):
 
 @njit(cache=True, nogil=True)
 def lasting(raw):
-    """µs from the first to the last of a 32-bit counter's words, uint32 [N]; whether a wrap is a damaged word's."""
+    """µs from the first to the last of a 32-bit counter's words, uint32 [N]; and whether a word is damaged."""
     time = np.int64(raw[0])
     damaged = False
     for i in range(1, raw.size):
@@ -134,7 +134,7 @@ def lasting(raw):
 
 @njit(cache=True, nogil=True)
 def extremes(t, block, starts, lowest, highest):
-    """First, lowest and highest time of blocks of records: of as many as there are of `t`, int64 [N]. O(N)."""
+    """First, lowest and highest time of each block of `block` records in `t`, int64 [N]. O(N)."""
     for k in range((t.size + block - 1) // block):
         part = t[k * block : (k + 1) * block]
         starts[k], lowest[k], highest[k] = part[0], part.min(), part.max()
@@ -142,7 +142,7 @@ def extremes(t, block, starts, lowest, highest):
 
 @njit(cache=True, nogil=True)
 def kept_words(raw, bits, back, silent=ANY):
-    """The most words between which no time jumps (see `is_jump`), as a mask. O(N log N).
+    """Mask of the largest set of words without a jump between them (see `is_jump`). O(N log N).
 
     `raw` int64 [N] shows a counter of `bits` bits; `back` and `silent` are in its units.
     """
@@ -150,7 +150,7 @@ def kept_words(raw, bits, back, silent=ANY):
     if n == 0:
         return np.zeros(0, np.bool_)
     raw = raw & ((np.int64(1) << bits) - 1)
-    # runs of words without a jump are kept or dropped as one
+    # a run of words without a jump is kept or dropped as a whole
     run, since = np.zeros(n, np.int64), np.zeros(n, np.int64)
     for i in range(1, n):
         step = nearest(raw[i], raw[i - 1], bits) - raw[i - 1]
@@ -176,7 +176,7 @@ def kept_words(raw, bits, back, silent=ANY):
 
 @njit(cache=True, nogil=True)
 def _heaviest_chain(first, last, span, weight, bits, back, silent):
-    """The times at which runs begin that make the heaviest chain without a jump; UNKNOWN of the others.
+    """Start times of the runs that form the heaviest chain without a jump; UNKNOWN for the other runs.
 
     A run's `first` and `last` word lie `span` apart. A first word of all ones begins no chain.
     """
@@ -187,14 +187,14 @@ def _heaviest_chain(first, last, span, weight, bits, back, silent):
     ends = last[order]
     rank = np.empty(n, np.int64)
     rank[order] = np.arange(n)
-    # a tree over the ends: the best chain so far of those in a range
+    # a tree over the ends of runs: the best chain so far that ends in a range
     best = np.full(2 * n, -1, np.int64)
     total, time, end = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     before = np.full(n, -1, np.int64)
     top = np.int64(-1)
     for k in range(n):
         word = first[k]
-        # last words that it may follow: of its own wrap, of the one before, and, stepping back, of the one after
+        # last words that a run may follow: in its own wrap, the one before and, for a step back, the one after
         for low, high in (
             (word - ahead, word + back),
             (word + wrap - min(silent, ahead), wrap - 1),
@@ -211,7 +211,7 @@ def _heaviest_chain(first, last, span, weight, bits, back, silent):
         else:
             continue
         end[k] = time[k] + span[k]
-        # of a last word far ahead and one that goes on, the latter
+        # between a last word far ahead and one that continues, take the latter
         if top < 0 or total[k] > total[top] or (total[k] == total[top] and end[k] < end[top]):
             top = k
         i = rank[k] + n
@@ -228,13 +228,13 @@ def _heaviest_chain(first, last, span, weight, bits, back, silent):
 
 @njit(cache=True, nogil=True, inline="always")
 def _is_better(k, other, total, end):
-    """Whether chain `k` is heavier than the other, or as heavy and nearer to what follows; -1 is no chain."""
+    """Whether chain `k` is heavier than `other`, or as heavy and nearer to the next run; -1: no chain."""
     return k >= 0 and (other < 0 or total[k] > total[other] or (total[k] == total[other] and end[k] > end[other]))
 
 
 @njit(cache=True, nogil=True)
 def _best_of(best, total, end, lo, hi, found):
-    """The best of the chains at places lo..hi of the tree's leaves, and of the one that was found."""
+    """The best of the chain `found` and those at the tree's leaves lo..hi."""
     lo += best.size // 2
     hi += best.size // 2
     while lo < hi:

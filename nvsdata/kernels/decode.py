@@ -1,8 +1,8 @@
-"""Bytes to event columns and back, a loop for each wire format.
+"""Bytes to event columns and back, one loop per wire format.
 
-A decoder takes `raw`, uint8, some records of a file, and the `state` before them, which it changes into that after
-them. It fills `t`, `x`, `y`, `p` (int64 µs, int16, int16, uint8) from place `kept` on, where there is room for an
-event a record, and returns `(count, bad)`: how many events there are, and the index of the first of the records
+A decoder takes `raw`, uint8, some records of a file, and the `state` before them, which it updates to the state after
+them. It fills `t`, `x`, `y`, `p` (int64 µs, int16, int16, uint8) from index `kept` on, where there is room for one
+event per record, and returns `(count, bad)`: the number of events, and the index of the first record
 whose coordinates lie outside the sensor (-1 if none; a width of 0 means "unknown").
 """
 
@@ -13,23 +13,23 @@ from numba import njit
 
 from nvsdata.kernels.clock import LAST, WRAP_US, begin, go_evenly, nearest, unwrap
 
-BLOCK = 512  # ATIS records that are decoded at a time
+BLOCK = 512  # ATIS records that are decoded together
 ATIS_OVERFLOW_Y = 240
 ATIS_OVERFLOW_US = 1 << 13
 
 _U = np.uint64
 
 
-# What an ATIS file's walk knows: µs of overflow in force, times of the last and the first event, the number of times
-# that fell, the size of the sensor that the events need, the numbers of overflow records, of all records and of damaged
-# ones, whose y no camera writes, and the number of the first of these
+# The state of a walk over an ATIS file: µs of overflow in force; times of the last and the first event; the number of
+# times that fell; the size of the sensor that the events need; the numbers of overflow records, of all records, and of
+# damaged ones, whose y no camera writes; the index of the first damaged one
 OVERFLOW, ATIS_LAST, ATIS_FIRST, FALLS, RIGHT, BOTTOM, MARKERS, RECORDS, DAMAGED, DAMAGE = range(10)
 ATIS_BEGUN = (0, 0, 0, 0, 1, 1, 0, 0, 0, -1)
 
 
 @njit(cache=True, nogil=True)
 def atis_walk(raw, block, state, times, offsets):
-    """Walk a piece of ATIS records, the `state` before them changed into that after them. O(N).
+    """Walk over a piece of ATIS records, and update the `state` before them to the state after them. O(N).
 
     Writes the unwrapped time of every `block`-th record of the file and the µs of overflow in force there.
     """
@@ -38,7 +38,7 @@ def atis_walk(raw, block, state, times, offsets):
     right = bottom = np.uint8(0)
     last = np.int32(0)
     falls = 0
-    # branch-free for the common piece, which has no markers
+    # branch-free for the usual piece, which has no markers
     for i in range(np.uint64(n)):
         right, bottom = max(right, records[i, 0]), max(bottom, records[i, 1])
         time = np.int32(records[i, 2] & 0x7F) << 16 | np.int32(records[i, 3]) << 8 | np.int32(records[i, 4])
@@ -67,7 +67,7 @@ def _atis_walk_with_markers(raw, block, state, times, offsets):
     for i in range(raw.size // 5):
         j = 5 * i
         marker, damaged = raw[j + 1] == ATIS_OVERFLOW_Y, raw[j + 1] > ATIS_OVERFLOW_Y
-        # a marker's own time says nothing
+        # a marker's own time has no meaning
         time = state[ATIS_LAST] if marker or damaged else _atis_time(raw, j) + state[OVERFLOW]
         if (begin + i) % block == 0:
             times[(begin + i) // block], offsets[(begin + i) // block, 0] = time, state[OVERFLOW]
@@ -96,8 +96,8 @@ def _atis_time(raw, j):
 def atis_decode(raw, width, height, state, kept, t, x, y, p):
     """Decode a piece of ATIS records. O(N).
 
-    `state` int64 [4] is the µs of overflow in force, the numbers of records and of damaged ones before, and the number
-    of the first damaged one; these are left out.
+    `state` int64 [4]: µs of overflow in force, the numbers of records and of damaged records so far, and the index
+    of the first damaged one. Damaged records are left out.
     """
     size = raw.size // 5
     t, x, y, p = t[kept : kept + size], x[kept : kept + size], y[kept : kept + size], p[kept : kept + size]
@@ -106,7 +106,7 @@ def atis_decode(raw, width, height, state, kept, t, x, y, p):
     bottom = min(height, ATIS_OVERFLOW_Y) if height > 0 else ATIS_OVERFLOW_Y
     record = np.empty(BLOCK, np.uint64)
     odd = 0
-    # branch-free for the common piece, in which no record is odd
+    # branch-free for the usual piece, in which no record is odd
     for start in range(0, size, BLOCK):
         stop = min(start + BLOCK, size)
         _atis_words(raw[5 * start :], record[: stop - start])
@@ -137,8 +137,8 @@ def atis_decode(raw, width, height, state, kept, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def _atis_words(raw, record):
-    """The records that `raw` begins with, a word of 8 bytes each, of which 5 count."""
-    # the last may lack the other three
+    """The first records of `raw`, each as a word of 8 bytes of which 5 count."""
+    # the last record may lack the other three
     whole = min((raw.size - 3) // 5, record.size)
     if whole > 0:
         words = np.lib.stride_tricks.as_strided(raw[:8].view(np.uint64), (whole,), (5,))
@@ -152,7 +152,7 @@ def _atis_words(raw, record):
 
 @njit(cache=True, nogil=True)
 def _atis_odd(record, offset, right, bottom, t, x, y, p):
-    """Decode records as if they were events within the sensor; how many are not."""
+    """Decode records as if they were events within the sensor; returns how many are not."""
     odd = 0
     for i in range(_U(t.size)):
         word = record[i]
@@ -167,9 +167,9 @@ def _atis_odd(record, offset, right, bottom, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def atis_encode(t, x, y, p, offset):
-    """ATIS bytes of sorted events, overflow markers put in as late as they can be. O(N + markers).
+    """ATIS bytes of sorted events, with overflow markers as late as possible. O(N + markers).
 
-    `offset`: µs of the markers written before; the new value is returned, too.
+    `offset`: µs of the markers written before; its new value is also returned.
     """
     offset = np.int64(offset)
     markers = 0
@@ -238,9 +238,9 @@ def dat_decode(raw, block, version, width, height, state, kept, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def _dat_odd(words, before, offset, right, bottom, t, x, y, p):
-    """Decode version 2 records as if none were odd; how many are, or step back from those `before` them."""
+    """Decode version 2 records as if none were odd; returns how many are, or step back from the record `before`."""
     odd = 0
-    # no value is carried from turn to turn, or the loop would not be vectorized
+    # no value is carried from one iteration to the next, or the loop would not be vectorized
     for i in range(_U(t.size)):
         time, address = words[_U(2) * i], words[_U(2) * i + _U(1)]
         column = np.int32(address & np.uint32(0x3FFF))

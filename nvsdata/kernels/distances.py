@@ -1,23 +1,23 @@
-"""Spikes of a frame on the pixel lattice, and the nearest of others to each."""
+"""Spikes of a frame on the pixel lattice, and the nearest spike of another frame to each."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-MARGIN = 6  # pixels around a map, and up to which neighbors are looked up one by one
-CELL = 16  # pixels of the cells that are searched beyond that
-UNASKED = 21  # the pixel itself and the twenty nearest
-SPARSE = 64  # pixels a spike from which on cells are searched at once
+MARGIN = 6  # pixels around a map, and the distance up to which neighbors are looked up one by one
+CELL = 16  # side in pixels of the cells that are searched beyond that
+UNASKED = 21  # the pixel itself and the twenty nearest, which are always looked at
+SPARSE = 64  # pixels per spike from which on cells are searched immediately
 
 _U = np.uint64
 
 
 @njit(cache=True, nogil=True)
 def sum_polarity(x, y, p, sums, touched):
-    """P_sigma: +1 for ON and -1 for OFF summed at each position, (3.18), into `sums` [H, W], zero before.
+    """P_sigma: +1 for ON and -1 for OFF summed at each position, (3.18), into `sums` [H, W], which must be zero.
 
-    Fills `touched` int64 [N] with their places, y W + x, and returns how many; some may be there twice.
+    Fills `touched` int64 [N] with the positions y W + x, and returns how many; some may occur twice.
     """
     width = sums.shape[1]
     flat = sums.reshape(-1)
@@ -33,7 +33,7 @@ def sum_polarity(x, y, p, sums, touched):
 
 @njit(cache=True, nogil=True)
 def spikes(sums, touched, count):
-    """Positions and sums that are not zero, in raster order; `sums` is zeroed. O(count log count)."""
+    """Positions (x, y) and values of the sums other than 0, in raster order; `sums` is zeroed. O(count log count)."""
     flat = sums.reshape(-1)
     places = np.sort(touched[:count])
     x, y, total = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
@@ -59,11 +59,11 @@ _DY, _DX, _SQUARES = _around()
 
 @njit(cache=True, nogil=True)
 def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
-    """For each of N spikes the least dx² + dy² + weight (value - value')² to one of M others, if M > 0.
+    """For each of N spikes the least dx² + dy² + weight (value - value')² to any of M others, if M > 0.
 
-    Values are not zero. Costs beyond `limit` (squared pixels) all come out as something beyond it.
-    Others are looked up in a map, outward from the pixel, until the distance alone exceeds the best;
-    where it is empty around, cells of `CELL` pixels follow, outward, empty ones unseen. O(N + M + H W).
+    Values are not zero. A cost beyond `limit` (squared pixels) is returned as some number beyond it.
+    Others are looked up in a map, outward from the pixel, until the distance alone exceeds the best cost;
+    where the map is empty nearby, cells of `CELL` pixels are searched, outward, without empty ones. O(N + M + H W).
     """
     height, width = shape
     best = np.full(x.size, limit + 1)
@@ -71,7 +71,7 @@ def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
         _search_cells(x, y, value, bx, by, bvalue, shape, weight, -1, best)
         return best
     stride = width + 2 * MARGIN
-    # nothing is infinitely far: so no branch asks whether a pixel is empty, which none could foretell
+    # an empty pixel is infinitely far: so no branch tests for it, which would be unpredictable
     lattice = np.full((height + 2 * MARGIN) * stride, np.float32(np.inf))
     for j in range(_U(bx.size)):
         lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = bvalue[j]
@@ -87,8 +87,8 @@ def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
         own = np.float32(value[i])
         apart = np.float64(own - lattice[_U(home)])
         least = min(least, weight * apart * apart)
-        # all but the middle come in fours of one distance; the first are looked at unasked, as when to stop
-        # can't be foretold, and a wrong guess costs more than they do
+        # all but the middle come in fours of equal distance; the first are looked at in any case, because when to
+        # stop is unpredictable, and a wrong prediction costs more than they do
         for k in range(_U(1), _U(UNASKED), _U(4)):
             apart = _apart(lattice, steps, home, k, own)
             least = min(least, squares[k] + weight * apart * apart)
@@ -106,7 +106,7 @@ def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
 
 @njit(cache=True, nogil=True, inline="always")
 def _apart(lattice, steps, home, k, own):
-    """How far `own` is from the nearest value at the four steps from `k` on."""
+    """Distance of `own` from the nearest value at the four steps from `k` on."""
     one, two = abs(own - lattice[_U(home + steps[k])]), abs(own - lattice[_U(home + steps[k + _U(1)])])
     three, four = abs(own - lattice[_U(home + steps[k + _U(2)])]), abs(own - lattice[_U(home + steps[k + _U(3)])])
     return np.float64(min(min(one, two), min(three, four)))
@@ -114,7 +114,7 @@ def _apart(lattice, steps, home, k, own):
 
 @njit(cache=True, nogil=True)
 def _search_cells(x, y, value, bx, by, bvalue, shape, weight, settled, best):
-    """Lower `best` where it is above `settled`."""
+    """Search cells, and lower `best` where it is above `settled`."""
     rows, columns = (shape[0] + CELL - 1) // CELL, (shape[1] + CELL - 1) // CELL
     ends = np.zeros(rows * columns + 1, np.int64)
     for j in range(bx.size):
@@ -131,7 +131,7 @@ def _search_cells(x, y, value, bx, by, bvalue, shape, weight, settled, best):
         row, column = y[i] // CELL, x[i] // CELL
         least = best[i]
         for ring in range(max(rows, columns)):
-            # what lies in this ring of cells is at least this far
+            # everything in this ring of cells is at least this far away
             gap = float(max(ring - 1, 0) * CELL + (ring > 0))
             if gap * gap >= least:
                 break
@@ -150,9 +150,9 @@ def _search_cells(x, y, value, bx, by, bvalue, shape, weight, settled, best):
 
 @njit(cache=True, nogil=True)
 def cancel(place_a, a, place_b, b):
-    """Mass that lies at the same place on both sides stays there; returns what is left of `a` and `b`.
+    """Remove mass that lies at the same place on both sides; returns what is left of `a` and `b`.
 
-    `place_a` and `place_b` rise. By the triangle inequality some best plan moves none of it. O(N + M).
+    `place_a` and `place_b` increase. By the triangle inequality some optimal plan moves none of it. O(N + M).
     """
     a, b = a.copy(), b.copy()
     i = j = 0

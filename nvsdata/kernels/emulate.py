@@ -1,8 +1,8 @@
-"""PIX2NVS a frame at a time (thesis 3.2): tiles that did not change are compared and left.
+"""PIX2NVS, one frame at a time (thesis 3.2): tiles that did not change are only compared.
 
-Which tiles those are, `kernels.tiles` finds. Arrays: `frame` uint8 [H, W * C]; `plane`, `level`, `reference`,
+`kernels.tiles` finds these tiles. Arrays: `frame` uint8 [H, W * C]; `plane`, `level`, `reference`,
 `difference` of one float type [H, W]; marks of tiles bool [tile rows, tile columns].
-What looks at no neighbors is done band by band, so that a band stays in the cache from byte to event.
+Steps that need no neighbors are done band by band, so that a band stays in the cache from bytes to events.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _one = np.float32(1)
 
 @njit(cache=True, nogil=True)
 def luminance(frame, first_weight, rule, tiles, plane):
-    """`plane` = what the brightness of pixels of one byte, gray, or three is seen as.
+    """`plane` = the perceived brightness of pixels of one byte (gray) or three.
 
-    Of one byte that is the rule's table[byte], of three table[1000 q], q = 0.299 r + 0.587 g + 0.114 b, or (3.1) if
-    the table is empty. `first_weight`, in thousandths, is that of the first byte: 299 for r, g, b, 114 for b, g, r.
+    For one byte it is the rule's table[byte]; for three, table[1000 q], q = 0.299 r + 0.587 g + 0.114 b, or (3.1) if
+    the table is empty. `first_weight`: weight of the first byte in thousandths, 299 for r, g, b, 114 for b, g, r.
     """
     weight, other = np.int32(first_weight), np.int32(413 - first_weight)
     height, width = plane.shape
@@ -35,7 +35,7 @@ def luminance(frame, first_weight, rule, tiles, plane):
     for r in range(tiles.shape[0]):
         right = 0
         while right < tiles.shape[1]:
-            # neighboring tiles at one go
+            # neighboring tiles together
             left = right
             while right < tiles.shape[1] and tiles[r, right] == tiles[r, left]:
                 right += 1
@@ -56,7 +56,7 @@ def luminance(frame, first_weight, rule, tiles, plane):
 
 @njit(cache=True, nogil=True)
 def _weigh(row, weight, other, thousandths):
-    """Luminance of pixels in a row, in thousandths. Faster by half with weights that are given as int32."""
+    """Luminance of pixels in a row, in thousandths. Faster by half if the weights are int32."""
     for i in range(_U(thousandths.size)):
         c = _U(3) * i
         a, g, b = np.int32(row[c]), np.int32(row[c + _U(1)]), np.int32(row[c + _U(2)])
@@ -117,7 +117,7 @@ def differ(level, reference, method, sensitivity, tiles, difference):
 
 @njit(cache=True, nogil=True)
 def inhibit(difference, side, active):
-    """Of each `side` x `side` block keep the largest |d| (the first of equals), (3.5). Blocks count from the corner."""
+    """Keep the largest |d| (the first of equals) of each `side` x `side` block, (3.5). Blocks count from the corner."""
     height, width = difference.shape
     for top in range(0, height, side):
         bottom = min(top + side, height)
@@ -149,9 +149,9 @@ def _touches(active, top, bottom, left, right):
 def update(level, reference, difference, rule, active, still):
     """New references of active tiles, (3.9) and (3.10); then which tiles are still.
 
-    An alpha >= 1 takes the level itself. Without `everywhere` only where |difference| >= threshold. A tile
-    is still if, unchanged, it would not fire: co-located differences then only shrink, so none may
-    reach `calm`; others depend on neighbors, so no value may have moved, nor any fired.
+    With alpha >= 1 the reference becomes the level. Without `everywhere`, only where |difference| >= threshold. A tile
+    is still if it would not fire as long as it doesn't change. Co-located differences then only shrink, so none may
+    reach `calm`; others depend on neighbors, so no value may have moved, and none may have fired.
     """
     threshold, alpha, everywhere, calm = rule.threshold, rule.alpha, rule.everywhere, rule.calm
     for tile in np.ndindex(active.shape):
@@ -176,10 +176,10 @@ def update(level, reference, difference, rule, active, still):
 
 @njit(cache=True, nogil=True)
 def step(frame, previous, first_weight, rule, tiles, pixels, span, seed, keys):
-    """All that a frame brings, band by band: the keys of its events and their number, see `fire`.
+    """Process a frame, band by band; returns the keys of its events and their number, see `fire`.
 
-    An empty `frame` means that `look` was called, and that `plane` and `level` are up to date. For the rest
-    there is this one call, for each lets other threads take Python's lock, and waits until it has it again.
+    An empty `frame` means that `look` was called, and that `plane` and `level` are up to date. The rest is a single
+    call, because each call releases Python's lock to other threads, and waits until it has it again.
     """
     n = np.int64(0)
     if frame.size and not look(frame, previous, rule, tiles, pixels):

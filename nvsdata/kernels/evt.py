@@ -1,12 +1,12 @@
 """Prophesee EVT2 and EVT3 words to event columns.
 
-Both formats send the high bits of the time in words of their own, so a walk over all words finds
-the state in force at each block of words; a window then decodes only its blocks. See `kernels.decode` for what a
+Both formats send the high bits of the time in separate words, so a walk over all words finds
+the state before each block of words; a window then decodes only its blocks. See `kernels.decode` for what a
 decoder takes and returns, and `kernels.clock` for the times; EVT3's columns have room for the events that its walk
 counts.
 
-`state` is int64 [1] or [5]: the high part of the time in µs (wraps added), and of EVT3 the low part, y, base x and
-polarity. What a walk has seen is int64 [5], by the names below.
+`state` is int64 [1] or [5]: the high part of the time in µs (wraps added), and for EVT3 the low part, y, base x and
+polarity. What a walk has seen is int64 [5], indexed by the names below.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from nvsdata.kernels.clock import BACK_US, SILENT_US, first_time, is_jump, neare
 
 EVT2_OFF, EVT2_ON, EVT2_TIME = 0x0, 0x1, 0x8
 EVT3_Y, EVT3_X, EVT3_BASE, EVT3_VECTOR_12, EVT3_VECTOR_8, EVT3_LOW, EVT3_HIGH = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x8
-IGNORED = 0xF  # a kind of words that neither decoder looks at
+IGNORED = 0xF  # a type of word that both decoders skip
 NO_TIME = -1  # before the first word with high bits: events there have no time
-# Times of the last and the first event, the number of times that fell, of words, and the first that no camera wrote
+# Times of the last and the first event, number of times that fell, number of words, first word that no camera wrote
 LAST, FIRST, FALLS, WORDS, JUMP = range(5)
 UNSEEN = (-1, -1, 0, 0, -1)
 UNDATED = (NO_TIME, 0, 0, 0, 0)
@@ -28,7 +28,7 @@ UNDATED = (NO_TIME, 0, 0, 0, 0)
 
 @njit(cache=True, nogil=True)
 def evt2_walk(raw, block, state, seen, states, times):
-    """Walk a piece of the words. O(N). Writes for every `block`-th word of the file
+    """Walk over a piece of the words. O(N). Writes for every `block`-th word of the file
 
     - the state in force there (int64 [M, 1]),
     - the time of the last event before it (int64 [M], -1 if there is none).
@@ -67,7 +67,7 @@ def _next_high(before, raw, bits, shift):
 
 @njit(cache=True, nogil=True, inline="always")
 def _is_jump(before, high, bits):
-    """Whether no camera goes on at `high` µs; of a counter's first word, whether none begins there."""
+    """Whether no camera continues at `high` µs or, for a counter's first word, begins there."""
     return high < 0 if before < 0 else is_jump(before, high, bits, BACK_US, SILENT_US)
 
 
@@ -116,7 +116,7 @@ def evt2_decode(raw, width, height, state, kept, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def evt3_walk(raw, block, state, seen, states, times, events):
-    """Walk a piece of the words. O(N). As `evt2_walk` (states int64 [M, 5]), and adds up the events of every block."""
+    """Walk over a piece of the words. O(N). Like `evt2_walk` (states int64 [M, 5]); also counts each block's events."""
     words = raw.view(np.uint16)
     begin = seen[WORDS]
     for i in range(words.size):
@@ -157,7 +157,7 @@ def _events_of(word, kind):
 
 @njit(cache=True, nogil=True, inline="always")
 def _advance(state, word, kind):
-    """Change the state by a word."""
+    """Update the state by a word."""
     if kind == EVT3_HIGH:
         high = _next_high(state[0], np.int64(word & 0xFFF), 12, 12)
         if high != state[0]:

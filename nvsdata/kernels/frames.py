@@ -1,4 +1,4 @@
-"""Events summed to frames."""
+"""Summing events to frames."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def to_frames(x, y, p, bounds, sensor_size, factor):
-    """Mean over cells of the polarity, +1 or -1, summed at their pixels: float32 [frames, H, W]. O(N + output).
+    """Polarity, +1 or -1, summed at each pixel, and its mean over cells: float32 [frames, H, W]. O(N + output).
 
     Frame n has the events from `bounds[n]` to `bounds[n + 1]`.
     """

@@ -19,7 +19,7 @@ def event_graph(t, x, y, p, start, radius, alpha, beta, max_degree, reach):
 
 @njit(cache=True, nogil=True)
 def nearest_event_graph(t, x, y, p, start, alpha, beta, reach):
-    """The same of the graph that joins each event with its nearest; see `nearest_edges`."""
+    """The same arrays for the graph that joins each event with its nearest; see `nearest_edges`."""
     return _with_nodes(t, x, y, p, start, nearest_edges(t, x, y, alpha, beta), reach)
 
 
@@ -54,7 +54,7 @@ GROUPED, UNGROUPED, NO_SUCH_NODE, NOT_FINITE = 0, 1, 2, 3
 
 @njit(cache=True, nogil=True)
 def check_edges(source, target, u, nodes):
-    """Whether edges can be trusted, and whether they are grouped by target: one of the codes above. O(E)."""
+    """Whether edges are valid, and whether they are grouped by target: one of the codes above. O(E)."""
     code = GROUPED
     last = 0
     for e in range(source.size):
@@ -70,7 +70,7 @@ def check_edges(source, target, u, nodes):
 
 @njit(cache=True, nogil=True)
 def with_self_loops(source, target, u, nodes):
-    """Edges grouped by target, with a loop of pseudo-coordinates 0 in front of each group. O(E + N).
+    """Edges grouped by target, with a self-loop of pseudo-coordinates 0 in front of each group. O(E + N).
 
     `source`, `target` int64 [E] sorted by target, `u` [E, 2]; returns int64 [2, E + N] and [E + N, 2].
     """

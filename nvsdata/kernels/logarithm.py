@@ -20,13 +20,13 @@ _C3, _C4, _C5, _C6, _C7, _C8, _C9 = (
 def logarithm(thousandths, t_log, slope, scratch, out):
     """`out` = ln q where q > t_log, else slope q, of brightness q in thousandths, (3.1); off by at most 4e-7.
 
-    The same on every machine. `scratch` uint32 [2, at least N].
+    The result is the same on every machine. `scratch` uint32 [2, at least N].
     """
     n = _U(out.size)
     exponent, bits = scratch[0], scratch[1]
     part = bits.view(np.float32)
-    limit = _F(1000) * t_log  # compared in thousandths, which are whole: (3.1) jumps at t_log
-    # a loop for each step, so that each is vectorized
+    limit = _F(1000) * t_log  # compared in thousandths, which are whole numbers: (3.1) jumps at t_log
+    # one loop per step, so that each is vectorized
     for i in range(n):
         part[i] = _F(thousandths[i]) * _F(0.001)
     for i in range(n):

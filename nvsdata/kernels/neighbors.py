@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-SWEEP = 48  # mean number of events within reach in time up to which no cells are worth their upkeep
-CHUNK = 4096  # pairs that are looked at in one go
+SWEEP = 48  # mean number of events within reach in time; up to this, cells aren't worth maintaining
+CHUNK = 4096  # pairs that are processed together
 
 
 @njit(cache=True, nogil=True)
@@ -14,9 +14,9 @@ def radius_edges(t, x, y, radius, alpha, beta, max_degree, sweep_below=SWEEP):
     """Edges of the radius graph: int64 [2, E], rows source and target, sorted by (target, source).
 
     Events i != j are joined if alpha (dx² + dy²) + beta dt² <= radius². A target keeps its
-    `max_degree` nearest sources by (distance, index). `t` must not decrease. Where fewer than
-    `sweep_below` events, on average, are within reach in time, all of them are looked at;
-    otherwise only those in the cells around.
+    `max_degree` nearest sources by (distance, index). `t` must not decrease. If on average fewer than
+    `sweep_below` events are within reach in time, all of them are tested;
+    otherwise only those in neighboring cells.
     O(N · events within reach of one) time, O(N · max_degree) memory.
     """
     n = t.size
@@ -26,15 +26,15 @@ def radius_edges(t, x, y, radius, alpha, beta, max_degree, sweep_below=SWEEP):
         reach_t = np.int64(np.sqrt(limit / beta)) + 1
     x0, y0, across, down, cell = _cells(x, y, radius, alpha)
     sweep = _pairs_in_time(t, reach_t) <= sweep_below * n
-    # row and column in one number, so that one comparison tells whether both are near
+    # row and column in one number, so that one comparison tests both
     place = np.empty(n, np.uint32)
     for i in range(np.uint64(n)):
         place[i] = np.uint32(y[i]) << np.uint32(16) | np.uint32(x[i])
     home = np.empty(0 if sweep else n, np.int64)
     for i in range(home.size):
         home[i] = ((y[i] - y0) // cell + 1) * (across + 2) + (x[i] - x0) // cell + 1
-    # in a busy scene events are hashed into cells of the spatial reach; within a cell they form a
-    # list from the latest back, so that the search stops at the first event that is too old
+    # in a busy scene events are put into cells of the size of the spatial reach; within a cell they form
+    # a list from the latest back, so that the search stops at the first event that is too old
     head = np.full(0 if sweep else (down + 2) * (across + 2), -1, np.int64)
     previous = np.empty(home.size, np.int64)
     later, earlier = np.empty(CHUNK + n, np.int32), np.empty(CHUNK + n, np.int32)
@@ -54,7 +54,7 @@ def radius_edges(t, x, y, radius, alpha, beta, max_degree, sweep_below=SWEEP):
 
 @njit(cache=True, nogil=True)
 def _sweep(i, first, t, place, reach_t, cell, later, earlier):
-    """Pairs of events i, i + 1, ... with earlier ones (from `first` on) that are near, up to a chunk."""
+    """Pairs of events i, i + 1, ... with near earlier ones (from `first` on), up to a chunk of pairs."""
     # both differences lie in 0..2 cell, or in the next power of two, if no bit outside is set
     wide = 1
     while wide < 2 * cell + 1:
@@ -70,7 +70,7 @@ def _sweep(i, first, t, place, reach_t, cell, later, earlier):
         for j in range(first, i):
             later[found] = i
             earlier[found] = j
-            # no branch: which events are near is beyond any predictor
+            # no branch, because which events are near is unpredictable
             found += np.uint64(((place[j] - corner) & outside) == 0)
         i += np.uint64(1)
     return np.int64(i), np.int64(first), np.int64(found)
@@ -78,7 +78,7 @@ def _sweep(i, first, t, place, reach_t, cell, later, earlier):
 
 @njit(cache=True, nogil=True)
 def _visit_cells(i, t, reach_t, home, across, head, previous, later, earlier):
-    """Pairs of events i, i + 1, ... with earlier ones in the cells around them, up to a chunk."""
+    """Pairs of events i, i + 1, ... with earlier ones in neighboring cells, up to a chunk of pairs."""
     found = 0
     while i < t.size and found < CHUNK:
         for below in range(-1, 2):
@@ -107,7 +107,7 @@ def _joined(t, x, y, limit, alpha, beta, later, earlier, found):
 
 @njit(cache=True, nogil=True)
 def _insert(t, x, y, alpha, beta, later, earlier, degree, source, worst):
-    """Add every pair to the lists of both events; a full list gives up its furthest source."""
+    """Add every pair to the lists of both events; in a full list it replaces the furthest source if it is nearer."""
     max_degree = source.shape[1]
     for k in range(np.uint64(later.size)):
         target, other = np.uint64(later[k]), np.uint64(earlier[k])
@@ -130,10 +130,10 @@ def _insert(t, x, y, alpha, beta, later, earlier, degree, source, worst):
 
 @njit(cache=True, nogil=True)
 def nearest_edges(t, x, y, alpha, beta):
-    """From its nearest event to each event: int64 [2, N], or [2, 0] for fewer than two. `t` int64, sorted.
+    """Edges to each event from its nearest event: int64 [2, N], or [2, 0] for fewer than two. `t` int64, sorted.
 
-    Nearest by alpha (dx² + dy²) + beta dt², then by index. Each looks outward in time until that alone is
-    further: O(N x events within that time).
+    Nearest by alpha (dx² + dy²) + beta dt², then by index. The search goes outward in time until the time difference
+    alone is further: O(N x events within that time).
     """
     n = t.size
     edges = np.empty((2, n if n > 1 else 0), np.int64)
@@ -146,7 +146,7 @@ def nearest_edges(t, x, y, alpha, beta):
                     before = -1
                 else:
                     far = _distance(t, x, y, i, before, alpha, beta)
-                    # the smaller index of equals, and these only get smaller
+                    # of equals the smaller index; indices only get smaller here
                     if far <= best:
                         best, nearest = far, before
                     before -= 1
@@ -194,7 +194,7 @@ def _cells(x, y, radius, alpha):
         y0, y1 = min(y0, np.int64(y[i])), max(y1, np.int64(y[i]))
     widest = max(x1 - x0, y1 - y0) + 1
     reach = np.float64(widest) if alpha == 0 else radius / np.sqrt(alpha)
-    # whole coordinates: nothing lies between floor(reach) and reach; never more than 2^20 cells
+    # coordinates are whole, so none lies between floor(reach) and reach; at most 2^20 cells
     cell = np.int64(max(1.0, widest / 1024, min(np.floor(reach * (1 + 1e-12)), np.float64(widest))))
     cell += np.int64(cell * 1024 < widest)
     return x0, y0, (x1 - x0) // cell + 1, (y1 - y0) // cell + 1, cell
@@ -202,7 +202,7 @@ def _cells(x, y, radius, alpha):
 
 @njit(cache=True, nogil=True)
 def _furthest(t, x, y, target, source, alpha, beta):
-    """Place of the source that a nearer one would replace. O(max_degree)."""
+    """Index of the source that a nearer one would replace. O(max_degree)."""
     worst, most = 0, -1.0
     for k in range(source.shape[1]):
         j = source[target, k]
@@ -214,7 +214,7 @@ def _furthest(t, x, y, target, source, alpha, beta):
 
 @njit(cache=True, nogil=True)
 def _by_target(degree, source):
-    """Lists of sources to sorted edges."""
+    """Edges, sorted by (target, source), from lists of sources."""
     edges = np.empty((2, degree.sum()), np.int64)
     e = np.uint64(0)
     for i in range(np.uint64(degree.size)):
@@ -228,7 +228,7 @@ def _by_target(degree, source):
 
 @njit(cache=True, nogil=True)
 def _ascend(values, lo, hi):
-    """Sort values[lo:hi] in place by insertion, for they are few and nearly sorted."""
+    """Sort values[lo:hi] in place by insertion, because they are few and nearly sorted."""
     one = np.uint64(1)
     for i in range(lo, hi):
         value = values[i]

@@ -12,7 +12,7 @@ def is_sorted(t):
     block = 4096
     for start in range(1, t.size, block):
         falls = 0
-        # no way out within a block, so that it is vectorized
+        # no exit within a block, so that it is vectorized
         for i in range(np.uint64(start), np.uint64(min(start + block, t.size))):
             falls += t[i] < t[i - np.uint64(1)]
         if falls:

@@ -1,4 +1,4 @@
-"""Clusters of nodes: the coarse graph, and features pooled over it."""
+"""Clusters of nodes: the coarse graph, and features pooled over its clusters."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def clusters(pos, t, ptr, width, height, columns, rows):
-    """Cluster of every node, and where and when the clusters lie. O(N + B · columns · rows).
+    """Cluster of every node, and positions and times of the clusters. O(N + B · columns · rows).
 
     `pos` float [N, 2], `t` int64 [N]; graph b owns nodes ptr[b]..ptr[b + 1]; a cluster is a cell of
-    `width` x `height` pixels; nodes outside the grid belong to its border, nodes nowhere (NaN) to cell 0.
+    `width` x `height` pixels; nodes outside the grid belong to its border cells, nodes at NaN to cell 0.
     Clusters are numbered by graph, row, column.
 
-    Returns `cluster` int64 [N]; of the clusters `position` float32 [M, 2] (floor of the mean, eq. 4.8),
+    Returns `cluster` int64 [N]; the clusters' `position` float32 [M, 2] (floor of the mean, eq. 4.8),
     `time` int64 [M] (likewise) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
     """
     graphs = ptr.size - 1
@@ -32,7 +32,7 @@ def clusters(pos, t, ptr, width, height, columns, rows):
     for b in range(graphs):
         slot[:] = -1
         for i in range(ptr[b], ptr[b + 1]):
-            # clipped as numbers, for NaN and infinities aren't integers; in this order NaN becomes 0
+            # clipped as floats, because NaN and infinities aren't integers; in this order NaN becomes 0
             column = int(min(max(0.0, pos[i, 0] / width), columns - 1.0))
             row = int(min(max(0.0, pos[i, 1] / height), rows - 1.0))
             cluster[i] = row * columns + column
@@ -59,7 +59,7 @@ def clusters(pos, t, ptr, width, height, columns, rows):
 
 @njit(cache=True, nogil=True)
 def merged_edges(source, target, cluster, count):
-    """Edges between clusters that an edge of their nodes joins, each once, no loops.
+    """Edges between clusters that any edge of their nodes joins: each once, no loops.
 
     `source`, `target` int64 [E] in any order, `cluster` int64 [N], `count` clusters. Returns
     int64 [2, E'] sorted by (target, source). O(E + E' log degree).

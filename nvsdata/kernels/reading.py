@@ -1,11 +1,11 @@
-"""Small reads from open files. A call of the system from Python costs more than what it reads."""
+"""Small reads from open files: compiled, because a system call from Python costs more than the reading."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit, types
 
-# the C library's, on systems that have it
+# the C library's function, on systems that have it
 pread = types.ExternalFunction("pread", types.int64(types.int32, types.uintp, types.uintp, types.int64))
 
 

@@ -7,7 +7,7 @@ from numba import njit
 
 from nvsdata.kernels.random import STEP, random_bits
 
-BUCKETS = 256  # of the histogram that finds a median
+BUCKETS = 256  # in the histogram that finds a median
 
 
 @njit(cache=True, nogil=True)
@@ -21,7 +21,7 @@ def nonuniform_sample(t, x, y, k, wx, wt, seed):
     n = t.size
     # every box keeps its events in order of time, so that a split in time costs nothing
     index, columns = np.empty(n, np.int32), np.empty((2, n), np.int16)
-    # loops here and below: numba takes seconds to compile arrays set to arrays
+    # loops here and below: numba takes seconds to compile assignments between arrays
     for i in range(n):
         index[i], columns[0, i], columns[1, i] = i, x[i], y[i]
     spare = np.empty((3, n), np.int32)
@@ -60,7 +60,7 @@ def nonuniform_sample(t, x, y, k, wx, wt, seed):
 def _below(state, bound):
     """Next state of a generator and a number in [0, bound)."""
     state += np.uint64(STEP)
-    # the upper 32 bits, scaled: no modulo bias worth the name for boxes below 2^20 events
+    # the upper 32 bits, scaled: negligible bias for boxes below 2^20 events
     return state, np.int64(((random_bits(state) >> np.uint64(32)) * np.uint64(bound)) >> np.uint64(32))
 
 
@@ -83,7 +83,7 @@ def _median(values, lo, hi, first, last, nth, counts):
     while True:
         counts[: ((last - first) >> shift) + 1] = 0
         for value in values[lo:hi]:
-            # what lies below `first` wraps to a great number; what lies above `last` is never looked at
+            # a value below `first` wraps to a large number; one above `last` is never looked at
             at = np.uint32(np.int32(value) - np.int32(first)) >> np.uint32(shift)
             if at < BUCKETS:
                 counts[np.uint64(at)] += 1
@@ -100,7 +100,7 @@ def _median(values, lo, hi, first, last, nth, counts):
 
 @njit(cache=True, nogil=True)
 def _partition(index, columns, spare, lo, hi, axis, border, equal):
-    """Move events below `border` on `axis`, and the first `equal` of those on it, to the front, stably."""
+    """Move events below `border` on `axis`, and the first `equal` events at it, to the front, stably."""
     # unsigned indices spare numba's test for negative ones
     left, right = np.uint64(lo), np.uint64(0)
     values = columns[axis]
@@ -110,7 +110,7 @@ def _partition(index, columns, spare, lo, hi, axis, border, equal):
         equal -= tie
         near = (value < border) | tie
         event, column, row = index[i], columns[0, i], columns[1, i]
-        # no branch: both places are written, only the border moves or does not
+        # no branch: both places are written, and only the counts depend on the comparison
         spare[0, right], spare[1, right], spare[2, right] = event, column, row
         index[left], columns[0, left], columns[1, left] = event, column, row
         left += np.uint64(near)

@@ -1,4 +1,4 @@
-"""What PIX2NVS makes of differences (thesis 3.2.2): events as keys of 64 bits, sorted, unpacked, read out.
+"""From PIX2NVS's differences to events (thesis 3.2.2): as keys of 64 bits, sorted, unpacked, read out.
 
 A key: µs since the last frame << 32 | y << 17 | x << 1 | ON. A frame's keys are in raster order until they are sorted.
 """
@@ -14,19 +14,19 @@ from nvsdata.kernels.random import STEP, random_bits
 from nvsdata.kernels.tiles import TILE
 
 INTERPOLATED, RANDOM, AT_ONCE = range(3)
-FEW = 3  # events of a position that are written whether they count or not
+FEW = 3  # events per position that are always written, even if they don't count
 
 _U, _U32, _I32 = np.uint64, np.uint32, np.int32
 
 
-# with Python's error model every division asks for a zero, and isn't vectorized
+# with Python's error model every division tests for zero, and isn't vectorized
 @njit(cache=True, nogil=True, error_model="numpy")
 def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
     """Events where |difference| >= threshold, (3.6) and (3.8), as keys in raster order.
 
     `difference` [rows, W] begins at row `top` of the frame. Times are k span T / |d| for the k-th of a
-    position (`INTERPOLATED`), random, or left at 0; the one value of `span` is the µs between the frames.
-    `n` keys are there already; returns the keys, in a larger array if they outgrew theirs, and their number.
+    position (`INTERPOLATED`), random, or left at 0; `span` has one value, the µs between the frames.
+    `keys` already holds `n` keys; returns the keys, in a larger array if necessary, and their number.
     O(active pixels + events).
     """
     height, width = difference.shape
@@ -39,7 +39,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
         m = _fired(difference[y], active[y // TILE[0]], threshold, mask, x)
         if m == 0:
             continue
-        # a loop for each array, so that each is vectorized
+        # one loop per array, so that each is vectorized
         for j in range(_U(m)):
             ratio[j] = difference[y, _U(x[j])]
         for j in range(_U(m)):
@@ -65,7 +65,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
                 second[j] = _I32(time)
                 time += step[j]
                 third[j] = _I32(time)
-            # all three are written, the next position overwrites those that don't count
+            # all three are always written; the next position overwrites those that don't count
             for j in range(_U(m)):
                 place = _U(low[j])
                 keys[end] = _U(_U32(first[j])) << _U(32) | place
@@ -89,7 +89,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
 
 @njit(cache=True, nogil=True)
 def _fired(difference, active, threshold, mask, x):
-    """Write to `x` where a row's |difference| >= threshold in active tiles; how many. `mask` is scratch of a tile."""
+    """Write to `x` where a row's |difference| >= threshold in active tiles; returns how many. `mask`: scratch."""
     words = mask.view(np.uint64)
     m = _U(0)
     for tile in range(active.size):
@@ -104,7 +104,7 @@ def _fired(difference, active, threshold, mask, x):
         some = words[0] | words[1] | words[2] | words[3] | words[4] | words[5] | words[6] | words[7]
         if some:
             for w in range(_U(words.size)):
-                # without branches: which of the eight fire can't be foretold
+                # without branches, because which of the eight fire is unpredictable
                 for i in range(_U(8)):
                     x[m] = left + _U(8) * w + i
                     m += (words[w] >> (_U(8) * i)) & _U(1)
@@ -122,15 +122,15 @@ def _grown(keys, n, more):
 
 @njit(cache=True, nogil=True)
 def _random(seed, place):
-    """64 random bits that depend on both numbers only."""
+    """64 random bits that depend only on the two numbers."""
     return random_bits(seed + (place + _U(1)) * _U(STEP))
 
 
 @njit(cache=True, nogil=True)
 def read(keys, bits, start, t, x, y, p):
-    """Columns of events from keys, which are used up, sorted by their times below 2^bits if `bits` is not 0."""
+    """Unpack keys into columns of events; if `bits` > 0, sort them first by their times below 2^bits, in place."""
     if bits:
-        # the column of times is scratch until it is written
+        # the column of times serves as scratch until it is written
         sort_keys(keys, t.view(np.uint64), bits)
     for i in range(_U(keys.size)):
         key = keys[i]
@@ -142,7 +142,7 @@ def read(keys, bits, start, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def sort_keys(keys, spare, bits):
-    """Sort keys stably by their times below 2^bits, digit by digit of two; `spare` is scratch. O(N + 2^(bits / 2))."""
+    """Sort keys stably by their times below 2^bits, in two digits; `spare` is scratch. O(N + 2^(bits / 2))."""
     digit = _U((bits + 1) // 2)
     mask = (_U(1) << digit) - _U(1)
     minor, major = _U(32), _U(32) + digit
@@ -156,7 +156,7 @@ def sort_keys(keys, spare, bits):
 
 @njit(cache=True, nogil=True)
 def _spread(keys, out, shift, mask, places):
-    """Keys in order of a digit, of which `places` has how many there are of each value; it is used up."""
+    """Write keys to `out` in order of a digit; `places`: how often each value occurs, overwritten."""
     total = _U32(0)
     for d in range(places.size):
         total, places[d] = _U32(total + places[d]), total
@@ -168,10 +168,10 @@ def _spread(keys, out, shift, mask, places):
 
 @njit(cache=True, nogil=True)
 def read_out(t, x, y, width, ready, refractory, gap, busy, start):
-    """Times at which events leave a sensor that passes one every `gap` µs, and which of them do. O(N).
+    """Times at which events leave a sensor that reads out one per `gap` µs, and which of them do. O(N).
 
-    The readout is taken until `start` + `busy`; the new value is returned. A pixel is blind while its
-    event waits and for `refractory` µs after: `ready` int64 [H * W] has the µs at which it sees again.
+    The readout is occupied until `start` + `busy`; the new `busy` is returned. A pixel is blind while its
+    event waits and for `refractory` µs after: `ready` int64 [H * W] has the time in µs at which it sees again.
     """
     out, kept = np.empty_like(t), np.zeros(t.size, np.bool_)
     for i in range(t.size):

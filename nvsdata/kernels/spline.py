@@ -1,4 +1,4 @@
-"""Sparse B-spline aggregation: visit only the (node, kernel cell) pairs that occur."""
+"""Sparse B-spline aggregation: only the (node, kernel cell) pairs that occur are visited."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True, inline="always")
 def _corner(u, size):
-    """Lower kernel index and the share of the upper one, on the axis position u in [0, 1]."""
+    """Lower kernel index, and the share of the upper one, at position u in [0, 1] of an axis."""
     if size == 1:
         return 0, u * 0
     v = min(max(u, u * 0), u * 0 + 1) * (size - 1)
@@ -20,7 +20,7 @@ def _corner(u, size):
 def spline_shares(source, target, u, size, nodes):
     """Entries of the dense aggregation, whose row for a node and a cell is node * size² + cell.
 
-    The arguments and entries are those of `spline_plan`. O(4 E).
+    Arguments and entries are as in `spline_plan`. O(4 E).
     """
     degree = np.zeros(nodes, np.int32)
     for e in range(source.size):
@@ -48,7 +48,7 @@ def spline_shares(source, target, u, size, nodes):
 
 @njit(cache=True, nogil=True)
 def spline_plan(source, target, u, size, nodes):
-    """Which rows the aggregation of a graph has, sorted by kernel cell.
+    """The rows of a graph's aggregation, sorted by kernel cell.
 
     `source`, `target` int64 [E] grouped by target, `u` float [E, 2] in [0, 1], `size` the kernel
     size. A row is a (node, cell) pair that at least one edge touches; an entry adds a share of a

@@ -1,4 +1,4 @@
-"""Windows of stored columns."""
+"""Reading windows of stored columns."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 from numba import njit, types
 
 _U = np.uint64
-# the C library's, on systems that have it: a call from Python costs more than what it reads
+# the C library's function, on systems that have it: a call from Python costs more than the reading
 _pread = types.ExternalFunction("pread", types.int64(types.int32, types.uintp, types.uintp, types.int64))
 
 
 @njit(cache=True, nogil=True)
 def marked_range(marks, base, start, stop):
-    """Which blocks of a recording hold events with start <= t < stop; `marks` are the blocks' first times.
+    """The blocks of a recording that hold events with start <= t < stop; `marks`: the blocks' first times.
 
     Returns the first block and the one after the last. O(log blocks).
     """
@@ -24,10 +24,10 @@ def marked_range(marks, base, start, stop):
 def read_window(
     out_t, out_x, out_y, out_p, base, start, stop, handle, lo, t0, x0, y0, p0, like_t, like_x, like_y, like_p
 ):
-    """`stored_window` of events lo, lo + 1, ... of an open file, as many as there is room for.
+    """`stored_window` of events lo, lo + 1, ... of an open file, as many as fit into the outputs.
 
-    Their columns begin at bytes `t0`, `x0`, `y0` and `p0`, and are of the types of `like_t` and so on. Returns
-    how many events there are; -1 if fewer bytes came than were asked for.
+    Their columns begin at bytes `t0`, `x0`, `y0` and `p0`, and have the types of `like_t` and so on. Returns
+    the number of events, or -1 if the file has fewer bytes than were requested.
     """
     n = out_t.size
     t, x = np.empty(n, like_t.dtype), np.empty(n, like_x.dtype)
@@ -48,12 +48,12 @@ def _filled(column, handle, begin, lo):
 def stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p):
     """Events of stored columns with start <= t + base < stop. O(log N + events found).
 
-    Columns of any integer type go to t int64 (with `base` added), x, y int16 and p uint8, at least as
-    long. Returns how many events there are.
+    Columns of any integer type are written to `out_t` int64 (with `base` added), `out_x`, `out_y` int16 and `out_p`
+    uint8, which must be at least as long. Returns the number of events.
     """
     first = _bisect(t, base, start)
     count = max(_bisect(t, base, stop) - first, 0)
-    # a loop a column, for the compiler to vectorize
+    # one loop per column, so that each is vectorized
     for i in range(_U(count)):
         out_t[i] = np.int64(t[_U(first) + i]) + base
     for i in range(_U(count)):
@@ -67,7 +67,7 @@ def stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def _bisect(t, base, time):
-    """First place in `t` whose time is at least `time`."""
+    """First index in `t` whose time is at least `time`."""
     lo, hi = 0, t.size
     while lo < hi:
         middle = (lo + hi) // 2

@@ -7,7 +7,7 @@ from numba import njit
 
 NEWLINE, RETURN, SPACE, TAB, COMMA, MINUS, DOT, HASH = 10, 13, 32, 9, 44, 45, 46, 35
 
-# What can be wrong with a line
+# Faults of a line
 OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE, TOO_LATE = 0, 1, 2, 3, 4
 LATEST = 2**62
 
@@ -19,7 +19,7 @@ def text_decode(raw, start, stop, seconds_first, skip_faults, columns):
     `seconds_first`: the line is `t x y p` with t in seconds (kept exact: digits, not floats,
     rounded down to the µs); otherwise `x y t p`, all integers, t in µs.
     `columns`: int64 [4, M] to fill with t, x, y, p, M at least the number of lines.
-    Returns (events, fault code, byte offset of the fault, lines dropped): the first fault ends it,
+    Returns (events, fault code, byte offset of the fault, lines dropped). The first fault ends the parsing,
     unless `skip_faults`. Empty lines and lines beginning with `#` are skipped.
     """
     kept = dropped = 0
@@ -82,8 +82,8 @@ def _line(raw, i, stop, seconds_first, values):
 def _number(raw, i, stop, seconds):
     """One decimal number at byte i: (value, byte after it, whether it is one).
 
-    With `seconds`, a decimal fraction is allowed and the value is in µs. A whole number may end
-    in `.0`; any other fraction of one is refused, and so is a number beyond int64.
+    With `seconds`, a decimal fraction is allowed and the value is in µs. Without, a number may end
+    in `.0`; any other fraction is refused. A number beyond int64 is refused in any case.
     """
     negative = raw[i] == MINUS
     if negative:

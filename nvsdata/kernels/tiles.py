@@ -1,4 +1,4 @@
-"""Which tiles of a frame PIX2NVS has to look at: those that changed, and what they and earlier frames make restless.
+"""The tiles of a frame that PIX2NVS has to process: those that changed, and those that they or earlier frames affect.
 
 A frame is cut into tiles of `TILE` pixels. Frames are uint8 [H, bytes of a row].
 """
@@ -19,7 +19,7 @@ _U = np.uint64
 class Rule(NamedTuple):
     """What stays the same from frame to frame, see `luminance`, `differ`, `inhibit`, `fire` and `update`.
 
-    `contrast` says that brightness is seen beside that of neighbors.
+    `contrast`: whether brightness is taken relative to that of neighbors.
     """
 
     contrast: bool
@@ -38,11 +38,13 @@ class Rule(NamedTuple):
 
 
 class Tiles(NamedTuple):
-    """The state of tiles, [tile rows, tile columns]: bool, and how many frames references are `behind`, int64.
+    """The state of tiles, bool [tile rows, tile columns] each, except `behind`.
 
-    `dirty` are those that changed, `affected` those in which brightness is seen otherwise than before (the same
-    array where neighbors don't matter), `active` those that have to be looked at; `still` ones need not be until
-    they or their neighbors get dirty.
+    - `dirty`: tiles that changed
+    - `affected`: tiles whose perceived brightness changed (the same array where neighbors don't matter)
+    - `active`: tiles that have to be processed
+    - `still`: tiles that needn't be processed until they or their neighbors get dirty
+    - `behind` int64: number of frames by which a tile's references are behind
     """
 
     dirty: np.ndarray
@@ -53,7 +55,7 @@ class Tiles(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """The state of pixels; `difference` has as many rows as a band."""
+    """The state of pixels; `difference` has only the rows of a band."""
 
     plane: np.ndarray
     level: np.ndarray
@@ -70,10 +72,10 @@ def bounds(tile, shape):
 
 @njit(cache=True, nogil=True)
 def look(frame, previous, rule, tiles, pixels):
-    """Find what a frame changes and makes active, and bring references there up to date; whether there is any."""
+    """Find the tiles that a frame makes dirty and active, and update references; returns whether any are active."""
     width = pixels.level.shape[1]
     changed = find_dirty(frame, previous, frame.shape[1] // width * TILE[1], tiles.dirty)
-    follows = rule.everywhere and rule.alpha < 1  # does a reference move where nobody looks?
+    follows = rule.everywhere and rule.alpha < 1  # whether references also move in tiles that aren't processed
     if changed or not tiles.still.all():
         _wake(rule, tiles)
         catch_up(pixels.reference, pixels.level, rule.alpha, tiles.behind, tiles.active)
@@ -95,7 +97,7 @@ def find_dirty(frame, previous, tile_bytes, dirty):
         marks[:] = False
         marked = 0
         for y in range(r * TILE[0], min((r + 1) * TILE[0], frame.shape[0])):
-            # a row at one go while all are clean: memory is read fastest in its order
+            # whole rows while all tiles are clean: memory is read fastest sequentially
             if marked == marks.size or (marked == 0 and not _changed(frame[y], previous[y])):
                 continue
             for c in range(marks.size):
@@ -117,7 +119,7 @@ def _changed(row, previous):
 
 @njit(cache=True, nogil=True)
 def _wake(rule, tiles):
-    """Which tiles are affected and active: changed ones, restless ones, and neighbors that matter."""
+    """Set which tiles are affected and active: changed ones, those not still, and neighbors that matter."""
     affected, active = tiles.affected, tiles.active
     if rule.contrast:
         spread(tiles.dirty, affected)
@@ -132,7 +134,7 @@ def _wake(rule, tiles):
 
 @njit(cache=True, nogil=True)
 def spread(marks, out):
-    """Whether a tile or any of its eight neighbors is marked."""
+    """Write to `out` whether each tile or any of its eight neighbors is marked."""
     rows, columns = marks.shape
     for r, c in np.ndindex(marks.shape):
         found = False
@@ -144,7 +146,7 @@ def spread(marks, out):
 
 @njit(cache=True, nogil=True)
 def catch_up(reference, level, alpha, behind, tiles):
-    """Moving averages that were left behind, (3.10): the very steps left out, until none moves a value."""
+    """Update moving averages that are behind, (3.10), by exactly the omitted steps, until none changes a value."""
     for tile in np.ndindex(tiles.shape):
         if not tiles[tile] or behind[tile] == 0:
             continue

@@ -2,7 +2,7 @@
 
 Sources and sinks are the nodes of a spanning tree that hangs from an artificial root. Each pivot
 brings one arc into the tree and takes one out; the tree is kept strongly feasible (Cunningham 1976),
-which rules out cycling, for integer masses degenerate all the time.
+which rules out cycling, because integer masses are degenerate all the time.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-TOLERANCE = 1e-11  # of reduced costs: below it a pivot gains nothing but rounding
+TOLERANCE = 1e-11  # of reduced costs: below it a pivot gains only rounding errors
 
 
 @njit(cache=True, nogil=True)
@@ -20,19 +20,19 @@ def least_work(ax, ay, am, bx, by, bm):
     """Least sum of mass times Euclidean distance that moves min(sum am, sum bm) from a to b, (3.15).
 
     `ax`, `ay`, `bx`, `by` float64, `am`, `bm` int64 > 0, none of them empty. O(N + M) memory; costs
-    are worked out anew whenever they are looked at, which is no slower than reading a matrix.
+    are computed again at each use, which is no slower than reading a matrix.
     """
     if am.sum() < bm.sum():
         ax, ay, am, bx, by, bm = bx, by, bm, ax, ay, am
     sources, sinks = am.size, bm.size
     surplus = am.sum() - bm.sum()
-    nodes = sources + sinks + (surplus > 0)  # the last sink takes what is over, from anywhere at no cost
+    nodes = sources + sinks + (surplus > 0)  # the last sink takes the surplus, from anywhere at no cost
     root = nodes
     reach_x = max(ax.max(), bx.max()) - min(ax.min(), bx.min())
     reach_y = max(ay.max(), by.max()) - min(ay.min(), by.min())
     far = math.sqrt(reach_x * reach_x + reach_y * reach_y) + 1
 
-    # of the arc between a node and its parent: mass on it, its cost, and whether it points up
+    # the arc between a node and its parent: its mass, its cost, and whether it points up
     parent, depth = np.full(nodes + 1, root), np.ones(nodes + 1, np.int64)
     mass, cost = np.empty(nodes + 1, np.int64), np.full(nodes + 1, far)
     up, potential = np.ones(nodes + 1, np.bool_), np.full(nodes + 1, -far)
@@ -99,13 +99,13 @@ def _best_sink(x, y, bx, by, own, potential, offers, dummy):
 
 @njit(cache=True, nogil=True)
 def _pivot(u, v, price, reduced, parent, depth, mass, cost, up, potential, child, following, previous, stack):
-    """Bring the arc from u to v into the tree and push along its cycle what it can take."""
+    """Bring the arc from u to v into the tree, and push as much mass along its cycle as possible."""
     # where the two paths to the root meet, and the arc that blocks first
     least, out, below_u = np.int64(2**62), -1, True
     a, b = u, v
     while a != b:
         if depth[a] >= depth[b]:
-            # of equals the one nearest u, but on v's side the one nearest the meeting point
+            # of equals, the one nearest to u; on v's side, the one nearest to the meeting point
             if up[a] and mass[a] < least:
                 least, out = mass[a], a
             a = parent[a]
@@ -124,7 +124,7 @@ def _pivot(u, v, price, reduced, parent, depth, mass, cost, up, potential, child
     while b != meeting:
         mass[b] += least if up[b] else -least
         b = parent[b]
-    # hang the part that is cut off at the other end of the arc
+    # hang the part that is cut off from the other end of the arc
     top, node, above = (u, u, v) if below_u else (v, v, u)
     new_mass, new_cost, new_up = least, price, below_u
     while True:

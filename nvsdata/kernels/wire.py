@@ -12,7 +12,7 @@ from numba import njit
     NOW,  # µs
     ROW,
     IN_FRAME,
-    SIGNAL,  # whether signal columns are read, rather than reset ones
+    SIGNAL,  # whether signal columns are being read, rather than reset ones
     RESET_COLUMNS,
     SIGNAL_COLUMNS,
     RESET_ROWS,
@@ -32,20 +32,20 @@ from numba import njit
     EXPOSURE_END,
     IN_SAMPLE,
     SAMPLE_COUNT,
-    SAMPLE_SCALED,  # whether the sample's scale word has come
+    SAMPLE_SCALED,  # whether the sample's scale word has been received
     CONTENTS,
     ACCELERATION_SCALE,
     ROTATION_SCALE,
     SAMPLE_HIGH,
-    AT,  # where the next pixel goes, how far it is to the one after it, and how many the column has room for
+    AT,  # index of the next pixel, step to the one after it, and how many more the column can hold
     STEP,
     ROOM,
-    BEGUN,  # whether a reset has come
+    BEGUN,  # whether a reset has been received
     SAMPLE_0,  # seven values
     STATES,
 ) = [*range(35), 41]
 
-# what was amiss, counted in an int64 array
+# counts of faults, an int64 array, by index
 (
     ROW_OUT_OF_RANGE,
     COLUMN_OUT_OF_RANGE,
@@ -75,12 +75,14 @@ WHITE = 1023
 def decode(words, start, state, complaints, setting, pixels, t, x, y, p, specials, samples):
     """Decode words from `start` on, until they end, a frame is complete or an output is full. O(words).
 
-    `words` uint16 [N]; `setting` int64: columns and rows of events, 0, then width, height, swap, flip x, flip y of
-    frames, factor of their samples, and whether times never fall: then a time that would is taken for one of a wrap
-    that was lost, and resets but the first are passed over. `state`, `complaints` and `pixels` (uint16 [width *
-    height]) live on between calls. Filled: `t` int64, `x`, `y` int16 (the device's column and row), `p` uint8 [at
-    least N]; `specials` int64 [M, 4]: word, µs, type, events before it; `samples` int64 [M, 12]: word, µs, contents,
-    scales of acceleration and rotation, seven values.
+    - `words` uint16 [N]
+    - `setting` int64: columns and rows of events, 0; width, height, swap, flip x, flip y of frames, factor of their
+      samples; and whether times never fall. If so, a time that would fall is taken as a sign of a lost wrap, and resets
+      after the first are ignored
+    - `state`, `complaints`, `pixels` (uint16 [width * height]): kept between calls
+    - outputs: `t` int64, `x`, `y` int16 (the device's column and row), `p` uint8 [at least N]; `specials` int64 [M, 4]:
+      word, µs, type, events before it; `samples` int64 [M, 12]: word, µs, contents, scales of acceleration and
+      rotation, seven values
 
     Returns the word it stopped at, the numbers of events, specials and samples, and whether a frame ended there.
     """
@@ -130,7 +132,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
             else:
                 complaints[ROW_OUT_OF_RANGE] += 1
         elif code == 4:
-            # samples come in columns, broken up by events
+            # samples come in columns, interrupted by events
             if in_frame:
                 if room > 0:
                     value = data * factor
@@ -149,7 +151,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
             base += data << 15
             now = max(base, now) if steady else base
             if (base >> 31) != state[OVERFLOW]:
-                # one big wrap at most: a word holds 4,095 wraps, 2^31 are 65,536
+                # at most one overflow: a word holds up to 4,095 wraps, and 2^31 µs are 65,536
                 state[OVERFLOW] += 1
                 n_specials = _note(specials, n_specials, np.int64(i), now, WRAP, np.int64(events))
                 in_frame = state[IN_SAMPLE] = 0
@@ -158,7 +160,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                 break
             kind = -1
             if 8 <= data <= 13:
-                # a column begins or ends: the pixels so far
+                # a column begins or ends: check the pixels so far
                 state[RESET_ROWS + signal] += state[ROOM] - room
                 state[ROOM] = room
             if data == 1 and steady and state[BEGUN]:
@@ -214,7 +216,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                     n_samples += 1
                 else:
                     complaints[BROKEN_SAMPLES] += 1
-                # a second end finds nothing new; a lost start word does no harm
+                # a second end word finds nothing new; a lost start word does no harm
                 state[SAMPLE_SCALED] = 0
             else:
                 complaints[UNKNOWN_SPECIAL] += 1
@@ -247,7 +249,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
 
 @njit(cache=True, nogil=True)
 def _note(specials, n, word, now, kind, events):
-    """Enter a special event; how many there are then."""
+    """Store a special event; returns the new number of them."""
     specials[n, 0] = word
     specials[n, 1] = now
     specials[n, 2] = kind
@@ -257,7 +259,7 @@ def _note(specials, n, word, now, kind, events):
 
 @njit(cache=True, nogil=True)
 def _aim(state, setting):
-    """Where the next pixel of the column that is read goes."""
+    """Set where the next pixel of the current column goes."""
     signal = state[SIGNAL]
     wide, high = state[SIZE_X], state[SIZE_Y]
     swap, flip_x, flip_y = setting[5], setting[6], setting[7]
@@ -265,7 +267,7 @@ def _aim(state, setting):
     column, row = state[RESET_COLUMNS + signal], state[RESET_ROWS + signal]
     cx = columns - 1 - column if flip_x else column
     cy = rows - 1 - row if flip_y else row
-    # along a column of the device: down the picture, or to the right if swapped
+    # a column of the device goes down the picture, or to the right if swapped
     state[AT] = cx * wide + cy if swap else cy * wide + cx
     state[STEP] = (-1 if flip_y else 1) * (1 if swap else wide)
     state[ROOM] = max(rows - row, 0) if column < columns else 0
@@ -273,7 +275,7 @@ def _aim(state, setting):
 
 @njit(cache=True, nogil=True)
 def _complete(state, complaints, setting):
-    """Whether the frame that ends here has all its columns, and a region that was announced whole."""
+    """Whether the frame that ends here has all its columns, and its region was announced completely."""
     columns = state[SIZE_Y if setting[5] else SIZE_X]
     whole = state[RESET_COLUMNS] == columns and state[SIGNAL_COLUMNS] == columns
     if whole and columns > 0 and state[REGION_WORDS] % 4 == 0:
@@ -284,7 +286,7 @@ def _complete(state, complaints, setting):
 
 @njit(cache=True, nogil=True)
 def _byte(kind, value, state, complaints, setting):
-    """A word of eight bits of data: of a region, or of an inertial sample; whether a new region is in force."""
+    """Process eight data bits of a region or of an inertial sample; returns whether a new region came into force."""
     if kind == 1:
         state[HIGH_BYTE] = value
     elif kind == 2:
@@ -308,7 +310,7 @@ def _byte(kind, value, state, complaints, setting):
             state[ACCELERATION_SCALE] = value >> 2 & 3
             state[CONTENTS] = value >> 5 | (state[CONTENTS] & 8)
             state[SAMPLE_SCALED] = 1
-            # acceleration, temperature, rotation: what isn't there is skipped
+            # acceleration, temperature, rotation: missing ones are skipped
             state[SAMPLE_COUNT] = 0 if value & 0x80 else 6 if value & 0x20 else 8 if value & 0x40 else 14
     elif kind == 0:
         if state[IN_SAMPLE]:
@@ -322,7 +324,7 @@ def _byte(kind, value, state, complaints, setting):
                 number = state[SAMPLE_HIGH] << 8 | value
                 state[SAMPLE_0 + slot] = number - 65536 if number > 32767 else number
                 if slot == 3:
-                    state[CONTENTS] |= 8  # the temperature has come
+                    state[CONTENTS] |= 8  # the temperature has been received
                 with_temperature, with_rotation = state[CONTENTS] & 1, state[CONTENTS] & 2
                 if slot == 2 and not with_temperature:
                     count += 2 if with_rotation else 8
@@ -336,7 +338,7 @@ def _byte(kind, value, state, complaints, setting):
 
 @njit(cache=True, nogil=True)
 def measure(rows, flips, slope, zero, acceleration, rotation, temperature):
-    """Samples of `decode` (int64 [N, 12]) in their units: g and degrees/s, float32 [N, 3], and °C, float32 [N]. O(N).
+    """Samples of `decode` (int64 [N, 12]) in physical units: g and degrees/s, float32 [N, 3]; °C, float32 [N]. O(N).
 
     `flips`: axes that are negated (4: x, 2: y, 1: z); `slope` and `zero` of the temperature, float32.
     """

@@ -1,4 +1,4 @@
-"""Words as DAVIS cameras send them (logic 18), for cameras that aren't there."""
+"""Words as DAVIS cameras send them (logic 18), for simulated cameras."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def encode(t, x, y, p, state, words):
-    """Words of events, as a camera sends them: a time before a row that comes later, a row before its columns. O(N).
+    """Words of events, as a camera sends them: a new time before its row, a row before its columns. O(N).
 
-    `t` int64 µs, not falling; `x`, `y`, `p`; `state` int64 [3]: µs that wraps have counted, the last time and row
-    sent, -1 for none. `words` uint16 has room for 4 N and as many wraps as there are. Returns how many were written.
+    `t` int64 µs, not decreasing; `x`, `y`, `p`; `state` int64 [3]: µs of the wraps so far, the last time and row
+    sent, -1 for none. `words` uint16 must have room for 4 N words and one per wrap. Returns how many were written.
     """
     n = 0
     for i in range(t.size):
