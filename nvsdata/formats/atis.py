@@ -31,7 +31,7 @@ from nvsdata.kernels.decode import (
     atis_walk,
 )
 
-SHORT = 32  # blocks; up to so long a file is decoded as a whole
+SHORT = 32  # blocks; up to this size, a file is decoded as a whole
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
 
 

@@ -124,7 +124,7 @@ class ClockedFile(PiecedFile):
             yield raw, t
 
     def _clocked(self, clock: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Bytes of all records and their times, piece by piece, as `clock` goes on."""
+        """Bytes of all records and their times, piece by piece; `clock` is advanced."""
         for raw in self._pieces(0, self.records):
             t = self._times(raw).astype(np.int64)
             unwrap(clock, t, self.block)

@@ -18,7 +18,7 @@ from nvsdata.kernels.order import is_sorted
 
 BLOCK = 1 << 20  # bytes that are converted at a time: few enough to stay in the cache
 SCANNED = 1 << 20  # values that are checked at a time
-BISECTED = 512  # so few values are read instead of bisected further
+BISECTED = 512  # this many values or fewer are read instead of bisected further
 
 
 class Source(OpenFile):

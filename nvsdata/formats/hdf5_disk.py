@@ -2,7 +2,7 @@
 
 The HDF5 library notices a full disk too late: h5py only prints errors that occur while a file is closed, and the
 process may crash. So the library writes through `_Disk`, which never fails: after an error of the disk it keeps in
-memory whatever the library goes on to write, until `check` raises the error.
+memory whatever the library still writes, until `check` raises the error.
 """
 
 from __future__ import annotations

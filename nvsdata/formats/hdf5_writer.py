@@ -17,7 +17,7 @@ from nvsdata.formats.writing import Pieces
 
 NAME, VERSION = "nvsdata-events", 1
 CHUNK = 1 << 18  # events per chunk of a long file
-CONTIGUOUS = 8  # chunks; up to so many, the columns are kept in memory and written whole
+CONTIGUOUS = 8  # chunks; up to this number, the columns are kept in memory and written whole
 SHORT = 1 << 32  # µs that uint32 can represent
 
 

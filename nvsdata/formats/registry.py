@@ -146,7 +146,10 @@ def _says(one: Format, test: Callable[..., Any], *given: Any) -> bool:
 
 
 def writer_of(path: str | os.PathLike[str]) -> Format:
-    """The format in which a new file `path` is written, by its extension; ValueError if there is none."""
+    """The format in which a new file `path` is written, by its extension.
+
+    ValueError if no format with that extension can be written.
+    """
     suffix = Path(path).suffix.lower()
     for _ in range(2):
         for one in FORMATS.loaded():

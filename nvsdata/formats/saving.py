@@ -46,7 +46,10 @@ def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike
 
 
 def left_out(recording: Recording, path: str | os.PathLike[str]) -> bool:
-    """Whether a recording has frames or inertial samples that a file with the extension of `path` can't hold."""
+    """Whether a recording has frames or inertial samples that a file with the extension of `path` can't hold.
+
+    ValueError for an extension that no format can write.
+    """
     if not recording.holds_samples or writer_of(path).holds_samples:
         return False
     return bool(recording.inertial().t.size) or next(iter(recording.frames()), None) is not None

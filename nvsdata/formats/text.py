@@ -33,7 +33,7 @@ OWN = re.compile(rb"# nvsdata events: x y t p, sorted, sensor (\d+)x(\d+)\n([^\n
 EVENT = re.compile(rb"\d+ \d+ (-?\d{1,19}) \d\r?\n?")  # a line of nvsdata's own files
 SIZE = re.compile(rb"[ \t]*(\d+)[ \t]+(\d+)[ \t]*\r?\n")
 SECONDS = re.compile(rb"[ \t]*-?\d+\.\d")
-CHUNK = 1 << 14  # so few bytes are parsed instead of bisected further
+CHUNK = 1 << 14  # this many bytes or fewer are parsed instead of bisected further
 LINE = 128  # bytes that are read to find a line
 PIECE = 1 << 24  # bytes that are parsed together
 

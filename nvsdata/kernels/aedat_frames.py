@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-# what is known of a frame: when it began, its exposure began and ended, and it ended; its edges; readings of both
-# kinds; the column that was read last, and which way columns go (1 or -1, 0 if that isn't known yet)
+# the facts of a frame: times of its begin, its exposure's begin and end, and its end; its edges; numbers of readings of
+# both kinds; the column that was read last, and the direction of columns (1 or -1, 0 if not known yet)
 (
     START,
     EXPOSURE_START,

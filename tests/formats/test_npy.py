@@ -92,7 +92,7 @@ def test_a_window_decodes_little_of_a_long_file(tmp_path, monkeypatch):
         (np.array([[1, 2, 5, 5]]), "neither the third nor the fourth"),
         (np.zeros(2, [("t", "i8"), ("x", "i2"), ("p", "i1")]), r"no field 'y'; it holds \['t', 'x', 'p'\]"),
         (np.array([[1, 2.5, 5, 1]]), "column 'y' holds numbers that aren't whole"),
-        (np.array([[1, 2, np.nan, 1]]), "no numbers"),
+        (np.array([[1, 2, np.nan, 1]]), "not numbers"),
         (np.array([[1, 2, 2**62, 1]]), r"beyond 2\^62"),
         (np.array([[1, 2, 3, 0], [240, 2, 3, 0]]), "event 1: outside the sensor of 240x180"),
     ],

@@ -55,7 +55,7 @@ def test_several_wraps_are_unwound(tmp_path):
     [
         (HEADER, len(HEADER), "no event type"),
         (HEADER + b"\x0c\x08abc", len(HEADER) + 2, "truncated"),
-        (HEADER + b"\x0e\x08", len(HEADER), "no change-detection"),
+        (HEADER + b"\x0e\x08", len(HEADER), "not a change-detection"),
         (HEADER + b"\x00\x10", len(HEADER), "16 bytes"),
     ],
 )
