@@ -30,14 +30,19 @@ class Pair(NamedTuple):
 class ASLANDVS(CountedFromBottom):
     """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
 
-    `ds[i]` is `((a, b), same)`, both recordings transformed alike, `same` 1 or 0. The pairs are those
-    of ASLAN's View 2, ten subsets of 300 same and 300 different pairs: `fold` 1 to 10 (default 1) is
-    for testing, the others for training. They are read from `View2.mat` (its variable
+    `ds[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of
+    ASLAN's View 2, ten subsets of 300 same and 300 different pairs. They are read from `View2.mat` (its variable
     `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from
     `aslan_pairs.csv` (columns fold, video_a, video_b, same) below `root`. A video is named by its
     id, which is the number that the recording's name ends in, or by that name.
 
-    Pairs of which a recording is missing are left out; `missing` names what isn't there.
+    Pairs with a missing recording are left out; `missing` lists the missing videos.
+
+    - `split`: "train" (default), "test" or "all"
+    - `fold`: 1 to 10 (default 1), the subset for testing; the others are for training
+    - other parameters: those of `EventDataset`
+
+    FileNotFoundError if neither file of pairs is below `root`, ValueError if it has another layout.
     """
 
     info = Info(
@@ -71,7 +76,7 @@ class ASLANDVS(CountedFromBottom):
         return numbered_fold(fold, range(1, 11), 1)
 
     def found(self) -> list[Any]:
-        """The pairs of all folds whose recordings are there."""
+        """The pairs of all folds for which both recordings are there."""
         names = self._by_name()
         found = []
         self.folds: list[int] = []

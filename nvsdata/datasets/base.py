@@ -24,26 +24,35 @@ from nvsdata.datasets.splits import stratified
 class EventDataset(Samples):
     """Recordings with class labels.
 
-    `root` is a folder, or a file that `nvsdata pack` made of one. Recordings are found wherever they
-    lie below it, in any known format: the nearest folder that bears a class's name (in any case,
-    with or without underscores) gives the class.
+    Recordings are found wherever they lie below the root, in any known format: the nearest folder named after a
+    class (in any case, with or without underscores) gives the class.
 
-    `ds[i]` is `(sample, target)`. Without `transform` the sample is the recording's `Events`. With
-    one, it is handed the undecoded `Recording`, so that a window transform in front decodes just
-    its window; every transform of nvsdata takes either.
+    `ds[i]` is `(sample, target)`. Without `transform` the sample is the recording's `Events`. The transform gets the
+    undecoded `Recording`, so if a window transform comes first, only its window is decoded; every transform of
+    nvsdata that takes events takes either.
 
-    `seed` and `errors` (None and "raise" by default) say what transforms draw, and what becomes of damaged recordings;
-    see `Samples`.
+    - `root`: a folder, or a packed store that `nvsdata pack` made from one
+    - `split`: one of `splits`: "train" (default), "test" or "all"
+    - `fold`: which of several splits; its meaning and default depend on the dataset (None takes the default)
+    - `transform`: applied to the recording
+    - `target_transform`: applied to the target, an int
+    - `download`: whether to download what is missing below `root` first (default False)
+    - `seed`: makes random transforms depend on (seed, epoch, index) alone; see `Samples` (default None)
+    - `errors`: what happens to damaged recordings: "raise" (default), "skip" or "repair"; see `Samples`
 
-    `classes` (names), `class_to_idx`, `targets` (list of ints, one a recording), `sensor_size`
-    and `samples` describe what was found, `split_hash` tells one split from another. `ds[:10]` and `ds.subset(...)`
-    are datasets, too. Subclasses give `info` and say how to split.
+    `classes` (names), `class_to_idx`, `targets` (list of ints, one per sample), `sensor_size` and `samples` describe
+    what was found; `split_hash` identifies the split. `ds[:10]` and `ds.subset(...)` are datasets, too. Subclasses
+    define `info` and how to split.
+
+    FileNotFoundError if `root` doesn't exist or has no recordings of the split. ValueError for a split or fold that
+    the dataset doesn't have, and a store of another dataset or split. TypeError for a transform that isn't callable.
+    DownloadError if `download` fails.
     """
 
     info: ClassVar[Info]
     splits: ClassVar[tuple[str, ...]] = ("train", "test", "all")
     aliases: ClassVar[dict[str, str]] = {}  # other names of class folders
-    smallest: ClassVar[int] = 0  # bytes; smaller recordings are empty, and left out
+    smallest: ClassVar[int] = 0  # bytes; smaller files have no events and are left out
     independent: ClassVar[tuple[str, ...]] = ("listing", "_labels")
 
     def __init__(
@@ -76,7 +85,7 @@ class EventDataset(Samples):
 
     @classmethod
     def whole(cls, root: str | os.PathLike[str]) -> Self:
-        """The dataset with all that it has: every split, and what its options leave out by default."""
+        """The complete dataset: every split, and what its options leave out by default."""
         return cls(root, "all")
 
     def _source(self) -> Source:
@@ -88,15 +97,15 @@ class EventDataset(Samples):
             store = Store(self.root)
             if store.dataset != self.info.name:
                 raise ValueError(f"{self.root} holds {store.dataset}, not {self.info.name}")
-            # a part is no dataset that parts could be drawn from
+            # a store of one split doesn't hold the others
             if store.split != "all" and (store.split, store.fold) != (self.split, self.fold):
                 which = f"split {store.split!r}, fold {store.fold}"
-                raise ValueError(f"{self.root} was packed of {which} only: pack split='all' for all others")
+                raise ValueError(f"{self.root} was packed from {which} only: pack split='all' for all others")
             return store
-        raise FileNotFoundError(f"{self.root} is no folder; {self._how_to_get()}")
+        raise FileNotFoundError(f"{self.root} is not a folder; {self._how_to_get()}")
 
     def _nothing(self, lacking: str) -> str:
-        """What is said of a root in which something isn't found."""
+        """Error message for a root in which something isn't found."""
         names = {plain(name) for name in (*self.info.classes, *self.aliases, "train", "test")}
         hint = nothing_below(self.root, self.listing, self.info.tree, names)
         return f"{lacking} below {self.root}; {hint}; {self._how_to_get()}"
@@ -105,7 +114,7 @@ class EventDataset(Samples):
         return list(self.info.classes)
 
     def _check_fold(self, fold: int | None) -> int:
-        """The fold to take; ValueError for one that isn't. Here it is of no meaning."""
+        """The fold to use; ValueError for one that doesn't exist. This base class has a single split."""
         if fold is not None:
             raise ValueError(f"{type(self).__name__} has one split only: fold must be None, not {fold}")
         return 0
@@ -116,24 +125,24 @@ class EventDataset(Samples):
         return self.source.listing()
 
     def found(self) -> list[Sample]:
-        """The samples of all splits, by class, then by name: whatever folders they were sorted into."""
+        """The samples of all splits, sorted by class, then by file name, whatever folders they are in."""
         by_label: dict[int, list[list[Sample]]] = {}
         for folder, names in self.listing.items():
             label = self._label_of(folder)
             if label is None:
                 continue
             files = recordings_in({folder: names})
-            # by _make, for there may be 100,000
+            # _make because it is faster, and there may be 100,000
             by_label.setdefault(label, []).append(list(map(Sample._make, zip(files, repeat(label), repeat(None)))))
         found: list[Sample] = []
         for label in sorted(by_label):
             samples = list(chain.from_iterable(by_label[label]))
-            # one folder is in order already: by file name, as several are put
+            # a single folder is already sorted by file name
             found += samples if len(by_label[label]) == 1 else sorted(samples, key=lambda s: (s.file, s.name))
         return found
 
     def _not_empty(self, found: list[Sample]) -> list[Sample]:
-        """The samples but for those whose file is too small to hold events."""
+        """The samples without those whose file is too small to hold events."""
         if not self.smallest:
             return found
         there = [sample.name for sample in found if sample.name not in self.source.left_out]
@@ -147,7 +156,7 @@ class EventDataset(Samples):
         return names | {plain(other): self.class_to_idx[name] for other, name in self.aliases.items()}
 
     def _label_of(self, folder: str) -> int | None:
-        """Label of the recordings in a folder: of the nearest folder above them that a class is named after."""
+        """Label of the recordings in a folder: the class after which the nearest folder above them is named."""
         for part in reversed(folder.split("/")):
             label = self._labels.get(plain(part))
             if label is not None:
@@ -155,7 +164,7 @@ class EventDataset(Samples):
         return None
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        """The samples of the split: here, those below a folder whose name has the split's in it."""
+        """The samples of the split: here, those below a folder whose name contains the split's name."""
         if self.split == "all":
             return found
         inside = {folder for folder in self.listing if self.part_of(folder) == self.split}
@@ -165,7 +174,7 @@ class EventDataset(Samples):
         return chosen
 
     def _usable(self, samples: Iterable[Any]) -> Iterable[Any]:
-        """The samples but for those that a store was packed without: they take part in the split first."""
+        """The samples without those that a store left out. Those still count in the split, which comes before."""
         left_out = self.source.left_out
         if not left_out:
             return samples
@@ -173,37 +182,37 @@ class EventDataset(Samples):
         return [sample for sample in samples if left_out.keys().isdisjoint(self._files(sample))]
 
     def _held_out(self, found: list[Sample], for_testing: Callable[[Sample], bool]) -> list[Sample]:
-        """The samples of the split where a rule says which are for testing, and all others are for training."""
+        """The samples of the split, where `for_testing` selects the test samples and all others are for training."""
         return [s for s in found if self.split == "all" or for_testing(s) == (self.split == "test")]
 
     def part_of(self, folder: str) -> str | None:
-        """The part, "train" or "test", that a folder's name or one above it has in it."""
+        """The part, "train" or "test", that the name of the folder or of one above it contains; None if neither."""
         for part in folder.lower().split("/"):
             if "train" in part or "test" in part:
                 return "train" if "train" in part else "test"
         return None
 
     def total(self) -> tuple[int, int, str]:
-        """How many samples of all splits there are, how many there should be, and what they are called."""
+        """How many samples all splits have, how many they should have, and what the samples are called."""
         return len(self.found()), self.info.recordings, "recordings"
 
     def listed(self) -> dict[str, list[str]]:
-        """Names of recordings, without extension, that lists beside them have: a list's name to what it names."""
+        """Split lists found below the root: name of the list to the recordings in it, without extension."""
         return {}
 
     @property
     def packed_split(self) -> str:
-        """The split that `recording_names` are of."""
+        """The split that `recording_names` belong to."""
         return self.split
 
     @property
     def sensor_size(self) -> tuple[int, int] | None:
-        """(width, height) of every recording, None if they differ."""
+        """(width, height) of every recording; None if they differ."""
         return self.info.sensor_size
 
     @property
     def opened_with(self) -> tuple[int, int] | None:
-        """The sensor size that recordings are opened with; None for what each states."""
+        """The sensor size that recordings are opened with; None to use what each file states."""
         return self.sensor_size
 
     def recording(self, index: int) -> Recording:
@@ -213,11 +222,11 @@ class EventDataset(Samples):
         return whole if window is None else Slice(whole, *window)
 
     def named(self, name: str) -> Recording:
-        """A recording by its path below the root, opened but not decoded, as users are to see it."""
+        """A recording by its path below the root, opened but not decoded, as users see it."""
         return self._view(self.source.open(name, self.opened_with, strict=self.errors != "repair"))
 
     def _view(self, recording: Recording) -> Recording:
-        """The recording as users are to see it."""
+        """The recording as users see it; subclasses change coordinates or times here."""
         return recording
 
     def _how_to_get(self) -> str:
@@ -229,12 +238,12 @@ class EventDataset(Samples):
     def _download(self) -> None:
         from nvsdata.datasets.archives.download import download
 
-        # a packed store has all that there is
+        # a packed store needs no download
         if not self.root.is_file():
             download(self.info, self.root)
 
     def _side_file(self, name: str) -> str | None:
-        """Text of the file of that name, wherever it lies below the root; None if it doesn't."""
+        """Text of the file with that name anywhere below the root; None if there isn't one."""
         for folder, names in self.listing.items():
             if name in names:
                 return self.source.data(joined(folder, name)).decode("utf-8-sig", "replace")
@@ -258,8 +267,9 @@ class EventDataset(Samples):
 class RandomSplitDataset(EventDataset):
     """A dataset without a split of its own: a fifth of each class is for testing, drawn by the seed `fold`.
 
-    For a seed the split is the same on every machine: whether a recording is for testing depends on the names in
-    its class, not on folders, other classes or the files' format; one more or less moves at most one other.
+    The split of a seed is the same on every machine: whether a recording is for testing depends on the names in
+    its class, not on folders, other classes or the files' format. Adding or removing a recording moves at most one
+    other recording to the other side.
     """
 
     def _check_fold(self, fold: int | None) -> int:
@@ -277,7 +287,7 @@ class RandomSplitDataset(EventDataset):
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Python's collector rests: it would go through all that torch made, again and again, as 100,000 samples come."""
+    """Pause garbage collection: while 100,000 samples are created it would scan all objects again and again."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -295,5 +305,5 @@ def numbered_fold(fold: int | None, folds: Sequence[int], default: int) -> int:
 
 
 def plain(name: str) -> str:
-    """A name without case, spaces and punctuation: by it folders are told to be classes."""
+    """A name without case, spaces and punctuation, by which class folders are recognized."""
     return "".join(c for c in name.lower() if c.isalnum())

@@ -1,4 +1,4 @@
-"""What the deterministic head of a pipeline gives, kept on disk."""
+"""Cache on disk: the output of the deterministic first transforms of a pipeline."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.transforms.compose import Compose
 
 TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"
-SHARD = 1000  # samples a folder
+SHARD = 1000  # samples per folder
 CHECKSUM = 4  # bytes, CRC-32 of all that follows
-# what of a dataset makes no difference to what the head gives
+# attributes of a dataset that don't change the head's output
 INDIFFERENT = ("transform", "target_transform", "seed", "errors", "split", "fold", "_damage", "_passes")
-# what a dataset found, which its samples and their files' stamps tell
+# attributes that follow from the samples and their files' stamps
 FOUND = ("source", "class_to_idx", "samples", "targets", "skipped")
 
 
 class Cached(Dataset[tuple[Any, Any]]):
-    """A dataset whose samples are taken from disk where they were made before; see `cache`."""
+    """A dataset that reads from disk the samples it has made before; see `cache`."""
 
     def __init__(self, dataset: EventDataset, path: Path) -> None:
         steps = _steps(dataset.transform)
@@ -67,7 +67,7 @@ class Cached(Dataset[tuple[Any, Any]]):
             change = self.head if self.head.transforms else as_events
             parts = [change(recording) for recording in recordings]
             repaired = self.dataset.note_repairs(index, recordings)
-            # a file that changed just now may do so again, and look the same; what was repaired is to be counted again
+            # a file changed just now may change again with the same stamp; repaired ones must be counted each time
             if not (self._full or repaired) and all(
                 self.dataset.source.settled(name, at) for name in self._files(index)
             ):
@@ -90,7 +90,7 @@ class Cached(Dataset[tuple[Any, Any]]):
         except OSError as error:
             # training goes on; this process no longer tries
             self._full = True
-            warnings.warn(f"{self.folder}: can't be written to, samples are made anew each time: {error}", stacklevel=2)
+            warnings.warn(f"{self.folder} can't be written to, samples are made again each time: {error}", stacklevel=2)
 
     def __getattr__(self, name: str) -> Any:
         if name == "dataset":  # while it is unpickled
@@ -102,43 +102,46 @@ class Cached(Dataset[tuple[Any, Any]]):
 
 
 def cache(dataset: EventDataset, path: str | os.PathLike[str]) -> Cached:
-    """The dataset, with what its pipeline's deterministic head gives kept below `path`.
+    """The dataset, with the output of its first, deterministic transforms (the head) stored below `path`.
 
-    The head are the first transforms that have `deterministic = True` (`Window`, `RadiusGraph`, and
-    your own that say so); what follows, such as augmentation, is called each time. What is kept
-    belongs to the samples' names, the dataset's options, and the settings of the head's transforms: change one and
-    all is made anew. A sample is made anew, too, if its file has changed since, by size or time of change. What is
-    not seen is a change of your own transforms' code: empty the folder then.
+    The head consists of the leading transforms with `deterministic = True` (`Window`, `RadiusGraph`, and
+    your own that declare it); the transforms after it, such as augmentation, are called each time. The cache depends
+    on the samples' names, the dataset's options and the settings of the head's transforms: if one of them changes,
+    all samples are made again. A sample is also made again if the size or modification time of its file has changed.
+    A change in the code of your own transforms isn't detected: empty the folder then.
 
-    Several workers and processes may share a cache: files appear whole. What killed ones left unfinished is removed
-    when a cache is opened. If the disk is full or may not be written to, that is warned of once in each process, and
-    samples are made anew each time.
+    - `dataset`: with the pipeline as its `transform`
+    - `path`: folder of the cache, made if needed; several caches may share it
 
-    ValueError if the pipeline begins with a transform that isn't deterministic; TypeError if one of the head's
-    doesn't tell its settings (it is neither a dataclass nor has a `__repr__` of its own), and, when a sample is
-    taken, for one that can't be kept: Events, graphs, tensors, arrays, numbers, texts, and tuples, lists and dicts of
+    Several workers and processes may share a cache: each file appears complete or not at all. Unfinished files of
+    killed processes are removed when a cache is opened. If the disk is full or not writable, each process warns once,
+    and samples are made again each time.
+
+    ValueError if the pipeline begins with a transform that isn't deterministic. TypeError if a transform of the head
+    doesn't show its settings (it is neither a dataclass nor has its own `__repr__`), and, at indexing, if a
+    sample can't be stored: only Events, graphs, tensors, arrays, numbers, strings, and tuples, lists and dicts of
     them can.
     """
     return Cached(dataset, Path(path).expanduser())
 
 
 def _steps(transform: Callable[[Any], Any] | None) -> list[Callable[[Any], Any]]:
-    """The transforms in a row, those of a Compose within a Compose each by itself."""
+    """The transforms in order, with every nested Compose flattened."""
     if transform is None:
         return []
-    # a subclass may call them in a way of its own
+    # a subclass may call them differently
     if type(transform) is not Compose:
         return [transform]
     return [step for part in transform.transforms for step in _steps(part)]
 
 
 def _identity(dataset: EventDataset) -> Sequence[str]:
-    """What tells one dataset from another: class, options, and the samples it has."""
+    """What distinguishes datasets: class, options and samples."""
     options = {
         name: described(value)
         for name, value in vars(dataset).items()
         if name not in (*INDIFFERENT, *FOUND)
-        # nor is what was worked out meanwhile
+        # and not values computed since
         and not isinstance(getattr(type(dataset), name, None), cached_property)
     }
     digest = hashlib.sha256()
@@ -158,12 +161,12 @@ def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
 
 
 def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
-    """What was kept of files with these stamps, None if nothing was or it can't be read."""
+    """The stored parts if they belong to these stamps; None if they don't, are missing or can't be read."""
     try:
         data = file.read_bytes()
     except OSError:
         return None
     if not data or int.from_bytes(data[:CHECKSUM], "little") != crc32(memoryview(data)[CHECKSUM:]):
-        return None  # damaged: it is made anew
+        return None  # damaged: it is made again
     found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
     return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None

@@ -1,4 +1,4 @@
-"""Samples as they are kept on disk: in tensors, numbers, texts, lists and dicts, which are safe to load."""
+"""Samples as they are stored on disk: as tensors, numbers, strings, lists and dicts, which are safe to load."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ VALUES = (type(None), bool, int, float, complex, str, bytes)
 
 
 def kept(sample: Any) -> list[Any]:
-    """A sample as a kind, and what it is made of. TypeError for what `restored` couldn't give back as the same type."""
+    """A sample as its kind and its content. TypeError if `restored` couldn't give back the same type."""
     kind = type(sample)
     if kind in VALUES:
         return ["value", sample]
@@ -30,7 +30,7 @@ def kept(sample: Any) -> list[Any]:
     if kind is dict:
         return ["dict", [[kept(key), kept(value)] for key, value in sample.items()]]
     if kind is torch.Tensor:
-        # alone: a view of a larger one would be kept with all of that
+        # cloned, because a view would be stored with the whole tensor behind it
         return ["tensor", sample.detach().clone()]
     if kind is np.ndarray or isinstance(sample, np.generic):
         try:
@@ -39,8 +39,8 @@ def kept(sample: Any) -> list[Any]:
             raise TypeError(f"a cache can't keep arrays of {sample.dtype}") from None
         return ["array" if kind is np.ndarray else "number", tensor]
     raise TypeError(
-        "a cache keeps Events, graphs, tensors, arrays, numbers, texts, and tuples, lists and dicts of them, "
-        f"not {kind.__module__}.{kind.__qualname__}: have the last deterministic transform give one of these"
+        "a cache keeps Events, graphs, tensors, arrays, numbers, strings, and tuples, lists and dicts of them, "
+        f"not {kind.__module__}.{kind.__qualname__}: the last deterministic transform must return one of these"
     )
 
 

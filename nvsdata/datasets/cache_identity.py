@@ -1,4 +1,4 @@
-"""What a transform does, in a text that is the same in every process and differs where its settings do."""
+"""A transform as a string that is the same in every process, and differs if its settings differ."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ FUNCTIONS = (
 
 
 def described(thing: Any) -> str:
-    """The text: of a dataclass its class and fields, of others their class and own `__repr__`.
+    """The string: class and fields of a dataclass; class and `__repr__` of anything else.
 
-    TypeError for what says nothing of its settings: functions, and objects whose class leaves `__repr__` to
-    `object`, to a Module of torch's, or to a class above its own `__init__`, puts an address into it, or shortens it.
+    TypeError for things that don't show their settings: functions; objects whose `__repr__` is that of `object`, of
+    `torch.nn.Module`, or of a base class of the one that defines `__init__`; and those whose `__repr__` contains an
+    address or is shortened ("...").
     """
     if isinstance(thing, PLAIN):
         return f"{type(thing).__qualname__} {thing!r}"
@@ -54,10 +55,10 @@ def described(thing: Any) -> str:
     if isinstance(thing, dict):
         return f"{name}[{', '.join(f'{described(key)}: {described(value)}' for key, value in thing.items())}]"
     if isinstance(thing, FUNCTIONS):
-        raise TypeError(_advice(thing, "is a function, which says nothing of what it does"))
+        raise TypeError(_advice(thing, "is a function, which doesn't say what it does"))
     if is_dataclass(thing):
         settings = {field.name: getattr(thing, field.name, None) for field in fields(thing)}
-        # and what else was set on it, as by a subclass of its own
+        # and other attributes, such as those that a subclass sets
         settings |= getattr(thing, "__dict__", {})
         return f"{name}({', '.join(f'{setting}={described(value)}' for setting, value in settings.items())})"
     if isinstance(thing, nn.Module):
@@ -80,12 +81,12 @@ def _described_module(module: nn.Module) -> str:
 
 
 def _inherits(thing: Any, base: type, method: str = "__repr__") -> bool:
-    """Whether a method is that of `base`."""
+    """Whether a method is the one that `base` defines."""
     return getattr(type(thing), method) is getattr(base, method)
 
 
 def _silent(kind: type, method: str, base: type) -> bool:
-    """Whether a class has `method` of `base`, or of a class above the one that says what its settings are."""
+    """Whether `method` comes from `base`, or from a base class of the one whose `__init__` takes the settings."""
     for one in kind.__mro__:
         if method in vars(one):
             return one is base
@@ -96,6 +97,6 @@ def _silent(kind: type, method: str, base: type) -> bool:
 
 def _advice(thing: Any, what: str) -> str:
     return (
-        f"{thing!r} {what}, so that a cache can't tell it from others: make it a dataclass whose fields are its "
+        f"{thing!r} {what}, so a cache can't distinguish it from others: make it a dataclass whose fields are its "
         "settings, or give its class a __repr__ that names them"
     )

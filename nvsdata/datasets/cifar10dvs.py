@@ -6,7 +6,7 @@ from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.holdings import numbered
 
-# figshare file, bytes, md5 of a class's zip
+# number of the figshare file, bytes and md5 of each class's zip
 ZIPS = {
     "airplane": (7712788, 747054427, "0afd5c4bf9ae06af762a77b180354fdd"),
     "automobile": (7712791, 970159102, "8438dfeba3bc970c94962d995b1b9bdd"),
@@ -22,7 +22,7 @@ ZIPS = {
 
 
 def figshare(number: int) -> tuple[str, ...]:
-    """Addresses of a figshare file; the plain one answers with an empty body these days."""
+    """Addresses of a figshare file: several, because the plain one currently answers with an empty body."""
     return (
         f"https://ndownloader.figshare.com/files/{number}",
         f"https://api.figshare.com/v2/file/download/{number}",
@@ -31,11 +31,15 @@ def figshare(number: int) -> tuple[str, ...]:
 
 
 class CIFAR10DVS(RandomSplitDataset):
-    """CIFAR10-DVS (Li et al. 2017): CIFAR-10's pictures moved on a monitor before a DVS128.
+    """CIFAR10-DVS (Li et al. 2017): CIFAR-10's pictures moving on a monitor in front of a DVS128.
 
     10,000 recordings of about 1.3 s, `<class>/cifar10_<class>_<n>.aedat` (AEDAT 2), or the later
-    release in AEDAT 4. A random fifth is for testing, by the seed `fold`. Axes are those of the
-    camera with the origin top left; public readers disagree on whether it stood turned by 90 degrees.
+    release in AEDAT 4. Axes are those of the camera with the origin at the top left; public readers disagree on
+    whether the camera was turned by 90 degrees.
+
+    - `split`: "train" (default), "test" or "all"; a random fifth of each class is for testing
+    - `fold`: seed of the random split, at least 0 (default 0)
+    - other parameters: those of `EventDataset`
     """
 
     info = Info(

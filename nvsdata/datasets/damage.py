@@ -1,4 +1,4 @@
-"""Damaged recordings among many: what takes their place, and how they are counted."""
+"""Damaged recordings in a dataset: what replaces them, and how they are counted."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from nvsdata.common.errors import FormatError
 from nvsdata.datasets.shared import Shared
 
 ERRORS = ("raise", "skip", "repair")
-MOST = 100  # recordings in a row that may be unreadable: more isn't a damaged file but a damaged disk
+MOST = 100  # recordings in a row that may be unreadable: more mean a damaged disk, not damaged files
 REPLACED, REPAIRED = 1, 2
 UNREADABLE = (FormatError, OSError)
-OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # what the machine lacks is no damage
+OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the machine has run out of something: no recording is damaged
 
 
 class Damage:
-    """Which samples were found damaged, by all workers of a loader together."""
+    """Which samples all workers of a loader together have found damaged."""
 
     def __init__(self, count: int) -> None:
         self._shared = Shared(count, np.uint8)
@@ -32,15 +32,15 @@ class Damage:
         return dict(zip(indices.tolist(), marks[indices].tolist(), strict=True))
 
     def mark(self, index: int, what: int, message: str) -> None:
-        """Count a sample; warn of it the first time."""
+        """Count a sample; warn about it the first time."""
         if not self._shared.values[index]:
             warnings.warn(message, stacklevel=2)
         self._shared.values[index] = what
 
     def first_sound(self, index: int, make: Callable[[int], Any]) -> Any:
-        """`make(index)` or, if that can't be read, what the next index gives that can; after the last, the first.
+        """`make(index)` or, if that can't be read, `make` of the next index that can; after the last comes the first.
 
-        Raises what the first raised if `MOST` in a row can't be read, or none can.
+        Raises the first error if `MOST` in a row can't be read, or none can.
         """
         count = len(self._shared.values)
         first: Exception | None = None

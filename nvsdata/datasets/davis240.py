@@ -1,4 +1,4 @@
-"""What the datasets share that Bi et al. recorded from a monitor with a DAVIS240C."""
+"""Shared by the datasets that Bi et al. recorded from a monitor with a DAVIS240C."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from nvsdata.datasets.base import EventDataset
 
 
 def google_drive(file: str) -> str:
-    """Address of a file that its authors have on Google Drive, without the page that asks about viruses."""
+    """Address of a file on Google Drive that skips the page about virus scanning."""
     return f"https://drive.usercontent.google.com/download?id={file}&export=download&confirm=t"
 
 

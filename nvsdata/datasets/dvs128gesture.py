@@ -28,24 +28,29 @@ CLASSES = (
     "other_gestures",
 )
 FIRST_TEST_USER = 24
-TRIAL = re.compile(r"user(\d+)_([a-z_]+)(?=[./])")  # a file's name, or a folder's in the preprocessed release
+TRIAL = re.compile(r"user(\d+)_([a-z_]+)(?=[./])")  # name of a file, or of a folder in the preprocessed release
 PREPROCESSED = re.compile(r"(\d+)\.npy")
 PREPROCESSED_GESTURES = 1_341
-MILLISECOND = 1_000  # µs: what times of the preprocessed release count in
+MILLISECOND = 1_000  # µs: unit of times in the preprocessed release
 
 
 class DVS128Gesture(EventDataset):
     """DVS128 Gesture (Amir et al. 2017): 11 gestures of 29 people in 5 lightings, a DVS128.
 
-    122 trials, `user<NN>_<lighting>.aedat` with `user<NN>_<lighting>_labels.csv`; a sample is a
-    labeled slice of a trial, of which only its own packets are read. `trials_to_train.txt` and
-    `trials_to_test.txt` split them; where these are missing, users 1 to 23 are for training.
-    A label that ends after the next one begins (user22_led has one) is cut there.
+    122 trials, `user<NN>_<lighting>.aedat` with `user<NN>_<lighting>_labels.csv`. A sample is a labeled slice of a
+    trial; only the packets of the slice are read. A label that ends after the next one begins (user22_led has one)
+    is cut there.
 
     The preprocessed release (figshare files 38022171 and 38020584: 1,341 gestures,
     `user<NN>_<lighting>/<class>.npy`, times in whole ms) is read, too.
 
-    `users` and `lightings` tell of each sample, `samples[i].window` its start and end in µs.
+    - `split`: "train" (default), "test" or "all", by `trials_to_train.txt` and `trials_to_test.txt`; if these are
+      missing, users 1 to 23 are for training
+    - `fold`: must be None
+    - other parameters: those of `EventDataset`
+
+    `users` and `lightings` have an entry per sample; `samples[i].window` is the start and end in µs of sample i.
+    ValueError for a table of labels that can't be read.
     """
 
     info = Info(
@@ -68,7 +73,7 @@ class DVS128Gesture(EventDataset):
     )
 
     def found(self) -> list[Sample]:
-        """One sample a labeled gesture, by trial."""
+        """One sample per labeled gesture, sorted by trial."""
         found: list[Sample] = []
         for folder, names in self.listing.items():
             for name in names:
@@ -91,7 +96,7 @@ class DVS128Gesture(EventDataset):
         return {name: listed for name in names if (listed := self._trials_in(name))}
 
     def _trials_in(self, name: str) -> list[str] | None:
-        """The trials that a list names; None if there is no list."""
+        """The trials in a list; None if there is no such list."""
         listed = self._side_file(name)
         if listed is None:
             return None
@@ -112,7 +117,7 @@ class DVS128Gesture(EventDataset):
 
     @cached_property
     def users(self) -> list[int]:
-        """Number of the person of each sample."""
+        """Number of the person in each sample."""
         return [int(_trial(sample)[1]) for sample in self.samples]
 
     @cached_property
@@ -122,7 +127,7 @@ class DVS128Gesture(EventDataset):
 
 
 def _trial(sample: Sample) -> re.Match[str]:
-    """A trial's name, in it the number of its user and the lighting. ValueError for a file of another name."""
+    """Match of a trial's name; its groups are user number and lighting. ValueError for a file with another name."""
     trial = TRIAL.search(sample.name)
     if trial is None:
         raise ValueError(f"{sample.name}: a trial's name is user<NN>_<lighting>")
@@ -130,12 +135,12 @@ def _trial(sample: Sample) -> re.Match[str]:
 
 
 def _gestures(name: str, labels: str) -> Iterator[tuple[int, tuple[int, int]]]:
-    """Label from 0, start and end of each row, no end after the next start. ValueError for a broken table."""
+    """Label from 0 and (start, end) of each row; no end is after the next start. ValueError for a broken table."""
     rows = list(csv.DictReader(io.StringIO(labels)))
     try:
         table = sorted((int(r["startTime_usec"]), int(r["endTime_usec"]), int(r["class"]) - 1) for r in rows)
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{name}: its labels are no table of class, startTime_usec, endTime_usec: {error!r}") from None
+        raise ValueError(f"{name}: labels aren't a table of class, startTime_usec, endTime_usec: {error!r}") from None
     for k, (start, end, label) in enumerate(table):
         end = min(end, table[k + 1][0]) if k + 1 < len(table) else end
         if not 0 <= label < len(CLASSES) or end < start:

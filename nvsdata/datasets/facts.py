@@ -1,4 +1,4 @@
-"""What is known of a dataset and of its samples."""
+"""Facts about a dataset and its samples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ from nvsdata.datasets.holdings import Holding
 
 
 class Sample(NamedTuple):
-    """A recording: its path below the root, the index of its class, and its slice in time (µs) if it is one."""
+    """A recording or a slice of one.
+
+    - `name`: path below the root, with slashes
+    - `label`: index of the class
+    - `window`: start and end in µs of a slice; None for a whole recording
+    """
 
     name: str
     label: int
@@ -28,11 +33,15 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Archive:
-    """A file to download: `urls` are tried in order, `folder` is what it unpacks to.
+    """A file to download.
 
-    Without `urls` it needs a browser, or comes from the archive that it is `within`, which is downloaded if none of
-    the `urls` gives it. `hash` is an md5 or a sha256, empty if none is known, as `size` in bytes is 0 then. The
-    dataset is of use without what is `optional`.
+    - `name`: of the file
+    - `hash`: md5 or sha256; empty if unknown
+    - `urls`: tried in order; empty if a browser is needed, or the file is part of another archive
+    - `folder`: what it unpacks to, below the root
+    - `size`: bytes; 0 if unknown
+    - `within`: an archive that contains this one, downloaded if none of the `urls` works
+    - `optional`: whether the dataset is of use without it
     """
 
     name: str
@@ -48,8 +57,16 @@ class Archive:
 class Info:
     """Facts about a dataset.
 
-    `recordings` is how many there are, `holds` how many of each class where that is known, `known_from` who says so
-    and who says otherwise. `tree` is what lies below the root as it is distributed.
+    - `name`: in lower case, as commands and recipes take it
+    - `sensor_size`: (width, height) of every recording; None if they differ
+    - `classes`: names, in the order of their labels
+    - `page`: address of the dataset's page
+    - `license`: as stated or reported
+    - `archives`: files to download
+    - `recordings`: how many there are; 0 if unknown
+    - `holds`: how many of each class, where that is known
+    - `known_from`: source of these counts, and sources that disagree
+    - `tree`: layout below the root as distributed
     """
 
     name: str

@@ -18,13 +18,17 @@ PARTS = ("train", "test")
 class EventFolder(EventDataset):
     """A folder of class folders of recordings, in any known format (as torchvision's ImageFolder).
 
-    `split` "train" and "test" take the class folders of `root/train` and `root/test`, in any case of letters. "all"
-    takes those of `root` itself; where recordings lie below `root/train` and `root/test` only, both of these. The
-    classes are the sorted folder names, the same for all splits. `sensor_size` applies to every recording; by
-    default each states its own, and the dataset that of its first.
+    The classes are the sorted folder names, the same for all splits.
 
-    FileNotFoundError if there is no such folder, no class folder in it, or no recording. ValueError for "all" where
-    there are both parts and other folders of recordings.
+    - `split`: "train" and "test" take the class folders of `root/train` and `root/test`, in upper or lower case;
+      "all" (default) takes those of `root` itself, or of both parts if recordings lie below these only
+    - `sensor_size`: (width, height) of every recording; None (default) takes what each recording states, and the
+      dataset's `sensor_size` is then that of its first recording
+    - `fold`: must be None
+    - other parameters: those of `EventDataset`
+
+    FileNotFoundError if there is no such folder, no class folder in it, or no recording. ValueError for "all" if
+    there are recordings both in parts and in other folders.
     """
 
     info = Info(
@@ -64,7 +68,7 @@ class EventFolder(EventDataset):
 
     @cached_property
     def _first_size(self) -> tuple[int, int]:
-        """Sensor size of the first recording or, if damage is put up with, of the first that can be read."""
+        """Sensor size of the first recording or, if damaged ones are tolerated, of the first that can be read."""
         if self._size is not None:
             return self._size
         if self._damage is None:
@@ -86,18 +90,18 @@ class EventFolder(EventDataset):
 
     @cached_property
     def _parts(self) -> dict[str, str]:
-        """The parts that there are: "train" and "test" to the names of their folders."""
+        """The parts found: "train" and "test" to the names of their folders."""
         top = {folder.split("/")[0] for folder in self.listing} - {"."}
-        # a folder that has recordings itself is a class, such as of railway trains
+        # a folder "train" that contains recordings itself is a class, such as railway trains
         classes = {name.split("/")[0] for name in recordings_in(self.listing) if name.count("/") == 1}
         return {name.lower(): name for name in sorted(top - classes) if name.lower() in PARTS}
 
     @cached_property
     def _homes(self) -> list[str]:
-        """What the paths of the split's class folders begin with."""
+        """Prefixes of the paths of the split's class folders."""
         if self.split != "all":
             if self.split not in self._parts:
-                raise FileNotFoundError(f"{self.root / self.split} is no folder; split={self.split!r} needs it")
+                raise FileNotFoundError(f"{self.root / self.split} is not a folder; split={self.split!r} needs it")
             return [self._parts[self.split] + "/"]
         if not self._parts:
             return [""]
@@ -108,7 +112,7 @@ class EventFolder(EventDataset):
         return [name + "/" for name in self._parts.values()]
 
     def _classes(self) -> list[str]:
-        # of all parts, lest a class that one lacks shifts its labels
+        # of all parts, because a class missing in one part would shift the labels
         homes = {*self._homes, *(name + "/" for name in self._parts.values())} - {""} or {""}
         names = {
             folder[len(home) :].split("/")[0] for home in homes for folder in self.listing if folder.startswith(home)
@@ -130,7 +134,7 @@ class EventFolder(EventDataset):
         return found
 
     def recording_names(self) -> list[str]:
-        # those of all splits
+        # of all splits
         return [name for name in recordings_in(self.listing) if "/" in name]
 
     def _how_to_get(self) -> str:

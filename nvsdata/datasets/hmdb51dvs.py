@@ -20,12 +20,17 @@ PARTS = {"train": "1", "test": "2"}
 
 
 class HMDB51DVS(CountedFromBottom):
-    """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor before a DAVIS240C, 240x180.
+    """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor in front of a DAVIS240C, 240x180.
 
     About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are HMDB51's
-    own, `fold` 1, 2 or 3 (default 1): the files `<class>_test_split<k>.txt` must lie below `root`.
-    Recordings below 1 KB are empty; `skipped` names them. y of the .mat files is counted from the
-    bottom; it is turned here.
+    own: the files `<class>_test_split<k>.txt` must lie below `root`. Recordings below 1 KB are empty; `skipped`
+    lists them. The .mat files count y from the bottom of the sensor; here it counts from the top.
+
+    - `split`: "train" (default), "test" or "all"
+    - `fold`: 1, 2 or 3 (default 1), the number of the split
+    - other parameters: those of `EventDataset`
+
+    FileNotFoundError if there are no split files, unless the split is "all".
     """
 
     info = Info(
@@ -67,7 +72,7 @@ class HMDB51DVS(CountedFromBottom):
         return {name: stems for name, stems in found.items() if stems}
 
     def _listed_in(self, name: str) -> Iterator[tuple[str, str]]:
-        """Stem and part of each video that a list names."""
+        """Name without extension, and part, of each video in a list."""
         for line in (self._side_file(name) or "").splitlines():
             video, _, part = line.strip().rpartition(" ")
             yield video.strip().rsplit(".", 1)[0], part

@@ -1,4 +1,4 @@
-"""What a dataset should hold, and what is lacking."""
+"""What a dataset should contain, and what is missing."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-SHOWN = 3  # names that are told
+SHOWN = 3  # names in a message
 
 
 @dataclass(frozen=True)
 class Holding:
-    """How many recordings a class has as distributed, in a part such as "train" if there are parts.
+    """How many recordings a class has as distributed.
 
-    Without a `label` it is of all classes together.
-
-    `stem` is their names without extension where these are known, with a place for each of `numbers`, such as
-    "mnist_3_scale04_{:04d}".
+    - `label`: name of the class; "" for all classes together
+    - `count`: number of recordings
+    - `part`: such as "train"; "" if there are no parts
+    - `stem`: pattern of their names without extension, where known, such as "mnist_3_scale04_{:04d}"
+    - `numbers`: that fill in the pattern
     """
 
     label: str
@@ -33,12 +34,12 @@ class Holding:
 
 
 def numbered(label: str, stem: str, numbers: range, part: str = "") -> Holding:
-    """A holding of which all names are known."""
+    """A holding whose names are all known."""
     return Holding(label, len(numbers), part, stem, numbers)
 
 
 class Found(NamedTuple):
-    """A recording that is there: its part ("" where there are none), its class, and its name without extension."""
+    """A recording that was found: its part ("" if there are none), its class, and its name without extension."""
 
     part: str
     label: str
@@ -46,7 +47,10 @@ class Found(NamedTuple):
 
 
 def lacking(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[str, str]]:
-    """Which class of which part has fewer or more recordings than it should, and which they are where that is known."""
+    """Parts and classes with fewer or more recordings than they should have: (where, what is wrong).
+
+    The message lists the recordings where their names are known.
+    """
     there: dict[tuple[str, str], set[str]] = defaultdict(set)
     for part, label, stem in found:
         there[part, label].add(stem)
@@ -70,6 +74,6 @@ def lacking(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[
 
 
 def some(names: Sequence[str]) -> str:
-    """The first of some names, and how many more there are."""
+    """The first `SHOWN` names, and how many more there are."""
     more = len(names) - SHOWN
     return ", ".join(names[:SHOWN]) + (f" and {more:,} more" if more > 0 else "")

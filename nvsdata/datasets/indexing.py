@@ -1,4 +1,4 @@
-"""Samples that can be indexed: what they are made of, what is drawn for them, and what becomes of damaged ones."""
+"""Indexable samples: how they are made, their random numbers, and what happens to damaged ones."""
 
 from __future__ import annotations
 
@@ -21,17 +21,20 @@ Transform = Callable[[Any], Any]
 class Samples(Dataset[tuple[Any, Any]]):
     """Samples `(sample, target)` of recordings.
 
-    `seed`: what a sample's transforms draw depends on (seed, epoch, index) alone, for any number of a DataLoader's
-    workers. The epoch is how often this object has given the sample before: a pass that is left early counts what its
-    workers had made ahead (`SeededBatches` says the epoch itself). None (default) leaves torch's generator.
+    - `seed`: the random numbers of a sample's transforms depend on (seed, epoch, index) alone, for any number of
+      DataLoader workers. The epoch is how often this object has returned the sample before; after a pass that was
+      left early, this includes the samples that workers had prepared (`SeededBatches` gives the epoch explicitly).
+      None (default) uses torch's generator as it is.
+    - `errors`: what happens to damaged recordings:
+      "raise" (default) raises FormatError, or OSError if the disk fails.
+      "skip" replaces a recording that can't be read by the next one that can, with its target. Recordings are sorted
+      by class, so the replacement usually has the same class. Batches keep their size and are the same for any
+      number of workers; a test set counts the replacement twice.
+      "repair" reads a partly damaged recording without the damaged part (as `nvsdata.open(..., strict=False)` does),
+      and replaces one that can't be read at all.
 
-    `errors` says what becomes of damaged recordings. "raise" (default): FormatError, or OSError if the disk fails.
-    "skip": the next recording that can be read takes the place of one that can't, with its target; as recordings
-    are in order of their classes, that is one of the same class as a rule. So batches keep their size, and are the
-    same for any number of workers; a test set counts that neighbor twice. "repair": what is damaged in part is read
-    without that part (as `nvsdata.open(..., strict=False)` does), what can't be read at all is replaced. Each is
-    warned of once; `damaged()` tells of all so far, those that workers met included. 100 in a row that can't be read
-    raise in any case.
+    With "skip" and "repair", each damaged recording gives one warning, and `damaged()` lists all found so far,
+    including those found by workers. 100 unreadable recordings in a row raise in any case.
     """
 
     samples: list[Any]
@@ -41,7 +44,7 @@ class Samples(Dataset[tuple[Any, Any]]):
     def _set(
         self, transform: Transform | None, target_transform: Transform | None, seed: int | None, errors: str
     ) -> None:
-        """Settings that say how samples are given; ValueError or TypeError for those that make no sense."""
+        """Set how samples are made; ValueError or TypeError for settings that make no sense."""
         check_choice("errors", errors, ERRORS)
         if transform is not None and not callable(transform):
             raise TypeError(f"transform must be callable, not {transform!r}; T.Compose([...]) calls several in a row")
@@ -49,7 +52,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         self.seed, self.errors = seed, errors
 
     def _count(self) -> None:
-        """Set what goes by the number of samples."""
+        """Set what depends on the number of samples."""
         self.targets = [sample.label for sample in self.samples]
         self._damage = None if self.errors == "raise" else Damage(len(self.samples))
         self._passes = None if self.seed is None else Passes(len(self.samples))
@@ -59,7 +62,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         part = copy(self)
         part.samples = [self.samples[index] for index in indices]
         for name in list(vars(part)):
-            # what was worked out from the samples
+            # computed from the samples
             if isinstance(getattr(type(self), name, None), cached_property) and name not in self.independent:
                 del vars(part)[name]
         part._count()
@@ -70,11 +73,11 @@ class Samples(Dataset[tuple[Any, Any]]):
         """The recording of a sample, opened but not decoded."""
 
     def recording_names(self) -> list[str]:
-        """The recordings that the samples are of, each once, by their path below the root."""
+        """The recordings of all samples, each once, by their path below the root."""
         return list(self.files_of(self.samples))
 
     def files_of(self, samples: Iterable[Any]) -> dict[str, None]:
-        """Paths below the root of what samples are read from, each once, in order."""
+        """Paths below the root of the files that samples are read from, each once, in order."""
         return dict.fromkeys(name for sample in samples for name in self._files(sample))
 
     def recordings(self, index: int) -> tuple[Recording, ...]:
@@ -82,25 +85,25 @@ class Samples(Dataset[tuple[Any, Any]]):
         return (self.recording(index),)
 
     def joined(self, parts: Sequence[Any]) -> Any:
-        """The sample, of what its recordings became."""
+        """The sample, from its transformed recordings."""
         return parts[0]
 
     def _files(self, sample: Any) -> tuple[str, ...]:
-        """Paths below the root of what a sample is read from."""
+        """Paths below the root of the files that a sample is read from."""
         return (sample.name,)
 
     def _name_of(self, sample: Any) -> str:
-        """What tells a sample from others of its class, wherever its file lies."""
+        """A name that identifies a sample within its class, independent of the folder of its file."""
         return sample.stem if sample.window is None else "{} {}-{}".format(sample.stem, *sample.window)
 
     @cached_property
     def names(self) -> list[tuple[str, str]]:
-        """Class and name of each sample: what random splits go by. They don't depend on folders or the split."""
+        """Class and name of each sample, from which random splits are drawn. Independent of folders and split."""
         return [(self.classes[sample.label], self._name_of(sample)) for sample in self.samples]
 
     @cached_property
     def split_hash(self) -> str:
-        """16 hex digits that are the same for the same samples, by class, name and label, in a folder or a store."""
+        """16 hex digits that identify the samples by class, name and label, in a folder as in a store."""
         return split_hash((*name, label) for name, label in zip(self.names, self.targets, strict=True))
 
     def __len__(self) -> int:
@@ -114,7 +117,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         return self.taken(range(len(self))[index], self._made)
 
     def taken(self, index: int, make: Callable[[int], Any]) -> Any:
-        """`make(index)`, with the random numbers that `seed` gives it, and what `errors` puts in place of it."""
+        """`make(index)` with the random numbers that follow from `seed`, or what `errors` puts in its place."""
         if self._passes is not None and self.seed is not None:
             with seeded(self.seed, self._passes.next(index), index):
                 return self._sound(index, make)
@@ -136,7 +139,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         return label if self.target_transform is None else self.target_transform(label)
 
     def note_repairs(self, index: int, recordings: Sequence[Recording]) -> bool:
-        """Whether its recordings, once read, say that they were repaired; the sample is counted then."""
+        """Whether the recordings, after reading, report repairs; if so, the sample is counted as damaged."""
         repaired = any(recording.repairs for recording in recordings)
         if self._damage is not None and repaired:
             self._damage.mark(index, REPAIRED, f"{self._files(self.samples[index])[0]}: {_repairs(recordings)}")
@@ -144,13 +147,13 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     @property
     def num_damaged(self) -> int:
-        """How many samples were found damaged so far, in all workers."""
+        """How many damaged samples all workers have found so far."""
         return 0 if self._damage is None else len(self._damage.found())
 
     def damaged(self) -> dict[str, str]:
-        """What was found damaged so far, in all workers: a sample's recordings to what was done, and why.
+        """Damaged samples that all workers have found so far: the sample's recordings to what was done, and why.
 
-        Empty for `errors="raise"`. The reasons are found by reading those recordings once more.
+        Empty for `errors="raise"`. Those recordings are read again to find the reasons.
         """
         found = {} if self._damage is None else self._damage.found()
         return {" ".join(self._files(self.samples[i])): self._reason(i, what == REPAIRED) for i, what in found.items()}
@@ -166,9 +169,9 @@ class Samples(Dataset[tuple[Any, Any]]):
 
 
 def check_choice(name: str, given: Any, choices: Sequence[str]) -> None:
-    """ValueError unless it is one of the choices; TypeError for a transform in its place."""
+    """ValueError unless `given` is one of the choices; TypeError for a transform in its place."""
     if callable(given):
-        raise TypeError(f"{name} must be {', '.join(map(repr, choices))}; say transform={given!r} by its name")
+        raise TypeError(f"{name} must be {', '.join(map(repr, choices))}; pass transform={given!r} by keyword")
     if given not in choices:
         raise ValueError(f"{name} must be {', '.join(map(repr, choices))}, not {given!r}")
 

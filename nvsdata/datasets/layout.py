@@ -1,4 +1,4 @@
-"""What is said of a root below which a dataset isn't found: the tree that was expected, and the one that is there."""
+"""Error message if a dataset isn't found below its root: the expected tree, and the one that is there."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from pathlib import Path
 
 from nvsdata.datasets.source import Listing, recordings_in
 
-SHOWN = 5  # folders that are named
+SHOWN = 5  # folders in a message
 
 
 def nothing_below(root: Path, listing: Listing, tree: str, names: Collection[str]) -> str:
-    """The tree expected below `root`, what is there and, if it looks like it, which folder above must be meant.
+    """The tree expected below `root`, what is there and, if `root` seems too deep, which folder above to use.
 
-    `names` are those of classes and parts, in lower case without punctuation: a root of such a name lies too deep.
+    `names` are those of classes and parts, in lower case without punctuation: a root with such a name is too deep.
     """
     said = f"expected there: {tree}; found: {_summary(listing)}"
     above = root.absolute()
     while "".join(c for c in above.name.lower() if c.isalnum()) in names and above != above.parent:
         above = above.parent
     if above == root.absolute() and root.is_dir() and any("/" not in name for name in recordings_in(listing)):
-        # recordings lie right in the root, in no class's folder
+        # recordings lie directly in the root, not in a class folder
         above = above.parent
     return said if above == root.absolute() else f"{said}; the root must be a folder above, such as {above}"
 

@@ -14,7 +14,7 @@ from nvsdata.datasets.indexing import Transform
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
 SCALES = (4, 8, 16)
 FIRST_TEST_ID = 901
-# of grabbed_data0.zip and so on: bytes, sha256
+# bytes and sha256 of grabbed_data0.zip, grabbed_data1.zip, ...
 ZIPS = (
     (790469447, "4263ec792b86015b52533d0a34970b7d0fbf26d3245e5a705515021050165b65"),
     (456285815, "aad599ba4c96c9ed4484adaf4c0a49138d87a7ff4b1ff759f999f46b04ecf620"),
@@ -32,10 +32,15 @@ ZIPS = (
 class MNISTDVS(EventDataset):
     """MNIST-DVS (Serrano-Gotarredona and Linares-Barranco 2015): moving digits on a monitor, a DVS128.
 
-    10,000 digits, each at three scales, about 2.3 s a recording, in
-    `grabbed_data<d>/scale<s>/mnist_<d>_scale<ss>_<id>.aedat`. `scale` is 4, 8, 16, or None for all.
-    The distribution names no split: here recordings 901 to 1000 of a digit are for testing, the
-    customary 90/10, the same digits at every scale. The monitor's 75 Hz are in the recordings.
+    10,000 digits, each at three scales, about 2.3 s per recording, in
+    `grabbed_data<d>/scale<s>/mnist_<d>_scale<ss>_<id>.aedat`. The monitor's refresh rate of 75 Hz is visible in the
+    recordings.
+
+    - `split`: "train" (default), "test" or "all". The distribution has no split: here recordings 901 to 1000 of each
+      digit are for testing (the customary 90/10), the same digits at every scale
+    - `scale`: 4 (default), 8 or 16; None for all three
+    - `fold`: must be None
+    - other parameters: those of `EventDataset`
     """
 
     info = Info(
@@ -57,7 +62,7 @@ class MNISTDVS(EventDataset):
         known_from="the files of digit 0 and a public reader's list of the others",
         tree="grabbed_data<digit>/scale<4, 8 or 16>/mnist_<digit>_scale<04, 08 or 16>_<id>.aedat",
     )
-    # scale folders lie below the digit's, and are no digits
+    # scale folders lie below those of the digits and aren't digits themselves
     aliases: ClassVar[dict[str, str]] = {f"grabbed_data{d}": str(d) for d in range(10)} | {
         f"processed_data{d}": str(d) for d in range(10)
     }

@@ -36,7 +36,7 @@ CLASSES = """
 
 
 class Box(NamedTuple):
-    """A bounding box in pixels: left, top, width, height."""
+    """A bounding box in pixels: `x` (left), `y` (top), `width`, `height`."""
 
     x: int
     y: int
@@ -47,11 +47,14 @@ class Box(NamedTuple):
 class NCaltech101(RandomSplitDataset):
     """N-Caltech101 (Orchard et al. 2015): Caltech101's pictures seen by an ATIS in three saccades.
 
-    8,709 recordings of about 300 ms, `Caltech101/<class>/image_<id>.bin`; the pictures are of many
-    sizes, at most 240x180, which is the sensor here. 101 classes with the background class; without
-    it (`background=False`) 100. A random fifth is for testing, by the seed `fold`.
+    8,709 recordings of about 300 ms, `Caltech101/<class>/image_<id>.bin`. The pictures differ in size; the largest,
+    240x180, is taken as the sensor's size. `box(i)` is the bounding box of sample i, if the annotations were
+    downloaded.
 
-    `box(i)` gives the bounding box of sample i where the annotations were downloaded, too.
+    - `split`: "train" (default), "test" or "all"; a random fifth of each class is for testing
+    - `background`: whether the background class is one of the classes: 101 with it (default), 100 without
+    - `fold`: seed of the random split, at least 0 (default 0)
+    - other parameters: those of `EventDataset`
     """
 
     info = Info(
@@ -110,11 +113,11 @@ class NCaltech101(RandomSplitDataset):
         return [name for name in self.info.classes if self.background or name != BACKGROUND]
 
     def found(self) -> list[Sample]:
-        # annotations are .bin files in class folders, too
+        # annotations are also .bin files in class folders
         return [sample for sample in super().found() if not sample.stem.startswith("annotation")]
 
     def box(self, index: int) -> Box | None:
-        """The bounding box of a sample, cut to the sensor; None if it has no annotation.
+        """The bounding box of a sample, with negative corners moved to 0; None if it has no annotation.
 
         FormatError if the annotation is broken.
         """
@@ -128,9 +131,9 @@ class NCaltech101(RandomSplitDataset):
 
 
 def _box(name: str, data: bytes) -> Box:
-    """Little-endian int16: rows, columns, then x and y of the corners in turn."""
+    """Decode an annotation, little-endian int16: rows, columns, then x and y of each corner."""
     values = np.frombuffer(data[: len(data) // 2 * 2], "<i2")
     if values.size < 10 or values[0] != 2 or values[1] < 4:
-        raise FormatError(name, 0, "no annotation: it doesn't begin with a box of 2 rows and 4 columns or more")
+        raise FormatError(name, 0, "not an annotation: it doesn't begin with a box of 2 rows and 4 columns or more")
     x, y, right, bottom = (max(int(values[i]), 0) for i in (2, 3, 4, 7))
     return Box(x, y, right - x, bottom - y)

@@ -10,11 +10,15 @@ from nvsdata.datasets.holdings import numbered
 
 
 class NCARS(EventDataset):
-    """N-CARS (Sironi et al. 2018): cars and background cut out of an ATIS's view, 100 ms each.
+    """N-CARS (Sironi et al. 2018): crops of cars and background from the recordings of an ATIS, 100 ms each.
 
     7,940 cars and 7,482 backgrounds for training, 4,396 and 4,211 for testing, in
-    `n-cars_train/{cars,background}/obj_<id>_td.dat`. The crops differ in size; the sensor here is
-    the largest, 120x100. Classes: background 0, cars 1.
+    `n-cars_train/{cars,background}/obj_<id>_td.dat` and `n-cars_test`. The crops differ in size; the largest,
+    120x100, is taken as the sensor's size. Classes: background 0, cars 1.
+
+    - `split`: "train" (default), "test" or "all"
+    - `fold`: must be None
+    - other parameters: those of `EventDataset`
     """
 
     info = Info(

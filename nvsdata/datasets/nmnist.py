@@ -35,12 +35,15 @@ class NMNIST(EventDataset):
     """N-MNIST (Orchard et al. 2015): MNIST's digits seen by an ATIS in three saccades, 34x34 pixels.
 
     60,000 recordings for training and 10,000 for testing, about 4,100 events over 300 ms each, in
-    `Train/<digit>/<id>.bin` and `Test/<digit>/<id>.bin` below `root`. The polarity bit is handed out
-    as it is in the file.
+    `Train/<digit>/<id>.bin` and `Test/<digit>/<id>.bin` below `root`. The polarity bit is that of the file.
 
-    `first_saccade` keeps the events of the first 100 ms, `stabilized` takes the camera's motion out
-    of the coordinates (see `stabilize`). `split` is "train", "test" or "all". FileNotFoundError if
-    `root` or its split isn't there.
+    - `split`: "train" (default), "test" or "all"
+    - `first_saccade`: whether to keep only the events of the first 100 ms (default False)
+    - `stabilized`: whether to remove the camera's motion from the coordinates (default False); see `stabilize`
+    - `fold`: must be None
+    - other parameters: those of `EventDataset`
+
+    FileNotFoundError if `root` or its split doesn't exist.
     """
 
     info = Info(
@@ -107,13 +110,14 @@ class NMNIST(EventDataset):
 
 
 def stabilize(events: Events) -> Events:
-    """N-MNIST's saccades undone, as the dataset's authors do it: the digit stands still; pixels that leave are dropped.
+    """Undo N-MNIST's saccades as the dataset's authors do: the digit stands still.
 
-    During the first 105 ms the picture moves by (3.5, 7) pixels, then by (3.5, -7), then by (-7, 0).
-    Times are those of the file.
+    Events that leave the sensor are dropped.
+    During the first 105 ms the picture moves by (3.5, 7) pixels, in the next 105 ms by (3.5, -7), then by (-7, 0).
+    Times must be those of the file.
     """
     one, two, three = (np.clip(events.t - k * SACCADE_US, 0, SACCADE_US) / SACCADE_US for k in range(3))
-    # the authors count pixels from 1 and round; x stays where it is for counting from 0
+    # the authors count pixels from 1 and round; counting from 0 doesn't change x
     x = np.rint(events.x - 3.5 * one - 3.5 * two + 7 * three)
     y = np.rint(events.y - 7 * one + 7 * two)
     width, height = events.sensor_size

@@ -1,4 +1,4 @@
-"""The datasets that are known by their names."""
+"""The registry of datasets by name."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ DATASETS: Registry[type[EventDataset]] = Registry("dataset", "datasets", lambda 
 def register_dataset(kind: Kind) -> Kind:
     """Class decorator: makes a dataset known under `info.name` to all commands and recipes.
 
-    A package does it by an entry point, too (group `nvsdata.datasets`, the object the class). ValueError for a name
-    that is taken, TypeError for what is no subclass of EventDataset with an `info`.
+    A package can use an entry point instead (group `nvsdata.datasets`, whose object is the class). ValueError for a
+    name that is taken, TypeError for anything but a subclass of EventDataset with an `info`.
     """
     if not (isinstance(kind, type) and issubclass(kind, EventDataset) and hasattr(kind, "info")):
         raise TypeError(f"register_dataset takes a subclass of EventDataset with an `info`, not {kind!r}")
@@ -25,9 +25,9 @@ def register_dataset(kind: Kind) -> Kind:
 
 
 def dataset_named(name: str) -> type[EventDataset]:
-    """The dataset of a name, which may be that of the table ("n-mnist") or of the class ("NMNIST"), in any case.
+    """The dataset class with a name: `info.name` ("n-mnist") or the name of the class ("NMNIST"), in any case.
 
-    ValueError, with those that come close, if there is none.
+    ValueError, which lists similar names, if there is none.
     """
     names = {plain(known): kind for kind in DATASETS.values() for known in (kind.info.name, kind.__name__)}
     kind = names.get(plain(name))

@@ -14,22 +14,22 @@ from nvsdata.datasets.shared import Shared
 from nvsdata.kernels.random import FIRST, SECOND, STEP
 
 Key = tuple[int, int]
-"""What `SeededBatches` yields and `SeededDataset` takes: the epoch, and the index of a sample."""
+"""Epoch and index of a sample: what `SeededBatches` yields and `SeededDataset` takes."""
 
 _seeding = False
 
 
 @contextmanager
 def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
-    """Within the block, torch's generator starts from (seed, epoch, index); after it, it is as it was before.
+    """Within the block, torch's generator starts from (seed, epoch, index); afterwards its state is restored.
 
-    A block within another one changes nothing: the outer seed holds.
+    A block inside another one changes nothing: the outer seed stays in force.
     """
     global _seeding
     if _seeding:
         yield
         return
-    # odd constants keep (seed, epoch, index) from meeting in one number
+    # odd constants, so that different (seed, epoch, index) don't give the same number
     mixed = (seed * STEP + epoch * FIRST + index * SECOND) % 2**63
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(mixed)
@@ -41,13 +41,13 @@ def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
 
 
 class Passes:
-    """How often each of `count` samples was taken, by all workers of a loader together: its epoch so far."""
+    """How often all workers of a loader together have taken each of `count` samples: its epoch."""
 
     def __init__(self, count: int) -> None:
         self._taken = Shared(count, np.int64)
 
     def next(self, index: int) -> int:
-        """How often the sample was taken before; from now on it is one more."""
+        """How often the sample was taken before; adds one to it."""
         epoch = int(self._taken.values[index])
         self._taken.values[index] += 1
         return epoch
@@ -56,8 +56,12 @@ class Passes:
 class SeededDataset(Dataset[Any]):
     """A dataset that seeds torch's generator before each sample.
 
-    With it, the number of workers and the point at which a run was resumed make no difference to
-    the samples. Index it by `Key`.
+    The samples then depend neither on the number of workers nor on where a run was resumed.
+
+    - `dataset`: any dataset with a length
+    - `seed`: of the run (default 0)
+
+    `ds[epoch, index]` is `dataset[index]` with torch's generator seeded by (seed, epoch, index).
     """
 
     def __init__(self, dataset: Any, seed: int = 0) -> None:
@@ -73,14 +77,18 @@ class SeededDataset(Dataset[Any]):
 
 
 class SeededBatches(Sampler[list[Key]]):
-    """Batches of keys for the epochs first..last (excluded), one after the other: a `batch_sampler`.
+    """A `batch_sampler` of keys for several epochs, one after the other.
 
-    `size` is the number of samples; with `shuffle`, each epoch has its own order, drawn from
-    `seed`. The last batch of an epoch may be smaller. As epochs follow without a break, workers
-    fetch the next one while this one ends.
+    The last batch of an epoch may be smaller. Epochs follow without a break, so workers fetch the next epoch while
+    the current one ends.
 
-    `part` is (rank, count): of each batch, this process of so many has its share, in order of rank. A process for
-    which nothing is left of a last batch has no such batch.
+    - `size`: number of samples
+    - `batch_size`: samples per batch, of all processes together
+    - `first`, `last`: epochs first to last - 1 (default 0 and 1: one epoch)
+    - `shuffle`: whether each epoch has its own random order, drawn from `seed` (default False)
+    - `seed`: of the orders (default 0)
+    - `part`: (rank, count) of this process among `count` that share each batch, in order of rank (default (0, 1)).
+      A process for which nothing is left of a last batch skips that batch.
     """
 
     def __init__(
@@ -101,7 +109,7 @@ class SeededBatches(Sampler[list[Key]]):
 
     @property
     def batches(self) -> int:
-        """Batches an epoch."""
+        """Batches per epoch."""
         shares = self._share(torch.arange(self.batch_size)), self._share(torch.arange(self.size % self.batch_size))
         return (self.size // self.batch_size) * bool(len(shares[0])) + bool(len(shares[1]))
 

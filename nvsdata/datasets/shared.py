@@ -1,4 +1,4 @@
-"""Counts that all workers of a loader keep together."""
+"""Counts shared by all workers of a loader."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import torch
 
 
 class Shared:
-    """`count` numbers of a type, 0 at first, in memory that processes share which are forked or spawned later.
+    """`count` numbers of a type, 0 at first, in memory shared with processes that are forked or spawned later.
 
-    Memory of the system's without a name: it takes no descriptor, of which each process has a thousand or so. Only what
-    is sent to a spawned process moves to torch's, which has one.
+    The memory is an anonymous mapping, which needs no file descriptor (a process may have about a thousand). Only
+    when it is sent to a spawned process does it move to torch's shared memory, which needs one.
     """
 
     def __init__(self, count: int, kind: Any) -> None:

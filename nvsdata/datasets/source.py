@@ -14,10 +14,10 @@ from nvsdata.common.files import atomic, sweep
 from nvsdata.data.recording import Recording
 
 INDEX, VERSION = ".nvsdata-index.json", 1
-REMEMBERED = 2_000  # files from which on an index is worth its place on the disk
-SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before it was listed may change unseen
-CACHE_TAG = "CACHEDIR.TAG"  # in folders that caches make, by a convention of backup programs
-DEEPEST = 8  # levels of folders, in case links make a circle
+REMEMBERED = 2_000  # with at least this many files, an index is worth its disk space
+SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before its listing may change again with the same time
+CACHE_TAG = "CACHEDIR.TAG"  # marks folders of caches, by a convention of backup programs
+DEEPEST = 8  # levels of folders, in case links form a cycle
 
 Listing = dict[str, list[str]]
 """Folder, relative to the root with slashes, to its sorted file names."""
@@ -29,7 +29,7 @@ def joined(folder: str, name: str) -> str:
 
 
 def recordings_in(listing: Listing) -> Iterator[str]:
-    """Paths of the listed files whose extension a known format has."""
+    """Paths of the listed files that have the extension of a known format."""
     known = formats.suffixes()
     for folder, names in listing.items():
         prefix = joined(folder, "")
@@ -40,20 +40,20 @@ class Source(Protocol):
     """Files by their path relative to the root, with slashes."""
 
     root: Path
-    split: str  # of which it holds the recordings
+    split: str  # whose recordings it holds
     left_out: dict[str, str]  # recordings that are listed but can't be had, and why
 
     def listing(self) -> Listing:
-        """All files but hidden ones, and folders without files, too."""
+        """All files except hidden ones; folders without files are listed, too."""
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
-        """The recording of that name; unless `strict`, one that is damaged in part is read without that part."""
+        """The recording with that name; unless `strict`, a partly damaged one is read without the damaged part."""
 
     def data(self, name: str) -> bytes:
-        """The bytes of a small file that is no recording."""
+        """The bytes of a small file that is not a recording."""
 
     def size(self, name: str) -> int:
-        """Bytes of a file, or an equivalent: what empty recordings are told by."""
+        """Bytes of a file, or an equivalent, by which empty recordings are recognized."""
 
     def stamp(self, name: str) -> tuple[int, ...]:
         """Numbers that change when the recording does."""
@@ -71,7 +71,7 @@ class Folder:
         self.left_out: dict[str, str] = {}
 
     def listing(self) -> Listing:
-        """All files but hidden ones, from the index in the root if no folder changed since it was made."""
+        """All files except hidden ones, from the index in the root if no folder has changed since it was made."""
         remembered = self._remembered()
         if remembered is not None:
             return remembered
@@ -97,7 +97,7 @@ class Folder:
             if index["version"] != VERSION:
                 return None
             for folder, changed in index["times"].items():
-                # the index itself changes the root: it is written there after the root was listed
+                # writing the index itself changes the root after it was listed
                 now = os.stat(self.root / folder).st_mtime_ns
                 if now != changed or now > index["made"] - SETTLED_NS:
                     return None
@@ -112,17 +112,17 @@ class Folder:
             sweep(self.root, INDEX)
             with atomic(self.root / INDEX) as temporary:
                 temporary.write_text(json.dumps(index))
-            # writing it touched the root, which else would seem to have changed
+            # otherwise the root would seem to have changed
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:
-            pass  # a folder that can't be written to is listed anew each time
+            pass  # a folder that can't be written to is listed again each time
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
-        """The recording of that name."""
+        """The recording with that name."""
         return formats.open(os.path.join(self.root, name), sensor_size=sensor_size, strict=strict)
 
     def data(self, name: str) -> bytes:
-        """The bytes of a small file that is no recording."""
+        """The bytes of a small file that is not a recording."""
         return (self.root / name).read_bytes()
 
     def size(self, name: str) -> int:
@@ -130,10 +130,10 @@ class Folder:
         return os.stat(self.root / name).st_size
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Bytes of the file, and when it was changed."""
+        """Size of the file in bytes, and when it was changed."""
         status = os.stat(os.path.join(self.root, name))
         return status.st_size, status.st_mtime_ns
 
     def settled(self, name: str, at: int) -> bool:
-        """Whether the file wasn't changed about then: it may change once more within a tick of the disk's clock."""
+        """Whether the file wasn't changed around `at`; otherwise it may change again within one tick of the clock."""
         return abs(at - self.stamp(name)[1]) > SETTLED_NS

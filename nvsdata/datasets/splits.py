@@ -1,4 +1,4 @@
-"""Random splits that depend on names alone, and a digest that tells one split from another."""
+"""Random splits that depend on names alone, and a digest that identifies a split."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from hashlib import blake2b
 
 
 def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: int = 0) -> tuple[list[int], list[int]]:
-    """Indices for training and testing: a share `test` of each class, drawn by `seed`. Both are sorted.
+    """Random split into training and testing with the same share of each class: two sorted lists of indices.
 
-    `recordings` are (class, name) each. The names of a class are ranked by a hash of seed, class and name, and the
-    first of them are held back, as many as `test` times their number, rounded. So the order they are given in makes
-    no difference, and one recording more or less moves at most one other, of its own class. Those of one class and
-    one name rank in the order they are given in.
+    - `recordings`: (class, name) of each
+    - `test`: share of each class for testing, between 0 and 1 (default 0.2)
+    - `seed`: of the draw (default 0)
+
+    The names of a class are ranked by a hash of seed, class and name; the first of them, `test` times their number
+    (rounded), are for testing.
+    So the order of `recordings` makes no difference, and one recording more or less moves at most one other
+    recording, of the same class. Recordings with the same class and name are ranked in the given order.
 
     ValueError unless 0 < test < 1.
     """
@@ -33,14 +37,14 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
 
 
 def _followed(begun: blake2b, name: str) -> bytes:
-    """The digest of what was hashed so far, and a name after it."""
+    """The digest of what was hashed so far and a name appended to it."""
     whole = begun.copy()
     whole.update(name.encode("utf-8", "surrogatepass"))
     return whole.digest()
 
 
 def split_hash(samples: Iterable[tuple[str, str, int]]) -> str:
-    """16 hex digits over the (class, name, label) of samples, in whatever order they are given."""
-    # no name of a file has a zero in it; what isn't UTF-8 in one is a surrogate
+    """16 hex digits over the (class, name, label) of samples, independent of their order."""
+    # no file name contains a zero byte; bytes that aren't UTF-8 are surrogates in it
     lines = sorted(f"{group}\0{name}\0{label}\0" for group, name, label in samples)
     return blake2b("".join(lines).encode("utf-8", "surrogatepass"), digest_size=8).hexdigest()

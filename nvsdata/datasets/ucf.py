@@ -33,7 +33,7 @@ UCF50_CLASSES = """
     PommelHorse PullUps Punch PushUps RockClimbingIndoor RopeClimbing Rowing SalsaSpin SkateBoarding Skiing Skijet
     SoccerJuggling Swing TaiChi TennisSwing ThrowDiscus TrampolineJumping VolleyballSpiking WalkingWithDog YoYo
 """.split()
-# videos of each of UCF50's classes
+# number of videos per class of UCF50
 UCF50_COUNTS = (
     *(
         150,
@@ -90,7 +90,7 @@ UCF50_COUNTS = (
 
 
 class _UCF(CountedFromBottom):
-    """`<Class>/v_<Class>_g<NN>_c<MM>.<suffix>`: the group gNN is of clips cut from one video."""
+    """`<Class>/v_<Class>_g<NN>_c<MM>.<suffix>`: the clips of a group gNN were cut from one video."""
 
     smallest: ClassVar[int] = 1024
 
@@ -101,14 +101,17 @@ class _UCF(CountedFromBottom):
 
 
 class UCF101DVS(_UCF):
-    """UCF101-DVS (Bi et al. 2020): UCF101's videos on a monitor before a DAVIS240C, 240x180.
+    """UCF101-DVS (Bi et al. 2020): UCF101's videos on a monitor in front of a DAVIS240C, 240x180.
 
-    About 13,500 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.mat`. The splits are UCF101's own, `fold`
-    1, 2 or 3 (default 1): `trainlist0<k>.txt` and `testlist0<k>.txt` if they lie below `root`, else the
-    rule they follow, that groups 7k - 6 to 7k are for testing.
-    Recordings below 1 KB are empty; `skipped` names them. `groups` has the group of each sample.
-    y of the .mat files is taken to count from the bottom, as in ASL-DVS, and turned; public readers
-    disagree on it.
+    About 13,500 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.mat`. The splits are UCF101's own: `trainlist0<k>.txt` and
+    `testlist0<k>.txt` if they lie below `root`, otherwise the rule they follow: groups 7k - 6 to 7k are for testing.
+    Recordings below 1 KB are empty; `skipped` lists them. `groups` has the group of each sample.
+    The .mat files are assumed to count y from the bottom of the sensor, as in ASL-DVS, and here it counts from the
+    top; public readers disagree on this.
+
+    - `split`: "train" (default), "test" or "all"
+    - `fold`: 1, 2 or 3 (default 1), the number k of the split
+    - other parameters: those of `EventDataset`
     """
 
     info = Info(
@@ -132,7 +135,7 @@ class UCF101DVS(_UCF):
             return found
         stems = self._stems_in(f"{self.split}list0{self.fold}.txt")
         if stems is None:
-            # what the lists amount to: seven groups are for testing, the next seven in the next split
+            # the rule of the lists: seven groups are for testing, the next seven in the next split
             held = range(7 * self.fold - 6, 7 * self.fold + 1)
             return self._held_out(found, lambda sample: group_of(sample) in held)
         return [sample for sample in found if sample.stem.lower() in stems]
@@ -142,7 +145,7 @@ class UCF101DVS(_UCF):
         return {name: list(stems) for name in names if (stems := self._stems_in(name))}
 
     def _stems_in(self, name: str) -> dict[str, None] | None:
-        """What a list names, in lower case, for names are spelt in more ways than one; None if there is no list."""
+        """Names in a list, in lower case because their spelling varies; None if there is no such list."""
         listed = self._side_file(name)
         if listed is None:
             return None
@@ -151,10 +154,14 @@ class UCF101DVS(_UCF):
 
 
 class UCF50DVS(_UCF):
-    """UCF50-DVS (Hu et al. 2016): UCF50's videos on a monitor before a DAVIS240C, 240x180, AEDAT 2.
+    """UCF50-DVS (Hu et al. 2016): UCF50's videos on a monitor in front of a DAVIS240C, 240x180, AEDAT 2.
 
-    6,681 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.aedat`. One group at a time is for testing: `fold`
-    1 to 25 (default 1). The file names spell some classes differently from the folders, which count.
+    6,681 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.aedat`. Some file names spell the class differently from the
+    folder; the folder counts. `groups` has the group of each sample.
+
+    - `split`: "train" (default), "test" or "all"
+    - `fold`: 1 to 25 (default 1), the group that is for testing
+    - other parameters: those of `EventDataset`
     """
 
     info = Info(
@@ -178,6 +185,6 @@ class UCF50DVS(_UCF):
 
 
 def group_of(sample: Sample) -> int:
-    """The group gNN in a file's name; 0 if there is none."""
+    """Number of the group gNN in a file's name; 0 if there is none."""
     match = re.search(r"_g(\d+)_c\d+$", sample.stem)
     return int(match[1]) if match else 0

@@ -28,12 +28,18 @@ CLASSES = (
 
 
 class YUPENNDVS(CountedFromBottom):
-    """YUPENN-DVS (Bi et al. 2020): dynamic scenes on a monitor before a DAVIS240C, 240x180.
+    """YUPENN-DVS (Bi et al. 2020): dynamic scenes on a monitor in front of a DAVIS240C, 240x180.
 
-    14 scenes of 30 recordings each. Nobody describes how the files are laid out: class folders of
-    recordings in any known format are read, names told without regard to case and spaces. One
-    recording is left out for testing: `fold` is its index among all (default 0). y of .mat files is taken
-    to count from the bottom, as in the other datasets of these authors.
+    14 scenes with 30 recordings each. The layout of the files is not documented anywhere: class folders of
+    recordings in any known format are read, their names compared without case, spaces and punctuation. The .mat
+    files are assumed to count y from the bottom of the sensor, as in the authors' other datasets; here it counts
+    from the top.
+
+    - `split`: "train" (default), "test" or "all"; a single recording is for testing
+    - `fold`: index of that recording among all (default 0)
+    - other parameters: those of `EventDataset`
+
+    ValueError if `fold` isn't below the number of recordings.
     """
 
     info = Info(

@@ -370,7 +370,7 @@ def test_a_full_disk_does_not_end_a_training(digits, tmp_path):
         for i in range(3):
             assert same(cached[i][0], plain[i][0])
     assert len(told) == 1
-    assert "samples are made anew each time" in str(told[0].message)
+    assert "samples are made again each time" in str(told[0].message)
     assert not list(cached.folder.rglob("*.p*"))
 
 

@@ -1,1 +1,1 @@
-"""What a dataset is published as: fetched, checked, unpacked."""
+"""The archives in which a dataset is published: fetched, checked, unpacked."""

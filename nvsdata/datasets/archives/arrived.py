@@ -1,4 +1,4 @@
-"""Whether a file is the archive that it should be, and what it is otherwise."""
+"""Whether a file is the expected archive and, if not, what it is."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pathlib import Path
 
 from nvsdata.datasets.archives.unpack import is_archive
 
-HEAD = 1 << 16  # bytes that web pages are told by
+HEAD = 1 << 16  # bytes in which web pages are recognized
 QUOTA = "Google Drive's page for a used-up quota: try again in a day"
 
 
 def kind_of(expected: str) -> str:
-    """What a checksum of that many digits is called."""
+    """Name of the algorithm of a checksum, by its number of digits."""
     return "md5" if len(expected) == 32 else "sha256"
 
 
 def fault_of(path: Path, expected: str) -> str:
-    """Why a file is not the one of that md5 or sha256 or, if that is empty, no archive; empty if it is."""
+    """Why a file doesn't have the md5 or sha256 `expected` (if that is empty: isn't an archive); "" if it is right."""
     with path.open("rb") as file:
         head = file.read(HEAD)
         if not head:
@@ -36,7 +36,7 @@ def fault_of(path: Path, expected: str) -> str:
 
 
 def page_of(head: bytes) -> str:
-    """What web page a file's first bytes are of; empty if they are of none."""
+    """Description of the web page that a file's first bytes belong to; "" if they don't."""
     if not re.match(rb"(\xef\xbb\xbf)?\s*(<!--.*?-->\s*)?<(!doctype\s+html|html)\b", head, re.IGNORECASE | re.DOTALL):
         return ""
     text = head.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""Datasets downloaded: archives brought to a folder, checked, unpacked whole or not at all."""
+"""Downloading datasets: archives are fetched into a folder, checked, and unpacked completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,20 +15,23 @@ from nvsdata.datasets.archives.transfer import MIRROR, fetch
 from nvsdata.datasets.archives.unpack import unpack
 from nvsdata.datasets.facts import Archive, Info
 
-WORK = ".nvsdata-download"  # the folder in the root for what is unfinished; nothing of the user's is in it
+WORK = ".nvsdata-download"  # folder in the root for unfinished work; it contains no files of the user
 
 
 def download(info: Info, root: Path) -> list[Path]:
-    """Have the folders of a dataset's archives in `root`, downloading and unpacking what is missing; return them.
+    """Download and unpack the archives of a dataset that are missing in `root`; return the folders of all archives.
 
-    What is there already stays as it is: an archive that was put into `root` by hand is used if its hash is right.
-    A run that was stopped, in whatever way, goes on: transfers where they broke off, unpacking from the archive's
-    beginning. A folder gets its name when it is whole.
+    Existing files stay as they are: an archive that was put into `root` by hand is used if its hash is right.
+    A run that was interrupted can be repeated: transfers continue where they broke off, unpacking starts again. A
+    folder gets its final name when it is complete.
 
-    Environment variable NVSDATA_MIRROR: a folder of archives, or the address of one (https://...), that is asked
-    before the addresses known here: for `info.name/ARCHIVE`, then for `ARCHIVE`.
+    - `info`: facts about the dataset, including its archives
+    - `root`: the folder, made if needed
 
-    Raises DownloadError if an archive can't be had or unpacked (a warning for one that is `optional`), OutputInUse if
+    Environment variable NVSDATA_MIRROR: a folder of archives, or its address (https://...), which is tried
+    before the addresses known here: first `info.name/ARCHIVE`, then `ARCHIVE`.
+
+    Raises DownloadError if an archive can't be fetched or unpacked (a warning if it is `optional`), OutputInUse if
     another process downloads to `root`.
     """
     if not info.archives:
@@ -43,7 +46,7 @@ def download(info: Info, root: Path) -> list[Path]:
         with claimed(root):
             _get(missing, root, work, info)
     elif lock_path(root).exists():
-        # a run that was killed at its very end left it
+        # left by a run that was killed at its very end
         with suppress(OSError), locked(root):
             pass
     return [root / archive.folder for archive in info.archives if _is_there(root / archive.folder)]
@@ -69,28 +72,28 @@ def _get(archives: list[Archive], root: Path, work: Path, info: Info) -> None:
         if not failed:
             shutil.rmtree(work, ignore_errors=True)
     finally:
-        # what is left there is for the next run to go on with
+        # the next run continues with what is left there
         with suppress(OSError):
             work.rmdir()
 
 
 def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> None:
     path, folder, unpacked = fetch(archive, root, work, info), root / archive.folder, work / "unpacked"
-    # a run that was killed left it
+    # left by a run that was killed
     shutil.rmtree(unpacked, ignore_errors=True)
     try:
         unpack(path, unpacked)
     except DownloadError as error:
         again = "" if archive.hash else f"; move {path} away to download it again"
         raise DownloadError(f"{error}{again}") from error
-    # the archive may hold the folder itself or only what belongs into it
+    # the archive may contain the folder itself or only its content
     inner = unpacked / archive.folder
     (inner if [*unpacked.iterdir()] == [inner] and inner.is_dir() else unpacked).rename(folder)
     shutil.rmtree(unpacked, ignore_errors=True)
 
 
 def _is_there(folder: Path) -> bool:
-    """Whether there is such a folder, with something in it. DownloadError for a file of that name."""
+    """Whether the folder exists and isn't empty. DownloadError for a file with that name."""
     if folder.exists() and not folder.is_dir():
         raise DownloadError(f"{folder} is a file, where a folder is to be unpacked: move it away and try again")
     return folder.is_dir() and any(folder.iterdir())

@@ -1,4 +1,4 @@
-"""Files brought here: from the first place that gives them whole, going on where a connection broke off."""
+"""Fetching files from the first place that has them, resuming broken connections."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ from nvsdata.datasets.archives.unpack import take_out
 from nvsdata.datasets.facts import Archive, Info
 
 MIRROR = "NVSDATA_MIRROR"
-TRIES = 3  # in a row that bring nothing new, before the next place is asked
-PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s before the next try; each is twice as long as the last
-MUCH = 16 << 20  # bytes that came before a connection broke: then pauses begin from the shortest
-TIMEOUT = (30.0, 60.0)  # s to connect, and without a byte
+TRIES = 3  # in a row without a new byte, before the next place is tried
+PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s before the next try; each is twice as long as the one before
+MUCH = 16 << 20  # bytes received before a connection broke, after which pauses start again from the shortest
+TIMEOUT = (30.0, 60.0)  # s to connect, and s without a byte
 CHUNK = 1 << 16
-AGAIN = (408, 425, 429, 500, 502, 503, 504)  # answers that may be others in a moment
+AGAIN = (408, 425, 429, 500, 502, 503, 504)  # HTTP statuses that may be temporary
 
 
 class _Broken(Exception):
-    """A try that failed in a way that the next one may not."""
+    """A try failed, but the next one may succeed."""
 
 
 class _Changed(_Broken):
-    """What is here is not a beginning of what the server has."""
+    """The part downloaded so far is not the beginning of the server's file."""
 
 
 class _NotHere(Exception):
-    """Why a place does not give the file."""
+    """A place doesn't have the file; the message says why."""
 
 
-# what ends a try; those of requests are OSErrors, which the disk's are, too
+# errors that end a try; OSError would be too wide: errors of requests are OSErrors, but so are those of the disk
 _FAILURES = (_Broken, requests.RequestException, urllib3.exceptions.HTTPError)
 
 
 def fetch(archive: Archive, root: Path, work: Path, info: Info) -> Path:
-    """The intact archive: the one in `root`, else a local mirror's, else one that is downloaded into `root`.
+    """Path of the intact archive: in `root`, otherwise in a local mirror, otherwise downloaded into `root`.
 
-    `work` is a folder on the same disk for what is unfinished. Places are asked in turn: what NVSDATA_MIRROR names,
-    then the archive's `urls`, then the archive that it is `within`. DownloadError if none gives it, the disk is full
-    or fails, or a file of the archive's name in `root` is not the archive: nothing that is there is written over.
+    `work` is a folder on the same disk for unfinished files. Places are tried in order: NVSDATA_MIRROR,
+    the archive's `urls`, the archive that it is `within`. DownloadError if no place has it, the disk is full
+    or fails, or a file with the archive's name in `root` is not the archive: no existing file is overwritten.
     """
     try:
         return _brought(archive, root, work, info)
@@ -63,7 +63,7 @@ def fetch(archive: Archive, root: Path, work: Path, info: Info) -> Path:
 
 
 def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
-    """What `fetch` returns; _NotHere with what went wrong at each place."""
+    """What `fetch` returns; _NotHere says what went wrong at each place."""
     path, part = root / archive.name, _Part(work / archive.name)
     if path.exists():
         if fault := fault_of(path, archive.hash):
@@ -88,7 +88,7 @@ def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
             raise DownloadError(f"{error.filename or part.path}: {error.strerror or error}") from error
         else:
             if path.exists():
-                raise DownloadError(f"{path} came there during the download; move it away and try again")
+                raise DownloadError(f"{path} appeared during the download; move it away and try again")
             part.path.rename(path)
             part.discard()
             return path
@@ -96,7 +96,7 @@ def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
 
 
 def _places(archive: Archive, info: Info) -> Iterator[Path | str | Archive]:
-    """Where an archive may be had: of the user's mirror in the dataset's folder or beside it, then from its hosts."""
+    """Places to try for an archive: the user's mirror (in the dataset's folder or beside it), then its hosts."""
     mirror, names = os.environ.get(MIRROR, ""), (f"{info.name}/{archive.name}", archive.name)
     if mirror.startswith(("http://", "https://")):
         yield from (f"{mirror.rstrip('/')}/{quote(name)}" for name in names)
@@ -111,17 +111,17 @@ def _places(archive: Archive, info: Info) -> Iterator[Path | str | Archive]:
 
 
 def _take_from(outer: Archive, part: _Part, archive: Archive, work: Path, info: Info) -> None:
-    """Make the part of what another archive holds, which stays in `work`. _NotHere if that can't be had."""
+    """Take the archive out of another one, which stays in `work`. _NotHere if that can't be fetched."""
     found = _brought(outer, work, work, info)
     part.discard()
     take_out(found, archive.name, part.path)
     if fault := fault_of(part.path, archive.hash):
         part.discard()
-        raise _NotHere(f"what it holds {fault}")
+        raise _NotHere(f"the file in it {fault}")
 
 
 def _by_hand(archive: Archive, root: Path, info: Info, faults: str) -> str:
-    """What to do where a browser is needed, and what went wrong without one."""
+    """Instructions for downloading with a browser, and what went wrong without one."""
     facts = [f"about {archive.size / 1e9:.1f} GB"] if archive.size else []
     facts += [f"{kind_of(archive.hash)} {archive.hash}"] if archive.hash else []
     known = f" ({', '.join(facts)})" if facts else ""
@@ -130,7 +130,7 @@ def _by_hand(archive: Archive, root: Path, info: Info, faults: str) -> str:
 
 
 class _Part:
-    """A file that is on its way, with a note beside it of where it comes from and which version it is."""
+    """A partly downloaded file, with a note beside it of its address and version."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._note = path.with_name(path.name + ".part"), path.with_name(path.name + ".json")
@@ -156,20 +156,20 @@ class _Part:
 
 
 def _download(url: str, part: _Part, archive: Archive) -> None:
-    """Bring the part to its end, and check it. _NotHere if that can't be; OSError if the disk fails."""
+    """Complete the part and check it. _NotHere if that isn't possible; OSError if the disk fails."""
     for last in (False, True):
         in_pieces = _go_on(url, part, archive)
         fault = fault_of(part.path, archive.hash)
         if not fault:
             return
         part.discard()
-        # pieces may not have been of one file: then once more from the beginning
+        # the pieces may belong to different versions of the file: try once more from the beginning
         if last or not in_pieces:
-            raise _NotHere(f"what came {fault}")
+            raise _NotHere(f"what it sent {fault}")
 
 
 def _go_on(url: str, part: _Part, archive: Archive) -> bool:
-    """Try again, after growing pauses, as long as that brings something new; whether the part is of several tries."""
+    """Try again, after growing pauses, while there are new bytes. Returns whether the part comes from several tries."""
     most, fruitless, changes, pause = len(part), 0, 0, PAUSE
     while True:
         before = len(part)
@@ -189,7 +189,7 @@ def _go_on(url: str, part: _Part, archive: Archive) -> bool:
 
 
 def _words(error: BaseException) -> str:
-    """What a connection died of, in urllib3's innermost words."""
+    """Why a connection failed, by urllib3's innermost message."""
     inner = getattr(error, "reason", None) or (error.args[0] if error.args else None)
     if isinstance(inner, BaseException):
         return _words(inner)
@@ -197,11 +197,11 @@ def _words(error: BaseException) -> str:
 
 
 def _one_try(url: str, part: _Part, archive: Archive) -> bool:
-    """Ask for what is missing and add it; whether there was a beginning. One of _FAILURES if it breaks off."""
+    """Request the missing bytes and append them. Returns whether there were bytes before; raises one of _FAILURES."""
     have, note = len(part), part.note
     version = note.get("version", "") if note.get("url") == url else ""
     headers = {"Accept-Encoding": "identity"}
-    # without a version or a hash nothing would tell that the rest is of another file
+    # without a version or a hash, a rest that belongs to another file would go unnoticed
     if have and (version or archive.hash):
         headers["Range"] = f"bytes={have}-"
         if version:
@@ -215,7 +215,7 @@ def _one_try(url: str, part: _Part, archive: Archive) -> bool:
             return True
         if response.status_code != 200 and not (begin == have and is_same):
             part.discard()
-            raise _Changed("what the server has changed on the way")
+            raise _Changed("the server's file changed during the download")
         if archive.hash and archive.size and total not in (None, archive.size):
             raise _NotHere(f"the server has {total:,} bytes, not {archive.size:,}")
         _check_disk(part.path.parent, (total or archive.size) - begin)
@@ -239,10 +239,10 @@ def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, 
 
 
 def _bytes_of(response: requests.Response) -> Iterator[bytes]:
-    """The bytes that a server sends. _Broken or _NotHere if they are not the file's."""
+    """The bytes that a server sends. _Broken or _NotHere if they don't belong to the file."""
     code = response.status_code
     status = f"HTTP {code} {response.reason or ''}".strip()
-    # not decoded: a file that is sent as packed on the way is the packed file
+    # not decoded, because a compressed file may be declared as a compressed transfer
     chunks: Iterator[bytes] = response.raw.stream(CHUNK, decode_content=False)
     first = next(chunks, b"")
     page = "" if code == 206 else page_of(first)
@@ -260,7 +260,7 @@ def _bytes_of(response: requests.Response) -> Iterator[bytes]:
 
 
 def _extent(response: requests.Response) -> tuple[int, int | None]:
-    """The byte that an answer begins at (-1 if it has none), and how many the file has if that is said."""
+    """First byte of an answer (-1 if there is none), and the size of the file if stated."""
     if response.status_code == 200:
         length = response.headers.get("Content-Length", "")
         return 0, int(length) if length.isdecimal() else None
@@ -270,7 +270,7 @@ def _extent(response: requests.Response) -> tuple[int, int | None]:
 
 
 def _version(response: requests.Response) -> str:
-    """What a server tells a file's versions apart by: a strong ETag, else the time of the last change, else nothing."""
+    """What identifies a version of the file: a strong ETag, otherwise the time of the last change, otherwise ""."""
     tag: str = response.headers.get("ETag", "")
     return tag if tag.startswith('"') else response.headers.get("Last-Modified", "")
 

@@ -1,4 +1,4 @@
-"""Archives unpacked: whole into a folder that was not there before, or not at all."""
+"""Unpacking archives: completely, into a new folder, or not at all."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from typing import IO
 
 from nvsdata.common.errors import DownloadError
 
-MOST_BYTES = 100 << 30  # that an archive may unpack to, those within it included
+MOST_BYTES = 100 << 30  # that an archive may unpack to, including the archives within it
 MOST_FILES = 1_000_000
-MOST_TIMES, SMALL = 100, 1 << 28  # how many times its own size, once that is no longer small; recordings shrink less
+MOST_TIMES, SMALL = 100, 1 << 28  # times its own size, above SMALL bytes; recordings compress less than that
 DEEPEST = 3  # archives within archives
-BLOCK = 4096  # bytes of disk that files are counted in
+BLOCK = 4096  # bytes of a disk block, to which the sizes of files are rounded up
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 # what Python's readers raise for damaged archives, besides an OSError without a number
 _DAMAGE = (
@@ -44,13 +44,13 @@ _WINDOWS_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d) *(\..*)?", re.IGNOR
 
 
 def unpack(path: Path, folder: Path) -> None:
-    """Unpack a zip or tar, and the zips in it (each into a folder of its name), into `folder`, which it makes.
+    """Unpack a zip or tar, and the zips in it (each into a folder with its name), into the new folder `folder`.
 
-    Nothing outside `folder` is written or removed, and what all entries declare is checked before any is written.
-    DownloadError, with no folder left behind, if `folder` is there already; if an entry is a link or a device, leads
-    out of the folder, is there twice, is encrypted, damaged or compressed by an unknown method; if the archive breaks
-    off or fails its checksum; if it unpacks to more than `MOST_BYTES`, `MOST_FILES`, `MOST_TIMES` its size or what
-    the disk has room for.
+    Nothing outside `folder` is written or removed, and the headers of all entries are checked before any is written.
+    DownloadError, with no folder left behind, if `folder` exists; if an entry is a link or a device, leads
+    out of the folder, occurs twice, is encrypted, damaged or compressed by an unknown method; if the archive is
+    truncated or fails its checksum; if it unpacks to more than `MOST_BYTES`, `MOST_FILES`, `MOST_TIMES` times its
+    size, or more than the disk has room for.
     """
     try:
         folder.mkdir(parents=True)
@@ -65,7 +65,7 @@ def unpack(path: Path, folder: Path) -> None:
 
 
 def take_out(path: Path, file: str, target: Path) -> None:
-    """Write what a zip holds under the name `file`, in whatever folder, to `target`. DownloadError if it can't."""
+    """Write the entry of an archive named `file`, in any folder, to `target`. DownloadError if that fails."""
     with _told(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
         entries = list(_entries(archive, str(path), target.parent, _Room(MOST_BYTES, MOST_FILES)))
         found = [entry for entry in entries if entry.name.rsplit("/", 1)[-1] == file]
@@ -77,19 +77,19 @@ def take_out(path: Path, file: str, target: Path) -> None:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is a zip or a tar, as far as its beginning and a zip's end tell."""
+    """Whether a file is a zip or a tar, judged by its beginning and, for a zip, its end."""
     return zipfile.is_zipfile(path) if _is_zip(path) else tarfile.is_tarfile(path)
 
 
 def _is_zip(path: Path) -> bool:
-    # not by its end alone, which may be that of a zip within a tar
+    # not by its end alone, which may belong to a zip within a tar
     with path.open("rb") as file:
         return file.read(2) == b"PK"
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """A file or folder of an archive, and what Python's module calls it by."""
+    """A file or folder of an archive, and its object in Python's module."""
 
     name: str
     size: int
@@ -99,13 +99,13 @@ class _Entry:
 
 @dataclass
 class _Room:
-    """What may still be unpacked."""
+    """How many bytes and files may still be unpacked."""
 
     bytes: int
     files: int
 
     def take(self, size: int, archive: str) -> None:
-        """Take a file off it; DownloadError if there is no room for it."""
+        """Subtract a file; DownloadError if there is no room for it."""
         self.bytes -= size
         self.files -= 1
         if self.bytes < 0 or self.files < 0:
@@ -116,7 +116,7 @@ class _Room:
 
 
 def _unpack(path: Path, name: str, folder: Path, room: _Room, depth: int) -> None:
-    """Unpack an archive that messages call `name`."""
+    """Unpack an archive, called `name` in messages."""
     with _told(f"{name}: damaged archive"), _opened(path, name) as archive:
         entries = list(_entries(archive, name, folder, room))
         if not entries:
@@ -152,13 +152,13 @@ def _write(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: Pa
         assert isinstance(entry.member, tarfile.TarInfo)
         file = archive.extractfile(entry.member)
     assert file is not None, "what is not a folder is a file"
-    # x: another entry of that name, or on some systems of that name in another case, is not written over
+    # x: doesn't overwrite another entry with that name (on some systems: in another case)
     with file, target.open("xb") as out:
         shutil.copyfileobj(file, out, 1 << 20)
 
 
 def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path, room: _Room) -> Iterator[_Entry]:
-    """What is in an archive; DownloadError if any of it can't be unpacked."""
+    """The entries of an archive; DownloadError if any of them can't be unpacked."""
     listed = _of_zip(archive, name) if isinstance(archive, zipfile.ZipFile) else _of_tar(archive, name, folder)
     for entry in listed:
         parts = _parts(entry.name, name)
@@ -169,7 +169,7 @@ def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path
 
 
 def _of_zip(archive: zipfile.ZipFile, name: str) -> Iterator[_Entry]:
-    # Python reads a directory as far as it makes sense; its end says how many entries there are, in 16 bits
+    # Python reads the directory until it is damaged; the end record has the number of entries, in 16 bits
     file, listed = archive.fp, archive.infolist()
     assert file is not None
     file.seek(-_ZIP_END.size - len(archive.comment), os.SEEK_END)
@@ -198,7 +198,7 @@ def _of_tar(archive: tarfile.TarFile, name: str, folder: Path) -> Iterator[_Entr
         except tarfile.FilterError as error:
             raise _refused(name, member.name, str(error)) from None
         yield _Entry(member.name, member.size, member.isdir(), member)
-    # Python takes a damaged header for the end, and does not read on to the checksum of what is compressed
+    # Python takes a damaged header for the end, and doesn't read on to the checksum of compressed data
     file = archive.fileobj
     assert file is not None
     file.seek(archive.offset)
@@ -209,10 +209,10 @@ def _of_tar(archive: tarfile.TarFile, name: str, folder: Path) -> Iterator[_Entr
 
 
 def _parts(entry: str, archive: str) -> tuple[str, ...]:
-    """The folders and the file of an entry's name; DownloadError if it leads out of a folder on any system."""
+    """The parts of an entry's name; DownloadError if it would lead out of the folder on any operating system."""
     flat = entry.replace("\\", "/")
     parts = tuple(part for part in flat.split("/") if part not in ("", "."))
-    # Windows drops dots and spaces at the end; it has drives, streams (a:b), and devices in every folder
+    # Windows drops dots and spaces at the end, and has drives, streams (a:b) and devices in every folder
     odd = any(not part.strip(". ") or ":" in part or _WINDOWS_DEVICE.fullmatch(part) for part in parts)
     if odd or flat.startswith("/"):
         raise _refused(archive, entry, "leads elsewhere")
@@ -224,7 +224,7 @@ def _refused(archive: str, entry: str, why: str) -> DownloadError:
 
 
 def _is_inner(file: str) -> bool:
-    """Whether a file's name is that of a zip, and not of what macOS adds beside each file."""
+    """Whether a file is a zip by its name, and not one of the files that macOS adds (._NAME)."""
     return file.lower().endswith(".zip") and not file.startswith("._")
 
 
@@ -241,7 +241,7 @@ def _check_disk(folder: Path, needed: int, archive: str) -> None:
 
 @contextmanager
 def _told(what: str) -> Iterator[None]:
-    """Turn whatever goes wrong with an archive or the disk into one line."""
+    """Turn any error of an archive or the disk into a DownloadError of one line."""
     try:
         yield
     except DownloadError:

@@ -1,4 +1,4 @@
-"""The unfinished store: what a packing run has done so far, from which the next one goes on."""
+"""An unfinished store: the progress of a packing run, from which the next run continues."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ JOURNAL = "journal.jsonl"
 
 
 class Part:
-    """A folder with a raw file a column, and a journal with a line a recording. To be used in a `with` block.
+    """A folder with a raw file per column and a journal with a line per recording. To be used in a `with` block.
 
-    The journal's first line says what it belongs to. What an earlier run did counts up to the first recording that
-    has changed since, is gone, or whose events aren't on the disk as they were written.
+    The first line of the journal identifies the dataset. The work of an earlier run is used up to the first recording
+    that has changed, is gone, or whose events aren't on the disk as they were written.
 
-    `facts` has a line for each recording that was packed, `skipped` why others weren't (name to reason).
+    - `facts`: journal lines of the packed recordings
+    - `skipped`: recordings that weren't packed, name to reason
+    - `events`: number of events so far
     """
 
     def __init__(self, folder: Path, dataset: EventDataset, names: list[str]) -> None:
@@ -32,7 +34,7 @@ class Part:
         self.events = 0
         reasons = dataset.source.left_out
         self.skipped = {name: reasons.get(name, "empty") for name in dataset.skipped}
-        # of what they are opened with: where each states its own, the next may be larger
+        # by the size they are opened with; if each states its own, the next one may be larger
         size = dataset.opened_with
         kind = np.dtype(np.uint8 if size is not None and max(size) <= 256 else np.uint16)
         self.kinds = {"t": np.dtype(np.int64), "x": kind, "y": kind, "p": np.dtype(np.uint8)}
@@ -76,7 +78,7 @@ class Part:
                     if facts is None or facts.get("name") not in names or not self._holds(facts, columns):
                         break
                     whole += len(line)
-                    # what was left out is tried again: it may have been mended meanwhile
+                    # recordings left out are tried again, because they may have been repaired
                     if "skipped" not in facts:
                         self._note(facts)
         with journal.open("ab") as file:
@@ -87,7 +89,7 @@ class Part:
             os.truncate(self.folder / name, self.events * kind.itemsize)
 
     def _holds(self, facts: dict[str, Any], columns: Sequence[IO[bytes]]) -> bool:
-        """Whether a recording that the journal names is unchanged, and its events are there."""
+        """Whether a recording in the journal is unchanged and its events are in the raw files."""
         if "skipped" in facts:
             return True
         try:
@@ -112,7 +114,7 @@ class Part:
         self.events += line["events"]
 
     def __enter__(self) -> Self:
-        # unbuffered: what the disk refuses is known at once
+        # unbuffered, so that errors of the disk show at once
         self._columns = {name: (self.folder / name).open("ab", buffering=0) for name in COLUMNS}
         self._journal = (self.folder / JOURNAL).open("ab", buffering=0)
         return self
@@ -122,7 +124,7 @@ class Part:
             file.close()
 
     def add(self, name: str, result: tuple[dict[str, Any], list[np.ndarray]] | str) -> None:
-        """Append a recording, or why there is none: its columns first, then the line that makes them count."""
+        """Append a recording, or the reason why there is none: first its columns, then the line that makes it count."""
         line: dict[str, Any]
         if isinstance(result, str):
             line = {"name": name, "skipped": result}
@@ -139,7 +141,7 @@ class Part:
 
 
 def _write(file: Any, data: Any) -> None:
-    """All of it: a disk that is nearly full takes a part, and refuses the rest."""
+    """Write all of it, in several steps because a nearly full disk accepts only a part and then raises."""
     left = memoryview(data).cast("B")
     while left:
         left = left[file.write(left) :]

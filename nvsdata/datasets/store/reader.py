@@ -1,4 +1,4 @@
-"""The packed store: all recordings of a dataset in one HDF5 file. Its layout is in `docs/store.md`."""
+"""The packed store: all recordings of a dataset in one HDF5 file. `docs/store.md` describes its layout."""
 
 from __future__ import annotations
 
@@ -38,17 +38,20 @@ INDEX = (
     "file_offset",
     "file_data",
 )
-UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't say when it begins and ends
-MARKED = 256  # events from one time in the index to the next
+UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
+MARKED = 256  # the index has the time of every 256th event
 
 
 class Store:
     """A packed store, opened for reading: a `Source` of recordings and side files.
 
-    `split` and `fold` say what of the dataset was packed, `left_out` which recordings couldn't be, and why.
+    - `dataset`: `info.name` of the dataset
+    - `split`, `fold`: which split of it was packed
+    - `names`: of the recordings, by number
+    - `left_out`: recordings that couldn't be packed, name to reason
 
-    Cheap to send to workers: what travels is the path, and each process opens the file itself.
-    Raises FormatError for a file that is no store, was cut short, is of another version, or whose
+    Pickling is cheap: only the path is sent to workers, and each process opens the file itself.
+    Raises FormatError for a file that is not a store, is truncated, is of another version, or whose
     index fails its checksum.
     """
 
@@ -59,7 +62,7 @@ class Store:
                 raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
             check_version(path, file, VERSION)
             if number_of(path, file, "version") < VERSION:
-                raise FormatError(path, None, f"a store of before version {VERSION}: pack it again")
+                raise FormatError(path, None, f"a store older than version {VERSION}: pack it again")
             self.dataset, self.split = text_of(file, "dataset"), text_of(file, "split")
             self.fold = number_of(path, file, "fold")
             index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
@@ -69,7 +72,7 @@ class Store:
             places = [_place(path, column) for column in columns]
             shapes = {column.shape for column in columns}
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
-        # lists, for a number out of an array costs as much as all the rest of a look-up
+        # lists, because taking a number out of an array costs as much as the rest of a look-up
         self._offset, self._base, self._duration = (index[name].tolist() for name in ("offset", "base", "duration"))
         self._first_mark = first_mark.tolist()
         self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
@@ -86,7 +89,7 @@ class Store:
             raise FormatError(path, None, "its index contradicts itself: pack it again")
         # None for compressed columns
         self._places = [place for place in places if place is not None]
-        # what `read_window` is told of them, where it can read
+        # arguments for `read_window`, if it can read the columns
         begins, like = [begin for *_, begin in self._places], [np.empty(0, kind) for kind, *_ in self._places]
         self._direct = (*begins, *like) if len(like) == len(COLUMNS) and hasattr(os, "pread") else ()
         self._file = path.open("rb", buffering=0)
@@ -96,7 +99,7 @@ class Store:
         return Store, (self.root,)
 
     def _is_sound(self, index: dict[str, np.ndarray]) -> bool:
-        """Whether the index speaks of as many recordings everywhere, one after the other, of sensors that can be."""
+        """Whether all arrays have the same number of recordings, in sequence, with possible sensor sizes."""
         counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
         counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
         in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
@@ -104,7 +107,7 @@ class Store:
         return len(counts) == 1 and in_line and bool(((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
 
     def listing(self) -> Listing:
-        """The folders and recordings that there were, those that were left out included, and the side files."""
+        """The packed folders and recordings, including those left out, and the side files."""
         found: Listing = {folder: [] for folder in self._folders}
         for name in (*self.names, *self.left_out, *self._files):
             folder, _, file = name.rpartition("/")
@@ -112,7 +115,7 @@ class Store:
         return {folder: sorted(found[folder]) for folder in sorted(found)}
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> StoredRecording:
-        """The recording of that name, which was sound when it was packed; FormatError for one that was left out."""
+        """The recording with that name, which was intact when packed; FormatError for one that was left out."""
         if name in self.left_out:
             raise FormatError(self.root, None, f"{shown(name)} was left out when it was packed: {self.left_out[name]}")
         return StoredRecording(self, self._number[name], sensor_size)
@@ -129,7 +132,7 @@ class Store:
         return int(self._sources[self._number[name]])
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Checksum of the events, and what isn't in it."""
+        """Checksum of the events, and the values that it doesn't cover."""
         number = self._number[name]
         return int(self._crc[number]), self._base[number], *self.sensor_size(number)
 
@@ -138,7 +141,7 @@ class Store:
         return True
 
     def read(self, number: int, start: int, stop: int) -> Columns:
-        """Events of a recording with start <= t < stop: a bisection of the index, then its part of each column."""
+        """Events of a recording with start <= t < stop: bisects the index, then reads that part of each column."""
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         first, last = marked_range(marks, base, start, stop)
@@ -158,18 +161,18 @@ class Store:
         return base, base + self._duration[number]
 
     def time(self, number: int) -> tuple[int | None, int | None]:
-        """First and last moment of a recording as its file stated them."""
+        """Start and end of a recording as its file states them, None where it doesn't."""
         return self._time[number] or (None, None)
 
     def sensor_size(self, number: int) -> tuple[int, int]:
-        """(width, height) of a recording, as it was packed."""
+        """(width, height) of a recording when it was packed."""
         width, height = self._sizes[number].tolist()
         return width, height
 
     def _raw(self, lo: int, hi: int) -> list[np.ndarray]:
         """Events lo..hi as they are stored.
 
-        Read rather than mapped: a page that is mapped in costs more than its bytes, and stays.
+        Read rather than memory-mapped, because a mapped page costs more than its bytes and stays in memory.
         """
         if len(self._places) == len(COLUMNS):
             n = hi - lo
@@ -178,10 +181,10 @@ class Store:
             return [np.asarray(dataset_of(self.root, file, f"events/{name}")[lo:hi]) for name in COLUMNS]
 
     def _bytes(self, size: int, at: int) -> bytes:
-        """Bytes of the file, read without a position that forked workers would share."""
+        """Bytes of the file, read without moving the file position, which forked workers would share."""
         data = _pread(self._handle, size, at)
         while len(data) < size:
-            # the system hands out 2 GiB at most at a time
+            # the system returns at most 2 GiB at a time
             more = _pread(self._handle, size - len(data), at + len(data))
             if not more:
                 raise FormatError(self.root, at + len(data), "cut short while it was open")
@@ -195,7 +198,7 @@ class Store:
 
 
 class StoredRecording(Recording):
-    """A recording in a store."""
+    """A recording in a store; None as `sensor_size` takes the size it had when packed."""
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
         self._store, self._number = store, number
@@ -205,12 +208,12 @@ class StoredRecording(Recording):
 
     @property
     def path(self) -> str:  # type: ignore[override]
-        """The store's, and the recording's name."""
+        """Path of the store, and the recording's name."""
         return f"{self._store.path}:{self._store.names[self._number]}"
 
     @property
     def format(self) -> str:  # type: ignore[override]
-        """That of the file it was packed from."""
+        """Format of the file from which it was packed."""
         return self._store.formats[self._number]
 
     @property
@@ -236,10 +239,10 @@ class StoredRecording(Recording):
         return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
-        raise FormatError(self.path, None, "a packed store holds events alone, no frames")
+        raise FormatError(self.path, None, "a packed store holds only events, no frames")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> NoReturn:
-        raise FormatError(self.path, None, "a packed store holds events alone, no inertial samples")
+        raise FormatError(self.path, None, "a packed store holds only events, no inertial samples")
 
 
 def checksum(index: dict[str, np.ndarray]) -> int:
@@ -248,7 +251,7 @@ def checksum(index: dict[str, np.ndarray]) -> int:
 
 
 def crc_of(arrays: list[np.ndarray]) -> int:
-    """CRC-32 over the bytes of arrays, one after the other."""
+    """CRC-32 over the bytes of all arrays in sequence."""
     value = 0
     for array in arrays:
         value = crc32(np.ascontiguousarray(array).data.cast("B") if array.size else b"", value)
@@ -256,7 +259,7 @@ def crc_of(arrays: list[np.ndarray]) -> int:
 
 
 def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
-    """Type, its size and first byte of a column that lies in the file as it is; None for a compressed one."""
+    """Type, size of an item and first byte of a column that is contiguous in the file; None for a compressed one."""
     offset = dataset.id.get_offset()
     if dataset.size and (links_are_followed() or dataset.chunks is not None or offset is None):
         return None
@@ -270,15 +273,15 @@ def _seek_and_read(handle: int, size: int, at: int) -> bytes:
     return os.read(handle, size)
 
 
-# where there is no pread (Windows), there is no fork either
+# systems without pread (Windows) have no fork either
 _pread = getattr(os, "pread", _seek_and_read)
 
 
 def packed(texts: Iterable[str]) -> np.ndarray:
-    """Texts as bytes: UTF-8, each with a zero after it, which no name of a file has in it."""
+    """Strings as bytes: UTF-8, each followed by a zero, which no file name contains."""
     return np.frombuffer("".join(text + "\0" for text in texts).encode("utf-8", "surrogatepass"), np.uint8)
 
 
 def unpacked(kept: np.ndarray) -> list[str]:
-    """The texts that `packed` was given."""
+    """The strings given to `packed`."""
     return kept.tobytes().decode("utf-8", "surrogatepass").split("\0")[:-1]

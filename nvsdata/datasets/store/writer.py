@@ -1,4 +1,4 @@
-"""Packing a dataset into a store: in parallel, resumable, and whole or not at all."""
+"""Packing a dataset into a store: in parallel, resumable, and completely or not at all."""
 
 from __future__ import annotations
 
@@ -22,15 +22,20 @@ from nvsdata.datasets.store.reader import COLUMNS, INDEX, MARKED, UNSTATED, VERS
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_disk import created
 
-COPIED = 1 << 24  # events that are copied at once
-MOST_SIDE_BYTES = 1 << 24  # of a file that is no recording: larger ones aren't taken along
-AHEAD = 8  # recordings a process works ahead of the writer
+COPIED = 1 << 24  # events copied at once
+MOST_SIDE_BYTES = 1 << 24  # files that aren't recordings are left out if they are larger
+AHEAD = 8  # recordings that each process decodes ahead of the writer
 NARROW = np.iinfo(np.uint32).max
 
 
 @dataclass
 class PackReport:
-    """What was packed, and what was left out and why (name to reason)."""
+    """Result of `pack`.
+
+    - `packed`: number of recordings
+    - `events`: number of their events
+    - `skipped`: recordings that were left out, name to reason
+    """
 
     packed: int = 0
     events: int = 0
@@ -47,14 +52,19 @@ def pack(
 ) -> PackReport:
     """Write the recordings of `dataset` and its small side files (lists, labels) into the store `out`.
 
-    The dataset's class opens the store in place of a folder, with the same classes, splits and samples: pack
-    `split="all"` and every split and fold can be had of it. Recordings without events or with a
-    FormatError are left out and reported; the store keeps their names and the reasons. It holds events alone: frames
-    and inertial samples stay in the files. Until the store is whole,
-    the work lies in ".OUT.part" beside it, from which a run that was stopped goes on.
+    The dataset's class opens the store in place of a folder, with the same classes, splits and samples: a store of
+    `split="all"` gives every split and fold. Recordings without events or with a FormatError are left out and
+    reported; the store keeps their names and the reasons. Frames and inertial samples aren't packed. Until the
+    store is complete, the work is kept in ".OUT.part" beside it, from which an interrupted run continues.
 
-    FileExistsError if `out` is there, unless `overwrite`; OutputInUse if another process packs into it; OSError for
-    a full disk, before anything is in place: what was written is read back first.
+    - `dataset`: the dataset; its transforms are not applied
+    - `out`: path of the new file
+    - `jobs`: processes that decode (default 1)
+    - `compress`: whether to compress the columns with gzip (default False)
+    - `overwrite`: whether to replace an existing file (default False)
+
+    FileExistsError if `out` exists, unless `overwrite`; OutputInUse if another process packs into it; OSError for a
+    full disk, before `out` appears: what was written is read back first. ValueError if there is nothing to pack.
     """
     target = Path(out).expanduser()
     with creating(target, overwrite=overwrite), named(target):
@@ -111,7 +121,7 @@ def _decode(source: Source, name: str, size: tuple[int, int] | None) -> Decoded:
 
 
 def _decoded(dataset: EventDataset, names: list[str], jobs: int) -> Iterator[tuple[str, Decoded]]:
-    """Every recording decoded, in order; by `jobs` processes that work a little ahead."""
+    """Every recording decoded, in order, by `jobs` processes that work a little ahead."""
     size = dataset.opened_with
     if jobs == 1:
         for name in names:
@@ -129,7 +139,7 @@ def _decoded(dataset: EventDataset, names: list[str], jobs: int) -> Iterator[tup
 
 
 def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> None:
-    """The store from its parts, read back."""
+    """Write the store from its part, and read it back."""
     facts = part.facts
     offset = np.concatenate(([0], np.cumsum([line["events"] for line in facts])))
     bounds = list(pairwise(offset.tolist()))
@@ -178,7 +188,7 @@ def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> 
 def _checksums(
     part: Part, raw: dict[str, np.ndarray], bounds: list[tuple[int, int]], kinds: dict[str, np.dtype[Any]]
 ) -> Iterator[int]:
-    """Checksum of each recording as the store has it. OSError if the raw files lost what was written to them."""
+    """Checksum of each recording in the types of the store. OSError if the raw files aren't as they were written."""
     for line, (a, b) in zip(part.facts, bounds, strict=True):
         columns = {name: raw[name][a:b] for name in COLUMNS}
         if crc_of(list(columns.values())) != line["crc"]:
@@ -187,7 +197,7 @@ def _checksums(
 
 
 def _read_back(path: Path) -> None:
-    """OSError unless the file is a store whose index and events have their checksums."""
+    """OSError unless the file is a store whose index and events match their checksums."""
     store = Store(path)
     for name in store.names:
         if store.damaged(name):
@@ -195,13 +205,13 @@ def _read_back(path: Path) -> None:
 
 
 def _side_files(dataset: EventDataset, part: Part) -> dict[str, np.ndarray]:
-    """Lists, labels and annotations: everything small that is no recording, nor one of another split."""
+    """Lists, labels and annotations: all small files that aren't recordings of any split."""
     names, blobs = [], []
     recordings = part.done.union(dataset.files_of(dataset.found()))
     for folder, files in dataset.listing.items():
         for file in files:
             name = joined(folder, file)
-            # another store is no side file, nor is the one that this one replaces
+            # a store isn't a side file, also not the one that is being replaced
             known = name in recordings or name.lower().endswith((".h5", ".hdf5"))
             if not known and dataset.source.size(name) <= MOST_SIDE_BYTES:
                 names.append(name)
