@@ -1,7 +1,7 @@
-"""Composable transforms: frozen settings with `__call__`, and a plain function beside each.
+"""Composable transforms: frozen dataclasses of settings with `__call__`, and a plain function for each.
 
-Random ones draw from torch's default generator, so `torch.manual_seed` and a DataLoader's worker
-seeding govern them.
+Random transforms draw from torch's default generator, so they follow `torch.manual_seed` and a DataLoader's worker
+seeds.
 """
 
 from nvsdata.transforms.augment import (

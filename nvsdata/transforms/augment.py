@@ -1,8 +1,8 @@
-"""Augmentation of graphs (thesis 4.4.2) and, before there is a graph, of events.
+"""Augmentation of graphs (thesis 4.4.2) and of events.
 
-Of a graph, node positions move, edges stay and pseudo-coordinates follow; nodes may leave the
-sensor, and pooling counts them to the cells of its border. A sequence of graphs moves as one. Events
-move to whole pixels, and those that leave the sensor are dropped.
+In a graph, node positions move, edges stay and pseudo-coordinates follow; nodes may leave the sensor, and pooling
+then assigns them to the cells at its border. All graphs of a sequence get the same change. Events move to
+whole pixels, and those that leave the sensor are dropped.
 """
 
 from __future__ import annotations
@@ -26,7 +26,14 @@ Graphs = TypeVar("Graphs", Graph, Sequence[Graph])
 
 @dataclass(frozen=True)
 class RandomScale:
-    """Scale positions about the sensor's center by a factor from [low, high)."""
+    """Scale positions about the sensor's center by a random factor from [low, high) (thesis 4.4.2).
+
+    - `low`: smallest factor, above 0 (default 0.95)
+    - `high`: largest factor, at least `low` (default 1.0)
+
+    Takes and gives a `Graph`, or a list of graphs, which get the same factor. ValueError for settings out of range,
+    and graphs without `sensor_size`.
+    """
 
     low: float = 0.95
     high: float = 1.0
@@ -45,7 +52,14 @@ class RandomScale:
 
 @dataclass(frozen=True)
 class RandomFlip:
-    """Mirror along `axis` (0: left and right, 1: top and bottom) with probability `p`."""
+    """Mirror a graph with probability `p`.
+
+    - `axis`: 0 (default) swaps left and right, 1 top and bottom
+    - `p`: probability (default 0.5)
+
+    Takes and gives a `Graph`, or a list of graphs, which are mirrored together. ValueError for settings out of
+    range, and graphs without `sensor_size`.
+    """
 
     axis: int = 0
     p: float = 0.5
@@ -62,7 +76,13 @@ class RandomFlip:
 
 @dataclass(frozen=True)
 class RandomRotate:
-    """Rotate about the sensor's center by an angle from [-degrees, degrees)."""
+    """Rotate a graph about the sensor's center by a random angle from [-degrees, degrees).
+
+    - `degrees`: largest angle (default 10.0)
+
+    Takes and gives a `Graph`, or a list of graphs, which get the same angle. ValueError for a negative angle, and
+    graphs without `sensor_size`.
+    """
 
     degrees: float = 10.0
 
@@ -77,7 +97,12 @@ class RandomRotate:
 
 @dataclass(frozen=True)
 class RandomTranslate:
-    """Shift by up to `pixels` along each axis, either way."""
+    """Shift a graph by a random distance of up to `pixels` along each axis, in either direction.
+
+    - `pixels`: largest shift (default 2.0)
+
+    Takes and gives a `Graph`, or a list of graphs, which get the same shift. ValueError for a negative shift.
+    """
 
     pixels: float = 2.0
 
@@ -92,7 +117,14 @@ class RandomTranslate:
 
 @dataclass(frozen=True)
 class RandomAffine:
-    """Scale, rotate and shift events by amounts drawn as by `RandomScale`, `RandomRotate` and `RandomTranslate`."""
+    """Scale, rotate and shift events by random amounts; see `affine`.
+
+    - `scale`: (low, high) of the factor (default 0.95, 1.0)
+    - `degrees`: largest angle, either way (default 10.0)
+    - `shift`: largest shift in pixels along each axis, either way (default 0.0)
+
+    Takes `Events` or a `Recording`, gives `Events`. ValueError for settings out of range.
+    """
 
     scale: tuple[float, float] = (0.95, 1.0)
     degrees: float = 10.0
@@ -116,7 +148,10 @@ class RandomAffine:
 def affine(
     sample: Events | Recording, factor: float = 1.0, degrees: float = 0.0, dx: float = 0.0, dy: float = 0.0
 ) -> Events:
-    """Scale and rotate events about the sensor's center, then shift them; each to its nearest pixel."""
+    """Scale and rotate events about the sensor's center, then shift them by (dx, dy) pixels.
+
+    Coordinates are rounded to the nearest pixel; events that leave the sensor are dropped.
+    """
     events = as_events(sample)
     width, height = events.sensor_size
     cx, cy = (width - 1) / 2, (height - 1) / 2
@@ -129,7 +164,7 @@ def affine(
 
 
 def alike(graphs: Any, change: Callable[[Graph], Graph]) -> Any:
-    """`change` of a graph, or of each of a sequence of graphs. TypeError for anything else."""
+    """`change` applied to a graph, or to each graph of a sequence. TypeError for anything else."""
     return change(graphs) if isinstance(graphs, Graph) else [change(graph) for graph in sequence_of(graphs)]
 
 
@@ -160,5 +195,5 @@ def shift(graph: Graph, dx: float, dy: float) -> Graph:
 
 def _center(graph: Graph) -> torch.Tensor:
     if graph.sensor_size is None:
-        raise ValueError("the graph states no sensor_size, so it has no center to turn about")
+        raise ValueError("the graph has no sensor_size, so its center isn't known")
     return torch.tensor([(side - 1) / 2 for side in graph.sensor_size])

@@ -1,4 +1,4 @@
-"""Transforms in a row."""
+"""Several transforms as one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from nvsdata.data.recording import misplaced
 
 @dataclass(frozen=True)
 class Each:
-    """Call a transform on each of a sequence, such as the windows that `Volumes` gives: a list of results."""
+    """Apply a transform to each element of a list, such as the windows of `Volumes`; gives a list of results.
+
+    - `transform`: any callable
+
+    TypeError for a transform that isn't callable, and samples that aren't a list or tuple.
+    """
 
     transform: Callable[[Any], Any]
 
@@ -26,13 +31,18 @@ class Each:
 
     @property
     def deterministic(self) -> bool:
-        """Whether the same sample always gives the same; a subclass must say so itself."""
+        """Whether the same sample always gives the same result; a subclass must declare it itself."""
         return type(self) is Each and _is_deterministic(self.transform)
 
 
 @dataclass(frozen=True, repr=False)
 class Compose:
-    """Call the transforms one after the other."""
+    """Apply transforms one after the other.
+
+    - `transforms`: list of callables, each of which takes the result of the one before
+
+    TypeError for anything else. A TypeError or AttributeError in a step gets a note that names the step.
+    """
 
     transforms: Sequence[Callable[[Any], Any]]
 
@@ -54,7 +64,7 @@ class Compose:
 
     @property
     def deterministic(self) -> bool:
-        """Whether the same sample always gives the same; a subclass must say so itself."""
+        """Whether the same sample always gives the same result; a subclass must declare it itself."""
         return type(self) is Compose and all(map(_is_deterministic, self.transforms))
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What the thesis sets for several transforms."""
+"""Settings of the thesis that several transforms share."""
 
-BETA = 0.5e-5  # weight of a squared time (µs) beside a squared distance in pixels (4.2)
-T_VOL = 33_333  # µs of a volume, 1/30 s (5.3.1)
+BETA = 0.5e-5  # weight of a squared time in µs² relative to a squared distance in pixels² (4.2)
+T_VOL = 33_333  # duration of a volume in µs, 1/30 s (5.3.1)

@@ -1,4 +1,4 @@
-"""The draws that random transforms make."""
+"""Random numbers for transforms."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import torch
 
 
 class _Drawn(threading.local):
-    """Tensors that draws are made into, for making one takes longer than the draw; one a thread.
+    """Tensors that draws fill, one set per thread, because allocating one takes longer than the draw.
 
-    Drawn values are read through arrays on the same memory, without a call of torch.
+    Drawn values are read through arrays on the same memory, without calling torch.
     """
 
     def __init__(self) -> None:
@@ -39,21 +39,21 @@ def randint(bound: int) -> int:
 
 
 def place(bound: int) -> int:
-    """Where in time a window begins: an integer in [0, bound), drawn, or a voter's."""
+    """Where in time a window begins, an integer in [0, bound): random, or fixed for a voter (`of_voter`)."""
     return randint(bound) if _drawn.share is None else min(int(_drawn.share * bound), bound - 1)
 
 
 def generator() -> torch.Generator | None:
-    """What torch's functions are to draw from."""
+    """The generator to pass to torch's functions; None for the default one."""
     return _drawn.generator
 
 
 @contextmanager
 def of_voter(number: int, count: int) -> Iterator[None]:
-    """While the block runs, this thread's transforms draw what depends on `number` alone, the same each time.
+    """Within the block, the random numbers of this thread's transforms depend on `number` alone.
 
-    Places in time aren't drawn: those of `count` voters are spread evenly. torch's own generators are neither read
-    nor moved on.
+    Places in time aren't random: those of `count` voters are spread evenly. torch's own generators are neither read
+    nor advanced.
     """
     before = _drawn.generator, _drawn.share
     _drawn.generator, _drawn.share = torch.Generator().manual_seed(number), (number + 0.5) / count

@@ -1,4 +1,4 @@
-"""Frames of summed polarity and what convolutional networks are given of them (thesis 3.5)."""
+"""Frames of summed polarity, and crops and stacks of them for convolutional networks (thesis 3.5)."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ from nvsdata.transforms.image import center_crop, crop
 
 @dataclass(frozen=True)
 class ToFrames:
-    """Polarity summed at each pixel over frames of 1 / `fps` s, (3.18), averaged over `factor` x `factor` pixels.
+    """Polarity summed at each pixel over frames of 1 / `fps` s (eq. 3.18), averaged over `factor` x `factor` pixels.
 
-    Gives float32 [frames, H, W], ON +1 and OFF -1, as many frames as
-    the time lasts that the events are of (`Events.start` to `end`), at least one.
-    Pixels that are over at the right and below make smaller cells. The thesis downsamples by 8.
+    - `fps`: frames per second (default 30.0)
+    - `factor`: downsampling of both axes (default 1: none); the thesis uses 8
+
+    Takes `Events` or a `Recording`, gives float32 [frames, H, W]; ON counts +1, OFF -1. The frames cover the time of
+    the events (`Events.start` to `end`); there is at least one. Pixels left over at the right and bottom form
+    smaller cells. ValueError for settings that aren't positive.
     """
 
     fps: float = 30.0
@@ -40,10 +43,11 @@ class ToFrames:
 
 @dataclass(frozen=True)
 class RandomTemporalCrop:
-    """`length` frames in a row from a random place (thesis: 160): [frames, H, W] to [length, H, W].
+    """`length` consecutive frames from a random place: [frames, H, W] to [length, H, W].
 
-    Frames without events follow where there are fewer. With a length of 3: the stack that takes the
-    place of red, green and blue.
+    - `length`: number of frames (default 160, as in the thesis); 3 gives the stack that replaces red, green and blue
+
+    If there are fewer frames, frames of zeros are appended. ValueError for a length that isn't positive.
     """
 
     length: int = 160
@@ -57,7 +61,12 @@ class RandomTemporalCrop:
 
 @dataclass(frozen=True)
 class Stacks:
-    """Every `length` frames in a row (thesis: 3): [frames, H, W] to [frames - length + 1, length, H, W], a view."""
+    """Every `length` consecutive frames: [frames, H, W] to [frames - length + 1, length, H, W], a view.
+
+    - `length`: number of frames in a stack (default 3, as in the thesis)
+
+    ValueError for fewer frames than `length`.
+    """
 
     length: int = 3
     deterministic: ClassVar[bool] = True
@@ -71,9 +80,11 @@ class Stacks:
 
 @dataclass(frozen=True)
 class MotionCrop:
-    """The `size` x `size` pixels with the most activity, the sum of |f| over all frames; the first of equals.
+    """The square with the most activity, the sum of |f| over all frames: [..., H, W] to [..., size, size].
 
-    [..., H, W] to [..., size, size].
+    - `size`: side in pixels (default 24)
+
+    If several squares are equal, the first one is taken. ValueError for frames smaller than the square.
     """
 
     size: int = 24
@@ -88,9 +99,13 @@ class MotionCrop:
 
 @dataclass(frozen=True)
 class FourCrops:
-    """The crops that the thesis tests with: most active and center, each as it is and mirrored.
+    """The crops used for testing in the thesis: [..., H, W] to [4, ..., size, size].
 
-    [..., H, W] to [4, ..., size, size].
+    In this order: the most active square (`MotionCrop`), the same mirrored, the center, the same mirrored.
+
+    - `size`: side in pixels (default 24)
+
+    ValueError for frames smaller than the square.
     """
 
     size: int = 24
@@ -105,9 +120,10 @@ class FourCrops:
 
 @dataclass(frozen=True)
 class MedianDenoise:
-    """Median of each pixel and those right of, below and diagonally below it, borders replicated; [..., H, W].
+    """Median of each pixel and its neighbors to the right, below and diagonally below, borders replicated.
 
-    Of the four, the mean of the two in the middle: a spike on its own goes.
+    The median of four values is the mean of the two in the middle, so an isolated spike is removed. Takes and gives
+    [..., H, W].
     """
 
     deterministic: ClassVar[bool] = True
@@ -125,13 +141,13 @@ def to_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) ->
 
 
 def volume(frames: torch.Tensor, start: int, length: int) -> torch.Tensor:
-    """`length` frames from `start` on, padded with zeros behind; see `RandomTemporalCrop`."""
+    """`length` frames from `start` on, padded with zeros at the end; see `RandomTemporalCrop`."""
     cut = frames[start : start + length]
     return F.pad(cut, (0, 0) * (cut.ndim - 1) + (0, length - cut.shape[0]))
 
 
 def stacks(frames: torch.Tensor, length: int = 3) -> torch.Tensor:
-    """Every `length` frames in a row; ValueError if there are fewer. See `Stacks`."""
+    """Every `length` consecutive frames; ValueError if there are fewer. See `Stacks`."""
     if frames.shape[0] < length:
         raise ValueError(f"{frames.shape[0]} frames make no stack of {length}")
     return frames.unfold(0, length, 1).movedim(-1, 1)
@@ -144,7 +160,7 @@ def motion_crop(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
     # sums of all squares by an integral image
     whole = F.pad(activity.cumsum(0).cumsum(1), (1, 0, 1, 0))
     squares = whole[size:, size:] - whole[:-size, size:] - whole[size:, :-size] + whole[:-size, :-size]
-    # rounding must not tell equals apart
+    # rounding errors must not distinguish equal squares
     best = int((squares >= squares.max() - 1e-9 * max(float(whole[-1, -1]), 1.0)).flatten().to(torch.uint8).argmax())
     y, x = divmod(best, squares.shape[1])
     return crop(frames, x, y, size)

@@ -20,9 +20,17 @@ from nvsdata.transforms.defaults import BETA
 class RadiusGraph:
     """Radius graph of events (thesis eq. 4.2).
 
-    Two events are joined, in both directions, if
-    sqrt(alpha (dx² + dy²) + beta dt²) <= radius; each node keeps the edges from its `max_degree`
-    nearest (by distance, then by index). The node feature is the polarity as ±1.
+    Two events are connected, in both directions, if sqrt(alpha (dx² + dy²) + beta dt²) <= radius, with dx and dy in
+    pixels and dt in µs. Each node keeps the edges from its `max_degree` nearest neighbors (by distance, then by
+    index).
+
+    - `radius`: largest distance (default 3.0)
+    - `alpha`: weight of squared pixels (default 1.0)
+    - `beta`: weight of squared µs (default 0.5e-5)
+    - `max_degree`: largest number of edges that end in a node (default 32)
+
+    Takes `Events` or a `Recording`, gives a `Graph` with one node per event in the same order, and the polarity
+    as ±1 as its feature. ValueError for settings out of range.
     """
 
     radius: float = 3.0
@@ -43,10 +51,18 @@ class RadiusGraph:
 
 @dataclass(frozen=True)
 class KNNGraph:
-    """Graph in which each event hears its nearest (thesis 5.3.1): an edge to it from there.
+    """Nearest-neighbor graph of events, k = 1 (thesis 5.3.1): each event is the target of one edge.
 
-    Nearest by alpha (dx² + dy²) + beta dt², then by index. Pseudo-coordinate 1 stands for `reach` pixels;
-    longer edges count as 1. In the graphs that the thesis's author released, 99% of busy graphs' edges are shorter.
+    The source of the edge is the nearest other event by alpha (dx² + dy²) + beta dt², then by index, with dx and dy
+    in pixels and dt in µs.
+
+    - `alpha`: weight of squared pixels, above 0 (default 1.0)
+    - `beta`: weight of squared µs (default 0.5e-5)
+    - `reach`: pixels for which a pseudo-coordinate is 1 (default 8.0); longer edges also count as 1. In the graphs
+      that the thesis's author released, 99% of the edges of busy graphs are shorter.
+
+    Takes `Events` or a `Recording`, gives a `Graph` with one node per event in the same order. ValueError for
+    settings out of range.
     """
 
     alpha: float = 1.0
@@ -64,7 +80,7 @@ class KNNGraph:
 
 
 def knn_graph(sample: Events | Recording, *, alpha: float = 1.0, beta: float = BETA, reach: float = 8.0) -> Graph:
-    """Graph with a node an event and an edge a node; see `KNNGraph`."""
+    """Graph with one node per event and one edge per node; see `KNNGraph`."""
     events = as_events(sample)
     reaches = (float(reach), float(reach))
     arrays = nearest_event_graph(*events.columns, events.start, float(alpha), float(beta), reaches)
@@ -80,12 +96,12 @@ def radius_graph(
     beta: float = BETA,
     max_degree: int = 32,
 ) -> Graph:
-    """Graph with a node an event, in the order of the events; see `RadiusGraph`.
+    """Graph with one node per event, in the order of the events; see `RadiusGraph`.
 
-    Time differences are taken in int64, so any time offset gives the same graph.
+    Time differences are computed in int64, so any time offset gives the same graph.
     """
     events = as_events(sample)
-    # with alpha = 0 the graph has no spatial bound but the sensor itself
+    # with alpha = 0 only the sensor itself bounds the graph in space
     side = radius / math.sqrt(alpha) if alpha > 0 else 0.0
     reach = (side, side) if side else (float(events.sensor_size[0]), float(events.sensor_size[1]))
     arrays = event_graph(*events.columns, events.start, float(radius), float(alpha), float(beta), max_degree, reach)

@@ -1,4 +1,4 @@
-"""Graphs to grids, so that a dataset can hand back frames (thesis 5.2.3)."""
+"""Graphs to grids, so that a dataset can return frames (thesis 5.2.3)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from nvsdata.data.grid import check_cluster, grid_shape, to_grid
 
 @dataclass(frozen=True)
 class Graph2Grid:
-    """A graph, or a sequence of S, to float32 [C, S, H, W], C features a node, (5.1).
+    """A graph, or a sequence of S graphs, to float32 [C, S, H, W], with C features per node (eq. 5.1).
 
-    A node's features go to the cell of `cluster` = (width, height) pixels that it lies in; those of nodes in one
-    cell add up. As many cells as cover the sensor, which the graphs must know.
+    The features of a node go to the cell in which it lies; the features of nodes in one cell are added.
+
+    - `cluster`: (width, height) of a cell in pixels (default 1, 1); H x W cells cover the sensor
+
+    ValueError for no graph, graphs without `sensor_size`, or cells of less than a pixel.
     """
 
     cluster: tuple[int, int] = (1, 1)
@@ -31,7 +34,7 @@ class Graph2Grid:
 
 
 def graph2grid(graphs: Graph | Sequence[Graph], cluster: tuple[int, int] = (1, 1)) -> torch.Tensor:
-    """Frames [C, S, H, W]; ValueError for no graph, or one without `sensor_size`. See `Graph2Grid`."""
+    """Frames [C, S, H, W]; ValueError for no graph or one without `sensor_size`. See `Graph2Grid`."""
     sequence = [graphs] if isinstance(graphs, Graph) else sequence_of(graphs)
     batch = GraphBatch.from_graphs(sequence, volumes=len(sequence))
     if batch.sensor_size is None:

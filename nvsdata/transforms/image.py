@@ -17,9 +17,10 @@ from nvsdata.transforms.draws import randint, uniform
 
 @dataclass(frozen=True)
 class EventImage:
-    """ON and OFF events counted at each pixel: float32 [2, H, W], ON first (thesis 4.4.4).
+    """Number of ON and OFF events at each pixel: float32 [2, H, W], ON first (thesis 4.4.4).
 
-    A sequence of S (of `Volumes`) gives [2, S, H, W], as 3D CNNs take it (5.3.1).
+    Takes `Events` or a `Recording`. A sequence of S `Events` (from `Volumes`) gives [2, S, H, W], as 3D CNNs take it
+    (5.3.1). ValueError for an empty sequence or different sensors.
     """
 
     deterministic: ClassVar[bool] = True
@@ -30,7 +31,10 @@ class EventImage:
 
 @dataclass(frozen=True)
 class Resize:
-    """Scale so that the smaller side has `size` pixels, bilinear, aspect kept (thesis: 256); [..., H, W]."""
+    """Scale images [..., H, W] so that the smaller side has `size` pixels; bilinear, keeps the aspect ratio.
+
+    - `size`: pixels of the smaller side (default 256, as in the thesis)
+    """
 
     size: int = 256
     deterministic: ClassVar[bool] = True
@@ -44,10 +48,13 @@ class Resize:
 
 @dataclass(frozen=True)
 class RandomCrop:
-    """A square at a random place, of `size` times a factor drawn from `scales`, scaled to `size`; [..., H, W].
+    """A square at a random place, scaled to `size`: [..., H, W] to [..., size, size].
 
-    Section 4.4.4: 224 pixels, as they are. Section 3.5: multi-scale, (0.5, 0.667, 0.833, 1.0).
-    ValueError for images that hold no such square.
+    - `size`: side of the result in pixels (default 224, as in thesis 4.4.4)
+    - `scales`: factors, of which one is drawn; the square cut out has a side of `size` times the factor (default
+      (1.0,)); thesis 3.5 uses (0.5, 0.667, 0.833, 1.0)
+
+    ValueError for settings that aren't positive, and images smaller than the square.
     """
 
     size: int = 224
@@ -56,7 +63,7 @@ class RandomCrop:
     def __post_init__(self) -> None:
         positive("size", self.size)
         if not self.scales:
-            raise ValueError("scales must hold one number at least")
+            raise ValueError("scales must hold at least one number")
         for scale in self.scales:
             positive("scales", scale)
 
@@ -69,7 +76,12 @@ class RandomCrop:
 
 @dataclass(frozen=True)
 class CenterCrop:
-    """The square of `size` pixels in the middle; [..., H, W]. ValueError for images that hold none."""
+    """The square in the middle: [..., H, W] to [..., size, size].
+
+    - `size`: side in pixels (default 224)
+
+    ValueError for images smaller than the square.
+    """
 
     size: int = 224
     deterministic: ClassVar[bool] = True
@@ -83,7 +95,10 @@ class CenterCrop:
 
 @dataclass(frozen=True)
 class RandomHorizontalFlip:
-    """Left and right changed with probability `p`; [..., H, W]."""
+    """Swap left and right of images [..., H, W] with a probability.
+
+    - `p`: probability (default 0.5)
+    """
 
     p: float = 0.5
 
@@ -96,7 +111,10 @@ class RandomHorizontalFlip:
 
 @dataclass(frozen=True)
 class Normalize:
-    """Subtract the mean of all values and divide by their deviation (thesis 3.5.1); what is constant becomes 0."""
+    """Subtract the mean of all values and divide by their standard deviation (thesis 3.5.1).
+
+    Takes and gives images of any shape. A constant image becomes 0.
+    """
 
     deterministic: ClassVar[bool] = True
 
@@ -105,7 +123,7 @@ class Normalize:
 
 
 def event_image(sample: Events | Recording | Sequence[Events]) -> torch.Tensor:
-    """Counts of ON and OFF events; see `EventImage`. ValueError for an empty sequence, or sensors that differ."""
+    """Counts of ON and OFF events; see `EventImage`. ValueError for an empty sequence or different sensors."""
     if isinstance(sample, list | tuple):
         images = [event_image(events) for events in sample]
         if not images or any(image.shape != images[0].shape for image in images):
@@ -128,7 +146,7 @@ def resize(image: torch.Tensor, size: int) -> torch.Tensor:
 
 
 def crop(image: torch.Tensor, x: int, y: int, size: int) -> torch.Tensor:
-    """The square of `size` pixels whose upper left one is (x, y)."""
+    """The square of `size` pixels whose upper left pixel is (x, y)."""
     return image[..., y : y + size, x : x + size]
 
 
@@ -139,7 +157,7 @@ def center_crop(image: torch.Tensor, size: int) -> torch.Tensor:
 
 
 def normalize(image: torch.Tensor) -> torch.Tensor:
-    """Mean 0 and deviation 1 over all values; see `Normalize`."""
+    """Mean 0 and standard deviation 1 over all values; see `Normalize`."""
     centered = image - image.mean()
     deviation = centered.square().mean().sqrt()
     return centered / deviation if deviation > 0 else centered

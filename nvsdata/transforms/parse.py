@@ -1,4 +1,4 @@
-"""Transforms from their reprs, without running code."""
+"""Building transforms from their reprs, without running code."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from nvsdata.transforms.registry import transform_named
 
 
 def from_repr(text: str) -> Any:
-    """The transform whose repr `text` is: calls of registered transforms with literals, and nothing else.
+    """The transform with the repr `text`, which may only contain calls of registered transforms, and literals.
 
     ValueError for anything else.
     """

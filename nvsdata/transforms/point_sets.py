@@ -14,9 +14,12 @@ from nvsdata.transforms.draws import generator
 
 @dataclass(frozen=True)
 class Points:
-    """`count` events drawn at random, in order of time: float32 [count, 4] of x, y, t in [0, 1] and polarity ±1.
+    """Random events as points: float32 [count, 4] of x, y and t in [0, 1] and polarity ±1, sorted by time.
 
-    t is 0 at the first event and 1 at the last. Events are drawn once each if there are enough; of no events, zeros.
+    - `count`: number of points (default 1024)
+
+    Takes `Events` or a `Recording`. x and y are relative to the sensor's size; t is 0 at the first event and 1 at the
+    last. No event is drawn twice unless there are fewer than `count`; without any events, the result is 0.
     """
 
     count: int = 1024

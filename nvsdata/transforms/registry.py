@@ -1,4 +1,4 @@
-"""The transforms that are known by their names, which their reprs are read by."""
+"""The registry of transforms by name, which `from_repr` reads."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ TRANSFORMS: Registry[type] = Registry("transform", "transforms", lambda _, kind:
 
 
 def register_transform(kind: Kind) -> Kind:
-    """Class decorator: makes a transform known under its class's name, so that `from_repr` and `models.load` build it.
+    """Class decorator: makes a transform known by the name of its class, so `from_repr` and `models.load` can build it.
 
-    Its repr must be the call that builds it, with literals or other transforms as arguments, as that of a dataclass
-    is. A package does it by an entry point, too (group `nvsdata.transforms`, the object the class). ValueError for a
-    name that is taken, TypeError for what is no class.
+    The transform's repr must be the call that builds it, with literals or other transforms as arguments, like the
+    repr of a dataclass. A package can use an entry point instead (group `nvsdata.transforms`, whose object is the
+    class). ValueError for a name that is taken, TypeError for anything but a class.
     """
     if not isinstance(kind, type):
         raise TypeError(f"register_transform takes a class, not {kind!r}")
@@ -24,7 +24,7 @@ def register_transform(kind: Kind) -> Kind:
 
 
 def transform_named(name: str) -> Any:
-    """The class of a transform; ValueError, which says how to register one, if none has the name."""
+    """The transform class with that name; if there is none, ValueError, which says how to register one."""
     try:
         return TRANSFORMS[name]
     except KeyError:

@@ -1,4 +1,4 @@
-"""Fewer events: non-uniform grid sampling, and events dropped at random."""
+"""Fewer events: non-uniform grid sampling, and random dropping."""
 
 from __future__ import annotations
 
@@ -19,8 +19,14 @@ from nvsdata.transforms.draws import generator, randint, uniform
 class NonUniformSample:
     """Non-uniform grid sampling (thesis 4.2.1): one random event from each box of at most `k` events.
 
-    The space-time box of the events is split at the median of its widest side, weighted as the
-    graph's distance is (`alpha`, `beta`, eq. 4.2), until no box holds more than k.
+    The space-time box of the events is split at the median of its widest side, weighted like the distance in the
+    graph (eq. 4.2), until no box holds more than k events.
+
+    - `k`: most events in a box (default 8); 1 keeps all events
+    - `alpha`: weight of squared pixels (default 1.0)
+    - `beta`: weight of squared µs (default 0.5e-5)
+
+    Takes `Events` or a `Recording`, gives `Events`. ValueError for settings out of range.
     """
 
     k: int = 8
@@ -38,7 +44,12 @@ class NonUniformSample:
 
 @dataclass(frozen=True)
 class DropEvents:
-    """Drop each event with one probability, drawn for the sample from [0, `most`)."""
+    """Drop each event with the same probability, which is drawn for each sample from [0, `most`).
+
+    - `most`: largest probability (default 0.3)
+
+    Takes `Events` or a `Recording`, gives `Events`. ValueError unless `most` lies between 0 and 1.
+    """
 
     most: float = 0.3
 
@@ -55,7 +66,7 @@ def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 
     if k == 1:
         return events
     chosen = kernel(events.t, events.x, events.y, k, math.sqrt(alpha), math.sqrt(beta), randint(2**62))
-    # the indices are sorted, so the events are
+    # the indices are sorted, so the events are sorted, too
     return events.of(events.columns.take(chosen))
 
 

@@ -1,4 +1,4 @@
-"""Windows in time: of a Recording only the window is decoded."""
+"""Windows in time; in a Recording only the window is decoded."""
 
 from __future__ import annotations
 
@@ -15,7 +15,13 @@ from nvsdata.transforms.draws import place
 
 @dataclass(frozen=True)
 class Window:
-    """Events from `start` to `stop` (excluded), in µs since the first event of the recording."""
+    """The events of a fixed window in time.
+
+    - `start`, `stop`: in µs since the first event of the recording; `stop` is excluded
+
+    Takes `Events` or a `Recording`, gives `Events`, none if the window lies outside. ValueError unless both are whole
+    µs and `start` is not after `stop`.
+    """
 
     start: int
     stop: int
@@ -32,10 +38,13 @@ class Window:
 
 @dataclass(frozen=True)
 class RandomWindow:
-    """A window of `duration` µs at a random place, wholly inside the recording if it fits (thesis: 30 ms).
+    """The events of a window at a random place, completely inside the recording if it fits.
 
-    It begins within the share `within` of the places where it may: (0, 1) is anywhere, (0, 0.2) the
-    first fifth. Windows of several such shares spread over the recording.
+    - `duration`: in µs (default 30,000, as in the thesis)
+    - `within`: (low, high), the share of possible start times from which one is drawn: (0, 1) (default) is all,
+      (0, 0.2) the first fifth. With several such shares, windows are spread over the recording.
+
+    Takes `Events` or a `Recording`, gives `Events`. ValueError for settings out of range.
     """
 
     duration: int = 30_000
@@ -52,10 +61,13 @@ class RandomWindow:
 
 @dataclass(frozen=True)
 class Volumes:
-    """`count` windows of `duration` µs, one at a random place of each of as many equal parts (thesis 5.2.1).
+    """`count` windows, one at a random place in each of `count` equal parts of the recording (thesis 5.2.1).
 
-    The thesis's S is 8 or 16, its T_vol 1/30 s. Of a Recording only these windows are decoded. A list of
-    Events; where a part is shorter than the window, the window begins with the part.
+    - `count`: number of windows (default 8); the thesis's S, 8 or 16
+    - `duration`: of each in µs (default 33,333); the thesis's T_vol, 1/30 s
+
+    Takes `Events` or a `Recording`, of which only these windows are decoded; gives a list of `Events`. If a part is
+    shorter than the window, the window starts where the part does. ValueError for settings that aren't positive.
     """
 
     count: int = 8
@@ -81,7 +93,7 @@ def volumes(sample: Events | Recording, count: int = 8, duration: int = T_VOL) -
 
 
 def window(sample: Events | Recording, start: int, stop: int) -> Events:
-    """Events with start <= t - t_first < stop; empty where the window lies outside. See `Window`."""
+    """Events with start <= t - t_first < stop; none if the window lies outside. See `Window`."""
     check_window(start, stop)
     first, _ = _span(sample)
     return _cut(sample, first + start, first + stop)
@@ -90,7 +102,7 @@ def window(sample: Events | Recording, start: int, stop: int) -> Events:
 def random_window(
     sample: Events | Recording, duration: int = 30_000, *, within: tuple[float, float] = (0.0, 1.0)
 ) -> Events:
-    """Events of a window of `duration` µs that begins anywhere it still fits; see `RandomWindow`."""
+    """Events of a random window of `duration` µs; see `RandomWindow`."""
     first, last = _span(sample)
     places = max(last + 1 - duration - first, 0) + 1
     low = int(within[0] * places)

@@ -214,7 +214,7 @@ def test_sensors_of_different_sizes_in_one_store(tmp_path):
 
 def test_arguments_out_of_place_are_told(tmp_path):
     root = trees.put(tmp_path / "N-MNIST", trees.nmnist())
-    with pytest.raises(TypeError, match="split must be 'train', 'test', 'all'; say transform=Window"):
+    with pytest.raises(TypeError, match="split must be 'train', 'test', 'all'; pass transform=Window"):
         NMNIST(root, nvsdata.transforms.Window(0, 5))
     with pytest.raises(TypeError, match=r"T\.Compose"):
         NMNIST(root, transform=[nvsdata.transforms.Window(0, 5)])

@@ -57,7 +57,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.root, self.path = path, str(path)
-        with opened(path, "no packed store, or damaged") as file:
+        with opened(path, "not a packed store, or damaged") as file:
             if text_of(file, "format") != STORE:
                 raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
             check_version(path, file, VERSION)
