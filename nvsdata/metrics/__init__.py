@@ -1,4 +1,4 @@
-"""How far emulated events are from real ones (thesis 3.3), and how alike two feature vectors are (5.3.2)."""
+"""Distances between emulated and real events (thesis 3.3), and similarities of two feature vectors (5.3.2)."""
 
 from nvsdata.metrics.distance import (
     Comparison,

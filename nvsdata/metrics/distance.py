@@ -24,11 +24,12 @@ Measure = Callable[[Spikes, Spikes, tuple[int, int]], float]
 
 @dataclass(frozen=True, eq=False)
 class Distance:
-    """A distance for a sequence.
+    """A distance between two sequences.
 
-    - `value`: the mean over frames that have spikes on both sides; NaN if none has
-    - `frames` float64 [frames]: of each frame, NaN where a side is empty
-    - `used`, `empty_emulated`, `empty_real`: how many frames count, and how many have no spike on a side
+    - `value`: mean over the frames that have spikes on both sides; NaN if there are none
+    - `frames`: float64 [frames], the distance in each frame; NaN if a side is empty
+    - `used`: number of frames in the mean
+    - `empty_emulated`, `empty_real`: number of frames without emulated or real spikes
     """
 
     value: float
@@ -43,7 +44,10 @@ class Distance:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The three distances of two sequences; see `compare`."""
+    """The three distances between two sequences; see `compare`.
+
+    - `chamfer`, `repeatability`, `emd`: a `Distance` each
+    """
 
     chamfer: Distance
     repeatability: Distance
@@ -51,7 +55,7 @@ class Comparison:
 
     @property
     def values(self) -> tuple[float, float, float]:
-        """1 - repeatability, Chamfer, EMD: what `score` takes, all the smaller the better."""
+        """1 - repeatability, Chamfer, EMD: input for `score`; smaller is better for all three."""
         return 1 - self.repeatability.value, self.chamfer.value, self.emd.value
 
 
@@ -63,9 +67,13 @@ def chamfer(
     offset: int = 0,
     weight: float = LAMBDA,
 ) -> Distance:
-    """Mean distance in (x, y, lambda P_sigma) from each emulated spike to the nearest real one, (3.11), (3.12).
+    """Mean distance in (x, y, lambda P_sigma) from each emulated spike to the nearest real one (eqs. 3.11, 3.12).
 
-    Frames, `offset` and what is raised are those of `compare`; `weight` is lambda.
+    - `emulated`, `real`, `offset`: see `compare`
+    - `fps`: frames per second; None (default) takes the whole sequence as one frame
+    - `weight`: lambda (default sqrt(3))
+
+    Raises what `compare` raises.
     """
     return _measure(emulated, real, fps, offset, [_chamfer(weight)])[0]
 
@@ -78,9 +86,15 @@ def epsilon_repeatability(
     offset: int = 0,
     epsilon: float = EPSILON,
 ) -> Distance:
-    """Share of emulated spikes with a real one of the same sign within `epsilon` pixels, (3.13), (3.14).
+    """Share of emulated spikes with a real one of the same sign within `epsilon` pixels (eqs. 3.13, 3.14).
 
-    Frames, `offset` and what is raised are those of `compare`. The larger, the closer.
+    Larger values mean closer sequences.
+
+    - `emulated`, `real`, `offset`: see `compare`
+    - `fps`: frames per second; None (default) takes the whole sequence as one frame
+    - `epsilon`: radius in pixels (default 3.5)
+
+    Raises what `compare` raises.
     """
     return _measure(emulated, real, fps, offset, [_repeatability(epsilon)])[0]
 
@@ -93,10 +107,15 @@ def emd(
     offset: int = 0,
     blocks: int = BLOCKS,
 ) -> Distance:
-    """Earth mover's distance of |P_sigma|, exactly, summed over a grid of K = `blocks` blocks, (3.15) to (3.17).
+    """Exact earth mover's distance of |P_sigma|, summed over a grid of K = `blocks` blocks (eqs. 3.15 to 3.17).
 
-    What one side has too much of stays (partial matching); a block that is empty on a side adds 0.
-    `blocks` is a square number. Frames, `offset` and what is raised are those of `compare`.
+    Surplus mass on one side isn't moved (partial matching); a block that is empty on one side adds 0.
+
+    - `emulated`, `real`, `offset`: see `compare`
+    - `fps`: frames per second; None (default) takes the whole sequence as one frame
+    - `blocks`: number of blocks, a square number (default 16)
+
+    Raises what `compare` raises.
     """
     return _measure(emulated, real, fps, offset, [_emd(blocks)])[0]
 
@@ -111,11 +130,18 @@ def compare(
     epsilon: float = EPSILON,
     blocks: int = BLOCKS,
 ) -> Comparison:
-    """All three distances between two sequences, cut into frames of 1 / `fps` s (None: all is one frame).
+    """All three distances between two sequences (thesis 3.3.1 to 3.3.3).
 
-    Each stream's time counts from its `start` (its first event, unless it was cut or emulated, or its file
-    says more); `offset` µs are added to the real stream's. Frames go on until both have ended. Polarity is
-    summed at each position and frame, and sums of 0 are no spikes.
+    Both sequences are cut into frames, up to the end of the longer one. In each frame polarity is summed at each
+    position; a sum other than 0 is a spike. Each sequence's time counts from its `start`: that of its first event,
+    unless it was cut or emulated, or its file states another one.
+
+    - `emulated`, `real`: `Events` or `Recording`
+    - `fps`: frames per second (default 30.0); None takes the whole sequence as one frame
+    - `offset`: µs added to the times of `real` (default 0)
+    - `weight`: lambda of `chamfer` (default sqrt(3))
+    - `epsilon`: radius of `epsilon_repeatability` in pixels (default 3.5)
+    - `blocks`: number of blocks of `emd`, a square number (default 16)
 
     Raises ValueError for different sensors and settings out of range.
     """
@@ -162,7 +188,7 @@ def _repeatability(epsilon: float) -> Measure:
     squared = epsilon * epsilon
 
     def measure(a: Spikes, b: Spikes, size: tuple[int, int]) -> float:
-        # signs that differ are never within reach
+        # different signs are never within epsilon
         costs = nearest(
             a.x, a.y, np.sign(a.total), b.x, b.y, np.sign(b.total), size[::-1], 4 * float(sum(size)) ** 2, squared
         )
@@ -188,7 +214,7 @@ def _emd(blocks: int) -> Measure:
 
 
 def _block(spikes: Spikes, size: tuple[int, int], side: int) -> np.ndarray:
-    """Which of side x side blocks each spike lies in."""
+    """Index of the block, of side x side, that contains each spike."""
     return np.asarray(spikes.y * side // size[1] * side + spikes.x * side // size[0])
 
 
@@ -197,7 +223,7 @@ def _where(spikes: Spikes, mask: np.ndarray) -> Spikes:
 
 
 def _emd_of(a: Spikes, b: Spikes, width: int) -> float:
-    """(3.16) of spikes on both sides."""
+    """Eq. (3.16), for spikes on both sides."""
     mass_a, mass_b = np.abs(a.total), np.abs(b.total)
     flow = min(mass_a.sum(), mass_b.sum())
     left_a, left_b = cancel(a.y * width + a.x, mass_a, b.y * width + b.x, mass_b)

@@ -15,18 +15,22 @@ from nvsdata.kernels.distances import sum_polarity
 
 
 class Spikes(NamedTuple):
-    """Spikes of one frame in raster order: `x`, `y` int64 pixels, `total` int64 the summed polarity, never 0."""
+    """Spikes of one frame in raster order.
+
+    - `x`, `y`: int64 [spikes], pixels
+    - `total`: int64 [spikes], summed polarity, never 0
+    """
 
     x: np.ndarray
     y: np.ndarray
     total: np.ndarray
 
-    def __len__(self) -> int:  # of a NamedTuple: the number of spikes, not of columns
+    def __len__(self) -> int:  # number of spikes; a NamedTuple's own would count the columns
         return int(self.x.size)
 
 
 def spikes_of_frames(events: Events, origin: int, edges: np.ndarray) -> Iterator[Spikes]:
-    """Spikes of the frames between `edges`, µs since `origin`."""
+    """Spikes of each frame; `edges` are its bounds in µs since `origin`."""
     sums = np.zeros(events.sensor_size[::-1], np.int32)
     bounds = frame_bounds(events, origin, edges)
     touched = np.empty(int(np.diff(bounds).max(initial=0)), np.int64)

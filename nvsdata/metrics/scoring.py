@@ -7,11 +7,13 @@ import numpy.typing as npt
 
 
 def score(distances: npt.ArrayLike) -> np.ndarray:
-    """Weighted score of each setting, float64 [settings]: the mean of its distances, L2-normalized over the settings.
+    """Weighted score of each setting: the mean of its distances, L2-normalized over the settings (thesis 3.3.4).
 
-    `distances` [settings, distances], all the smaller the better (`Comparison.values` has them). A
-    distance that is 0 for all settings adds 0; NaN stands for a setting without a result, gives NaN,
-    and is left out of the norms.
+    - `distances`: [settings, distances], smaller is better for all, such as `Comparison.values`; NaN stands for a
+      setting without a result
+
+    Returns float64 [settings]. A distance that is 0 for all settings adds 0. NaN gives NaN for its setting and is
+    left out of the norms. ValueError for another shape.
     """
     table = np.asarray(distances, np.float64)
     if table.ndim != 2:

@@ -1,4 +1,4 @@
-"""How alike two feature vectors are (thesis Table 5.4), and how well a score tells same from different (5.3.2)."""
+"""Similarities of two feature vectors (thesis Table 5.4), and ROC curves of scores (5.3.2)."""
 
 from __future__ import annotations
 
@@ -8,23 +8,25 @@ import numpy as np
 import numpy.typing as npt
 
 COUNT = 12
-FLOOR = 1e-10  # the least that a logarithm is taken of
+FLOOR = 1e-10  # smallest argument of a logarithm; smaller values are raised to it
 _LARGEST = np.finfo(np.float64).max
 _TINY = np.finfo(np.float64).smallest_subnormal
-_LEAST = -(1 << 20)  # exponent of 0
-_USUAL = 2.0**-100, 2.0**100  # of numbers in between, squares of differences are float64's
+_LEAST = -(1 << 20)  # exponent for 0
+_USUAL = 2.0**-100, 2.0**100  # for numbers in this range, squares of differences fit float64
 
 
 def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
-    """The 12 similarities of Table 5.4 of vectors `a` and `b` [..., D], in its order: float64 [..., 12].
+    """The 12 similarities of thesis Table 5.4, in its order.
 
-    Features are not negative, as after a ReLU. Conventions: 0/0 is 0; logarithms, in no. 10, are of at least 1e-10, so
-    0 log 0 is 0, and a feature that only one of them has counts with a finite ratio. No. 5 sums absolute
-    differences, and no. 12 divides by the product of the two sums.
+    - `a`, `b`: feature vectors [..., D], not negative, as after a ReLU
 
-    Finite for all finite features, and right to 12 digits for features from 1e-300 to 1e300: a similarity beyond the
-    range of float64, such as no. 1 of features above 1e154, is the end of that range. ValueError for negative or
-    infinite features or NaN, or shapes that differ.
+    Returns float64 [..., 12]. Conventions: 0/0 is 0. The arguments of logarithms (no. 10) are at least 1e-10, so
+    0 log 0 is 0, and a feature that is 0 in only one vector gives a finite ratio. No. 5 sums absolute differences,
+    and no. 12 divides by the product of the two sums.
+
+    All results are finite for finite features, and correct to 12 digits for features from 1e-300 to 1e300. A
+    similarity beyond the range of float64, such as no. 1 of features above 1e154, becomes the largest float64.
+    ValueError for features that are negative, infinite or NaN, and different shapes.
     """
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
     if x.shape != y.shape or x.ndim == 0:
@@ -34,7 +36,7 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
             raise ValueError(f"{name} must hold finite features that are not negative")
     least, most = np.minimum(x, y), np.maximum(x, y)
     apart = most - least
-    # of the larger one: all quotients are made of these two, in which nothing exceeds float64
+    # all quotients are computed from these two shares of the larger one, which can't exceed float64
     whole = np.maximum(most, _TINY)
     share, gap = least / whole, apart / whole
     sums, root_sums = 1 + share, 1 + np.sqrt(share)
@@ -60,9 +62,9 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
 
 
 class _Scaled(NamedTuple):
-    """Numbers that float64 may be too narrow for: `part` * 2 ** `power`, none negative.
+    """Non-negative numbers that may exceed the range of float64: `part` * 2 ** `power`.
 
-    One `power`, 0, serves all numbers of usual size, which are as fast as without.
+    Numbers of usual size share a single `power` of 0, which costs no time.
     """
 
     part: np.ndarray
@@ -77,7 +79,7 @@ class _Scaled(NamedTuple):
         return cls(values, np.zeros((), np.int32))
 
     def scaled(self, factor: np.ndarray) -> _Scaled:
-        """Times numbers of no unusual size."""
+        """Multiply by numbers of usual size."""
         return _Scaled(self.part * factor, self.power)
 
     def times(self, other: _Scaled) -> _Scaled:
@@ -91,7 +93,7 @@ class _Scaled(NamedTuple):
         return _Scaled(np.sqrt(np.ldexp(self.part, odd)), (self.power - odd) // 2)
 
     def sum(self) -> _Scaled:
-        """Over the last axis."""
+        """Sum over the last axis."""
         if not self.power.ndim:
             return _Scaled(self.part.sum(-1), self.power)
         power = np.where(self.part > 0, self.power, _LEAST)
@@ -99,29 +101,32 @@ class _Scaled(NamedTuple):
         return _Scaled(np.ldexp(self.part, self.power - largest).sum(-1), largest[..., 0])
 
     def value(self) -> np.ndarray:
-        """As float64, at most its largest."""
+        """As float64; larger numbers become the largest float64."""
         with np.errstate(over="ignore", under="ignore"):
             return np.asarray(np.minimum(np.ldexp(self.part, self.power), _LARGEST))
 
 
 def _smallest(*arrays: np.ndarray) -> float:
-    """The smallest value above 0, 1 at most."""
+    """The smallest value above 0, but at most 1."""
     return min(float(np.where(values > 0, values, 1).min(initial=1)) for values in arrays)
 
 
 def _logarithm(least: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """log(most / least), both of at least FLOOR."""
+    """log(most / least), with both raised to at least FLOOR."""
     low, high = np.maximum(least, FLOOR), np.maximum(most, FLOOR)
     root = np.sqrt(low)
-    # by the ratio of the roots, which is never out of range, less 1, for the difference of two logarithms is rounding
+    # log1p of the ratio of roots less 1: never out of range; a difference of two logarithms would be mostly rounding
     return np.asarray(2 * np.log1p((high - low) / (np.sqrt(high) + root) / root))
 
 
 def roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """False and true positive rates, float64, for every threshold from above the highest score down.
+    """ROC curve: false and true positive rates for every threshold, from above the highest score downwards.
 
-    `scores` [N], the higher the more likely the same, infinite ones included; `same` [N] 1 or 0. Equal scores make one
-    step. ValueError for scores that are NaN, other shapes or values, or unless there are some of both kinds.
+    - `scores`: [N], higher means more likely the same; may be infinite
+    - `same`: [N], 1 or 0
+
+    Returns two float64 arrays. Equal scores make a single step. ValueError for scores that are NaN, other shapes or
+    values, and if one of the two kinds is missing.
     """
     values, given = np.asarray(scores, np.float64), np.asarray(same)
     if values.ndim != 1 or values.shape != given.shape:
@@ -141,13 +146,13 @@ def roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> tuple[np.ndarray, np.ndar
 
 
 def area_under_roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> float:
-    """Area under `roc`: the probability that a pair of the same scores higher than one that differs.
+    """Area under the curve of `roc`: the probability that a same pair has a higher score than a different pair.
 
-    ValueError as of `roc`.
+    Takes and raises the same as `roc`.
     """
     return float(np.trapezoid(*roc(scores, same)[::-1]))
 
 
 def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a / b, and 0 where b is 0 (there a is, too)."""
+    """a / b, and 0 where b is 0 (a is 0 there, too)."""
     return np.asarray(np.divide(a, b, out=np.zeros(np.broadcast(a, b).shape), where=b > 0))

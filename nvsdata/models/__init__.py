@@ -1,9 +1,9 @@
-"""The model zoo.
+"""Networks.
 
 `rgcnn(name)` and `gcnn(name)` build the thesis's configurations for single graphs (section 4.4.2) by dataset name,
-`rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1). `reference` has the networks that they are compared
-with, `NETWORKS` all of them by name; `save` and `load` keep trained ones, `fused` speeds them up, `complexity` counts
-operations and weights.
+`rgcnn3d(name, temporal)` those for sequences of graphs (5.3.1). `reference` has the networks with which they are
+compared, `NETWORKS` has all networks by name. `save` and `load` store and read trained networks, `fused` speeds up
+inference, `complexity` counts operations and weights.
 """
 
 from __future__ import annotations
@@ -94,24 +94,36 @@ CONFIGURATIONS_3D: dict[str, dict[str, Any]] = {
 def rgcnn3d(
     name: str, temporal: Literal["plain", "inception", "residual"] = "residual", num_classes: int | None = None
 ) -> RGCNN3D:
-    """The thesis's network for sequences of graphs, for a dataset ("dvs128-gesture", "ucf101-dvs", "hmdb51-dvs").
+    """The thesis's network for sequences of graphs, configured for a dataset (thesis 5.3.1); see `RGCNN3D`.
 
-    `num_classes` replaces the dataset's own. ValueError for an unknown name or `temporal`.
+    - `name`: "dvs128-gesture", "ucf101-dvs" or "hmdb51-dvs"
+    - `temporal`: the 3D CNN: "plain", "inception" or "residual" (default)
+    - `num_classes`: replaces the dataset's number of classes (default None)
+
+    ValueError for an unknown `name` or `temporal`.
     """
     return RGCNN3D(temporal=temporal, **_configuration(CONFIGURATIONS_3D, name, num_classes))
 
 
 def rgcnn(name: str, num_classes: int | None = None) -> RGCNN:
-    """The residual graph CNN of the thesis for a dataset ("n-mnist", "asl-dvs", ...).
+    """The thesis's residual graph CNN, configured for a dataset (thesis 4.4.2); see `RGCNN`.
 
-    `num_classes` replaces the dataset's own, for other data of the same sensor. ValueError for an
-    unknown name.
+    - `name`: "n-mnist", "mnist-dvs", "cifar10-dvs", "n-cars", "n-caltech101" or "asl-dvs"
+    - `num_classes`: replaces the dataset's number of classes, for other data of the same sensor (default None)
+
+    ValueError for an unknown name.
     """
     return RGCNN(**_configuration(CONFIGURATIONS, name, num_classes))
 
 
 def gcnn(name: str, num_classes: int | None = None, *, convolution: str = "spline") -> GCNN:
-    """The plain graph CNN for a dataset; see `rgcnn`, and `GCNN` for `convolution`."""
+    """The thesis's plain graph CNN, configured for a dataset; see `GCNN`.
+
+    - `name`, `num_classes`: see `rgcnn`
+    - `convolution`: see `GCNN` (default "spline")
+
+    ValueError for an unknown name or convolution.
+    """
     return GCNN(**_configuration(CONFIGURATIONS, name, num_classes), convolution=convolution)
 
 

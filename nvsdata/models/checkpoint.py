@@ -1,6 +1,6 @@
-"""Trained networks in one safe file: weights, what the network was built with, classes, transform, metrics.
+"""Trained networks in one safe file: weights, constructor arguments, classes, transform and metrics.
 
-The file is of the safetensors format, whose reader runs no code; all but the weights is JSON in its header.
+The file has the safetensors format, whose reader runs no code; everything but the weights is JSON in its header.
 """
 
 from __future__ import annotations
@@ -43,13 +43,18 @@ def save(
     metrics: Mapping[str, Any] | None = None,
     data: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write a network of `nvsdata.models` with what belongs to it; the path of the file.
+    """Write a network with its classes, transform and metrics into one file; returns the path of the file.
 
-    A bare name ("asl", without folder or suffix) goes to the model folder, where `load` looks for it:
-    $NVSDATA_MODELS, or `models` in nvsdata's cache. `transform` is kept as its repr, `metrics` and `data`
-    (what it was trained on) as JSON.
-    ValueError for a network that isn't registered (`register_network`) or is fused, and a transform that isn't
-    registered or whose repr doesn't build it.
+    - `model`: a registered network (`register_network`), such as those of `nvsdata.models`
+    - `path`: of the file. A bare name ("asl", without folder or suffix) stands for a file in the model folder:
+      $NVSDATA_MODELS, or `models` in nvsdata's cache folder
+    - `classes`: names, in the order of the scores (default: none)
+    - `transform`: makes the network's input from a recording, stored as its repr (default None)
+    - `metrics`: such as the accuracy, stored as JSON (default None)
+    - `data`: what it was trained on, stored as JSON (default None)
+
+    ValueError for a network that isn't registered or is fused, and a transform that isn't registered or whose repr
+    doesn't build it.
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
@@ -73,10 +78,14 @@ def save(
 
 
 def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") -> Trained:
-    """A network that `save` wrote, by path or bare name.
+    """Read a network that `save` wrote.
 
-    FileNotFoundError if there is none. FormatError for a file that is something else, was cut short or altered, is of
-    a newer version, or whose weights don't fit the network that it names.
+    - `path`: of the file, or a bare name as for `save`
+    - `device`: where to put the network (default "cpu")
+
+    Returns a `Trained`, in evaluation mode. FileNotFoundError if there is no such file. FormatError for a file that
+    is something else, truncated, altered or of another version, names a network or transform that isn't registered,
+    or has weights that don't fit the network.
     """
     where = _place(path)
     if not where.is_file():
@@ -87,23 +96,23 @@ def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") ->
         with safe_open(where, framework="pt") as file:
             kept = file.metadata() or {}
             state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except Exception as error:  # its own, and what torch makes of odd sizes
-        raise FormatError(where, None, f"is no network that nvsdata saved: {line_of(error)}") from None
+    except Exception as error:  # safetensors' own errors, and those of torch for invalid sizes
+        raise FormatError(where, None, f"is not a network that nvsdata saved: {line_of(error)}") from None
     if "nvsdata" not in kept:
-        raise FormatError(where, None, "holds no network of nvsdata")
+        raise FormatError(where, None, "doesn't contain a network of nvsdata")
     header = _header(where, kept["nvsdata"])
     if kept.get("sha256") != _digest(kept["nvsdata"], state):
-        raise FormatError(where, None, "doesn't have the checksum it was written with: it was damaged or altered")
+        raise FormatError(where, None, "fails its checksum: it was damaged or altered")
     try:
         model = _network(header.network, header.settings, state)
-    except Exception as error:  # whatever constructors make of odd settings
+    except Exception as error:  # any error of a constructor with invalid settings
         raise FormatError(where, None, f"doesn't fit the network {header.network!r}: {line_of(error)}") from None
     try:
         transform = None if header.transform is None else from_repr(header.transform)
     except Exception as error:  # the same
         raise FormatError(where, None, f"has a transform that can't be built: {line_of(error)}") from None
     if transform is not None and not callable(transform):
-        raise FormatError(where, None, f"holds no transform, but {header.transform!r:.200}")
+        raise FormatError(where, None, f"doesn't contain a transform, but {header.transform!r:.200}")
     model = model.to_empty(device=device)
     model.load_state_dict(state)
     return Trained(model.eval(), tuple(header.classes), transform, header.metrics, header.data)
@@ -111,7 +120,7 @@ def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") ->
 
 @dataclass(frozen=True)
 class _Header:
-    """What the file says of its network, as JSON; the defaults state the types."""
+    """The JSON header of a file; the defaults define the types."""
 
     version: int = VERSION
     network: str = ""
@@ -123,11 +132,11 @@ class _Header:
 
 
 def _header(where: Path, text: str) -> _Header:
-    """The header; FormatError for one that lacks something, or has something of another type."""
+    """The header; FormatError if an entry is missing or has another type."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FormatError(where, None, f"has a header that is no JSON: {line_of(error)}") from None
+        raise FormatError(where, None, f"has a header that isn't JSON: {line_of(error)}") from None
     version = found.get("version") if isinstance(found, dict) else None
     if type(version) is not int:
         raise FormatError(where, None, "has a header without a version")
@@ -151,7 +160,7 @@ def _header(where: Path, text: str) -> _Header:
 
 
 def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tensor]) -> nn.Module:
-    """The network, with nothing in memory yet; ValueError unless these are its weights."""
+    """The network, without memory for its weights yet; ValueError unless `state` fits it."""
     room, here = len(state), get_ident()
 
     def count(*_: Any) -> None:
@@ -160,7 +169,7 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
         if room < 0 and get_ident() == here:
             raise ValueError(f"it has more than the file's {len(state)} weights")
 
-    # settings of a thousand million layers end with the first that is too much
+    # settings with a billion layers fail at the first layer too many
     with torch.device("meta"), register_module_parameter_registration_hook(count):
         model = NETWORKS[kind](**_tuples(settings))
     expected = {name: (tuple(v.shape), v.is_floating_point()) for name, v in model.state_dict().items()}
@@ -171,7 +180,7 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
 
 
 def _tuples(value: Any) -> Any:
-    """JSON's lists as the tuples they were."""
+    """Turn JSON's lists back into tuples."""
     if isinstance(value, dict):
         return {name: _tuples(inner) for name, inner in value.items()}
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
@@ -185,7 +194,7 @@ def _place(path: str | os.PathLike[str]) -> Path:
 
 
 def _home() -> Path:
-    """The folder of networks that are named without one."""
+    """The folder of networks given by a bare name."""
     if chosen := os.environ.get("NVSDATA_MODELS"):
         return Path(chosen)
     # it takes a quarter of a second to import
@@ -204,7 +213,7 @@ def _checked(transform: Any) -> str | None:
 
 
 def _digest(text: str, state: Mapping[str, torch.Tensor]) -> str:
-    """Of the header and all weights."""
+    """SHA-256 of the header and all weights."""
     digest = hashlib.sha256(text.encode())
     for name in sorted(state):
         value = state[name]

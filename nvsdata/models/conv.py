@@ -1,8 +1,8 @@
-"""Other graph convolutions, to compare the B-spline one with (thesis Table 4.8).
+"""Other graph convolutions, for comparison with the B-spline convolution (thesis Table 4.8).
 
-Each takes `x` [N, in_channels], `edge_index` int64 [2, E] (source, target) without loops, and
-pseudo-coordinates [E, 2], which only MoNet looks at, and gives [N, out_channels]. A node without
-neighbors hears nothing but itself. Plain torch, for any device.
+Each takes `x` [N, in_channels], `edge_index` int64 [2, E] (source, target) without self-loops, and
+pseudo-coordinates [E, 2], which only MoNet uses, and returns [N, out_channels]. The output of a node without
+neighbors depends on the node alone. Plain torch, for any device.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from torch import nn
 
 
 class GCNConv(nn.Module):
-    """D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts the edges that arrive, the loop included."""
+    """D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts incoming edges, including the self-loop."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__()
@@ -32,7 +32,7 @@ class GCNConv(nn.Module):
 class ChebConv(nn.Module):
     """Chebyshev polynomials up to degree K - 1 of the normalized Laplacian (Defferrard et al. 2016).
 
-    With lambda_max = 2 it is -D^-1/2 A D^-1/2; D counts the edges that leave.
+    With lambda_max = 2 the scaled Laplacian is -D^-1/2 A D^-1/2; D counts outgoing edges.
     """
 
     def __init__(self, in_channels: int, out_channels: int, size: int = 3) -> None:
@@ -63,7 +63,7 @@ class ChebConv(nn.Module):
 
 
 class GMMConv(nn.Module):
-    """MoNet (Monti et al. 2017): K Gaussians of the pseudo-coordinates weigh neighbors; mean, and a root weight."""
+    """MoNet (Monti et al. 2017): mean over neighbors weighted by K Gaussians of the pseudo-coordinates; root weight."""
 
     def __init__(self, in_channels: int, out_channels: int, kernels: int = 25) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ class GMMConv(nn.Module):
         weights = torch.exp(-0.5 * (apart * apart).sum(2))
         heard, neighbors = self.root(x), x[source]
         count = _degree(target, x).clamp(min=1).unsqueeze(1)
-        # one kernel at a time: all at once would take E x K x C numbers
+        # one kernel at a time, because all at once would take E x K x C numbers
         for weight, matrix in zip(weights.T, self.linear.weight.view(self.kernels, self.out_channels, -1), strict=True):
             summed = torch.zeros_like(x).index_add(0, target, weight.unsqueeze(1) * neighbors)
             heard = heard + summed / count @ matrix.T
@@ -89,7 +89,7 @@ class GMMConv(nn.Module):
 
 
 class GINConv(nn.Module):
-    """MLP((1 + eps) x + sum of neighbors) (Xu et al. 2019); the MLP has one hidden layer, eps is learnt from 0."""
+    """MLP((1 + eps) x + sum of neighbors) (Xu et al. 2019); one hidden layer; eps is learned, starting at 0."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__()
@@ -103,8 +103,8 @@ class GINConv(nn.Module):
         return out
 
 
-# by name, from channels and the kernel size of the B-spline layer in whose place they stand: as many
-# polynomials along the kernel, and as many Gaussians as it has cells
+# name to constructor, from the channels and kernel size of the B-spline layer that it replaces: `size` polynomials,
+# and as many Gaussians as the B-spline kernel has cells
 CONVOLUTIONS: dict[str, Callable[[int, int, int], nn.Module]] = {
     "gcn": lambda a, b, size: GCNConv(a, b),
     "cheb": lambda a, b, size: ChebConv(a, b, size),
@@ -114,7 +114,7 @@ CONVOLUTIONS: dict[str, Callable[[int, int, int], nn.Module]] = {
 
 
 def _degree(ends: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """How many edges have each node at this end, in the type of `x`: [N]."""
+    """Number of edges at each node, [N] in the type of `x`; `ends` are the sources or the targets of all edges."""
     return torch.bincount(ends, minlength=x.shape[0]).to(x.dtype)
 
 

@@ -1,7 +1,7 @@
-"""What processes that train one model together must agree on, so that they do as one process would.
+"""Functions and layers that make several processes train a model like a single process.
 
-With torch.distributed, each process has a share of every batch, in order of rank. Statistics over a batch and
-dropout are the only layers to which it matters; without it, these functions do nothing.
+With torch.distributed, each process has a share of every batch, in order of rank. This matters only to layers with
+statistics over a batch, and to dropout. Without torch.distributed, these functions change nothing.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from torch import distributed, nn
 
 
 def processes() -> int:
-    """How many train together; 1 without torch.distributed."""
+    """Number of processes that train together; 1 without torch.distributed."""
     return distributed.get_world_size() if distributed.is_available() and distributed.is_initialized() else 1
 
 
@@ -26,7 +26,7 @@ class _Total(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> torch.Tensor:
-        # every process's loss depends on the total
+        # the loss of every process depends on the total
         total = gradient.clone()
         distributed.all_reduce(total)
         return total
@@ -38,9 +38,9 @@ def all_reduce_sum(x: torch.Tensor) -> torch.Tensor:
 
 
 class Dropout(nn.Module):
-    """Dropout whose mask is drawn for the whole batch and cut to the process's share of it.
+    """Dropout whose mask is drawn for the whole batch and cut to the share of this process.
 
-    The processes' generators must have been seeded alike.
+    The generators of all processes must have the same seed.
     """
 
     def __init__(self, p: float = 0.5) -> None:
@@ -48,7 +48,7 @@ class Dropout(nn.Module):
         self.p = p
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """`x` [B, ...] with elements set to zero with probability `p`, the others divided by 1 - p."""
+        """`x` [B, ...] with elements set to 0 with probability `p` and the others divided by 1 - p."""
         if not self.training or self.p == 0:
             return x
         count, before = x.shape[0], 0

@@ -1,8 +1,8 @@
 """Graph CNNs for objects, plain and residual (thesis 4.2.5 and 4.4.2).
 
-A node counts among its own neighbors (its distance, 0, is within the radius of eq. 4.2) and has a
-root weight besides: event graphs have many lone nodes, which would otherwise have no say, and the
-node's share of the mean tells how crowded its place is.
+A node is one of its own neighbors (its distance, 0, is within the radius of eq. 4.2) and also has a root weight:
+event graphs have many isolated nodes, which would contribute nothing otherwise, and the node's share of the mean
+shows how dense its neighborhood is.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ Size = tuple[int, int]
 
 
 class ConvBlock(nn.Module):
-    """Graph convolution and batch normalization (thesis eqs. 4.6, 4.7), before their activation.
+    """Graph convolution and batch normalization (thesis eqs. 4.6, 4.7), without the activation that follows.
 
-    `convolution` is "spline" or one of `conv.CONVOLUTIONS`, which have their own way with the node itself.
+    `convolution` is "spline" or one of `conv.CONVOLUTIONS`, which handle the node itself in their own way.
     """
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int, convolution: str = "spline") -> None:
@@ -51,10 +51,10 @@ class ConvBlock(nn.Module):
 
 
 class ResidualBlock(nn.Module):
-    """Res_g (thesis 4.2.5), before its activation.
+    """Res_g (thesis 4.2.5), without the activation that follows.
 
-    A convolution and a shortcut of kernel size 1, each normalized, added. The shortcut's normalization starts at
-    a scale of 0: a network of such blocks begins as the plain one, and finds out what shortcuts are good for.
+    The sum of a convolution and a shortcut of kernel size 1, each normalized. The scale of the shortcut's
+    normalization starts at 0, so the network starts as the plain one and learns to use its shortcuts.
     """
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
@@ -75,22 +75,22 @@ class ResidualBlock(nn.Module):
 class Activation(nn.Module):
     """ReLU on the features of a batch.
 
-    It follows the pooling: a maximum and a ReLU may change places, and fewer nodes are left then.
+    It comes after the pooling: maximum and ReLU can be swapped, and there are fewer nodes after pooling.
     """
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
-        """The same graphs with what is negative in `x` set to zero."""
+        """The same graphs with negative values in `x` set to 0."""
         return replace(batch, x=torch.relu(batch.x))
 
 
 def check_pairs(channels: Sequence[int], clusters: Sequence[Size]) -> None:
-    """ValueError unless there is a cluster for each number of channels, and one at least."""
+    """ValueError unless there is one cluster for each number of channels, and at least one."""
     if len(channels) != len(clusters) or not channels:
         raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
 
 
 def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int) -> None:
-    """ValueError for graphs of a larger sensor than a network is for, or with another number of features."""
+    """ValueError for graphs of a larger sensor than the network's, or with another number of features."""
     if batch.sensor_size is not None and (
         batch.sensor_size[0] > sensor_size[0] or batch.sensor_size[1] > sensor_size[1]
     ):
@@ -120,7 +120,7 @@ class _GraphCNN(nn.Module):
     ) -> None:
         super().__init__()
         if self.residual and convolution != "spline":
-            raise ValueError(f"residual blocks are of B-spline convolutions, not of {convolution!r}")
+            raise ValueError(f"residual blocks take B-spline convolutions only, not {convolution!r}")
         check_pairs(channels, clusters)
         self.sensor_size, self.in_channels = sensor_size, in_channels
         layers: list[nn.Module] = []
@@ -148,7 +148,7 @@ class _GraphCNN(nn.Module):
         batch = GraphBatch.of(graphs)
         check_input(batch, self.sensor_size, self.in_channels)
         batch = self.features(batch)
-        # a weight for each cell and channel (eq. 4.10); a cell without a node adds nothing
+        # one weight per cell and channel (eq. 4.10); a cell without a node adds nothing
         total = self.grid[0] * self.grid[1]
         place = batch.batch * total + cells(batch.pos, self.cluster, self.grid)
         flat = batch.x.new_zeros(batch.num_graphs * total, batch.x.shape[1]).index_copy_(0, place, batch.x)
@@ -161,8 +161,19 @@ class _GraphCNN(nn.Module):
 class RGCNN(_GraphCNN):
     """Residual graph CNN (thesis 4.2.5): Conv -> MaxP -> (Res_g -> MaxP) x L -> FC(hidden) -> FC(num_classes).
 
-    `channels` and `clusters` (width, height in pixels) have L + 1 entries, one a pooling layer.
-    Takes `Graph` or `GraphBatch` with `x` [N, in_channels].
+    - `num_classes`: number of scores
+    - `sensor_size`: (width, height) in pixels (default 34, 34)
+    - `channels`: output channels of each of the L + 1 blocks (default 32, 64, 128)
+    - `clusters`: (width, height) in pixels of the clusters of each of the L + 1 poolings (default (2, 2), (4, 4),
+      (7, 7))
+    - `hidden`: width of the hidden fully connected layer (default 128)
+    - `kernel_size`: of the B-spline kernels, along each axis (default 5)
+    - `in_channels`: features per node (default 1)
+    - `dropout`: probability before the last layer (default 0.5)
+    - `convolution`: must be "spline"
+
+    Takes a `Graph` or `GraphBatch` with `x` [N, in_channels], gives class scores (logits) [B, num_classes].
+    ValueError for settings that don't fit together, graphs of a larger sensor, or another number of features.
     """
 
     residual = True
@@ -172,7 +183,9 @@ class RGCNN(_GraphCNN):
 class GCNN(_GraphCNN):
     """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block.
 
-    `convolution` is "spline", or another to compare it with (Table 4.8): "gcn", "cheb", "monet" or "gin".
+    - `convolution`: "spline" (default), or another one for comparison (thesis Table 4.8): "gcn", "cheb", "monet" or
+      "gin"
+    - other parameters, input, output and errors: those of `RGCNN`
     """
 
     residual = False

@@ -20,9 +20,20 @@ from nvsdata.models.temporal import temporal_network
 class RGCNN3D(nn.Module):
     """(Res_g -> MaxP_g) x L on each graph -> Graph2Grid -> 3D CNN -> global average -> FC(num_classes).
 
-    `channels` and `clusters` (width, height in pixels) have L entries; the grid has the cells of the last cluster.
-    `temporal` names the 3D CNN of section 5.3.1. Takes a `GraphBatch` with `volumes` = S, as `collate` makes
-    of sequences of S graphs, `x` [N, in_channels]. Defaults are those for 240x180.
+    The network of thesis 5.2 and 5.3.1. The defaults are those for 240x180.
+
+    - `num_classes`: number of scores
+    - `temporal`: the 3D CNN of section 5.3.1: "plain", "inception" or "residual" (default)
+    - `sensor_size`: (width, height) in pixels (default 240, 180)
+    - `channels`: output channels of each of the L blocks (default 32, 64, 128)
+    - `clusters`: (width, height) in pixels of the clusters of each of the L poolings (default (2, 2), (4, 3), (8, 6));
+      the last one is also the cell of the grid
+    - `kernel_size`: of the B-spline kernels, along each axis (default 5)
+    - `in_channels`: features per node (default 1)
+
+    Takes a `GraphBatch` with `volumes` = S, as `collate` makes from sequences of S graphs, and `x` [N, in_channels];
+    gives class scores (logits) [B, num_classes]. ValueError for settings that don't fit together, graphs of a larger
+    sensor, or another number of features.
     """
 
     def __init__(
@@ -50,7 +61,7 @@ class RGCNN3D(nn.Module):
         self.classify = nn.Linear(width, num_classes)
 
     def features(self, graphs: Graph | GraphBatch) -> torch.Tensor:
-        """What the last pooling gives: [B, C, T', H', W']."""
+        """Output of the last pooling: [B, C, T', H', W']."""
         batch = GraphBatch.of(graphs)
         check_input(batch, self.sensor_size, self.in_channels)
         maps: torch.Tensor = self.temporal(self.grid(self.spatial(batch)))

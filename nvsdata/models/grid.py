@@ -1,4 +1,4 @@
-"""Graph2Grid in a network (thesis 5.2.3)."""
+"""Graph2Grid as a layer (thesis 5.2.3)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from nvsdata.data.grid import check_cluster, grid_shape, to_grid
 
 
 class Graph2Grid(nn.Module):
-    """Graphs to frames, (5.1): a batch of sequences of S graphs to [B, C, S, H, W], C features a node.
+    """Graphs to frames (eq. 5.1): a batch of sequences of S graphs to [B, C, S, H, W], with C features per node.
 
-    A node goes to the cell of `cluster` = (width, height) pixels that it lies in, which after a `GraphPool` of
-    that cluster no other does; H x W cells cover the sensor (30 x 30 for 240x180 and (8, 6)). Empty cells,
-    and graphs without nodes, are 0. Differentiable.
+    - `cluster`: (width, height) of a cell in pixels
+    - `sensor_size`: (width, height) in pixels; H x W cells cover it (30 x 30 for 240x180 and (8, 6))
+
+    The features of a node go to the cell in which it lies; after a `GraphPool` with the same cluster it is the only
+    node there. Empty cells, and graphs without nodes, are 0. Differentiable. ValueError for cells of less than a
+    pixel.
     """
 
     def __init__(self, cluster: tuple[int, int], sensor_size: tuple[int, int]) -> None:
@@ -24,7 +27,7 @@ class Graph2Grid(nn.Module):
         self.grid = grid_shape(sensor_size, cluster)
 
     def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
-        """Frames [B, C, S, H, W]; one graph is a batch of one sequence of one."""
+        """Frames [B, C, S, H, W]; a single graph is a batch of one sequence with one graph."""
         batch = GraphBatch.of(graphs)
         return to_grid(batch.x, batch.pos, batch.batch, batch.num_graphs, batch.volumes, self.cluster, self.grid)
 

@@ -19,11 +19,13 @@ Network = TypeVar("Network", bound=nn.Module)
 
 @torch.no_grad()
 def fused(model: Network) -> Network:
-    """A copy of a trained network for inference, with the same outputs up to rounding and less to compute.
+    """A copy of a trained network for inference, with the same outputs up to rounding and less computation.
 
-    Each block of B-spline convolutions becomes one convolution, normalized by the running statistics: as the hat
-    functions of a kernel add up to 1 everywhere, a shortcut of kernel size 1 is a matrix added to every cell's.
-    Blocks of other convolutions and 3D CNNs stay as they are. The copy can be neither trained nor saved.
+    - `model`: a network with `ConvBlock` or `ResidualBlock`, such as `RGCNN`; it stays as it is
+
+    Each block of B-spline convolutions becomes a single convolution, normalized by the running statistics. The hat
+    functions of a kernel add up to 1 everywhere, so a shortcut of kernel size 1 is a matrix added to that of each
+    cell. Blocks of other convolutions and 3D CNNs stay as they are. The copy can be neither trained nor saved.
     """
     model = deepcopy(model)
     for parent in list(model.modules()):
@@ -36,13 +38,13 @@ def fused(model: Network) -> Network:
             elif isinstance(block, ConvBlock) and isinstance(block.conv, SplineConv):
                 _fold(block.conv, block.norm)
                 setattr(parent, name, _Block(block.conv))
-    # what `save` knows a network by
+    # `save` recognizes networks by it
     model.kind = None  # type: ignore[assignment]
     return model.eval().requires_grad_(False)
 
 
 class _Block(nn.Module):
-    """What is left of a block: its convolution."""
+    """A block reduced to its convolution."""
 
     def __init__(self, conv: SplineConv) -> None:
         super().__init__()
@@ -54,7 +56,7 @@ class _Block(nn.Module):
 
 
 def _fold(conv: SplineConv, norm: BatchNorm) -> None:
-    """Let a convolution give what the normalization behind it makes of it."""
+    """Fold the normalization that follows a convolution into its weights."""
     assert conv.bias is not None
     assert norm.running_mean is not None
     assert norm.running_var is not None
@@ -66,7 +68,7 @@ def _fold(conv: SplineConv, norm: BatchNorm) -> None:
 
 
 def _add(conv: SplineConv, shortcut: SplineConv) -> None:
-    """Let a convolution give the sum of its own and a shortcut's output; both have root weights."""
+    """Add a shortcut's weights to a convolution, so that it gives the sum of both; both have root weights."""
     assert conv.bias is not None
     assert shortcut.bias is not None
     assert conv.root is not None

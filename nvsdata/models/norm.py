@@ -1,4 +1,4 @@
-"""Batch normalization that survives tiny batches, short trainings and several processes."""
+"""Batch normalization for very small batches, short trainings and several processes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from nvsdata.models.distributed import all_reduce_sum, processes
 
 
 class BatchNorm(nn.modules.batchnorm._BatchNorm):
-    """Batch normalization (thesis eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all but the channels.
+    """Batch normalization (thesis eq. 4.7) of nodes [N, C], or of maps [B, C, ...] over all axes but the channels.
 
-    With fewer than two values a channel there is no variance: then the running statistics serve,
-    and stay as they are. The first batches count equally in the running statistics, until
-    `momentum` takes over: so they don't remember the values they were set to at the start.
-    Processes that train together (torch.distributed) share the statistics of the whole batch.
+    With fewer than two values per channel there is no variance; then the running statistics are used, and not
+    updated. The first batches have equal weights in the running statistics, until `momentum` takes over, so their
+    initial values are forgotten. Processes that train together (torch.distributed) share the statistics of the
+    whole batch.
+
+    - `num_features`: number of channels C
+    - other parameters: those of torch.nn.BatchNorm1d
     """
 
     num_batches_tracked: torch.Tensor
@@ -38,7 +41,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         )
 
     def _shared(self, x: torch.Tensor, count: int, factor: float) -> torch.Tensor:
-        """By the statistics of all processes' values."""
+        """Normalize by the statistics over the values of all processes."""
         over, shape = [0, *range(2, x.ndim)], [1, -1] + [1] * (x.ndim - 2)
         mean = all_reduce_sum(x.sum(over)) / count
         centered = x - mean.view(shape)

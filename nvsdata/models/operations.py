@@ -1,4 +1,4 @@
-"""How many operations and weights a network takes: by the thesis's formulas, and as it runs (thesis 4.4.4, 5.3.1)."""
+"""Number of operations and weights of a network, by the thesis's formulas and as executed (thesis 4.4.4, 5.3.1)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BASES = 4  # (m + 1)^d for degree m = 1 in d = 2 dimensions
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer's name and class, FLOPs and number of parameters by the thesis's formulas."""
+    """A layer: its name and class, and its FLOPs and number of parameters by the thesis's formulas."""
 
     name: str
     kind: str
@@ -31,10 +31,12 @@ class Layer:
 
 @dataclass(frozen=True)
 class Complexity:
-    """What `complexity` found. `str()` is a table.
+    """Result of `complexity`. `str()` is a table.
 
-    `layers` by the thesis's formulas; `executed`, FLOPs of all matrix products, convolutions and B-spline sums that
-    were carried out, an addition and a multiplication counting as two; `weights`, all parameters of the network.
+    - `layers`: by the thesis's formulas
+    - `executed`: FLOPs of all matrix products, convolutions and B-spline sums that were executed; an addition and a
+      multiplication count as two
+    - `weights`: number of all parameters of the network
     """
 
     layers: tuple[Layer, ...]
@@ -43,17 +45,17 @@ class Complexity:
 
     @property
     def flops(self) -> int:
-        """By the thesis's formulas."""
+        """FLOPs of all layers by the thesis's formulas."""
         return sum(layer.flops for layer in self.layers)
 
     @property
     def parameters(self) -> int:
-        """By the thesis's formulas."""
+        """Parameters of all layers by the thesis's formulas."""
         return sum(layer.parameters for layer in self.layers)
 
     @property
     def size(self) -> float:
-        """MiB that `parameters` take as float32: the sizes of Tables 4.4, 4.5 and, of graph networks, 4.10."""
+        """MiB of `parameters` as float32: the sizes in thesis Tables 4.4 and 4.5 and, for graph networks, 4.10."""
         return self.parameters * 4 / 2**20
 
     def __str__(self) -> str:
@@ -69,16 +71,17 @@ class Complexity:
 
 
 def complexity(model: nn.Module, sample: Any) -> Complexity:
-    """Operations and parameters of `model` for `sample`, what it takes (a batch counts as a whole).
+    """Operations and parameters of a network, by the thesis's formulas and as executed.
 
-    The formulas: a convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs, (4.11) and its like in three dimensions,
-    HWT its places of output; a graph convolution (4.12), the edges being the graph's; a fully connected layer
-    (2I - 1) O. Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers (C_in + 1) C_out, and for a
-    graph network's first one C_in are channels, not channels times cells. Batch normalization, root weights and
-    what else the formulas don't name count only in `weights` and `executed`. Layers that the thesis has no formula
-    for (other graph convolutions, LSTM) count as they are.
+    - `model`: any network; it is run once in evaluation mode and left as it was
+    - `sample`: an input of the network; a batch counts as a whole
 
-    The model is run once as in evaluation, and left as it was.
+    The formulas: a convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs, with HWT output positions (eq. 4.11, and its
+    extension to three dimensions); a graph convolution follows eq. (4.12) with the graph's own edges; a fully
+    connected layer takes (2I - 1) O. Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers
+    (C_in + 1) C_out; in the first fully connected layer of a graph network C_in counts channels, not channels times
+    cells. Batch normalization, root weights and everything else that the formulas don't mention count only in
+    `weights` and `executed`. Layers without a formula in the thesis (other graph convolutions, LSTM) count as executed.
     """
     counted: dict[str, list[int]] = {}
     sums = [0]
@@ -134,7 +137,7 @@ def _parameters(model: nn.Module, name: str, module: nn.Module) -> int:
     if isinstance(module, nn.Linear):
         channels = module.in_features
         if isinstance(model, GCNN | RGCNN) and name == "hidden":
-            # Table 4.4 has 512 channels enter FC(1024) at all depths, also where the last layer gives 256
+            # in Table 4.4, 512 channels enter FC(1024) at all depths, even where the last layer gives 256
             channels = max(channels // (model.grid[0] * model.grid[1]), module.out_features // 2)
         return (channels + 1) * module.out_features
     return sum(p.numel() for p in module.parameters())
@@ -155,12 +158,12 @@ def _flops(module: nn.Module, inputs: Any, output: Any) -> int:
 
 
 def _edges(edge_index: torch.Tensor) -> int:
-    """Edges of the graph: the loops are the networks' own."""
+    """Number of the graph's own edges, without the self-loops that networks add."""
     return int((edge_index[0] != edge_index[1]).sum())
 
 
 def _entries(module: SplineConv, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> int:
-    """How many (edge, cell) pairs have a share in the sums."""
+    """Number of (edge, cell) pairs that contribute to the sums."""
     arrays = edge_index[0].cpu().numpy(), edge_index[1].cpu().numpy(), u.cpu().numpy()
     return len(spline_shares(*arrays, module.kernel_size, x.shape[0])[0])
 
@@ -175,7 +178,7 @@ def _lstm(x: Any, *arguments: Any, **options: Any) -> int:
     return 2 * int(time) * int(batch) * int(into[0]) * (int(into[1]) + int(again[1]))
 
 
-# what torch's own counter leaves out
+# operations that torch's counter leaves out
 MORE: dict[Any, Callable[..., int]] = {
     torch.ops.aten.addmm_: _product,
     torch.ops.aten.mkldnn_rnn_layer: _lstm,

@@ -1,4 +1,4 @@
-"""Graph pooling over square clusters (thesis eqs. 4.8, 4.9)."""
+"""Graph pooling over rectangular clusters (thesis eqs. 4.8, 4.9)."""
 
 from __future__ import annotations
 
@@ -14,13 +14,17 @@ from nvsdata.kernels import pool as kernel
 
 
 class GraphPool(nn.Module):
-    """One node for each cluster of `cluster` = (width, height) pixels, for a given sensor.
+    """Pools the nodes of each cluster of pixels into one node.
 
-    The new node lies at the floor of the mean position (eq. 4.8); its features are the maximum or
-    the mean of the cluster's (eq. 4.9). Clusters are joined, once and in the same direction, if
-    an edge joins their nodes. Pseudo-coordinates are scaled by `coarse_reach`; longer edges count
-    as 1.
-    `t` of a new node is the mean time of its nodes, rounded down.
+    - `cluster`: (width, height) of a cluster in pixels
+    - `sensor_size`: (width, height) in pixels
+    - `mode`: "max" (default) or "mean" of the features
+
+    Takes and gives a `GraphBatch`. The new node lies at the floor of the mean position of its nodes (eq. 4.8), and
+    its features are their maximum or mean (eq. 4.9); its `t` is their mean time, rounded down. There is one edge from
+    a cluster to another if there is any edge from a node of one to a node of the other. Pseudo-coordinates are
+    relative to `coarse_reach`; those of longer edges are 1. ValueError for an unknown mode, or clusters of less than
+    a pixel.
     """
 
     def __init__(
@@ -34,7 +38,7 @@ class GraphPool(nn.Module):
         self.grid = grid_shape(sensor_size, cluster)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
-        """Pool a batch; graphs without nodes stay without."""
+        """Pool a batch; graphs without nodes remain without nodes."""
         on_cpu = batch.x.device.type == "cpu"
         structure = clusters_numba if on_cpu else clusters_torch
         cluster, pos, t, graph, ptr, edges = structure(batch, self.cluster, self.grid)
@@ -63,17 +67,17 @@ class GraphPool(nn.Module):
 
 
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
-    """How far apart, along x and y, the centers of two joined clusters can be.
+    """Largest distance along x and y between the centers of two clusters with an edge between them.
 
-    A pixel is at most (side - 1) / 2 from the center of its cluster, and an edge at most `reach` long.
+    A pixel is at most (side - 1) / 2 away from the center of its cluster, and an edge is at most `reach` long.
     """
     return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1
 
 
 class Structure(NamedTuple):
-    """What pooling makes of everything but the features."""
+    """The pooled graphs without their features."""
 
-    cluster: torch.Tensor  # of each node, int64 [N]
+    cluster: torch.Tensor  # cluster of each node, int64 [N]
     pos: torch.Tensor
     t: torch.Tensor
     batch: torch.Tensor
@@ -82,7 +86,7 @@ class Structure(NamedTuple):
 
 
 def clusters_numba(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
-    """The coarse graphs, on the CPU."""
+    """The pooled graphs, computed by numba on the CPU."""
     source, target, _ = grouped(batch.edge_index, batch.edge_attr, batch.num_nodes)
     found = kernel.clusters(batch.pos.numpy(), batch.t.numpy(), batch.ptr.numpy(), *cluster, *grid)
     edges = kernel.merged_edges(source.numpy(), target.numpy(), found[0], len(found[1]))
@@ -90,7 +94,7 @@ def clusters_numba(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int,
 
 
 def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
-    """The same on any device."""
+    """The pooled graphs, computed by torch on any device."""
     total = grid[0] * grid[1]
     occupied, index = torch.unique(batch.batch * total + cells(batch.pos, cluster, grid), return_inverse=True)
     count = occupied.numel()
@@ -116,14 +120,14 @@ def mean_rows(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tenso
 def max_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
     """Maximum of `x` [N, C] over clusters, on any device; the gradient goes to the first maximal node.
 
-    NaN counts as more than any number.
+    NaN counts as larger than any number.
     """
     nodes, channels = x.shape
     where = cluster.unsqueeze(1).expand(nodes, channels)
     with torch.no_grad():
         best = x.new_zeros(count, channels).scatter_reduce(0, where, x, "amax", include_self=False)
         index = torch.arange(nodes, device=x.device).unsqueeze(1).expand(nodes, channels)
-        # NaN equals nothing, so without the second question no node would have given it
+        # NaN equals nothing, so without isnan no node would be found for it
         index = torch.where((x == best[cluster]) | x.isnan(), index, nodes)
         first = torch.full((count, channels), nodes, device=x.device).scatter_reduce(0, where, index, "amin")
     return x.gather(0, first)

@@ -1,4 +1,4 @@
-"""The registry of networks: what each is called, and what an instance was built with, so that it can be built again."""
+"""The registry of networks by name; instances remember their constructor arguments, so that they can be rebuilt."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ NETWORKS: Registry[type[nn.Module]] = Registry("network", "networks", lambda nam
 def register_network(name: str) -> Callable[[Network], Network]:
     """Class decorator: makes a network known under `name` to `models.save`, `models.load` and `models.NETWORKS`.
 
-    Each instance keeps the arguments it was built with (`settings`), which JSON must be able to hold, and its name
-    (`kind`). A subclass of a network is registered under a name of its own. A package does it by an entry point, too
-    (group `nvsdata.networks`, the name and the class). ValueError for a name that is taken, TypeError for what is no
-    class of modules.
+    Each instance remembers its constructor arguments (`settings`), which must be representable in JSON, and its name
+    (`kind`). A subclass of a network needs a name of its own. A package can use an entry point instead (group
+    `nvsdata.networks`, with the name and the class). ValueError for a name that is taken, TypeError for anything but
+    a subclass of torch.nn.Module.
     """
 
     def enter(kind: Network) -> Network:

@@ -13,7 +13,7 @@ from nvsdata.data.graph import grouped
 from nvsdata.kernels import spline as kernel
 from nvsdata.kernels.graph import with_self_loops
 
-# up to so many (cell, channel) pairs it is cheaper to aggregate all than to find which occur
+# up to this many (cell, channel) pairs, aggregating all of them is cheaper than finding those that occur
 DENSE = 128
 
 
@@ -22,13 +22,17 @@ class SplineConv(nn.Module):
 
         out(i) = 1/|N(i)| Σ_{j in N(i)} Σ_p B_p(u(i, j)) f(j) W_p + b  (+ f(i) W_root)
 
-    N(i) are the sources of the edges that end in i, p runs over the kernel_size² cells and B_p is
-    the product of the two hat functions of the cell. Without neighbors the sum is zero. The text
-    has no W_root; with `root_weight` a node adds its own features too, as SplineCNN does.
-    Activation and batch normalization are layers of their own.
+    N(i) are the sources of the edges whose target is i, p runs over the kernel_size² cells and B_p is the product of
+    the two hat functions of the cell. Without neighbors the sum is 0. The thesis has no W_root; with `root_weight`
+    a node also adds its own features, as in SplineCNN. Activation and batch normalization are separate layers.
 
-    `weight` [kernel_size², in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
-    `root` [in_channels, out_channels], `bias` [out_channels].
+    - `in_channels`, `out_channels`: features per node before and after
+    - `kernel_size`: cells along each axis of the kernel (default 5)
+    - `root_weight`: whether to add f(i) W_root (default False)
+    - `bias`: whether to add b (default True)
+
+    Weights: `weight` [kernel_size², in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
+    `root` [in_channels, out_channels]; `bias` [out_channels]. ValueError for settings below 1.
     """
 
     def __init__(
@@ -55,9 +59,9 @@ class SplineConv(nn.Module):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        """Draw weights uniformly from ±1 / sqrt(fan-in), and set the bias to zero.
+        """Draw weights uniformly from ±1 / sqrt(fan-in), and set the bias to 0.
 
-        Small weights under batch normalization let Adam turn them quickly.
+        Small weights followed by batch normalization let Adam change their direction quickly.
         """
         bound = 1 / math.sqrt(self.kernel_size**2 * self.in_channels)
         nn.init.uniform_(self.weight, -bound, bound)
@@ -69,10 +73,10 @@ class SplineConv(nn.Module):
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor) -> torch.Tensor:
         """Convolve `x` [N, in_channels] over `edge_index` int64 [2, E] with `edge_attr` [E, 2] in [0, 1].
 
-        Returns [N, out_channels]. `edge_attr` gets no gradient. On the CPU autocast leaves it in its own precision.
+        Returns [N, out_channels]. `edge_attr` gets no gradient. On the CPU, autocast doesn't change its precision.
         """
         if x.device.type == "cpu" and torch.is_autocast_enabled("cpu"):
-            # numba knows no bfloat16
+            # numba doesn't support bfloat16
             with torch.autocast("cpu", enabled=False):
                 return self.forward(x.to(self.weight.dtype), edge_index, edge_attr)
         out = _local(x, self.root, self.bias, self.out_channels)
@@ -83,7 +87,7 @@ class SplineConv(nn.Module):
 
 
 def _local(x: torch.Tensor, root: torch.Tensor | None, bias: torch.Tensor | None, channels: int) -> torch.Tensor:
-    """The terms of a node alone, [N, channels], in fresh memory."""
+    """The root and bias terms, [N, channels], in new memory."""
     if root is not None:
         return x @ root if bias is None else torch.addmm(bias, x, root)
     return x.new_zeros(x.shape[0], channels) if bias is None else bias.repeat(x.shape[0], 1)
@@ -97,7 +101,7 @@ def spline_conv(
     weight: torch.Tensor,
     kernel_size: int,
 ) -> torch.Tensor:
-    """`out` [N, out_channels] and the sum of `SplineConv`; numba, and in place, on the CPU, else torch."""
+    """`out` [N, out_channels] plus the sum of `SplineConv`: in place by numba on the CPU, by torch elsewhere."""
     if x.device.type != "cpu":
         return spline_conv_torch(out, x, edge_index, edge_attr, weight, kernel_size)
     dense = kernel_size == 1 or kernel_size**2 * x.shape[1] <= DENSE
@@ -115,11 +119,11 @@ def spline_conv_torch(
     weight: torch.Tensor,
     kernel_size: int,
 ) -> torch.Tensor:
-    """The same in plain torch, for any device: aggregate per (node, cell), then one matrix product."""
+    """`spline_conv` in plain torch, for any device: aggregate per (node, cell), then one matrix product."""
     source, target = edge_index
     nodes, size = x.shape[0], kernel_size
     v = edge_attr.detach().to(x.dtype).clamp(0, 1) * (size - 1)
-    # NaN is no integer; it stays in `upper`
+    # NaN has no integer value; it stays in `upper`
     lower = v.nan_to_num(0).floor().clamp(max=max(size - 2, 0)).long()
     upper = v - lower
     degree = torch.zeros(nodes, dtype=x.dtype, device=x.device).index_add_(0, target, torch.ones_like(v[:, 0]))
@@ -211,7 +215,7 @@ class _SparseSplineConv(torch.autograd.Function):
         buffer = _buffer(sums, starts, weight.shape[2])
         nodes = torch.from_numpy(row_node)
         for cell, a, b in _occupied(starts):
-            # a cell's rows at a time stay in the cache for both products
+            # the rows of one cell stay in the cache for both products
             rows = torch.index_select(gradient, 0, nodes[a:b], out=buffer[: b - a])
             if d_weight is not None:
                 torch.mm(sums[a:b].T, rows, out=d_weight[cell])
@@ -225,9 +229,9 @@ class _SparseSplineConv(torch.autograd.Function):
 
 
 def add_self_loops(edge_index: torch.Tensor, edge_attr: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Edges with a loop of pseudo-coordinates 0 on each node: int64 [2, E + N] and [E + N, 2].
+    """Add to each node a self-loop with pseudo-coordinates 0: int64 [2, E + N] and [E + N, 2].
 
-    With them N(i) holds i itself, whose distance 0 is within every radius (eq. 4.2).
+    N(i) then contains i itself, whose distance 0 is within every radius (eq. 4.2).
     """
     if edge_index.device.type == "cpu":
         source, target, u = grouped(edge_index, edge_attr, nodes)
@@ -244,5 +248,5 @@ def _occupied(starts: Any) -> list[tuple[int, int, int]]:
 
 
 def _buffer(like: torch.Tensor, starts: Any, channels: int) -> torch.Tensor:
-    """Room for the rows of the fullest cell."""
+    """Memory for the rows of the cell with most rows."""
     return like.new_empty(int((starts[1:] - starts[:-1]).max()), channels)

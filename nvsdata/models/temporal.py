@@ -24,9 +24,9 @@ class Conv3D(nn.Sequential):
 
 
 class Inception3D(nn.Module):
-    """I3D's block: four streams side by side. `streams` are the widths, as section 5.3.1 gives them.
+    """I3D's block: four parallel streams, whose widths are `streams`, in the notation of section 5.3.1.
 
-    1x1x1; 1x1x1 and 3x3x3; the same again; maximum of 3x3x3 and 1x1x1.
+    1x1x1; 1x1x1 then 3x3x3; 1x1x1 then 3x3x3; maximum over 3x3x3 then 1x1x1.
     """
 
     def __init__(self, in_channels: int, streams: tuple[int, Pair, Pair, int]) -> None:
@@ -48,7 +48,7 @@ class Inception3D(nn.Module):
 
 
 class Residual3D(nn.Module):
-    """Res(c_in, c_inter, c_out): two convolutions, and a shortcut of 1x1x1, normalized and added before the ReLU."""
+    """Res(c_in, c_inter, c_out): two convolutions plus a 1x1x1 shortcut, all normalized, then ReLU."""
 
     def __init__(self, in_channels: int, inter_channels: int, out_channels: int) -> None:
         super().__init__()
@@ -75,10 +75,10 @@ TEMPORAL = ("plain", "inception", "residual")
 
 
 def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, int]:
-    """The layers up to the last pooling, and how many channels they give. ValueError for an unknown kind.
+    """The layers up to the last pooling, and their number of output channels. ValueError for an unknown kind.
 
-    A pooling of 2 x 2 x 2 follows each block, of stride 2, but in time of 1 after the first. What is over at an
-    edge is pooled by itself: 8 grids would not last for four poolings otherwise.
+    Each block is followed by a pooling of 2 x 2 x 2 with stride 2; after the first block the stride in time is 1.
+    Values left over at an edge are pooled by themselves, because 8 grids wouldn't suffice for four poolings otherwise.
     """
     blocks: list[nn.Module] = []
     width = in_channels

@@ -1,4 +1,4 @@
-"""Trained networks in use: what they say of recordings."""
+"""Trained networks in use: their predictions for recordings."""
 
 from __future__ import annotations
 
@@ -18,15 +18,18 @@ from nvsdata.data.recording import Recording
 from nvsdata.transforms.draws import of_voter
 
 One = str | os.PathLike[str] | Recording | Events
-"""A recording: its path, opened, or decoded."""
+"""A recording: its path, an opened `Recording`, or decoded `Events`."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A network from a file, in evaluation mode, and what was kept with it.
+    """A network from a file, in evaluation mode, and what was saved with it.
 
-    `transform` makes the network's input of a recording; None if none was kept. `data` is what it was trained on:
-    dataset, split, fold, seed and the split's hash, as the recipes keep them.
+    - `model`: the network
+    - `classes`: names, in the order of the scores; empty if none were saved
+    - `transform`: makes the network's input from a recording; None if none was saved
+    - `metrics`: such as the accuracy
+    - `data`: what it was trained on: dataset, split, fold, seed and the split's hash, as the recipes save them
     """
 
     model: nn.Module
@@ -40,9 +43,12 @@ class Trained:
     @overload
     def predict(self, recordings: Iterable[One], *, windows: int = 5) -> list[str]: ...
     def predict(self, recordings: One | Iterable[One], *, windows: int = 5) -> str | list[str]:
-        """Name of the most probable class of a recording, or a list of names of several; see `predict_proba`.
+        """Name of the most probable class of a recording, or a list of names for several recordings.
 
-        A network without class names gives their numbers. ValueError also for scores that are NaN.
+        - `recordings`, `windows`: see `predict_proba`
+
+        Without class names, their numbers are returned as strings. ValueError as for `predict_proba`, and for
+        scores that are NaN.
         """
         given = [recordings] if _is_one(recordings) else recordings
         found = self.predict_proba(given, windows=windows)
@@ -53,14 +59,17 @@ class Trained:
 
     @torch.no_grad()
     def predict_proba(self, recordings: One | Iterable[One], *, windows: int = 5) -> torch.Tensor:
-        """Class probabilities [num_classes] of a recording, its path or its events; [N, num_classes] of several.
+        """Class probabilities of a recording, [num_classes], or of N recordings, [N, num_classes].
 
-        `windows` voters look at the recording, at places spread evenly over it, and add up their
-        log-probabilities, as at the end of a training. Whatever else `transform` draws depends on the voter's number
-        alone, so the answer is the same at every call, alone or among others; torch's generators are left as they are.
-        Several recordings show a progress bar if they take longer than a second.
+        - `recordings`: a path, `Recording` or `Events`, or several of them
+        - `windows`: number of voters (default 5), at places spread evenly over the recording, whose log-probabilities
+          are averaged, as at the end of a training
 
-        ValueError if the file keeps no transform, or for less than one window.
+        Other random numbers of `transform` depend only on the voter's number, so the result is the same at every
+        call, for a recording alone or among others; torch's generators are left as they are. Several recordings show
+        a progress bar if they take longer than a second.
+
+        ValueError if no transform was saved, or for less than one window.
         """
         if self.transform is None:
             raise ValueError("no transform was saved with this network: make its input yourself, and call .model")

@@ -101,7 +101,7 @@ def test_every_damaged_byte_is_noticed(trained):
             models.load(path)
     for length in (0, 4, 100, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(FormatError, match="is no network that nvsdata saved"):
+        with pytest.raises(FormatError, match="is not a network that nvsdata saved"):
             models.load(path)
 
 
@@ -132,7 +132,7 @@ def test_a_file_of_another_network_is_refused(trained):
     with pytest.raises(FormatError, match="version 9"):
         models.load(path)
     save_file({"w": torch.zeros(2)}, path)
-    with pytest.raises(FormatError, match="holds no network of nvsdata"):
+    with pytest.raises(FormatError, match="doesn.t contain a network of nvsdata"):
         models.load(path)
 
 

@@ -145,5 +145,5 @@ def tiny_batch():
 def test_unknown_convolutions():
     with pytest.raises(ValueError, match="convolution must be one of"):
         models.gcnn("n-mnist", convolution="gat")
-    with pytest.raises(ValueError, match="residual blocks are of B-spline"):
+    with pytest.raises(ValueError, match="residual blocks take B-spline"):
         models.RGCNN(10, convolution="gcn")

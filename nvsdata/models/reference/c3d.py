@@ -11,16 +11,22 @@ from nvsdata.models.distributed import Dropout
 from nvsdata.models.reference.layers import Classifier, convolution, full
 from nvsdata.models.registry import register_network
 
-# convolutions between poolings
+# widths of the convolutions between poolings
 C3D_WIDTHS = ((64,), (128,), (256, 256), (512, 512), (512, 512))
 
 
 @register_network("c3d")
 class C3D(Classifier):
-    """3x3x3 convolutions with ReLU, five poolings, of which the first leaves time alone, and two hidden layers.
+    """C3D (Tran et al. 2015): 3x3x3 convolutions with ReLU, five poolings (the first not in time), two hidden layers.
 
-    Takes [B, in_channels, T, H, W]: 16 x 112 x 112, as the fully connected layers do. Other sizes are
-    averaged to theirs, [1, 4, 4]. Poolings keep what is over at an edge, so that 8 frames last for them.
+    - `num_classes`: number of scores
+    - `in_channels`: (default 2)
+    - `hidden`: width of the hidden layers (default 4096)
+    - `dropout`: (default 0.5)
+
+    Takes [B, in_channels, T, H, W], designed for 16 x 112 x 112; feature maps of other sizes are averaged to the
+    [1, 4, 4] that the fully connected layers take. Poolings keep values left over at an edge, so 8 frames suffice.
+    Gives class scores (logits) [B, num_classes]. ValueError for another shape.
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 2, hidden: int = 4096, dropout: float = 0.5) -> None:
@@ -43,13 +49,21 @@ class C3D(Classifier):
 
 @register_network("motion-vector-3d")
 class MotionVector3D(Classifier):
-    """The 3D CNN of section 3.5.1, for long volumes of few pixels: [B, in_channels, frames, size, size], 160 x 24 x 24.
+    """The motion-vector CNN (Chadha et al. 2017; thesis 3.5.1), for long volumes with few pixels.
 
-    Of one channel, [B, frames, size, size] will do.
+    Convolutions of 3x3x3, each followed by a pooling of 2x2x2, two hidden layers with dropout, parametric ReLUs
+    throughout. The thesis refers to the paper for the widths; those here are ours, chosen to give about the number of
+    weights that it states, a third of that of an optical-flow network.
 
-    Convolutions of 3x3x3 with a pooling of 2x2x2 each, two hidden layers with dropout, parametric ReLUs throughout. The
-    thesis refers to the paper for the widths; those here are ours, of the order of weights that it states, a
-    third of an optical-flow network's. ValueError for volumes of another size.
+    - `num_classes`: number of scores
+    - `frames`, `size`: frames and side in pixels of a volume (default 160 and 24)
+    - `in_channels`: (default 1)
+    - `widths`: channels of the convolutions (default 64, 128, 256, 256)
+    - `hidden`: width of the hidden layers (default 2048)
+    - `dropout`: (default 0.8)
+
+    Takes [B, in_channels, frames, size, size] or, with one channel, [B, frames, size, size]; gives class scores
+    (logits) [B, num_classes]. ValueError for another shape.
     """
 
     def __init__(

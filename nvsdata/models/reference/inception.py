@@ -10,7 +10,7 @@ from nvsdata.models.reference.layers import Classifier, Sizes, Streams, conv
 from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import Conv3D, Inception3D
 
-LEAST = 75  # pixels: less is gone before the last reduction
+LEAST = 75  # pixels: smaller images have no pixels left before the last reduction
 
 
 def _chain(in_channels: int, *layers: tuple[int, Sizes] | tuple[int, Sizes, int]) -> nn.Sequential:
@@ -84,7 +84,15 @@ def _reduction_b() -> nn.Module:
 
 @register_network("inception-v4")
 class InceptionV4(Classifier):
-    """Inception-v4 (thesis figs. A.1, A.2). Takes [B, in_channels, H, W] of at least 75x75."""
+    """Inception-v4 (Szegedy et al. 2017; thesis figs. A.1, A.2).
+
+    - `num_classes`: number of scores
+    - `in_channels`: (default 2)
+    - `dropout`: before the last layer (default 0.2)
+
+    Takes [B, in_channels, H, W] of at least 75x75, gives class scores (logits) [B, num_classes]. ValueError for
+    another shape or smaller images.
+    """
 
     def __init__(self, num_classes: int, *, in_channels: int = 2, dropout: float = 0.2) -> None:
         modules = [_a() for _ in range(4)] + [_reduction_a()] + [_b() for _ in range(7)] + [_reduction_b()]
@@ -93,13 +101,13 @@ class InceptionV4(Classifier):
         super().__init__(nn.Sequential(_stem(in_channels), *modules), classify, 2, in_channels)
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
-        """What the last layer before the mean gives: [B, 1536, H', W']. ValueError for too small an image."""
+        """Output of the last layer before the mean: [B, 1536, H', W']. ValueError for images that are too small."""
         if x.ndim == 4 and min(x.shape[2:]) < LEAST:
-            raise ValueError(f"images of {x.shape[3]}x{x.shape[2]} are too small, the least is {LEAST}x{LEAST}")
+            raise ValueError(f"images of {x.shape[3]}x{x.shape[2]} are too small, the minimum is {LEAST}x{LEAST}")
         return super().features(x)
 
 
-# Inception-v1's modules: those between the poolings, as `Inception3D` takes their streams
+# Inception-v1's modules between the poolings, each as the `streams` of `Inception3D`
 I3D_MODULES = (
     ((64, (96, 128), (16, 32), 32), (128, (128, 192), (32, 96), 64)),
     (
@@ -115,7 +123,15 @@ I3D_MODULES = (
 
 @register_network("i3d")
 class I3D(Classifier):
-    """Inflated Inception-v1 (thesis fig. B.1). Takes [B, in_channels, T, H, W], T at least 8."""
+    """I3D (Carreira and Zisserman 2017; thesis fig. B.1): Inception-v1 inflated to three dimensions.
+
+    - `num_classes`: number of scores
+    - `in_channels`: (default 2)
+    - `dropout`: before the last layer (default 0.5)
+
+    Takes [B, in_channels, T, H, W] with T at least 8, gives class scores (logits) [B, num_classes]. ValueError for
+    another shape.
+    """
 
     def __init__(self, num_classes: int, *, in_channels: int = 2, dropout: float = 0.5) -> None:
         layers: list[nn.Module] = [

@@ -1,4 +1,4 @@
-"""Layers that the convolutional reference networks share, in two or three dimensions."""
+"""Layers shared by the convolutional reference networks, in two or three dimensions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Sizes = int | tuple[int, ...]
 
 
 def convolution(dimensions: int, *arguments: Any, **options: Any) -> nn.Module:
-    """`nn.Conv2d` or `nn.Conv3d`, with the weights of He et al. (2015) for layers before a ReLU."""
+    """`nn.Conv2d` or `nn.Conv3d`, with the initialization of He et al. (2015) for layers before a ReLU."""
     layer = (nn.Conv2d if dimensions == 2 else nn.Conv3d)(*arguments, **options)
     nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
     return layer
@@ -32,7 +32,7 @@ def conv(
     groups: int = 1,
     relu: bool = True,
 ) -> nn.Sequential:
-    """Convolution without bias, batch normalization and, unless told otherwise, ReLU."""
+    """Convolution without bias, batch normalization and, unless `relu` is False, ReLU."""
     layers = [
         convolution(dimensions, in_channels, out_channels, kernel_size, stride, padding, groups=groups, bias=False),
         BatchNorm(out_channels),
@@ -41,7 +41,7 @@ def conv(
 
 
 class Streams(nn.Module):
-    """Layers side by side on the same input, their outputs one behind the other (an inception module)."""
+    """Parallel layers on the same input, with their outputs concatenated along the channels (an inception module)."""
 
     def __init__(self, *streams: nn.Module) -> None:
         super().__init__()
@@ -73,7 +73,7 @@ def full(*widths: int, dropout: float = 0.5) -> nn.Sequential:
 
 
 class Classifier(nn.Module):
-    """A network in two halves: `maps` of the input, and `classify` on their mean over all places."""
+    """A network in two parts: `maps` computes feature maps, `classify` scores from their mean over all positions."""
 
     def __init__(self, maps: nn.Module, classify: nn.Module, dimensions: int, in_channels: int) -> None:
         super().__init__()
@@ -81,7 +81,7 @@ class Classifier(nn.Module):
         self.dimensions, self.in_channels = dimensions, in_channels
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
-        """What the last layer before the mean gives: [B, C, H, W] or [B, C, T, H, W]."""
+        """Output of the last layer before the mean: [B, C, H, W] or [B, C, T, H, W]."""
         named = "[B, C, H, W]" if self.dimensions == 2 else "[B, C, T, H, W]"
         if x.ndim != self.dimensions + 2 or x.shape[1] != self.in_channels:
             raise ValueError(f"the network takes {named} with C = {self.in_channels}, not {list(x.shape)}")

@@ -24,7 +24,7 @@ class SpaceTime(nn.Module):
         self.time = conv(3, width, width, (3, 1, 1), 1, (1, 0, 0)) if variant != "2D" else None
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, C, T, H, W] of the same shape."""
+        """[B, C, T, H, W] to the same shape."""
         s: torch.Tensor = self.space(x)
         if self.time is None:
             return s
@@ -45,9 +45,16 @@ def _bottleneck(in_channels: int, width: int, stride: int, variant: Variant) -> 
 
 @register_network("p3d")
 class P3D(Classifier):
-    """P3D-63: ResNet-50's bottlenecks with `SpaceTime` A, B, C in turn; [B, in_channels, T, H, W].
+    """P3D-63 (Qiu et al. 2017; thesis B): ResNet-50's bottlenecks with `SpaceTime` A, B, C in turn.
 
-    Time is halved after the stem and each of three stages, and the last stage is of images alone.
+    The number of frames is halved after the stem and after each of the first three stages; the last stage has only
+    2D convolutions.
+
+    - `num_classes`: number of scores
+    - `depths`: blocks of each stage (default 3, 4, 6, 3)
+    - `in_channels`: (default 2)
+
+    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
     """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:

@@ -1,6 +1,6 @@
-"""Networks on events as points or as a sequence (thesis Table 5.1): PointNet, PointNet++, LSTM.
+"""Networks for events as points or as a sequence (thesis Table 5.1): PointNet, PointNet++, LSTM.
 
-They take [B, N, 4]: N events of x, y, t and polarity, as `T.Points` makes them.
+They take [B, N, 4]: N events with x, y, t and polarity, as `T.Points` makes them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from nvsdata.models.registry import register_network
 
 
 def check_points(points: torch.Tensor, in_channels: int) -> None:
-    """ValueError for another shape than [B, N, in_channels]."""
+    """ValueError unless the shape is [B, N, in_channels] with N > 0."""
     if points.ndim != 3 or points.shape[2] != in_channels or points.shape[1] == 0:
         raise ValueError(f"the network takes points [B, N, {in_channels}], not {list(points.shape)}")
 
@@ -29,7 +29,7 @@ def shared_mlp(*widths: int) -> nn.Sequential:
 
 
 def head(*widths: int, dropout: float) -> nn.Sequential:
-    """Fully connected layers with batch normalization and ReLU, dropout before the last."""
+    """Fully connected layers with batch normalization and ReLU, and dropout before the last one."""
     layers: list[nn.Module] = []
     for a, b in pairwise(widths[:-1]):
         layers += [nn.Linear(a, b), BatchNorm(b), nn.ReLU(inplace=True)]
@@ -37,7 +37,7 @@ def head(*widths: int, dropout: float) -> nn.Sequential:
 
 
 class Alignment(nn.Module):
-    """A matrix [size, size] made of all points and applied to each (PointNet's T-Net); at first the identity."""
+    """A matrix [size, size], computed from all points and applied to each (PointNet's T-Net); at first the identity."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -58,7 +58,15 @@ class Alignment(nn.Module):
 
 @register_network("pointnet")
 class PointNet(nn.Module):
-    """PointNet (Qi et al. 2017): points aligned, a common MLP, maximum over points, three fully connected layers."""
+    """PointNet (Qi et al. 2017): points aligned, a shared MLP, maximum over points, three fully connected layers.
+
+    - `num_classes`: number of scores
+    - `in_channels`: features per point (default 4)
+    - `dropout`: before the last layer (default 0.3)
+
+    Takes points [B, N, in_channels] in any order, gives class scores (logits) [B, num_classes]. ValueError for
+    another shape.
+    """
 
     def __init__(self, num_classes: int, *, in_channels: int = 4, dropout: float = 0.3) -> None:
         super().__init__()
@@ -76,7 +84,7 @@ class PointNet(nn.Module):
 
 
 class Abstraction(nn.Module):
-    """PointNet++'s set abstraction: centers spread out, neighbors in a ball, an MLP and the maximum of each ball."""
+    """PointNet++'s set abstraction: distant centers, neighbors in a ball, an MLP and the maximum over each ball."""
 
     def __init__(self, centers: int, radius: float, neighbors: int, widths: Sequence[int]) -> None:
         super().__init__()
@@ -84,12 +92,12 @@ class Abstraction(nn.Module):
         self.mlp = shared_mlp(*widths)
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions [B, N, 3] and features [B, N, C] to those of the centers, [B, M, 3] and [B, M, C']."""
+        """Positions [B, N, 3] and features [B, N, C] of points to those of the centers, [B, M, 3] and [B, M, C']."""
         chosen = farthest_points(xyz, min(self.centers, xyz.shape[1]))
         center = _at(xyz, chosen)
         apart = torch.cdist(center, xyz, compute_mode="donot_use_mm_for_euclid_dist")
         apart, near = apart.topk(min(self.neighbors, xyz.shape[1]), 2, largest=False)
-        # beyond the ball the nearest, which is the center itself, stands in
+        # points outside the ball are replaced by the nearest one, which is the center itself
         near = torch.where(apart <= self.radius, near, near[..., :1])
         index = near.flatten(1)
         shape = (*near.shape, -1)
@@ -100,9 +108,14 @@ class Abstraction(nn.Module):
 
 @register_network("pointnet++")
 class PointNet2(nn.Module):
-    """PointNet++ (Qi et al. 2017): set abstraction to 512, to 128 and to one, then three fully connected layers.
+    """PointNet++ (Qi et al. 2017): set abstraction to 512 points, 128 and one, then three fully connected layers.
 
-    The first three features are the coordinates, which `T.Points` scales to [0, 1].
+    - `num_classes`: number of scores
+    - `in_channels`: features per point (default 4); the first three are coordinates, which `T.Points` scales to [0, 1]
+    - `dropout`: before the last layer (default 0.5)
+
+    Takes points [B, N, in_channels] in any order, gives class scores (logits) [B, num_classes]. ValueError for
+    another shape.
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 4, dropout: float = 0.5) -> None:
@@ -125,9 +138,17 @@ class PointNet2(nn.Module):
 
 @register_network("lstm")
 class LSTM(nn.Module):
-    """Two layers of LSTM over the events in order of time, and a fully connected layer on the last state.
+    """LSTM layers over the events in order of time, and a fully connected layer on the last state.
 
-    The thesis says no more of its LSTM than that it takes events as a sequence; the widths are ours.
+    The thesis says only that its LSTM takes events as a sequence; the widths are ours.
+
+    - `num_classes`: number of scores
+    - `in_channels`: features per event (default 4)
+    - `hidden`: width of the LSTM (default 256)
+    - `layers`: number of LSTM layers (default 2)
+
+    Takes events [B, N, in_channels] in order of time, gives class scores (logits) [B, num_classes]. ValueError for
+    another shape.
     """
 
     def __init__(self, num_classes: int, *, in_channels: int = 4, hidden: int = 256, layers: int = 2) -> None:
@@ -146,7 +167,7 @@ class LSTM(nn.Module):
 
 @torch.no_grad()
 def farthest_points(xyz: torch.Tensor, count: int) -> torch.Tensor:
-    """Indices [B, count] of points spread out: each the farthest from those before, the first from their mean."""
+    """Indices [B, count] of distant points: each is the farthest from those before, the first from the mean of all."""
     batch = torch.arange(xyz.shape[0], device=xyz.device)
     apart = (xyz - xyz.mean(1, keepdim=True)).square().sum(2)
     chosen = torch.empty(xyz.shape[0], count, dtype=torch.int64, device=xyz.device)

@@ -23,7 +23,7 @@ Block = Callable[[int, int, int], tuple[nn.Module, int]]
 def bottleneck(
     dimensions: int, in_channels: int, width: int, stride: int, *, expansion: int = 4, groups: int = 1
 ) -> tuple[nn.Module, int]:
-    """1, 3, 1 convolutions; the first one has the stride, or with groups the second. The block and its channels."""
+    """Convolutions of 1, 3 and 1; the first has the stride, or with groups the second. The block and its channels."""
     out = width * expansion
     first, second = (stride, 1) if groups == 1 else (1, stride)
     body = nn.Sequential(
@@ -51,7 +51,7 @@ def factored(in_channels: int, width: int, stride: int) -> tuple[nn.Module, int]
 def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.Module, ...]:
     """Space, then time: 1x3x3, batch normalization and ReLU, 3x1x1 and batch normalization.
 
-    As many channels between them as give the number of weights of a 3x3x3 convolution (Tran et al. 2018, 3.5).
+    The number of channels between them gives the number of weights of a 3x3x3 convolution (Tran et al. 2018, 3.5).
     """
     between = 27 * in_channels * out_channels // (9 * in_channels + 3 * out_channels)
     return (
@@ -62,7 +62,7 @@ def two_plus_one(in_channels: int, out_channels: int, stride: int) -> tuple[nn.M
 
 
 def stages(block: Block, in_channels: int, depths: Sequence[int], widths: Sequence[int]) -> tuple[nn.Sequential, int]:
-    """Blocks in stages; all but the first stage halve the size. Also how many channels they give."""
+    """Blocks in stages, of which all but the first halve the size, and their number of output channels."""
     layers: list[nn.Module] = []
     for stage, (depth, width) in enumerate(zip(depths, widths, strict=True)):
         for n in range(depth):
@@ -79,7 +79,14 @@ def _shortcut(dimensions: int, in_channels: int, out_channels: int, stride: int)
 
 @register_network("resnet")
 class ResNet(Classifier):
-    """ResNet-50 (thesis Table A.1); `depths` are the blocks of its four stages. Takes [B, in_channels, H, W]."""
+    """ResNet-50 (He et al. 2016; thesis Table A.1).
+
+    - `num_classes`: number of scores
+    - `depths`: blocks of each of the four stages (default 3, 4, 6, 3)
+    - `in_channels`: (default 2)
+
+    Takes [B, in_channels, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:
         stem = nn.Sequential(conv(2, in_channels, 64, 7, 2, 3), nn.MaxPool2d(3, 2, 1))
@@ -93,7 +100,14 @@ def _stem3d(in_channels: int) -> nn.Sequential:
 
 @register_network("resnet3d")
 class ResNet3D(Classifier):
-    """3D ResNet of 34 layers (thesis Table B.1). Takes [B, in_channels, T, H, W]."""
+    """3D ResNet with 34 layers (Hara et al. 2018; thesis Table B.1).
+
+    - `num_classes`: number of scores
+    - `depths`: blocks of each of the four stages (default 3, 4, 6, 3)
+    - `in_channels`: (default 2)
+
+    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), in_channels: int = 2) -> None:
         body, width = stages(basic3d, 64, depths, WIDTHS)
@@ -102,7 +116,15 @@ class ResNet3D(Classifier):
 
 @register_network("resnext3d")
 class ResNeXt3D(Classifier):
-    """3D ResNeXt of 50 layers (thesis fig. B.2): wider bottlenecks, in `groups`. Takes [B, in_channels, T, H, W]."""
+    """3D ResNeXt with 50 layers (Hara et al. 2018; thesis fig. B.2): wider bottlenecks, in groups.
+
+    - `num_classes`: number of scores
+    - `depths`: blocks of each of the four stages (default 3, 4, 6, 3)
+    - `groups`: of the 3x3x3 convolutions (default 32)
+    - `in_channels`: (default 2)
+
+    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
+    """
 
     def __init__(
         self, num_classes: int, *, depths: Sequence[int] = (3, 4, 6, 3), groups: int = 32, in_channels: int = 2
@@ -114,9 +136,15 @@ class ResNeXt3D(Classifier):
 
 @register_network("r2plus1d")
 class R2Plus1D(Classifier):
-    """R(2+1)D: every 3D convolution as one in space and one in time. Takes [B, in_channels, T, H, W].
+    """R(2+1)D (Tran et al. 2018): each 3D convolution is one in space and one in time.
 
-    The thesis's 36 layers count both: they are 18 otherwise, as the 33 million parameters of its Table 5.3 say.
+    The thesis's 36 layers count both; counted once they are 18, as the 33 million parameters of its Table 5.3 show.
+
+    - `num_classes`: number of scores
+    - `depths`: blocks of each of the four stages (default 2, 2, 2, 2)
+    - `in_channels`: (default 2)
+
+    Takes [B, in_channels, T, H, W], gives class scores (logits) [B, num_classes]. ValueError for another shape.
     """
 
     def __init__(self, num_classes: int, *, depths: Sequence[int] = (2, 2, 2, 2), in_channels: int = 2) -> None:

@@ -1,4 +1,4 @@
-"""VGG (Simonyan and Zisserman 2015), on event images (thesis 4.4.4, appendix A; three frames: 3.5.2)."""
+"""VGG (Simonyan and Zisserman 2015) for event images (thesis 4.4.4, appendix A) and stacks of three frames (3.5.2)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,25 @@ from torch import nn
 from nvsdata.models.reference.layers import Classifier, convolution, full
 from nvsdata.models.registry import register_network
 
-# convolutions before each maximum pooling, by their number of weight layers
+# number of layers with weights to the convolutions before each maximum pooling
 DEPTHS = {16: (2, 2, 3, 3, 3), 19: (2, 2, 4, 4, 4)}
 WIDTHS = (64, 128, 256, 512, 512)
 
 
 @register_network("vgg")
 class VGG(Classifier):
-    """3x3 convolutions with ReLU, five maximum poolings, three fully connected layers.
+    """3x3 convolutions with ReLU, five maximum poolings, three fully connected layers (Simonyan and Zisserman 2015).
 
-    `layers` is 16 or 19. Takes [B, in_channels, H, W]; images of another size than 224x224 are averaged to
-    the 7x7 that the fully connected layers take. Section 4.4.4 gives it two channels, ON and OFF counts,
-    and 3.5.2 (VGG-16) three consecutive frames of summed polarity, with a dropout of 0.8.
-    ValueError for another number of layers.
+    - `num_classes`: number of scores
+    - `layers`: 16 or 19 (default 19)
+    - `in_channels`: (default 2); thesis 4.4.4 uses two channels, ON and OFF counts, and 3.5.2 (VGG-16) three
+      consecutive frames of summed polarity
+    - `hidden`: width of the hidden layers (default 4096)
+    - `dropout`: (default 0.5); 0.8 in thesis 3.5.2
+
+    Takes [B, in_channels, H, W], designed for 224x224; feature maps of other sizes are averaged to the 7x7 that the
+    fully connected layers take. Gives class scores (logits) [B, num_classes]. ValueError for another number of layers
+    or another shape.
     """
 
     def __init__(
