@@ -80,7 +80,7 @@ class NCaltech101(RandomSplitDataset):
             ),
         ),
         recordings=8_709,
-        known_from="Caltech101's 9,144 pictures without the 435 of Faces; how many a class has nobody lists",
+        known_from="Caltech101's 9,144 pictures without the 435 of Faces; no source lists the counts per class",
         tree="Caltech101/<class>/image_<id>.bin",
     )
 

@@ -59,7 +59,7 @@ class Source(Protocol):
         """Numbers that change when the recording does."""
 
     def settled(self, name: str, at: int) -> bool:
-        """Whether what was read of the recording `at` that time (ns since 1970) is what its stamp is of."""
+        """Whether a recording read at time `at` (ns since 1970) certainly had the content its stamp stands for."""
 
 
 class Folder:

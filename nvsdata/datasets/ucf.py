@@ -122,7 +122,7 @@ class UCF101DVS(_UCF):
         license="not stated",
         archives=(Archive("UCF101-DVS.zip", "", (google_drive("1icJFUNJZEofOke-9bizfD-m4643G1ycg"),), "UCF101_DVS"),),
         recordings=13_523,
-        known_from="two public readers' counts; the paper has UCF101's 13,320, and nobody says which the others are",
+        known_from="two public readers' counts; the paper has UCF101's 13,320; no source says which the others are",
         tree="<Class>/v_<Class>_g<NN>_c<MM>.mat, and perhaps trainlist01.txt and so on",
     )
     aliases: ClassVar[dict[str, str]] = {"Billards": "Billiards"}

@@ -50,7 +50,7 @@ class YUPENNDVS(CountedFromBottom):
         license="not stated",
         recordings=420,
         holds=tuple(Holding(name, 30) for name in CLASSES),
-        known_from="the set of videos; nobody describes the recordings",
+        known_from="the set of videos; no source describes the recordings",
     )
     aliases: ClassVar[dict[str, str]] = {"city street": "street", "sky-clouds": "sky_clouds"}
 

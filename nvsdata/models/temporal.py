@@ -13,7 +13,7 @@ Pair = tuple[int, int]
 
 
 class Conv3D(nn.Sequential):
-    """Convolution, batch normalization and ReLU; [B, in, T, H, W] to [B, out, T, H, W]."""
+    """Convolution, batch normalization and ReLU: [B, in, T, H, W] to [B, out, T, H, W]."""
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int = 3) -> None:
         super().__init__(

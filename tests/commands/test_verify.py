@@ -78,7 +78,7 @@ def test_a_complete_folder_is_sound_and_an_incomplete_one_is_not(scenes, tmp_pat
     (scenes / "ocean/7.bin").unlink()
     assert main(["verify", str(scenes), "--dataset", "yupenn-dvs"]) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-3].startswith("yupenn-dvs: 419 recordings, 420 expected (the set of videos; nobody describes")
+    assert lines[-3].startswith("yupenn-dvs: 419 recordings, 420 expected (the set of videos; no source describes")
     assert lines[-2:] == ["ocean: 1 of 30 recordings are missing", "2 faults"]
     # a store knows which dataset it is of
     pack(YUPENNDVS(scenes, "all"), tmp_path / "a.h5")

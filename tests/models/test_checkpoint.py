@@ -132,7 +132,7 @@ def test_a_file_of_another_network_is_refused(trained):
     with pytest.raises(FormatError, match="version 9"):
         models.load(path)
     save_file({"w": torch.zeros(2)}, path)
-    with pytest.raises(FormatError, match="doesn.t contain a network of nvsdata"):
+    with pytest.raises(FormatError, match="doesn't contain a network of nvsdata"):
         models.load(path)
 
 

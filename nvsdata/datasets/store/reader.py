@@ -151,7 +151,7 @@ class Store:
         if self._direct:
             count = read_window(*columns, base, start, stop, self._handle, lo, *self._direct)
         if count < 0:
-            # or the error that tells why there are fewer bytes
+            # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         return columns.first(count)
 
