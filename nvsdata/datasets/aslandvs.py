@@ -95,7 +95,7 @@ class ASLANDVS(CountedFromBottom):
                 yield pair
 
     def _by_name(self) -> dict[str, str]:
-        """Recordings by the name of their file and by the number it ends in."""
+        """Recordings by file name without extension, and by the number at its end."""
         names = {}
         for where in recordings_in(self.listing):
             file = where.rsplit("/", 1)[-1]

@@ -1,4 +1,4 @@
-"""What all datasets share."""
+"""The base classes of all datasets."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Source(Protocol):
 
     root: Path
     split: str  # whose recordings it holds
-    left_out: dict[str, str]  # recordings that are listed but can't be had, and why
+    left_out: dict[str, str]  # recordings that are listed but not available, name to reason
 
     def listing(self) -> Listing:
         """All files except hidden ones; folders without files are listed, too."""

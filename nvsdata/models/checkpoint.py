@@ -109,7 +109,7 @@ def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") ->
         raise FormatError(where, None, f"doesn't fit the network {header.network!r}: {line_of(error)}") from None
     try:
         transform = None if header.transform is None else from_repr(header.transform)
-    except Exception as error:  # the same
+    except Exception as error:  # any error of a constructor, too
         raise FormatError(where, None, f"has a transform that can't be built: {line_of(error)}") from None
     if transform is not None and not callable(transform):
         raise FormatError(where, None, f"doesn't contain a transform, but {header.transform!r:.200}")
@@ -197,7 +197,7 @@ def _home() -> Path:
     """The folder of networks given by a bare name."""
     if chosen := os.environ.get("NVSDATA_MODELS"):
         return Path(chosen)
-    # it takes a quarter of a second to import
+    # imported here because it takes a quarter of a second
     import pooch
 
     return Path(pooch.os_cache("nvsdata")) / "models"

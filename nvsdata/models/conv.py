@@ -22,7 +22,7 @@ class GCNConv(nn.Module):
         self.bias = nn.Parameter(torch.zeros(out_channels))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution."""
+        """Features after the convolution, [N, out_channels]."""
         source, target = edge_index
         scale = (_degree(target, x) + 1).rsqrt().unsqueeze(1)
         scaled = self.linear(x) * scale
@@ -43,7 +43,7 @@ class ChebConv(nn.Module):
         self.bias = nn.Parameter(torch.zeros(out_channels))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution."""
+        """Features after the convolution, [N, out_channels]."""
         source, target = edge_index
         degree = _degree(source, x)
         scale = torch.where(degree > 0, degree.clamp(min=1).rsqrt(), 0).unsqueeze(1)
@@ -74,7 +74,7 @@ class GMMConv(nn.Module):
         self.deviation = nn.Parameter(torch.full((kernels, 2), 0.5))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution."""
+        """Features after the convolution, [N, out_channels]."""
         source, target = edge_index
         apart = (u.unsqueeze(1) - self.mean) / (self.deviation**2 + 1e-15).sqrt()
         weights = torch.exp(-0.5 * (apart * apart).sum(2))
@@ -97,7 +97,7 @@ class GINConv(nn.Module):
         self.eps = nn.Parameter(torch.zeros(()))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        """Features after the convolution."""
+        """Features after the convolution, [N, out_channels]."""
         source, target = edge_index
         out: torch.Tensor = self.mlp(_gather(x, source, target, (1 + self.eps) * x))
         return out

@@ -134,7 +134,7 @@ def max_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.
 
 
 class _MaxRows(torch.autograd.Function):
-    """`max_rows_torch` as a pair of loops."""
+    """`max_rows_torch` by numba, on the CPU."""
 
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:

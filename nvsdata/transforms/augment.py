@@ -148,7 +148,12 @@ class RandomAffine:
 def affine(
     sample: Events | Recording, factor: float = 1.0, degrees: float = 0.0, dx: float = 0.0, dy: float = 0.0
 ) -> Events:
-    """Scale and rotate events about the sensor's center, then shift them by (dx, dy) pixels.
+    """Scale and rotate events about the sensor's center, then shift them.
+
+    - `sample`: `Events` or a `Recording`
+    - `factor`: of the distances from the center (default 1.0)
+    - `degrees`: angle from the x axis towards the y axis (default 0.0)
+    - `dx`, `dy`: shift in pixels (default 0.0)
 
     Coordinates are rounded to the nearest pixel; events that leave the sensor are dropped.
     """
@@ -169,20 +174,26 @@ def alike(graphs: Any, change: Callable[[Graph], Graph]) -> Any:
 
 
 def scale(graph: Graph, factor: float) -> Graph:
-    """Multiply distances from the sensor's center by `factor`."""
+    """Multiply the nodes' distances from the sensor's center by `factor`; ValueError without `sensor_size`."""
     center = _center(graph)
     return graph.moved((graph.pos - center) * factor + center)
 
 
 def flip(graph: Graph, axis: int) -> Graph:
-    """Mirror positions along `axis`: x to width - 1 - x, or y to height - 1 - y."""
+    """Mirror positions along `axis`: 0 maps x to width - 1 - x, 1 maps y to height - 1 - y.
+
+    ValueError for a graph without `sensor_size`.
+    """
     pos = graph.pos.clone()
     pos[:, axis] = 2 * _center(graph)[axis] - pos[:, axis]
     return graph.moved(pos)
 
 
 def rotate(graph: Graph, degrees: float) -> Graph:
-    """Rotate by `degrees` about the sensor's center, from the x axis towards the y axis (clockwise as seen)."""
+    """Rotate by `degrees` about the sensor's center, from the x axis towards the y axis (clockwise as seen).
+
+    ValueError for a graph without `sensor_size`.
+    """
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     center = _center(graph)
     return graph.moved((graph.pos - center) @ torch.tensor([[c, s], [-s, c]]) + center)

@@ -141,7 +141,7 @@ def to_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) ->
 
 
 def volume(frames: torch.Tensor, start: int, length: int) -> torch.Tensor:
-    """`length` frames from `start` on, padded with zeros at the end; see `RandomTemporalCrop`."""
+    """`length` frames from index `start` on, padded with zeros at the end: [length, H, W]. See `RandomTemporalCrop`."""
     cut = frames[start : start + length]
     return F.pad(cut, (0, 0) * (cut.ndim - 1) + (0, length - cut.shape[0]))
 
@@ -167,7 +167,7 @@ def motion_crop(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
 
 
 def four_crops(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
-    """Most active and center square, each also mirrored; see `FourCrops`."""
+    """Most active and center square, each also mirrored; ValueError for frames smaller than it. See `FourCrops`."""
     active = motion_crop(frames, size)
     center = center_crop(frames, size)
     return torch.stack((active, active.flip(-1), center, center.flip(-1)))

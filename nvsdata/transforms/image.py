@@ -146,12 +146,12 @@ def resize(image: torch.Tensor, size: int) -> torch.Tensor:
 
 
 def crop(image: torch.Tensor, x: int, y: int, size: int) -> torch.Tensor:
-    """The square of `size` pixels whose upper left pixel is (x, y)."""
+    """The square of `size` pixels whose upper left pixel is (x, y): [..., H, W] to [..., size, size]."""
     return image[..., y : y + size, x : x + size]
 
 
 def center_crop(image: torch.Tensor, size: int) -> torch.Tensor:
-    """The square in the middle; see `CenterCrop`."""
+    """The square in the middle; ValueError for images smaller than it. See `CenterCrop`."""
     height, width = _holds(image, size)
     return crop(image, (width - size) // 2, (height - size) // 2, size)
 

@@ -39,7 +39,7 @@ class Points:
 
 
 def points(events: Events, index: torch.Tensor) -> torch.Tensor:
-    """The events at `index` as [N, 4]; see `Points`."""
+    """The events at `index` int64 [N] as float32 [N, 4]; see `Points`."""
     width, height = events.sensor_size
     t = torch.from_numpy(events.t)
     # differences are taken in integers: absolute times don't fit float32

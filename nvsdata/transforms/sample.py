@@ -71,7 +71,7 @@ def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 
 
 
 def drop(sample: Events | Recording, share: float) -> Events:
-    """Keep each event with probability 1 - `share`, independently."""
+    """Drop each event with probability `share`, independently; ValueError unless it lies between 0 and 1."""
     probability("share", share)
     events = as_events(sample)
     return events[(torch.rand(len(events), generator=generator()) >= share).numpy()]

@@ -160,7 +160,7 @@ def test_convert_between_formats(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (["pack", "nowhere", "--dataset", "n-mnist", "--out", "a.h5"], "no folder"),
+        (["pack", "nowhere", "--dataset", "n-mnist", "--out", "a.h5"], "not a folder"),
         (["download", "asl-dvs", "--root", "asl"], "with a browser from https://"),
         (["download", "yupenn-dvs"], "can't be downloaded"),
         (["verify", "nowhere"], "nowhere: there is nothing to verify"),

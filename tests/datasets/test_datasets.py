@@ -79,7 +79,7 @@ def test_event_folder_mixes_formats(folder):
 
 
 def test_event_folder_says_what_is_missing(tmp_path, folder):
-    with pytest.raises(FileNotFoundError, match="no folder"):
+    with pytest.raises(FileNotFoundError, match="not a folder"):
         EventFolder(tmp_path / "nowhere")
     with pytest.raises(FileNotFoundError, match="no class folders"):
         EventFolder(folder / "train" / "ant")

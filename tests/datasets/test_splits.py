@@ -111,7 +111,7 @@ def test_a_store_of_one_split_gives_that_split_only(home, tmp_path):
     pack(CIFAR10DVS(root, "train", fold=2), tmp_path / "a.h5")
     assert CIFAR10DVS(tmp_path / "a.h5", fold=2).split_hash == CIFAR10DVS(root, fold=2).split_hash
     for options in ({"split": "test", "fold": 2}, {"split": "train"}, {"split": "all"}):
-        with pytest.raises(ValueError, match="packed of split 'train', fold 2 only"):
+        with pytest.raises(ValueError, match="packed from split 'train', fold 2 only"):
             CIFAR10DVS(tmp_path / "a.h5", **options)
     root = home(trees.yupenndvs())
     pack(YUPENNDVS(root, "train", fold=4), tmp_path / "y.h5")

@@ -71,7 +71,7 @@ def test_a_damaged_file_does_not_end_a_training(run, fake_nmnist, tmp_path):
 
 
 def test_a_wrong_root_is_said_plainly(run, tmp_path):
-    with pytest.raises(SystemExit, match=r"train_objects.py: .*no folder"):
+    with pytest.raises(SystemExit, match=r"train_objects.py: .*not a folder"):
         run("train_objects.py", "--dataset", "n-mnist", "--root", tmp_path / "no", "--out", tmp_path)
 
 
