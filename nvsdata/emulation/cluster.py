@@ -11,9 +11,9 @@ RETRIES = 3  # of a video whose worker was lost
 
 
 def results(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Jobs and their lines of the manifest, as workers finish them; one that is lost is replaced by another.
+    """Each job and its line of the manifest, as workers finish them; a worker that is lost is replaced by another.
 
-    ImportError without `nvsdata[distributed]`, OSError if the scheduler doesn't answer or a video cost
+    ImportError without `nvsdata[distributed]`, OSError if the scheduler doesn't answer or a video killed
     one worker after the other.
     """
     try:
@@ -21,7 +21,7 @@ def results(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, dict[str, An
     except ImportError:
         raise ImportError("a scheduler needs Dask: pip install 'nvsdata[distributed]'") from None
     with Client(scheduler) as client:
-        # not pure: a run that goes on must do anew what an earlier run's results are still kept of
+        # not pure: a run that goes on must convert a video again, even if the cluster still holds its earlier result
         futures = client.map(convert, jobs, pure=False, retries=RETRIES)
         named = {future.key: job for future, job in zip(futures, jobs, strict=True)}
         try:

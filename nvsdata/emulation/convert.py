@@ -1,4 +1,4 @@
-"""Folders of videos to folders of recordings that `EventFolder` reads."""
+"""Conversion of folders of videos to folders of recordings that `EventFolder` reads."""
 
 from __future__ import annotations
 
@@ -38,13 +38,22 @@ def convert_videos(
     limit: int | None = None,
     scheduler: str | None = None,
 ) -> FolderReport:
-    """Convert a video, or every video below a folder, to `out` (default: the folder's name and "-events").
+    """Convert a video, or every video below a folder, to recordings.
 
-    The tree of folders is kept, so class folders stay class folders. `jobs` processes work at once, or
-    those of the Dask cluster at `scheduler` (needs `nvsdata[distributed]`; its workers must see both
-    folders under the same names). `out/manifest.jsonl` has the settings and a line a video; a run that
-    was stopped goes on where it was, and tries again what had failed. A broken video is reported and
-    the rest goes on; of one that is cut off, what there is gets converted, and it counts as failed.
+    The tree of folders is kept, so class folders stay class folders. `out/manifest.jsonl` has the settings and a line
+    per video. A run that was stopped goes on where it was, and tries again what had failed. A broken video is
+    reported and the rest goes on. A video that is cut off is converted as far as it goes, and counts as failed.
+
+    - `source`: a video, or a folder of videos
+    - `out`: the folder that recordings go to (default: the source's name and "-events", beside it)
+    - `settings`: the emulator (default: `PIX2NVS()`)
+    - `format`: of the recordings, "hdf5", "aedat2", "aedat3" or "text" (default "hdf5")
+    - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
+    - `fps`: frames per second, whatever the files say (default: as they say)
+    - `jobs`: processes that work at once (default 1)
+    - `limit`: convert the first N videos only (default: all)
+    - `scheduler`: address of a Dask cluster whose workers convert instead (needs `nvsdata[distributed]`; the workers
+      must see both folders under the same names)
 
     Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
     other settings, and OSError if nothing can be written there.
@@ -71,7 +80,7 @@ def convert_videos(
 
 
 def default_out(source: Path) -> Path:
-    """Where recordings go if nothing else is said."""
+    """The folder that recordings go to if none is given."""
     whole = source.resolve()
     return whole.with_name(f"{whole.name if source.is_dir() else whole.stem}-events")
 
@@ -86,7 +95,7 @@ def plan(
     fps: float | None = None,
     limit: int | None = None,
 ) -> list[Job]:
-    """The videos that would be converted, and to where; see `convert_videos`."""
+    """The jobs that `convert_videos` would do with the same parameters; nothing is written."""
     target = out or default_out(source)
     return [Job(*video, settings, size, fps) for video in videos_in(source, target, format, limit)]
 
@@ -112,7 +121,7 @@ def _by_processes(jobs: list[Job], count: int) -> Iterator[tuple[Job, dict[str, 
         except BrokenProcessPool:
             raise OSError("a process that converted was killed (out of memory?); run again to go on") from None
         except BaseException:
-            # what is in hand may take minutes; the next run does it again
+            # conversions in progress may take minutes; the next run does them again
             workers.shutdown(wait=False, cancel_futures=True)
             for process in (children := active_children()):
                 process.terminate()
@@ -122,6 +131,6 @@ def _by_processes(jobs: list[Job], count: int) -> Iterator[tuple[Job, dict[str, 
 
 
 def _prepare() -> None:
-    """A process of several: Ctrl-C is for the one that started it, and the other cores are taken."""
+    """Set up a worker: Ctrl-C is for the process that started it, and other workers use the other cores."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stay_in_one_thread()

@@ -1,4 +1,4 @@
-"""One run of PIX2NVS over frames of one size: the arrays that it remembers, and a step."""
+"""One run of PIX2NVS over frames of one size: the arrays that it keeps, and the step from frame to frame."""
 
 from __future__ import annotations
 
@@ -23,13 +23,19 @@ METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}
 # linear times need no key: they follow from the raster order
 TIMINGS = {"interpolated": INTERPOLATED, "random": RANDOM}
 LONGEST = 2**31  # µs between frames that keys can hold
-BAND = 4 * TILE[0]  # rows that are worked off at a time where no pixel looks at its neighbors
+BAND = 4 * TILE[0]  # rows that are processed at a time where no pixel depends on its neighbors
 KEPT = 2 * DEPTH + 3  # frames whose keys may be waiting to be read
 
 
 @dataclass
 class Spikes:
-    """What fired between two frames: keys as `kernels.spikes.fire` makes them, in raster order."""
+    """What fired between two frames.
+
+    - `keys`: as `kernels.spikes.fire` makes them, in raster order; uint64 [n]
+    - `before`, `now`: times of the two frames (µs)
+    - `timestamps`: how times lie between them; see `PIX2NVS`
+    - `sensor_size`: (width, height)
+    """
 
     keys: np.ndarray
     before: int
@@ -38,7 +44,7 @@ class Spikes:
     sensor_size: tuple[int, int]
 
     def events(self) -> Events:
-        """As events, sorted by time."""
+        """The spikes as events, sorted by time."""
         count, keys = self.keys.size, self.keys
         if count == 0:
             return Events.empty(self.sensor_size, self.before, self.now)
@@ -54,14 +60,20 @@ class Spikes:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Have glibc keep what is freed: with each frame's arrays it would go back to the system, and fresh pages cost more
-    than the work on them. Freeing a large array raises the size from which it gives memory back.
+    """Have glibc keep freed memory: it would give back each frame's arrays, and fresh pages cost more than the work on
+    them. Freeing one large array raises the size from which glibc gives memory back to the system.
     """
     np.empty(31 << 20, np.uint8)
 
 
 class Emulator:
-    """State of an emulation. The last frame is kept, and must not be changed."""
+    """State of an emulation. The last frame is kept, not copied: the caller must not change it.
+
+    - `settings`: those of PIX2NVS
+    - `first`: the first frame, which gives the size and type of all
+
+    ValueError if the frame is smaller than `inhibition`, or larger than events can address.
+    """
 
     def __init__(self, settings: Settings, first: Frame) -> None:
         _keep_freed_memory()
@@ -89,13 +101,13 @@ class Emulator:
         self._keys = deque(np.empty(height * width + 64 * width, np.uint64) for _ in range(KEPT))
 
     def none(self, now: int) -> Spikes:
-        """What a frame without events at `now` µs gives."""
+        """The spikes of a frame at `now` µs that gives no events."""
         return Spikes(self._keys[0][:0], now, now, self.settings.timestamps, self.sensor_size)
 
     def step(self, frame: Frame) -> Spikes:
         """Spikes between the last frame and this one; read them before `KEPT` more steps.
 
-        ValueError for a frame of other size or type than the first, and times that don't rise.
+        ValueError for a frame whose size or type differs from the first one's, and for times that don't rise.
         """
         last, self._last = self._last, frame
         before, now = last.time, frame.time
@@ -112,7 +124,7 @@ class Emulator:
         spans = np.array([span], np.float64 if span > 1 << 21 else pixels.plane.dtype)
         seed = np.uint64(0)
         if rule.timing == RANDOM:
-            # of the frame's number, so that frames that are skipped change nothing
+            # the frame's number sets the seed, so that skipped frames change nothing
             seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
         self._keys.rotate()
         new, old = _bytes(frame), _bytes(last)
@@ -158,7 +170,7 @@ def _rule(settings: Settings, shape: tuple[int, int], number: Any, table: np.nda
 
 
 def _first_weight(frame: Frame) -> int:
-    """Of a pixel's first byte in the luminance, in thousandths."""
+    """Weight of a pixel's first byte in the luminance, in thousandths."""
     return 299 if frame.red_first else 114
 
 
@@ -172,7 +184,7 @@ def _bytes(frame: Frame) -> np.ndarray:
 
 
 def _alike(frame: Frame, other: Frame) -> bool:
-    """Whether two frames can be of one video."""
+    """Whether two frames can belong to one video."""
     a, b = frame.pixels, other.pixels
     return a.shape == b.shape and a.dtype == b.dtype and frame.levels == other.levels
 
@@ -197,7 +209,7 @@ def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
 
 
 def tone(settings: Settings, q: np.ndarray) -> np.ndarray:
-    """Of brightness q: (3.1) for mode LI, else the perceptual luminance that (3.2) starts from."""
+    """What brightness q (0 to 255) is seen as: (3.1) for mode LI, else the perceptual luminance (3.2) starts from."""
     if settings.mode != "LI":
         return 100 * np.sqrt((q / 255) ** settings.gamma)
     with np.errstate(divide="ignore"):
@@ -205,7 +217,7 @@ def tone(settings: Settings, q: np.ndarray) -> np.ndarray:
 
 
 def perceived(settings: Settings, q: np.ndarray, number: Any) -> np.ndarray:
-    """`tone` in the type that emulation calculates in: in float32, logarithms by the very steps of the kernels."""
+    """`tone` in the type that emulation calculates in; in float32, logarithms take the same steps as in the kernels."""
     if number != np.float32:
         return tone(settings, q)
     found, scratch = np.empty(q.shape, np.float32), np.empty((2, q.size), np.uint32)
@@ -215,32 +227,35 @@ def perceived(settings: Settings, q: np.ndarray, number: Any) -> np.ndarray:
 
 
 def _table(settings: Settings, first: Frame, number: Any) -> np.ndarray:
-    """What bytes are seen as, of each gray value, or of luminance in thousandths; see `kernels.emulate.luminance`."""
+    """What each gray value, or each luminance in thousandths, is seen as; see `kernels.emulate.luminance`."""
     if first.pixels.ndim == 2:
         return perceived(settings, stretched(np.arange(256), first.levels), number)
-    # of logarithms in float32 there is none: they are computed faster than looked up
+    # logarithms in float32 have no table: computing them is faster than looking them up
     return np.empty(0, np.float32) if number is np.float32 else _tone_table(settings)
 
 
 @lru_cache(8)
 def _tone_table(settings: Settings) -> np.ndarray:
-    """`tone` of luminance in thousandths; kept, for a folder has many videos."""
+    """`tone` of luminance in thousandths; cached, because a folder has many videos."""
     return tone(settings, np.arange(kernels.TABLE_SIZE) / 1000)
 
 
 def _slope(settings: Settings) -> float:
-    """Of the linear part of (3.1)."""
+    """Slope of the linear part of (3.1)."""
     return float(np.log(settings.t_log) / settings.t_log) if settings.continuous and settings.t_log else 1.0
 
 
 def _precision(settings: Settings) -> Any:
-    """float32 where its rounding shifts no event by a µs at 25 frames a second: logarithms and no tiny threshold."""
+    """float32 where its rounding shifts no event by 1 µs at 25 frames per second: logarithms, no tiny threshold."""
     plain = settings.mode == "LI" and settings.t_log <= 32
     return np.float32 if plain and settings.threshold >= 0.05 else np.float64
 
 
 def _sensitivity(settings: Settings, shape: tuple[int, int]) -> np.ndarray:
-    """Nominal over own threshold of each pixel, [H, W]; empty if all are alike. None is below a tenth."""
+    """The nominal threshold over each pixel's own, [H, W]; empty if all are alike.
+
+    No pixel's own threshold is below a tenth of the nominal one.
+    """
     if settings.mismatch == 0:
         return np.empty((0, 0))
     spread = np.random.default_rng((settings.seed, 2)).normal(1, settings.mismatch, shape)

@@ -1,4 +1,4 @@
-"""What real sensors add to ideal events: noise, hot pixels, blindness after an event, a narrow readout."""
+"""What real sensors add to ideal events: noise, hot pixels, blindness after an event, a slow readout."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class Imperfections:
 
     @classmethod
     def of(cls, settings: Settings, sensor_size: tuple[int, int]) -> Imperfections | None:
-        """None for a sensor without flaws."""
+        """The flaws that the settings ask for; None for a sensor without any."""
         flawed = settings.noise_rate or settings.hot_pixels or settings.refractory or settings.bandwidth
         return cls(settings, sensor_size) if flawed else None
 
     def apply(self, events: Events, before: int, now: int) -> Events:
-        """Events of the time from `before` to `now` (µs) as this sensor would give them.
+        """Events from `before` to `now` (µs) as this sensor would give them.
 
-        Where the readout is slower than they come, some are read after `now`.
+        If events come faster than the readout passes them on, some are read after `now`.
         """
         settings = self.settings
         seconds = (now - before) / 1e6

@@ -1,4 +1,4 @@
-"""One video to convert, and what becomes of it."""
+"""One video to convert, and its line of the manifest."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Job:
 
 
 def convert(job: Job) -> dict[str, Any]:
-    """Convert one video; its line of the manifest. Raises OSError only if the disk or folder is to blame."""
+    """Convert one video, and return its line of the manifest. OSError only if the disk or the folder is at fault."""
     started = time.monotonic()
     line: dict[str, Any] = {"video": job.name, "status": "converted"}
     try:
@@ -48,7 +48,7 @@ def convert(job: Job) -> dict[str, Any]:
 
 
 def _counted(pieces: Iterable[Events], line: dict[str, Any]) -> Iterator[Events]:
-    """The pieces, counted in `line`; a video that is cut off just ends."""
+    """The pieces, counted in `line`; a video that is cut off ends without an error, and `line` says so."""
     line |= {"frames": 0, "events": 0}
     try:
         for piece in pieces:

@@ -12,7 +12,7 @@ from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.settings import Settings
 from nvsdata.video.frames import Frame, Video, frames_of
 
-WORTH = 0.3e-3  # s a frame from which emulating it beside what becomes of the events pays
+WORTH = 0.3e-3  # s of emulation per frame from which a thread of its own pays
 
 
 @dataclass(frozen=True)
@@ -21,45 +21,46 @@ class PIX2NVS(Settings):
 
     How a pixel's brightness is seen (3.2.1):
 
-    - `hue`: b / (r + g) in place of luminance, 0.299 r + 0.587 g + 0.114 b (black: 0)
+    - `hue`: b / (r + g) in place of luminance, 0.299 r + 0.587 g + 0.114 b (black: 0; default False)
     - `mode` (LICE_mode): "LI" logarithm (3.1), "CE" contrast to the four neighbors (3.2), "LICE" the
-      logarithm of that
-    - `t_log` (T_log): brightness up to which (3.1) is linear; 0 for the plain logarithm
-    - `gamma` (γ): of the perceptual luminance that CE takes
+      logarithm of that (default "LI")
+    - `t_log` (T_log): brightness, 0 to 255, up to which (3.1) is linear; 0 for the plain logarithm (default 0)
+    - `gamma` (γ): exponent of the perceptual luminance that CE and LICE take (default 2.2)
     - `continuous`: scale the linear part so that it meets the logarithm, q ln(T_log) / T_log; as printed,
-      (3.1) jumps at T_log
+      (3.1) jumps at T_log (default False)
 
     When it fires (3.2.2):
 
-    - `difference` (dif): to the reference at the same place (3.3), or to the average of its four or
-      the minimum of its two diagonal neighbors (3.4), borders replicated
-    - `inhibition` (B): of each B x B block only the largest |d| stays (3.5); 1 for none
-    - `threshold` (T_map): |d| at which a position fires
-    - `max_events` (M_max): most events of a position and frame, out of floor(|d| / T_map) (3.8)
+    - `difference` (dif): d, to the reference at the same place, "co-located" (3.3), or to the "average" of its
+      four or the "minimum" of its two diagonal neighbors (3.4), borders replicated (default "co-located")
+    - `inhibition` (B): in each B x B block only the largest |d| stays (3.5); 1 for none (default 1)
+    - `threshold` (T_map): |d| at which a position fires (default 0.2)
+    - `max_events` (M_max): most events per position and frame, out of floor(|d| / T_map) (3.8) (default 3)
     - `timestamps` (tstamp): "interpolated", the k-th event at the instant at which the line from 0 to d
-      crosses k T_map; "random", "linear" or "fixed" as (3.7). In the bounds of µs: random ones lie in
-      [F_n-1, F_n), the last of linear ones at F_n
+      crosses k T_map; "random", "linear" or "fixed" as in (3.7). In whole µs, random times lie in
+      [F_n-1, F_n), and the last of the linear times is F_n (default "interpolated")
 
     What the reference remembers (3.2.3):
 
-    - `new` (new): update all positions (True) or only those that fired
-    - `exp` (exp), `alpha` (α): moving average (3.10) or the last frame itself (3.9)
+    - `new` (new): update all positions (True) or only those that fired (default True)
+    - `exp` (exp): moving average (3.10) or the last frame itself (3.9) (default True)
+    - `alpha` (α): share of the newest frame in the moving average, above 0 and up to 1 (default 0.5)
 
     What real sensors add, off by default:
 
-    - `noise_rate`: background activity in Hz a pixel, half of it ON
-    - `mismatch`: standard deviation of the pixels' thresholds, relative to `threshold`
-    - `hot_pixels`, `hot_rate`: share of pixels that fire ON by themselves, and how often, in Hz
-    - `refractory`: µs for which a pixel is blind after an event
-    - `bandwidth`: events a second that the readout can pass, 0 for any; events wait for their turn, and
-      a pixel whose event still waits is blind
-    - `seed`: of all that is random
+    - `noise_rate`: background activity in Hz per pixel, half of it ON (default 0)
+    - `mismatch`: standard deviation of the pixels' thresholds, relative to `threshold` (default 0)
+    - `hot_pixels`, `hot_rate`: share of pixels that fire ON by themselves, and how often, in Hz (default 0, 100)
+    - `refractory`: µs for which a pixel is blind after an event (default 0)
+    - `bandwidth`: events per second that the readout can pass, 0 for any number; events wait for their turn, and
+      a pixel whose event still waits is blind (default 0)
+    - `seed`: of all that is random (default 0)
 
     Raises ValueError for settings out of range.
     """
 
     def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
-        """All events of a video; times count from its first frame. See `stream`."""
+        """All events of a video; times count from its first frame. Parameters and errors are those of `stream`."""
         parts = list(self.stream(video, fps, size=size))
         return together(parts)
 
@@ -71,17 +72,20 @@ class PIX2NVS(Settings):
         times: Iterable[int] | None = None,
         size: tuple[int, int] | None = None,
     ) -> Iterator[Events]:
-        """Events of each frame in turn, those of F_n since F_n-1; constant memory.
+        """Events of each frame in turn, those of F_n since F_n-1, in constant memory.
 
-        `frames`: a video file (luminance is the luma that its codec stores, where it is of 8 bits), a
-        camera's number, or an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
-        [H, W, 4] RGBA; uint8, or uint16 and floats in [0, 1], which are scaled to 255. `fps`: frame n is at
-        n / fps s, whatever the file says (default: the file's own times, a camera's clock, 30 a second for
-        arrays); or `times`, in µs, one a frame, rising. `size`: (width, height) that frames are scaled to.
         The first piece stands for F_0 and is empty.
 
-        Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames
-        that change their size or type, times that don't rise, no frames, and `inhibition` beyond the frame.
+        - `frames`: a video file (luminance is the luma that its codec stores, where it is of 8 bits), a
+          camera's number, or an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
+          [H, W, 4] RGBA; uint8 or bool, or uint16 and floats in [0, 1], which are scaled to 255
+        - `fps`: frame n is at n / fps s, whatever the file says (default: the file's own times, a camera's clock,
+          30 per second for arrays and images)
+        - `times`: in place of `fps`, the time of each frame in µs, rising
+        - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
+
+        Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames that change
+        their size or type, times that don't rise, no frames, and `inhibition` larger than the frame.
         """
         spikes = prefetch(self._spikes(frames_of(frames, fps=fps, times=times, size=size, color=self.hue)), WORTH)
         return self._events(spikes)

@@ -25,12 +25,16 @@ class EventEmulator(Protocol):
     ) -> Iterator[Events]:
         """Events of each frame in turn, those since the frame before; the first piece is empty.
 
-        `fps` replaces the times that the video states, `size` (width, height) is what frames are scaled to.
+        - `fps`: frames per second, in place of the times that the video states
+        - `size`: (width, height) in pixels that frames are scaled to
         """
 
 
 def settings_of(emulator: Any) -> dict[str, Any]:
-    """An emulator's settings by name; PIX2NVS's alone, of others with their class. TypeError if it is no dataclass."""
+    """An emulator's settings by name, with the name of its class as "emulator" unless that is PIX2NVS.
+
+    TypeError if it isn't an instance of a dataclass.
+    """
     if not is_dataclass(emulator) or isinstance(emulator, type):
         raise TypeError(f"an emulator is a dataclass of its settings, which {emulator!r} is not")
     name = type(emulator).__name__

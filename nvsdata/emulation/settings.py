@@ -1,4 +1,4 @@
-"""What a user sets of PIX2NVS, and what may be set."""
+"""The settings of PIX2NVS, and the values that each may have."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LEAST_THRESHOLD = 1e-5  # differences are of float32 values up to 100
 
 @dataclass(frozen=True)
 class Settings:
-    """The parameters of Table 3.1 and of imperfect sensors; `PIX2NVS`, which adds what is done by them, explains each.
+    """The parameters of Table 3.1 and of imperfect sensors; `PIX2NVS`, which adds the emulation, explains each.
 
     Raises ValueError for settings out of range.
     """

@@ -1,4 +1,4 @@
-"""Pictures for people, drawn with OpenCV: events, contact sheets, curves."""
+"""Pictures of results, drawn with OpenCV: events, contact sheets, curves."""
 
 from nvsdata.plots.charts import curves
 from nvsdata.plots.drawing import save

@@ -18,7 +18,14 @@ def curves(
     highest: float = 1.0,
     ends: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Values between 0 and `highest` against 1, 2, 3..., or evenly from one of `ends` to the other: uint8, BGR."""
+    """Lines of values against their number, uint8 [H, W, 3], BGR.
+
+    - `lines`: names and values of up to three lines (a fourth and further ones aren't drawn)
+    - `title`, `xlabel`: drawn above the lines and below the axis
+    - `size`: (width, height) of the picture in pixels (default (720, 420))
+    - `highest`: the largest value that fits, the least is 0 (default 1)
+    - `ends`: what the first and the last value are at, evenly in between (default: 1, 2, 3 and so on)
+    """
     width, height = size
     left, right, top, bottom = 60, 24, 44, 52
     picture = np.full((height, width, 3), 255, np.uint8)

@@ -1,4 +1,4 @@
-"""Colors, letters and files that all pictures share."""
+"""Colors and font that all pictures share, and how they are saved."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def save(picture: np.ndarray, path: Path) -> None:
-    """Write a PNG, whole or not at all."""
+    """Write a picture, uint8 [H, W] or [H, W, 3] in BGR, as a PNG; the file appears whole or not at all."""
     encoded = cv2.imencode(".png", picture)[1]
     with atomic(path) as temporary:
         temporary.write_bytes(encoded.tobytes())

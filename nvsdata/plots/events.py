@@ -1,4 +1,4 @@
-"""Events as people see them."""
+"""A picture of events."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from nvsdata.plots.drawing import BOTH, OFF, ON
 
 
 def event_image(events: Events, zoom: int = 1) -> np.ndarray:
-    """Events on white: pixels that saw ON red, OFF blue, both purple; uint8 [H * zoom, W * zoom, 3], BGR."""
+    """Events on white: pixels with ON events red, with OFF events blue, with both purple.
+
+    - `events`: all are drawn, whatever their times
+    - `zoom`: side in pixels that each pixel of the sensor gets (default 1)
+
+    Returns uint8 [H * zoom, W * zoom, 3], BGR.
+    """
     width, height = events.sensor_size
     picture = np.full((height, width, 3), 255, np.uint8)
     seen = np.zeros((2, height, width), bool)

@@ -1,4 +1,4 @@
-"""Many small pictures on one."""
+"""Many small pictures on one sheet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from nvsdata.plots.drawing import FONT, INK
 
 
 def contact_sheet(rows: Sequence[tuple[str, Sequence[np.ndarray]]], gap: int = 8, margin: int = 90) -> np.ndarray:
-    """Images of one size in rows, each row with its name on the left; uint8 [H, W, 3]."""
+    """Images of one size in rows, each row with its name on the left; uint8 [H, W, 3], BGR.
+
+    - `rows`: name of each row and its images, uint8 [h, w, 3], BGR
+    - `gap`: pixels between images (default 8)
+    - `margin`: pixels on the left, for the names (default 90)
+    """
     height, width = rows[0][1][0].shape[:2]
     columns = max(len(images) for _, images in rows)
     sheet = np.full((gap + len(rows) * (height + gap), margin + columns * (width + gap), 3), 240, np.uint8)

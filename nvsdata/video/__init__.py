@@ -1,1 +1,1 @@
-"""Reading films: their frames, folders of them, and what a folder of recordings was made of."""
+"""Reading videos: their frames, folders of them, and what a folder of recordings was made of."""

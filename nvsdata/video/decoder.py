@@ -1,8 +1,8 @@
-"""OpenCV's reader of video files, asked for the luminance as it is stored where a file has one.
+"""OpenCV's reader of video files, asked for the stored luminance where a file has it.
 
-Most codecs store luma and chroma. OpenCV turns them into colors, which takes a quarter of its time and, by
-the fast and coarse way that it goes, shifts luminance by up to 2.5 levels of 255. It can hand out luma
-alone, for pixel formats that begin with it; which values are black and white is seen on the first picture.
+Most codecs store luma and chroma. OpenCV turns them into colors, which takes a quarter of its time; its fast
+and coarse conversion shifts luminance by up to 2.5 levels of 255. It can hand out luma alone, for pixel formats
+that begin with it; which of its values are black and white is found from the first picture.
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.common.prefetch import in_one_thread
 
-SMALL = 1 << 20  # pixels of a frame
+SMALL = 1 << 20  # pixels of the largest frame that one thread decodes
 FULL, STUDIO = (0, 255), (16, 235)  # values of black and white
 # formats of 8 bits that hold all luma before any chroma
 LUMA_FIRST = frozenset(
     cv2.VideoWriter.fourcc(*name) for name in ("I420", "IYUV", "YV12", "NV12", "422P", "Y42B", "444P", "Y800", "GREY")
 )
-COARSE, MOST = 3, 0.99  # levels that colors may be off by, and the share of pixels that are not further off
-CONTRAST = 5  # standard deviation, in levels, of a picture whose contrast can be told
+COARSE, MOST = 3, 0.99  # levels by which colors may be off, and the least share of pixels that aren't further off
+CONTRAST = 5  # standard deviation, in levels, from which a picture's contrast can be measured
 
 
 class Decoder:
-    """A video file's frames, [H, W, 3] of blue, green and red, or [H, W] if colors are not asked for.
+    """A video file's frames, [H, W, 3] of blue, green and red, or, where possible, [H, W] if not `color`.
 
-    `levels` are the values of black and white. FormatError if OpenCV can't decode the file.
+    `levels` are the values of black and white, `rate` the frames per second and `promised` the number of frames that
+    the file states. FormatError if OpenCV can't decode the file.
     """
 
     def __init__(self, path: Path, color: bool) -> None:
@@ -45,7 +46,7 @@ class Decoder:
             self._prefer_luma(cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options))
 
     def __iter__(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Time in µs and picture, of each frame once."""
+        """Time in µs and picture of each frame; a decoder can be iterated once."""
         frame, self._first = self._first, None
         with _without_warnings() if self._luma else nullcontext():
             while frame is not None:
@@ -53,14 +54,14 @@ class Decoder:
                 frame = self._reader.read()[1]
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._reader.release()
 
     def _pixel_format(self) -> int:
         return int(self._reader.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT))
 
     def _prefer_luma(self, other: Any) -> None:
-        """Read luma by the `other` reader of the file from now on, if its values can be told."""
+        """Read luma by the `other` reader of the file from now on, if its values of black and white are certain."""
         with _without_warnings():
             other.set(cv2.CAP_PROP_CONVERT_RGB, 0)
             luma = other.read()[1]
@@ -81,19 +82,19 @@ def levels_of(luma: np.ndarray | None, colors: np.ndarray) -> tuple[int, int] | 
     meant = {levels: stretched(luma, levels) for levels in (FULL, STUDIO)}
     near = [levels for levels, gray in meant.items() if (abs(gray - known) <= COARSE).mean() >= MOST]
     if len(near) == 2:
-        # all is about mid-gray, where values mean nearly the same, but contrasts don't
+        # all pixels are near mid-gray, where both levels give nearly the same values, but not the same contrast
         near = [levels for levels in near if _as_steep(meant[levels], known)]
     return near[0] if len(near) == 1 else None
 
 
 def _as_steep(gray: np.ndarray, known: np.ndarray) -> bool:
-    """Whether there is contrast, and one picture's is the other's: levels of the other kind differ by 0.16."""
+    """Whether there is contrast, and the same in both pictures: by the other levels it differs by 0.16."""
     spread = gray - gray.mean()
     return bool(gray.std() >= CONTRAST and abs((spread * known).sum() / (spread * spread).sum() - 1) < 0.06)
 
 
 def luminance(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """q of colors (3.2.1), float64."""
+    """Luminance q of colors (3.2.1), float64."""
     return np.asarray((299 * r + 587 * g + 114 * b) / 1000)
 
 
@@ -104,7 +105,7 @@ def stretched(luma: np.ndarray, levels: tuple[int, int]) -> np.ndarray:
 
 
 def _opened(path: Path) -> tuple[Any, list[int]]:
-    """OpenCV's reader, and its options: small frames in one thread, for several would only wait for each other."""
+    """OpenCV's reader, and its options: one thread for small frames, because several would only wait for each other."""
     options = [cv2.CAP_PROP_N_THREADS, 1]
     reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options)
     pixels = reader.get(cv2.CAP_PROP_FRAME_WIDTH) * reader.get(cv2.CAP_PROP_FRAME_HEIGHT)
@@ -126,7 +127,7 @@ _quiet = {"streams": 0, "level": 0}
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    """OpenCV warns at each frame of luma that it is no color. Its level of warnings is the process's."""
+    """Silence OpenCV's warning, at each frame of luma, that it isn't color. The level is set for the whole process."""
     with _quiet_lock:
         if _quiet["streams"] == 0:
             _quiet["level"] = logging.setLogLevel(ERRORS_ONLY)

@@ -1,4 +1,4 @@
-"""Folders of videos, and where what becomes of them goes."""
+"""Folders of videos, and the recordings that they are to become."""
 
 from __future__ import annotations
 
@@ -12,15 +12,20 @@ from typing import NamedTuple
 from nvsdata import formats
 from nvsdata.common.errors import FormatError
 
-# what recordings are written as, and the extension that says so
+# formats that recordings are written in, and their extensions
 FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in ("hdf5", "aedat2", "aedat3", "text")}
 VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
-# of the disk or the folder, not of one video: those after it would fail, too
+# errors of the disk or the folder, not of one video: the videos after it would fail, too
 FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
 
 class Video(NamedTuple):
-    """A video, its name below the folder of videos (with slashes), and the recording that it is to become."""
+    """A video.
+
+    - `name`: its name below the folder of videos, with slashes
+    - `path`: its file
+    - `target`: the recording that it is to become
+    """
 
     name: str
     path: Path
@@ -61,13 +66,13 @@ def check_name(path: str | os.PathLike[str]) -> None:
 
 
 def fatal(error: OSError, video: Path) -> bool:
-    """Whether an error met with a video is the disk's or the folder's, so that others would meet it, too."""
+    """Whether an error with a video is the disk's or the folder's, so that other videos would have it, too."""
     if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
         return False
     return error.errno in FATAL
 
 
 def sha256(path: Path) -> str:
-    """A file's hash."""
+    """SHA-256 of a file's content, in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

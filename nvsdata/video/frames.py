@@ -19,13 +19,16 @@ from nvsdata.video.decoder import FULL, Decoder
 from nvsdata.video.folder import check_name
 
 Video = str | os.PathLike[str] | int | Iterable[Any]
-USUAL_RATE = 30.0  # frames a second of what has no times of its own
+USUAL_RATE = 30.0  # frames per second where a video has no times of its own
 
 
 class Frame(NamedTuple):
-    """A picture: `time` in µs; `pixels` [H, W] or [H, W, 3], uint8, or float64 from 0 to 255; red or blue first.
+    """A picture and its time.
 
-    `levels` are the values of black and white in gray bytes.
+    - `time`: µs
+    - `pixels`: [H, W] or [H, W, 3]; uint8, or float64 from 0 to 255
+    - `red_first`: whether colors are red, green, blue, not blue, green, red (default False)
+    - `levels`: the values of black and white in gray bytes (default (0, 255))
     """
 
     time: int
@@ -46,9 +49,13 @@ def frames_of(
     size: tuple[int, int] | None = None,
     color: bool = True,
 ) -> Iterator[Frame]:
-    """Time and picture of each frame; see `PIX2NVS.stream`. Times count from the first frame.
+    """Time and picture of each frame; times count from the first frame.
 
-    Without `color` a file may give luminance alone, which it then need not turn into colors.
+    - `video`, `fps`, `times`, `size`: as `PIX2NVS.stream` takes them
+    - `color`: whether colors are needed; if not, a file may give luminance alone, which is faster (default True)
+
+    Raises FileNotFoundError, FormatError for what can't be decoded, `TruncatedVideo` at the end of a file that was cut
+    off, and ValueError for wrong parameters and frames.
     """
     if fps is not None:
         positive("fps", fps)
@@ -96,14 +103,14 @@ def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Fra
         count, first, last, longest = 0, 0, 0, gap
         for moment, pixels in prefetch((moment, _scaled(picture, size)) for moment, picture in decoder):
             first = moment if count == 0 else first
-            # containers without times report the same one for all
+            # containers without times report the same time for all frames
             now = moment - first if count == 0 or moment - first > last else last + round(gap)
             yield Frame(now, pixels, levels=decoder.levels)
             longest = max(longest, now - last)
             count, last = count + 1, now
         if count == 0:
             raise FormatError(path, None, "not one frame can be decoded")
-        # by time, for several containers only estimate how many frames they hold, as if they came regularly
+        # by time, because several containers only estimate how many frames they hold, as if they came regularly
         whole = decoder.promised * gap
         if whole - (last + longest) > max(3 * gap, whole / 50):
             raise TruncatedVideo(path, None, f"ends after {count} of {decoder.promised} frames: cut off or damaged")
@@ -140,12 +147,12 @@ def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Fram
                 raise FormatError(given, None, "holds no image that OpenCV can decode")
             yield Frame(next(times), _scaled(_picture(frame, n), size))
         else:
-            # a copy, for the caller may write the next frame into the same array
+            # a copy, because the caller may write the next frame into the same array
             yield Frame(next(times), _scaled(_picture(np.array(given), n), size), red_first=True)
 
 
 def _picture(frame: np.ndarray, n: int) -> np.ndarray:
-    """A frame as the emulator takes it; ValueError for shapes and types that mean no picture."""
+    """A frame as the emulator takes it; ValueError for shapes and types that aren't a picture's."""
     if frame.ndim == 3 and frame.shape[2] == 1:
         frame = frame[..., 0]
     if 0 in frame.shape or not (frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (3, 4))):

@@ -1,4 +1,4 @@
-"""What a folder of recordings was made of: settings, and a JSON line a video."""
+"""What a folder of recordings was made of: settings, and a JSON line per video."""
 
 from __future__ import annotations
 
@@ -23,9 +23,15 @@ class Manifest(Journal):
     """`out/manifest.jsonl`, open for adding lines.
 
     The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, and the versions
-    of the software; each further line a video's name, status, size and sha256, and what came of it. A video that was
-    tried twice has two lines; the last one holds. ValueError if the folder's first line tells of another kind or of
-    other settings.
+    of the software. Each further line has a video's name, status, size and sha256, and what came of it. A video that
+    was tried twice has two lines; the last one counts.
+
+    - `out`: the folder of recordings
+    - `kind`: of the folder; the first key of the first line
+    - `made`: settings that all recordings in the folder must share
+    - `told`: what the first line also has, and may differ from run to run (default: nothing)
+
+    ValueError if the folder's first line has another kind or other settings.
     """
 
     def __init__(self, out: Path, kind: str, made: dict[str, Any], told: dict[str, Any] | None = None) -> None:
@@ -36,10 +42,10 @@ class Manifest(Journal):
         head = {kind: 1, **made, **(told or {}), **tail}
         super().__init__(out / NAME, head)
         if kind in self.head and not self.lines:
-            # nothing was made of it yet
+            # no video has a line yet, so the first line may be replaced
             self.head, self._torn = head, True
         if kind not in self.head:
-            raise ValueError(f"{self.path} is no manifest of {kind}: choose another folder")
+            raise ValueError(f"{self.path} is not a manifest of {kind}: choose another folder")
         if self.head["settings_sha256"] != digest:
             was, now = _flat({key: self.head.get(key) for key in made}), _flat(made)
             differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
@@ -47,7 +53,7 @@ class Manifest(Journal):
         self.videos = {line["video"]: line for line in self.lines}
 
     def has(self, name: str, video: Path, target: Path, statuses: tuple[str, ...]) -> bool:
-        """Whether the video, as it is now, came to one of these ends, and its recording is there."""
+        """Whether the video, unchanged since, has one of these statuses, and its recording is there."""
         line = self.videos.get(name)
         return (
             line is not None

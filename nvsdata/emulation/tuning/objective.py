@@ -1,4 +1,4 @@
-"""Tuning PIX2NVS to a real recording of what a video shows, and what to show of it."""
+"""What tuning minimizes: distances of emulated events to a real recording of the same video; a table of trials."""
 
 from __future__ import annotations
 
@@ -25,9 +25,15 @@ HEADINGS = ("T_log", "B", "M_max", "T_map", "new", "exp", "alpha", "Inv. e-rep",
 class Pair:
     """A real recording and the frames of the video it shows, scaled to its sensor; calling it measures settings.
 
-    Only the first `seconds` count if they are given. The frame rate of the comparison is the video's.
-    `offset` µs are added to the recording's times, which count from its start. The frames are kept in
-    memory. ValueError if fewer than two frames fall within the time.
+    The frame rate of the comparison is the video's. The frames are kept in memory.
+
+    - `real`: events of a camera that saw the video
+    - `video`: as `PIX2NVS.stream` takes it
+    - `fps`: frames per second, whatever the video says (default: as it says)
+    - `seconds`: compare the first seconds only (default: all)
+    - `offset`: µs that are added to the recording's times, which count from its start (default 0)
+
+    ValueError if fewer than two frames fall within the time.
     """
 
     def __init__(
@@ -46,11 +52,11 @@ class Pair:
             return list(takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size, color=color)))
 
         self.frames = load(color=False)
-        # hue, which few settings ask for, needs the rest of a file; arrays are there whole
+        # only hue, which few settings ask for, needs a file's colors; arrays have them already
         of_file = isinstance(video, str | os.PathLike)
         self._colored: Callable[[], list[Frame]] = cache(partial(load, True)) if of_file else lambda: self.frames
         if len(self.frames) < 2:
-            raise ValueError(f"{video}: {len(self.frames)} frames in the time that counts, it takes two")
+            raise ValueError(f"{video}: {len(self.frames)} frames in the time that counts, at least 2 are needed")
         last = self.frames[-1].time
         self.fps = (len(self.frames) - 1) * 1e6 / last
         self.offset = offset
@@ -58,14 +64,14 @@ class Pair:
         self.real = cut(real.start, real.start + max(last - offset, 1))
 
     def emulate(self, settings: EventEmulator) -> Events:
-        """The video by these settings."""
+        """Events of the video by these settings."""
         return settings.emulate(self._colored() if getattr(settings, "hue", False) else self.frames)
 
     def __call__(self, settings: EventEmulator) -> tuple[float, float, float]:
-        """1 - repeatability, Chamfer, EMD of these settings.
+        """Distances of these settings: 1 - repeatability, Chamfer, EMD.
 
-        NaN if more than half of the frames with real spikes have no emulated one: the distances look from
-        emulated spikes to real ones only, and settings that hardly ever fire would win.
+        NaN if more than half of the frames with real spikes have no emulated one: the distances go from
+        emulated spikes to real ones only, so settings that hardly ever fire would win.
         """
         found = compare(self.emulate(settings), self.real, self.fps, offset=self.offset)
         real = found.emd.frames.size - found.emd.empty_real
@@ -73,7 +79,7 @@ class Pair:
 
 
 def table(search: Search, rows: int = 5) -> str:
-    """Some trials from the worst to the best, evenly ranked, in the columns of Table 3.3."""
+    """`rows` trials at most, from the worst to the best at even steps of rank, in the columns of Table 3.3."""
     scores = search.scores
     ranked = [i for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
     chosen = [ranked[round(i)] for i in np.linspace(0, len(ranked) - 1, min(rows, len(ranked)))]

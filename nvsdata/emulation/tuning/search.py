@@ -19,17 +19,22 @@ from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.metrics.scoring import score
 
-BATCH = 4  # trials proposed at once, whatever the number of jobs: so the search doesn't depend on it
-ANYWHERE = 1  # of each batch, that the search may leave a valley that is not the deepest
-FIRST = 16  # trials anywhere, before the search narrows
-SHRINK = 0.85  # of the radius, after a batch that found nothing better
+BATCH = 4  # trials proposed at once; the number of jobs doesn't change it, so that the search doesn't depend on jobs
+ANYWHERE = 1  # trials of each batch drawn anywhere, so that the search can leave a local minimum
+FIRST = 16  # trials drawn anywhere before the search narrows
+SHRINK = 0.85  # factor of the radius after a batch that found nothing better
 LEAST_RADIUS = 0.02
-MOVED = 0.3  # probability that a proposal changes a setting: few at a time are told apart more easily
+MOVED = 0.3  # probability that a proposal changes a setting: the effects of few changes are easier to separate
 
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from `low` to `high`, both included; `whole` numbers, or drawn by their logarithm if `log`."""
+    """Numbers that a setting may have.
+
+    - `low`, `high`: the least and the largest, both included
+    - `log`: drawn evenly in their logarithm (default False)
+    - `whole`: whole numbers only (default False)
+    """
 
     low: float
     high: float
@@ -37,7 +42,7 @@ class Range:
     whole: bool = False
 
     def at(self, share: float) -> float:
-        """The number at a share, 0 to 1, of the way."""
+        """The number at a share (0 to 1) of the way from `low` to `high`."""
         if self.whole:
             return min(int(self.low + share * (self.high - self.low + 1)), int(self.high))
         if self.log:
@@ -61,7 +66,11 @@ SPACE: Space = {
 
 @dataclass(frozen=True)
 class Trial:
-    """Settings and their distances: 1 - repeatability, Chamfer, EMD; NaN if no frame had spikes on both sides."""
+    """Settings and their distances.
+
+    - `settings`: an emulator
+    - `distances`: 1 - repeatability, Chamfer, EMD; NaN if no frame had spikes on both sides
+    """
 
     settings: Any
     distances: tuple[float, float, float]
@@ -75,12 +84,12 @@ class Search:
 
     @property
     def scores(self) -> np.ndarray:
-        """Of each trial, over all of them; inf where there is none."""
+        """Score of each trial, normalized over all trials (`metrics.score`), float64 [trials]; inf where it is NaN."""
         return np.asarray(np.nan_to_num(score([trial.distances for trial in self.trials]), nan=np.inf))
 
     @property
     def best(self) -> Trial:
-        """The trial of the least score."""
+        """The trial with the lowest score."""
         return self.trials[int(np.argmin(self.scores))]
 
 
@@ -97,12 +106,16 @@ def search(
 ) -> Search:
     """Look for settings with a small score: first anywhere in `space`, then in a shrinking sphere around the best.
 
-    Settings outside the space are those of `base` (PIX2NVS's defaults, or another emulator). `measure` gives a
-    setting's distances (an `objective.Pair` does); `jobs` of them run at once, in threads. With a `journal`, a file
-    of JSON lines, a search that was stopped goes on: the same seed proposes the same trials. `note` is kept in the
-    journal's first line, and must be the same when the search goes on.
+    - `measure`: gives the three distances of settings; an `objective.Pair` does
+    - `space`: by name of each setting, its choices or a `Range` (default `SPACE`)
+    - `base`: an emulator, whose settings outside the space stay as they are (default: `PIX2NVS()`)
+    - `trials`: number of settings to try, those in the journal included (default 100)
+    - `seed`: the same seed proposes the same trials (default 0)
+    - `jobs`: trials measured at once, in threads (default 1)
+    - `journal`: a file of JSON lines, by which a search that was stopped goes on (default: none)
+    - `note`: kept in the journal's first line; must be the same when the search goes on
 
-    Raises ValueError for a journal of another search, and a space that isn't of the emulator.
+    Raises ValueError for a journal of another search, and for a space with settings that the emulator doesn't have.
     """
     base = base or PIX2NVS()
     for name, choices in space.items():
@@ -124,7 +137,7 @@ def search(
         while len(result.trials) < trials:
             count = min(BATCH, trials - len(result.trials))
             wide = center is None or len(result.trials) < FIRST
-            # drawn for a whole batch, so that a search that was shorter goes on as a longer one would
+            # always a whole batch is drawn, so that a short search goes on with the same trials as a long one has
             drawn = [_near(rng, len(space), None if wide or i < ANYWHERE else center, radius) for i in range(BATCH)][
                 :count
             ]
@@ -149,7 +162,7 @@ def search(
 
 
 def _near(rng: np.random.Generator, dimensions: int, center: np.ndarray | None, radius: float) -> np.ndarray:
-    """A place in the unit cube: anywhere, or within a sphere, reflected where it sticks out."""
+    """A random place in the unit cube: anywhere, or in a sphere around `center`, reflected where that sticks out."""
     anywhere = rng.random(dimensions)
     direction = rng.normal(size=dimensions) * (rng.random(dimensions) < MOVED)
     length = radius * rng.random() ** (1 / dimensions)
@@ -180,7 +193,7 @@ def _plain(space: Space) -> dict[str, Any]:
 
 
 class _Trials(Journal):
-    """Trials on disk, a JSON line each, after a first line that says of which search."""
+    """Trials on disk, a JSON line each, after a first line that identifies the search."""
 
     def __init__(self, path: Path, head: Mapping[str, Any], kind: Callable[..., Any]) -> None:
         plain = json.loads(json.dumps(head))
@@ -190,7 +203,7 @@ class _Trials(Journal):
         self._known = {line["trial"]: Trial(kind(**line["settings"]), _three(line["distances"])) for line in self.lines}
 
     def get(self, number: int, settings: Any) -> Trial | None:
-        """The trial of that number, if it was of these settings."""
+        """The trial with that number, if it had these settings."""
         found = self._known.get(number)
         return found if found is not None and found.settings == settings else None
 
