@@ -144,7 +144,7 @@ def test_a_camera(example, tmp_path):
 
         def configure(self, settings=None): ...
 
-    with pytest.raises(TypeError, match=r"Partly is no camera: it lacks start, reset_time, read, .*decoder"):
+    with pytest.raises(TypeError, match=r"Partly is not a camera: it lacks start, reset_time, read, .*decoder"):
         record(Partly(), tmp_path / "b.h5", seconds=0.1)
 
 

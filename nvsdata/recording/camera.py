@@ -11,7 +11,7 @@ from nvsdata.data.samples import Piece
 
 
 class CameraError(OSError):
-    """What keeps a camera from recording, in one line that says what to do."""
+    """Why a camera can't record, in one line that says what to do."""
 
 
 class Unplugged(CameraError):
@@ -19,7 +19,7 @@ class Unplugged(CameraError):
 
 
 class Facts(Protocol):
-    """What a camera says of itself: name, serial number, and the size of its sensor in pixels."""
+    """What a camera reports about itself: name, serial number, and the size of its sensor in pixels."""
 
     @property
     def name(self) -> str: ...
@@ -32,20 +32,20 @@ class Facts(Protocol):
 
 
 class Decoder(Protocol):
-    """What understands a camera's stream."""
+    """What decodes a camera's stream; `width` and `height` are the sensor's, in pixels."""
 
     width: int
     height: int
 
     @property
     def complaints(self) -> dict[str, int]:
-        """What was odd in the stream so far, counted."""
+        """How often each kind of fault was in the stream so far, by name."""
 
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
         """What blocks of the stream hold, and the times (µs, int64) of pulses at the external input.
 
-        Times count from the last reset of the camera's clock; what came before it, and what comes from `last` (µs)
-        on, is left out.
+        Times count from the last reset of the camera's clock. What came before it is left out, and so is what comes
+        from `last` (µs) on, unless that is None.
         """
 
 
@@ -53,49 +53,50 @@ class Decoder(Protocol):
 class Camera(Protocol):
     """A camera that is connected.
 
-    The order is: `configure`, `start`, `reset_time`, `stop`, as often as wanted; between `start` and `stop` a thread
-    calls `read`, and `end_reading` when it is done. Methods raise CameraError, Unplugged if the camera is gone.
+    The order of calls is `configure`, `start`, `reset_time`, `stop`, as often as wanted. Between `start` and `stop` a
+    thread calls `read`, and `end_reading` when it is done. Methods raise CameraError, or Unplugged if the camera is
+    gone.
     """
 
     @property
     def facts(self) -> Facts:
-        """What it says of itself."""
+        """What the camera reports about itself."""
 
     def configure(self, settings: Any = None) -> None:
         """Set biases, region and so on; None for its defaults. ValueError for settings that it doesn't have."""
 
     def start(self) -> None:
-        """Let the stream begin."""
+        """Start the stream."""
 
     def reset_time(self) -> None:
-        """Let the camera's time begin at 0."""
+        """Restart the camera's time at 0."""
 
     def read(self, timeout: int = 100) -> bytes:
-        """What came of the stream within `timeout` ms, maybe nothing."""
+        """Bytes of the stream that came within `timeout` ms, maybe none."""
 
     def stop(self) -> None:
         """End the stream; what is on its way can still be read."""
 
     def end_reading(self) -> None:
-        """After the last `read`, by the thread that read."""
+        """Clean up after the last `read`; called by the thread that read."""
 
     def dropped(self) -> int | None:
-        """Events that the camera itself has dropped since it has power; None if it doesn't count them."""
+        """Events that the camera itself has dropped since it was powered on; None if it doesn't count them."""
 
     def decoder(self) -> Decoder:
         """A new decoder of its stream, whose times never fall."""
 
     def about(self) -> dict[str, Any]:
-        """What recordings say of the camera, as `Recording.about`."""
+        """What recordings say about the camera, as in `Recording.about`."""
 
     def journal_head(self, decoder: Any, last: int | None, about: Mapping[str, Any]) -> bytes | None:
-        """What a file begins with that keeps the stream as it comes, and that `nvsdata.open` reads.
+        """First bytes of a file that keeps the stream as it comes, and that `nvsdata.open` reads.
 
-        None if there is no such format: what was recorded is lost then if the process is killed.
+        None if there is no such format: a recording is then lost if the process is killed.
         """
 
     def close(self) -> None:
-        """Let the camera go."""
+        """Release the camera."""
 
 
 def check_camera(camera: object) -> None:
@@ -104,4 +105,6 @@ def check_camera(camera: object) -> None:
         return
     members = [name for name in vars(Camera) if not name.startswith("_")]
     lacking = ", ".join(name for name in members if not hasattr(camera, name))
-    raise TypeError(f"{type(camera).__name__} is no camera: it lacks {lacking} (see nvsdata.recording.camera.Camera)")
+    raise TypeError(
+        f"{type(camera).__name__} is not a camera: it lacks {lacking} (see nvsdata.recording.camera.Camera)"
+    )

@@ -26,8 +26,8 @@ from nvsdata.recording.camera import Camera, CameraError, Decoder, check_camera
 from nvsdata.recording.journal import Journal, check_finished, told_of
 from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, Line
 
-RESERVE = 64 << 20  # bytes of disk that are left free: what the writer still holds must find room
-# how long a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer runs over
+RESERVE = 64 << 20  # bytes of disk that are left free, as room for what the writer still holds
+# s for which a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer overflows
 SWITCH = 2e-4
 
 
@@ -35,11 +35,19 @@ SWITCH = 2e-4
 class RecordingReport:
     """How a recording went.
 
-    `dropped` are events that the camera dropped (None if it doesn't count), `lost` bytes that came and found no room,
-    `frames` and `samples` how many frames and inertial samples came, `about` what is known of the camera,
-    `ended` why it ended, `complaints` the decoder's, `temperature` of the inertial unit (°C), None without one,
-    `triggers` the times (µs) of pulses and rising edges at the external input, `zero` the host's time (µs) at which the
-    camera's time began.
+    - `path`: the file, None if nothing was written
+    - `events`: events recorded
+    - `seconds`: time of the last event
+    - `received`: bytes that came from the camera
+    - `lost`: bytes that came and found no room
+    - `dropped`: events that the camera dropped, None if it doesn't count them
+    - `ended`: why the recording ended
+    - `complaints`: the decoder's: faults of the stream, counted by name
+    - `temperature`: of the inertial unit (°C), None without one
+    - `triggers`: times (µs) of pulses and rising edges at the external input
+    - `zero`: the host's time (µs) at which the camera's time began
+    - `frames`, `samples`: how many frames and inertial samples came
+    - `about`: what is known of the camera
     """
 
     path: Path | None
@@ -59,7 +67,7 @@ class RecordingReport:
 
     @property
     def failure(self) -> OSError | None:
-        """What ended the recording, unless the time was up or it was stopped: CameraError, or a disk that is full."""
+        """The error that ended it, a CameraError or a full disk; None if its time was up or it was stopped."""
         if self.ended in (TIME_UP, STOPPED):
             return None
         if self.ended.startswith(DISK_FULL):
@@ -73,7 +81,7 @@ class RecordingReport:
 
 
 class Unfinished(OSError):
-    """The file of a recording couldn't be written; what was recorded is in a journal, which the text names."""
+    """The file of a recording couldn't be written; what was recorded is in a journal, which the message names."""
 
 
 def record(
@@ -88,20 +96,22 @@ def record(
 ) -> RecordingReport:
     """Record to a file, in the format of its extension, until `seconds` are over or `stop` is set.
 
-    With None for the file, events are only given to `watch`.
+    Times count from the reset of the camera's clock at the start. The recording also ends when the camera is
+    unplugged or sends nothing for 5 s, and when the disk has less than 64 MB left; what came until then is in the
+    file, and `RecordingReport.ended` says why. The file appears when it is whole.
 
-    Times count from the reset of the camera's clock at the start. A camera that is unplugged, or sends nothing
-    for 5 s, and a disk with less than 64 MB left end the recording; what came until then is in the file, and
-    `RecordingReport.ended` says so. `watch` is called with the events of each block, from another thread.
+    - `camera`: anything that has the members of `camera.Camera`
+    - `path`: the file; with None, events are only given to `watch`
+    - `settings`: what the camera's `configure` takes (default: the camera's)
+    - `seconds`: how long to record (default: until stopped)
+    - `stop`: ends the recording when it is set (default: none)
+    - `watch`: called with the report so far and the events of each block, from another thread
+    - `journaled`: until the file is whole, keep what the camera sends in FILE.davis, which `nvsdata.open` reads; it is
+      removed when the file is there, and stays if the file can't be written (default True)
 
-    The file appears when it is whole. Until then, if `journaled`, what the camera sends is kept in FILE.davis, which
-    `nvsdata.open` reads; it goes when the file is there, and stays if the file can't be written.
-
-    `camera` is anything that has the members of `camera.Camera`, `settings` what its `configure` takes.
-
-    CameraError if the camera can't be configured or started, TypeError for what is no camera, ValueError for frames in
-    a format that holds none,
-    FileExistsError if there is a journal of that file already, `Unfinished` if the file can't be written.
+    Raises CameraError if the camera can't be configured or started, TypeError for an object that isn't a camera,
+    ValueError for frames in a format that holds none, FileExistsError if there is a journal of that file already, and
+    `Unfinished` if the file can't be written.
     """
     check_camera(camera)
     report = RecordingReport(None if path is None else Path(path))
@@ -153,8 +163,10 @@ def record(
 
 
 def check_format(path: Path, settings: Any) -> bool:
-    """Whether a file of this extension holds inertial samples; ValueError if it isn't written, or holds no frames
-    where some are asked for."""
+    """Whether a file with this extension holds inertial samples.
+
+    ValueError if nvsdata doesn't write such files, or if they hold no frames and the settings ask for frames.
+    """
     holds = formats.writer_of(path).holds_samples
     if getattr(settings, "frames", False) and not holds:
         raise ValueError(f"{path.suffix} files hold no frames: record to .h5 or .aedat, or without frames")
@@ -169,7 +181,7 @@ def check_place(path: Path) -> None:
 
 @contextmanager
 def stopped_by_interrupt() -> Iterator[Event]:
-    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second of them raises KeyboardInterrupt (`Ended`)."""
+    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second such signal raises KeyboardInterrupt (or its `Ended`)."""
     stop = Event()
 
     def asked(number: int, frame: Any) -> None:
@@ -177,7 +189,7 @@ def stopped_by_interrupt() -> Iterator[Event]:
             raise KeyboardInterrupt if number == signal.SIGINT else Ended(number)
         stop.set()
 
-    # one that is ignored (nohup) stays so
+    # a signal that is ignored (nohup) stays ignored
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
     mine = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     for number in mine:
@@ -207,7 +219,7 @@ def _pieces(
     report: RecordingReport,
     watch: Callable[[RecordingReport, Events], None],
 ) -> Iterator[Events]:
-    """What comes, from the reset of the clock on, until `last` µs of the camera's time."""
+    """What the camera sends, from the reset of its clock until `last` µs of its time."""
     yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)
     for piece, triggers in decoder.decoded(iter(line.take, b""), last):
         report.events += len(piece)
@@ -222,5 +234,5 @@ def _pieces(
         watch(report, piece)
         yield piece
         if report.path is not None and shutil.disk_usage(report.path.parent).free < RESERVE:
-            # what was read still finds room
+            # there is still room for what was read
             line.end(DISK_FULL)

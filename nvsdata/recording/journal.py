@@ -1,4 +1,4 @@
-"""What a camera sent, on disk as it comes: what is left of a recording that couldn't be finished."""
+"""A camera's stream, kept on disk as it comes, so that a recording that couldn't be finished isn't lost."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from pathlib import Path
 from nvsdata.common.locks import OutputInUse, locked
 
 SUFFIX = ".davis"
-SETTLED = 1.0  # s after which what was written is on its way to the disk, not in the system's memory alone
+SETTLED = 1.0  # s after which what was written is sent to the disk and isn't in the system's memory alone
 
 
 def journal_of(path: Path) -> Path:
-    """Where the journal of a recording lies: beside it."""
+    """Path of a recording's journal, which lies beside the recording."""
     return path.with_name(path.name + SUFFIX)
 
 
 class Journal:
-    """The journal of a recording: `head`, which says how the stream is to be decoded, and the stream.
+    """The journal of a recording: `head`, which says how to decode the stream, and then the stream.
 
-    What `write` has taken is on the disk's side: a process that is killed leaves it. FileExistsError if there is one
-    already: it is of a recording that wasn't finished.
+    What `write` has taken stays if the process is killed. FileExistsError if there is a journal already: it belongs to
+    a recording that wasn't finished.
     """
 
     def __init__(self, path: Path, head: bytes) -> None:
@@ -40,7 +40,7 @@ class Journal:
             raise
 
     def write(self, block: bytes) -> None:
-        """Add what came next. OSError if the disk doesn't take all of it."""
+        """Append a block of the stream. OSError if the disk doesn't take all of it."""
         self.size += len(block)
         self._put(block)
         now = time.monotonic()
@@ -55,12 +55,12 @@ class Journal:
             view = view[os.write(self._handle, view) :]
 
     def remove(self) -> None:
-        """Take it away: the recording itself is whole."""
+        """Delete the journal, because the recording itself is whole."""
         self.size = 0
         self.close()
 
     def close(self) -> None:
-        """End it, once or twice; it stays if there is anything in it."""
+        """Close the file; a second call does nothing. A journal without any of the stream is deleted."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -69,7 +69,7 @@ class Journal:
 
 
 def told_of(journal: Path) -> str:
-    """What a journal that was left is, and what to do with it."""
+    """A line that says what a journal is that was left, and what to do with it."""
     command = shlex.join(("nvsdata", "convert", str(journal), str(journal.with_suffix(""))))
     return f"{journal} is a recording that wasn't finished: `{command}` finishes it"
 

@@ -1,4 +1,4 @@
-"""From a camera to who decodes: a thread that does nothing but read, and one that keeps what was read on disk."""
+"""From a camera to its decoder: a thread that does nothing but read, and one that keeps what was read on disk."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.journal import Journal
 
 ROOM = 64 << 20  # bytes that may wait to be kept and decoded
-PIECE = 1 << 20  # bytes handed on at once, if so many wait
-GATHER = 0.03  # s to wait for more, if little waits
+PIECE = 1 << 20  # bytes handed on at once, if that many wait
+GATHER = 0.03  # s to wait for more, if few bytes wait
 SILENCE = 5.0  # s without a byte after which a camera counts as stalled: it sends wraps of its clock 30 times a second
-TAIL = 0.3  # s to wait for what is on its way when the camera was stopped
+TAIL = 0.3  # s to wait for what is still on its way after the camera was stopped
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
 
 
@@ -40,9 +40,9 @@ class Waiting:
             self._change.notify()
 
     def take(self) -> bytes:
-        """What waits, `PIECE` at most; empty at the end."""
+        """Bytes that wait: those of whole blocks, until there are `PIECE` or more; empty at the end."""
         if self.size < PIECE // 4 and not self._over:
-            # many small blocks at once cost less than one by one
+            # many small blocks together cost less than one by one
             time.sleep(GATHER)
         with self._change:
             while not self._blocks and not self._over:
@@ -57,10 +57,10 @@ class Waiting:
 
 
 class Line(Thread):
-    """Reads, and from `begin` on keeps what it read until it is taken; `ROOM` bytes at most, what comes beyond is
-    counted as `lost`.
+    """Reads, and from `begin` on keeps what it read until it is taken: `ROOM` bytes at most; what comes beyond that is
+    dropped and counted as `lost`.
 
-    With a `journal`, what is taken has been written to it before; a disk that doesn't take it ends the reading.
+    With a `journal`, blocks are written to it before they can be taken; if the disk doesn't take one, reading ends.
     """
 
     def __init__(self, camera: Camera, seconds: float | None, stop: Event) -> None:
@@ -74,11 +74,11 @@ class Line(Thread):
         self._keeper: Thread | None = None
 
     def begin(self) -> None:
-        """From now on what is read counts."""
+        """Keep what is read from now on."""
         self._begun = True
 
     def keep(self, journal: Journal | None) -> None:
-        """From now on hand on what was read, kept in the journal if there is one."""
+        """From now on hand on what was read, after it is in the journal if there is one."""
         if journal is None:
             self._kept = self._read_out
         else:
@@ -98,7 +98,7 @@ class Line(Thread):
                         self.stop.set()
                 self._kept.put(block)
         finally:
-            # whoever takes what was read waits for it
+            # the thread that takes blocks waits for this
             self._kept.end()
 
     def run(self) -> None:
@@ -143,7 +143,7 @@ class Line(Thread):
             return
         self.received += len(block)
         if len(block) % 2:
-            # half a word, which would put all after it out of step
+            # half a word would shift all words after it
             self.odd += 1
             block = block[:-1]
         waiting = self._read_out.size + (self._kept.size if self._kept is not self._read_out else 0)
@@ -153,16 +153,16 @@ class Line(Thread):
             self._read_out.put(block)
 
     def take(self) -> bytes:
-        """What was read next, some of it at least; empty at the end."""
+        """The next bytes that were read; empty at the end."""
         return self._kept.take()
 
     def end(self, why: str) -> None:
-        """Stop reading, and say why."""
+        """Stop reading, and note why."""
         self.finish()
         self.ended = why
 
     def finish(self) -> None:
-        """End reading, whatever for, and wait until the camera has been stopped and what was read is kept."""
+        """Stop reading, and wait until the camera has been stopped and what was read is in the journal."""
         self.stop.set()
         self.join()
         if self._keeper is not None:

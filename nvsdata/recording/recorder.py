@@ -13,9 +13,9 @@ from nvsdata.recording.capture import RecordingReport, record
 
 
 class Recorder(Thread):
-    """`record` in a thread of its own, whose main thread shows things meanwhile; `watch` is called from it.
+    """Runs `record` in a thread of its own, so that the main thread can show things; `record` has the parameters.
 
-    `begun` is set when the camera's stream has come, `over` when nothing comes any more.
+    `begun` is set when the first block of the stream has come, `over` when the recording has ended.
     """
 
     def __init__(
@@ -50,12 +50,12 @@ class Recorder(Thread):
         self.begun.set()
 
     def check(self) -> None:
-        """Raise what ended the recording, if anything has."""
+        """Raise the error that ended the recording, if there is one."""
         if self.over.is_set() and (error := self._error or self.report.failure):
             raise error
 
     def finish(self) -> RecordingReport:
-        """End it, and wait until its file is whole; raises what `record` did."""
+        """End the recording, and wait until its file is whole; raises what `record` raised."""
         self._asked.set()
         self.join()
         if self._error is not None:

@@ -43,11 +43,17 @@ def run(
     live: bool,
     overwrite: bool,
 ) -> int:
-    """Record to `out` for so many seconds, or until Ctrl-C, SIGTERM or SIGHUP; say how it went. 0 if nothing was lost,
-    else 1.
+    """Record a camera and print how it went; return 0 if nothing was lost, else 1.
 
-    If `live`, events are shown in a window, and closing it ends the recording; there need be no `out` then. A file
-    that is there is replaced only if to `overwrite`. OutputInUse if another process records to `out`.
+    - `out`: the file; may be None with `live`
+    - `seconds`: how long to record; None: until Ctrl-C, SIGTERM or SIGHUP
+    - `serial`: the camera's serial number; None: the only one there
+    - `settings`: the camera's
+    - `simulate`: record a simulated camera in place of a real one
+    - `live`: show events in a window; closing it ends the recording
+    - `overwrite`: replace `out` if it is there
+
+    FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it.
     """
     backend = simulate and simulate.alone()
     with (
@@ -76,7 +82,7 @@ def run(
 
 @contextmanager
 def _place(out: Path | None, settings: Settings, overwrite: bool) -> Iterator[None]:
-    """Where a recording goes, kept from other processes; what killed ones left there is swept or told."""
+    """Keep the place of a recording from other processes; delete or name what killed processes left there."""
     if out is None:
         yield
         return
@@ -131,9 +137,9 @@ def run_calibration(
     *,
     overwrite: bool,
 ) -> int:
-    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`.
+    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`. Returns 0.
 
-    FileExistsError if there are some already, unless to `overwrite`.
+    FileExistsError if there are some already, unless `overwrite` is true.
     """
     backend, look = simulate.watched() if simulate else (None, None)
     out.mkdir(parents=True, exist_ok=True)
@@ -166,7 +172,7 @@ def run_batch(
     resume: bool,
     check: bool,
 ) -> int:
-    """Play and record a folder of videos, or `check` what was recorded. 0 if all of it went well, else 1."""
+    """Play and record a folder of videos, or `check` what was recorded; return 0 if all of it went well, else 1."""
     videos = videos_in(source, out, format, limit)
     check_format(videos[0].target, settings)
     if check:
@@ -198,7 +204,7 @@ def run_batch(
 
 
 def summary(report: RecordingReport) -> str:
-    """The report in a few lines: what went wrong, if anything, is named."""
+    """The report in a few lines, with what went wrong."""
     lines = [f"{report.path or 'not kept'}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.frames:
         lines.append(f"{report.frames:,} frames")
@@ -215,7 +221,7 @@ def summary(report: RecordingReport) -> str:
 
 
 def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> Settings:
-    """Settings of a JSON file with what was given besides: biases as NAME=A:B, others unless None.
+    """Settings of a JSON file, replaced by those that were given: `biases` as NAME=A:B, others by name unless None.
 
     ValueError for a file or bias that can't be understood.
     """
@@ -240,6 +246,6 @@ def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> Setti
         name, _, value = text.partition("=")
         first, _, second = value.partition(":")
         if not (name and first.isdigit() and second.isdigit()):
-            raise ValueError(f"--bias takes NAME=COARSE:FINE, as OnBn=5:255, not {text!r}")
+            raise ValueError(f"--bias takes NAME=COARSE:FINE, such as OnBn=5:255, not {text!r}")
         numbers[name] = int(first), int(second)
     return replace(settings, biases=numbers, **{name: value for name, value in given.items() if value is not None})

@@ -1,4 +1,4 @@
-"""What a camera says of itself, and what is written to it: the vendor's defaults, and what settings change."""
+"""What a camera reports about itself, and what is written to it: the vendor's defaults, and what settings change."""
 
 from __future__ import annotations
 
@@ -14,7 +14,16 @@ Write = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """What a camera says of itself. `width`, `height` and `frame_size` are as the host sees them; clocks in MHz."""
+    """What a camera reports about itself.
+
+    - `serial`: its serial number
+    - `board`: of its USB controller, "FX2" or "FX3"
+    - `chip`: number of the sensor, a key of `CHIPS`
+    - `width`, `height`, `frame_size`: in pixels, as the host sees them
+    - `swap`, `frame_orientation`, `inertial`, `inertial_flips`: as `stream.Decoder` takes them
+    - `logic_clock`, `converter_clock`, `usb_clock`: in MHz
+    - `has`: names of the optional parts that it has, such as "region filter"
+    """
 
     serial: str
     board: str
@@ -38,7 +47,7 @@ class DeviceInfo:
 
 
 def defaults(facts: DeviceInfo) -> Iterator[Write]:
-    """The vendor's default configuration but for biases, in its order: (module, parameter, value)."""
+    """The vendor's default configuration except biases, in the vendor's order: (module, parameter, value)."""
     old, small = facts.chip in (0, 1), facts.chip in (0, 1, 2)
     shift = [(p, int(p in (136, 138))) for p in range(128, 139)]
     shift += [(140, 0), (141, 0)]
@@ -76,13 +85,13 @@ def defaults(facts: DeviceInfo) -> Iterator[Write]:
 
 
 def changes(facts: DeviceInfo, settings: Settings) -> Iterator[Write]:
-    """What `settings` want in other ways than the defaults. ValueError for what the camera can't do."""
+    """Writes for `settings` that differ from the defaults. ValueError for what the camera can't do."""
     default = Settings()
     for name, asked, needed in (
-        ("send the events of a region alone", settings.region, "region filter"),
+        ("send only the events of a region", settings.region, "region filter"),
         ("mask pixels", settings.masked, "pixel filter"),
         ("skip events", settings.skip, "skip filter"),
-        ("send one polarity alone", settings.polarity != "both", "polarity filter"),
+        ("send only one polarity", settings.polarity != "both", "polarity filter"),
     ):
         if asked and needed not in facts.has:
             raise ValueError(f"this {facts.name} can't {name}")
@@ -122,7 +131,7 @@ def changes(facts: DeviceInfo, settings: Settings) -> Iterator[Write]:
 def _edges(
     name: str, region: tuple[int, int, int, int], size: tuple[int, int], swap: bool
 ) -> tuple[int, int, int, int]:
-    """First column and row, last column and row of a region, as the device counts them."""
+    """First column and row, last column and row of a region, as the device counts them. ValueError if it sticks out."""
     x, y, width, height = region
     if x + width > size[0] or y + height > size[1]:
         raise ValueError(f"{name} {region} is not within {size[0]}x{size[1]}")
@@ -131,5 +140,5 @@ def _edges(
 
 
 def cycles(microseconds: float, clock: float) -> int:
-    """So many cycles of a clock (MHz); halves are rounded away from zero."""
+    """A time as whole cycles of a clock (MHz); halves are rounded up."""
     return math.floor(microseconds * clock + 0.5)

@@ -33,22 +33,22 @@ from nvsdata.recording.usb.process_reader import SubprocessStream, can_read_in_s
 from nvsdata.recording.usb.transfers import Disconnected, Stream, SyncStream, queued
 
 VENDOR = 0x152A
-# product, what board it is, the least firmware
+# product ID: the board, and the oldest firmware that will do
 BOARDS = {0x841B: ("FX2", 4), 0x841A: ("FX3", 6)}
 LOGIC, PATCH = 18, 1
 ENDPOINT = 0x82
 READ, WRITE = 0xC0, 0x40
 REGISTER, SEVERAL = 0xBF, 0xC2
 TIMEOUT = 1_000  # ms
-MOST = 4_096  # pixels a side, and MHz: more is no answer of a camera
+MOST = 4_096  # pixels per side, and MHz: no camera answers more
 UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0666", TAG+="uaccess"'
 
 
 class Davis:
     """An open camera. `find` opens one; use it in a `with` block, or `close` it.
 
-    After `configure`, `start` and `stop` as often as wanted; between them `read` gives the stream, which
-    `decoder()` understands. Methods raise `CameraError`, `Unplugged` if the camera is gone.
+    Call `configure`, then `start` and `stop` as often as wanted; between them `read` gives the stream, which
+    `decoder()` decodes. Methods raise `CameraError`, or `Unplugged` if the camera is gone.
     """
 
     def __init__(self, device: Any) -> None:
@@ -61,7 +61,13 @@ class Davis:
 
     @classmethod
     def find(cls, serial: str | None = None, *, backend: Any = None) -> Self:
-        """Open the camera of that serial number, or the only one there is."""
+        """Open the camera with that serial number, or the only one there is.
+
+        - `serial`: serial number; None if only one camera is connected
+        - `backend`: pyusb's backend (default: the one that pyusb finds)
+
+        Raises CameraError if there is no such camera, several without a serial number, or one that can't be used.
+        """
         found = []
         refused: list[Exception] = []
         for device in _devices(backend):
@@ -86,7 +92,7 @@ class Davis:
         )
 
     def _claim(self) -> None:
-        # before the serial number, whose failures pyusb doesn't tell apart
+        # done before the serial number is read, because pyusb doesn't tell the failures of that apart
         if self.device.get_active_configuration().bConfigurationValue != 1:
             self.device.set_configuration(1)
         usb.util.claim_interface(self.device, 0)
@@ -178,7 +184,7 @@ class Davis:
             )
 
     def set_together(self, *writes: tuple[int, int, int]) -> None:
-        """Write several registers, (module, parameter, value), that nothing may come between."""
+        """Write several registers, each (module, parameter, value), with nothing in between."""
         data = b"".join(bytes([m, p]) + int(value).to_bytes(4, "big") for m, p, value in writes)
         with _told():
             self.device.ctrl_transfer(WRITE, SEVERAL, len(writes), 0, data, timeout=TIMEOUT)
@@ -208,7 +214,7 @@ class Davis:
         self.settings = settings
 
     def start(self) -> None:
-        """Let the stream begin; `configure` comes first. The time is reset as the first thing."""
+        """Start the stream, after `configure`; the camera's time is reset first."""
         self._halt()
         time.sleep(0.01)
         with _told():
@@ -226,11 +232,11 @@ class Davis:
             self.set(module, parameter, 1)
 
     def reset_time(self) -> None:
-        """Let the camera's time begin anew; a special event marks it."""
+        """Restart the camera's time; a special event marks it."""
         self.set_together((MUX, 2, 1), (MUX, 2, 0))
 
     def stop(self) -> None:
-        """End the stream; what is on its way can still be read. A camera that is gone is stopped."""
+        """End the stream; what is on its way can still be read. A camera that is gone counts as stopped."""
         with suppress(Unplugged):
             self._halt()
 
@@ -239,7 +245,7 @@ class Davis:
             self.set(module, parameter, 0)
 
     def read(self, timeout: int = 100) -> bytes:
-        """What came of the stream within `timeout` ms, maybe nothing; from one thread at a time."""
+        """Bytes of the stream that came within `timeout` ms, maybe none; called from one thread at a time."""
         if self._stream is None:
             self._stream = _stream(self.device)
         try:
@@ -248,13 +254,13 @@ class Davis:
             raise Unplugged(f"the camera stopped sending: {error}") from None
 
     def end_reading(self) -> None:
-        """After the last `read`, by the thread that read: take back the requests that still wait."""
+        """Cancel the requests that still wait; called after the last `read`, by the thread that read."""
         if self._stream is not None:
             self._stream.close()
             self._stream = None
 
     def dropped(self) -> int | None:
-        """Events that the camera itself has dropped since it has power, None if it doesn't count them."""
+        """Events that the camera itself has dropped since it was powered on, None if it doesn't count them."""
         return self.get64(MUX, 83) if "statistics" in self.facts.has else None
 
     def decoder(self) -> Decoder:
@@ -273,17 +279,17 @@ class Davis:
         )
 
     def about(self) -> dict[str, Any]:
-        """What recordings say of the camera: its name, its serial number, and the biases that were set."""
+        """What recordings say about the camera: its name, its serial number, and the biases that were set."""
         numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
         numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
         return {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
 
     def journal_head(self, decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
-        """What a file of the format `davis` begins with; see `Camera`."""
+        """The first bytes of a file of the format `davis`; see `Camera`."""
         return header(decoder, last, about)
 
     def close(self) -> None:
-        """Let the camera go."""
+        """Release the camera."""
         self.end_reading()
         usb.util.dispose_resources(self.device)
 
@@ -295,7 +301,7 @@ class Davis:
 
 
 def _devices(backend: Any) -> list[Any]:
-    """The cameras that are connected, opened or not."""
+    """The cameras that are connected, whether or not a program uses them."""
     try:
         options = {} if backend is None else {"backend": backend}
         return [
@@ -308,7 +314,7 @@ def _devices(backend: Any) -> list[Any]:
 
 
 def _stream(device: Any) -> Stream:
-    """The best way to read that the device's backend has."""
+    """The best way to read that the device's backend allows."""
     found = queued(device, ENDPOINT)
     if found is not None:
         return found
@@ -320,7 +326,7 @@ def _stream(device: Any) -> Stream:
 
 @contextmanager
 def _told() -> Iterator[None]:
-    """USB's errors as what they mean."""
+    """Raise USB's errors as CameraErrors that say what they mean."""
     try:
         yield
     except usb.core.USBError as error:

@@ -1,9 +1,8 @@
-"""What a DAVIS camera sent, as it came: `nvsdata record` keeps it beside its output until that is whole.
+"""Files of a DAVIS camera's stream as it came: `nvsdata record` keeps one beside its output until that is whole.
 
-A line, `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.Decoder`), `last` (µs at which the recording ends,
-or null) and `about` (as `Recording.about`); then the camera's words, 16 bits each, little-endian.
-Time 0 is the first reset of the camera's clock. A process that is killed leaves half a word at most, which is passed
-over.
+The first line is `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.Decoder`), `last` (µs at which the
+recording ends, or null) and `about` (as `Recording.about`). The camera's words follow, 16 bits each, little-endian.
+Time 0 is the first reset of the camera's clock. A process that is killed leaves half a word at most, which is ignored.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from nvsdata.recording.davis.stream import Decoder
 
 MARK = b"#!DAVIS-STREAM1 "
 BLOCK = 1 << 20  # bytes that are decoded at once
-MOST = 4096  # pixels a side
+MOST = 4096  # pixels per side
 
 
 def header(decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
-    """The line that a file begins with."""
+    """The first line of a file."""
     how = {field.name: getattr(decoder, field.name) for field in fields(Decoder) if field.init}
     return MARK + json.dumps({"decoder": how, "last": last, "about": dict(about)}).encode() + b"\n"
 
@@ -37,7 +36,7 @@ class StreamRecording(FileRecording):
     format = "davis"
     holds_samples = True
     _rises = True
-    _begins = 0  # the reset of the camera's clock; the end is known once it is decoded
+    _begins = 0  # the reset of the camera's clock; the end is known only after decoding
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)

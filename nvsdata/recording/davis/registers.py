@@ -10,7 +10,7 @@ from nvsdata.common.validation import not_negative, positive
 # modules
 MUX, DVS, APS, IMU, EXTERNAL, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
 
-# what runs, in the order in which it is stopped
+# registers that keep something running, in the order in which they are set to 0
 RUNNING = ((DVS, 3), (APS, 4), (IMU, 2), (IMU, 3), (IMU, 4), (EXTERNAL, 0), (MUX, 0), (MUX, 1), (USB, 0), (MUX, 3))
 EXTERNAL_EDGES = ("pulses", "rising", "falling", "both")
 POLARITIES = ("both", "on", "off")
@@ -27,17 +27,19 @@ CHIPS = {
     8: "DAVIS208",
     9: "DAVIS346C",
 }
-# low bits of currents: on, their level, type and sex
+# low bits of currents: enabled, current level, type, sex (N or P)
 N, P, N_CASCODE, N_OFF = 0xF, 0xD, 0xB, 0xE
 VDAC, SHIFTED = -1, -2
 
 
 @dataclass(frozen=True)
 class Bias:
-    """A bias: its parameter, the two numbers it is set by, and what kind it is.
+    """A bias of a chip.
 
-    Currents have a coarse (0..7) and a fine (0..255) number, shifted sources a reference and a regulator
-    (0..63 each), VDACs a voltage (0..63) and a current (0..7).
+    - `parameter`: its register in module `CHIP`
+    - `first`, `second`: its default numbers. Currents have a coarse (0..7) and a fine (0..255) number, shifted
+      sources a reference and a regulator (0..63 each), VDACs a voltage (0..63) and a current (0..7)
+    - `kind`: `VDAC`, `SHIFTED`, or the low bits of a current
     """
 
     parameter: int
@@ -46,7 +48,7 @@ class Bias:
     kind: int
 
     def value(self, first: int | None = None, second: int | None = None) -> int:
-        """The register's value, for other numbers than the default ones if given. ValueError if they don't fit."""
+        """The register's value, for the numbers given or else the default ones. ValueError if they don't fit."""
         a = self.first if first is None else first
         b = self.second if second is None else second
         highest = {VDAC: (63, 7), SHIFTED: (63, 63)}.get(self.kind, (7, 255))
@@ -130,13 +132,22 @@ def biases_of(chip: int) -> dict[str, Bias]:
 class Settings:
     """How a camera is to record.
 
-    `biases` by name, each two numbers (see `Bias`), in place of the defaults; `frames` and `inertial`, whether frames
-    and inertial samples are sent beside events; `region` (x, y, width, height), the pixels whose events are sent, all
-    by default; `activity_filter` and `refractory_filter` in µs, None for off, for cameras that have them; `exposure`
-    and `frame_interval` in µs; `masked`, up to eight pixels (x, y) whose events aren't sent; `skip`, to leave out one
-    event in so many; `polarity`, to send "both", "on" or "off" ones; `frame_region` as `region`, of frames;
-    `packet_delay` in µs, after which a packet is sent that isn't full; `external`, which edges of the external input
-    are reported.
+    - `biases`: by name, each two numbers (see `Bias`), in place of the chip's defaults
+    - `frames`: whether frames are sent beside events (default False)
+    - `inertial`: whether inertial samples are sent beside events (default True)
+    - `region`: (x, y, width, height), the pixels whose events are sent (default: all)
+    - `activity_filter`: µs, None for off, for cameras that have it (default 2,000)
+    - `refractory_filter`: µs, None for off, for cameras that have it (default None)
+    - `exposure`: of frames, in µs (default 4,000)
+    - `frame_interval`: from frame to frame, in µs (default 40,000)
+    - `packet_delay`: µs after which a packet is sent that isn't full (default 1,000)
+    - `external`: what is reported of the external input, "pulses", "rising", "falling" or "both" (default "pulses")
+    - `masked`: up to eight pixels (x, y) whose events aren't sent (default none)
+    - `skip`: N leaves out one event in N (default: none is left out)
+    - `polarity`: send "both", "on" or "off" events (default "both")
+    - `frame_region`: (x, y, width, height), the pixels that frames have (default: all)
+
+    Raises ValueError for values out of range; whether the camera can do it is known when it is configured.
     """
 
     biases: Mapping[str, tuple[int, int]] = field(default_factory=dict)

@@ -1,6 +1,6 @@
-"""What a DAVIS camera sends: bytes in; events, special events, inertial samples and frames out.
+"""The decoder of what a DAVIS camera sends: bytes in; events, special events, inertial samples and frames out.
 
-Logic 18, the vendor's coding of 16-bit words. Any split of the stream into pieces of whole words gives the same.
+Logic 18, the vendor's coding of 16-bit words. Any split of the stream into pieces of whole words gives the same result.
 """
 
 from __future__ import annotations
@@ -45,8 +45,13 @@ COMPLAINTS = {
 
 
 class Specials(NamedTuple):
-    """Special events: the word each came with, its time (µs), its type (of `SPECIALS`), and how many of the events
-    that `feed` returned came before it; int64 [n] each."""
+    """Special events, int64 [n] each.
+
+    - `word`: number of the word that each came with, counted from the start
+    - `t`: time (µs)
+    - `kind`: type, a key of `SPECIALS`
+    - `before`: how many of the events that `feed` returned came before it
+    """
 
     word: np.ndarray
     t: np.ndarray
@@ -62,19 +67,22 @@ NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
 class Decoder:
     """Decodes a camera's stream, piece by piece.
 
-    `width`, `height` and `frame_size` are as the host sees them; `swap` says that the sensor's rows are the host's
-    columns. `frame_orientation` is register 2/2 (4: swap, 2: flip x, 1: flip y), `chip` register 6/1, `inertial` 3/0
-    and `inertial_flips` 3/1 (4: x, 2: y, 1: z).
+    - `width`, `height`: of the sensor in pixels, as the host sees it
+    - `swap`: whether the sensor's rows are the host's columns (default False)
+    - `frame_size`: (width, height) of frames, as the host sees them (default: those of the sensor)
+    - `frame_orientation`: register 2/2 (4: swap, 2: flip x, 1: flip y; default 0)
+    - `chip`: register 6/1 (default 2)
+    - `inertial`: register 3/0 (default 1)
+    - `inertial_flips`: register 3/1 (4: x, 2: y, 1: z; default 0)
+    - `steady`: times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
+      clock that fits ("lost_wraps"), and likewise at every reset except the first ("late_resets") (default False)
 
-    `feed` returns the events of a piece, in order of the stream (µs; times begin anew at a "timestamp_reset", and
-    only there, or in damaged streams, they fall). `specials`, `samples` and `frames` hold what else the last piece
-    brought, `sample_words` and `frame_words` the words at which samples and frames ended. `complaints` counts what was
-    amiss, by name, since the start: addresses that aren't there, unknown words, broken frames and samples (which are
-    dropped), columns of a frame with too few pixels (which keeps what was there before), pieces whose last byte is
+    `feed` returns the events of a piece, in the order of the stream (µs; times restart at a "timestamp_reset", and
+    fall only there or in damaged streams). `specials`, `samples` and `frames` hold what else the last piece brought,
+    `sample_words` and `frame_words` the numbers of the words at which samples and frames ended. `complaints` counts
+    faults since the start, by name: addresses that don't exist, unknown words, broken frames and samples (which are
+    dropped), columns of a frame with too few pixels (the rest keeps what was there before), pieces whose last byte is
     half a word (which is dropped).
-
-    If `steady`, times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
-    clock that fits ("lost_wraps"), and so they do at every reset but the first ("late_resets").
     """
 
     width: int
@@ -97,7 +105,7 @@ class Decoder:
         columns, rows = (self.height, self.width) if self.swap else (self.width, self.height)
         wide, high = self.frame_size or (self.width, self.height)
         flips = self.frame_orientation >> 2 & 1, self.frame_orientation >> 1 & 1, self.frame_orientation & 1
-        # the converter of the DAVIS240 has a bit less
+        # the converter of the DAVIS240 has one bit less
         factor = 2 if self.chip in (0, 1, 2) else 1
         self._setting = np.array([columns, rows, self.swap, wide, high, *flips, factor, self.steady], np.int64)
         self._state = np.zeros(kernel.STATES, np.int64)
@@ -111,7 +119,7 @@ class Decoder:
 
     @property
     def complaints(self) -> dict[str, int]:
-        """How often what was amiss."""
+        """How often each kind of fault came, by name."""
         return {name: int(self._counts[i]) for i, name in COMPLAINTS.items()} | {"odd_bytes": self._odd}
 
     @property
@@ -120,12 +128,12 @@ class Decoder:
         return int(self._state[kernel.OVERFLOW] << 31) + int(self._state[kernel.NOW])
 
     def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> Events:
-        """Events of the next piece of the stream, as `start` 0 and `sensor_size` (width, height)."""
+        """Events of the next piece of the stream, with `start` 0 and `sensor_size` (width, height)."""
         piece = np.frombuffer(data, np.uint8)
         self._odd += piece.size % 2
         words = piece[: piece.size // 2 * 2].view("<u2")
         if words.size > self._scratch.t.size:
-            # written to again and again: fresh memory would take longer than the decoding
+            # used for every piece, because fresh memory would take longer than the decoding
             self._scratch = Columns.empty(words.size)
         notes: list[np.ndarray] = []
         rows: list[np.ndarray] = []
@@ -163,8 +171,7 @@ class Decoder:
         """What blocks of whole words hold, and the times (µs, int64) of pulses and rising edges at the external input.
 
         Times count from the first reset of the camera's clock, and what came before it is left out; so is what comes
-        from `last` (µs) on. However the blocks are cut, together they give the same. The decoder must be
-        a `steady` one.
+        from `last` (µs) on. Where the blocks are cut doesn't change the whole result. The decoder must be `steady`.
         """
         begun = False
         size = (self.width, self.height)

@@ -1,1 +1,1 @@
-"""Videos played on a monitor before a camera, and recorded."""
+"""Videos played on a monitor in front of a camera, and recorded."""

@@ -1,4 +1,4 @@
-"""Folders of videos, played on a monitor and recorded, to folders of recordings that `EventFolder` reads."""
+"""Folders of videos, played on a monitor and recorded to folders of recordings that `EventFolder` reads."""
 
 from __future__ import annotations
 
@@ -28,19 +28,20 @@ from nvsdata.recording.rig.take import TakeRejected, cut_take, record_take
 from nvsdata.video.folder import Video, fatal, sha256
 from nvsdata.video.manifest import NAME, FolderReport, Manifest
 
-TAKES = 3  # of a video, before it is given up
-RETRY = 1_000_000  # µs between looks for a camera that is gone
+TAKES = 3  # takes of a video before it counts as failed
+RETRY = 1_000_000  # µs between attempts to find a camera that is gone
 KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
 PLAYED = "playback.jsonl"  # when each picture of each take was shown
-HIDDEN = ".takes"  # of the folder of recordings: takes that aren't cut yet, or that failed
+HIDDEN = ".takes"  # in the folder of recordings: takes that aren't cut yet, or that failed
 
 
 @contextmanager
 def manifest_of(out: Path, settings: Settings, format: str, monitor: Monitor, *, resume: bool) -> Iterator[Manifest]:
-    """The manifest of a folder of recordings, begun if there is none.
+    """The manifest of a folder of recordings, created if there is none.
 
-    FileExistsError for a folder that holds recordings, unless to `resume`; ValueError for one of other settings.
+    FileExistsError for a folder that holds recordings, unless `resume` is true; ValueError for a folder whose
+    recordings were made with other settings.
     """
     out.mkdir(parents=True, exist_ok=True)
     made = {"settings": asdict(settings), "format": format, "scaling": monitor.scaling}
@@ -70,12 +71,20 @@ def record_videos(
     monitor: Monitor,
     settings: Settings,
 ) -> FolderReport:
-    """Play and record every video that isn't done; each is a line of the manifest, as soon as it is.
+    """Play and record every video that isn't done; each gets its line of the manifest as soon as it is done.
 
-    A take that fails its checks is done again after the others, up to three times; of one that fails for good the last
-    take is kept in `out/.takes`, uncut. A camera that goes away is waited for. A video that can't be decoded fails, and
-    the rest goes on. `out` gets contact sheets, forty recordings a page. CameraError if there is no camera to begin
-    with, OSError if nothing can be written.
+    A video whose take fails its checks is recorded again after the others. After three failed takes the video has
+    failed, and its last take is kept in `out/.takes`, uncut. If the camera goes away, the batch waits for it. A video
+    that can't be decoded fails, and the rest goes on. `out` gets contact sheets, forty recordings per page.
+
+    - `videos`: what is to be played
+    - `out`: the folder of recordings
+    - `manifest`: that of `out`; see `manifest_of`
+    - `find`: opens the camera; called again when the camera was gone
+    - `monitor`: plays the videos
+    - `settings`: the camera's
+
+    Raises CameraError if there is no camera at the start, OSError if nothing can be written.
     """
     waiting = deque(video for video in videos if not manifest.has(video.name, video.path, video.target, DONE))
     result = FolderReport(kept=len(videos) - len(waiting))
@@ -120,7 +129,7 @@ def record_videos(
 
 
 def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings) -> dict[str, Any]:
-    """Play and record a video: its part of the manifest's line."""
+    """Play and record a video, and return its part of the manifest's line."""
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -140,7 +149,7 @@ def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, setting
 
 
 class _Cameras:
-    """The camera, found again when it was gone."""
+    """The camera, found again after it was gone."""
 
     def __init__(self, find: Callable[[], Camera], monitor: Monitor, settings: Settings) -> None:
         self.monitor, self.settings, self._find = monitor, settings, find
@@ -148,7 +157,7 @@ class _Cameras:
         self._had_one = False
 
     def get(self) -> Camera:
-        """The camera; waits for one that was there before. ValueError for settings that it doesn't have."""
+        """The camera; waits for it if it was there before. ValueError for settings that it doesn't have."""
         told = ""
         while self._camera is None:
             try:
@@ -180,9 +189,10 @@ class _Cameras:
 
 
 def verify(videos: list[Video], out: Path) -> dict[str, str]:
-    """Hold the recordings to the manifest: what is wrong, by video; the next run records those again.
+    """Compare the recordings in `out` with its manifest; return what is wrong, by name of the video.
 
-    FileNotFoundError if the folder has no manifest.
+    What is wrong is noted in the manifest, so that the next run records it again. FileNotFoundError if the folder has
+    no manifest.
     """
     path = out / NAME
     if not path.exists():
@@ -201,7 +211,7 @@ def verify(videos: list[Video], out: Path) -> dict[str, str]:
 
 
 def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
-    """How a recording isn't what the manifest says of it."""
+    """How a recording differs from what the manifest says about it; None if it doesn't."""
     if line is None or line["status"] not in DONE:
         return "isn't recorded" if line is None else f"isn't recorded: {line['reason']}"
     try:

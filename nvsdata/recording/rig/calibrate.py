@@ -17,15 +17,16 @@ from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STILL, pattern
 from nvsdata.video.frames import Frame
 
-BLINK = 250_000  # µs between the two pictures of the target
-WATCHED = 4_000_000  # µs of a still screen, in which flicker is looked for
-MAINS = (100.0, 120.0)  # Hz of lamps
+BLINK = 250_000  # µs from one picture of the target to the other
+WATCHED = 4_000_000  # µs of a still screen in which flicker is looked for
+MAINS = (100.0, 120.0)  # Hz at which lamps on mains flicker
 
 
 def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: float | None) -> Calibration:
-    """Show a target until Enter is pressed or `seconds` are over, then flashes and a still screen, and measure.
+    """Show a target, then flashes and a still screen, and measure what the camera sees.
 
-    Events are shown in a window all the time. `NoSync` if the camera doesn't see the screen.
+    Events are shown in a window all the time. The target is shown until Enter is pressed or `seconds` are over (None:
+    until Enter). `NoSync` if the camera doesn't see the screen.
     """
     pieces: list[Events] = []
     size = (camera.facts.width, camera.facts.height)
@@ -87,7 +88,7 @@ def _target(size: tuple[int, int]) -> np.ndarray:
 
 
 def _flashed(monitor: Monitor, part: int) -> tuple[list[float], list[bool]]:
-    """Flash the upper left of the region, a `part`-th of its width and height; when, and whether to bright."""
+    """Flash the upper left of the region, 1 / `part` of its width and height; see `pattern` for what is returned."""
     width, height = monitor.region[2:]
     dim = np.full((height, width), DIM, np.uint8)
     bright = dim.copy()

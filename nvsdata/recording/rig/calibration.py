@@ -1,4 +1,4 @@
-"""What the events of a flashing and of a still screen say of how a camera sees it."""
+"""How a camera sees a screen, measured from the events of flashes and of a still picture."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig.clock_fit import LONGEST, ClockFit, NoSync
 
 FIGURES = "calibration.json"
-BIN = 500  # µs of the spectrum's time
-SLOWEST = 20.0  # Hz from which on it counts as flicker
-NEAR = 1.0  # Hz around a frequency
-STRONG = 12.0  # times the noise that a line of the spectrum must rise above it
+BIN = 500  # µs per bin of the event rate whose spectrum is taken
+SLOWEST = 20.0  # Hz; slower changes don't count as flicker
+NEAR = 1.0  # Hz by which a line may be off its expected frequency
+STRONG = 12.0  # times the noise that a line of the spectrum must exceed
 SEEN = 0.5  # share of the flashes that a pixel of the screen must have seen
 LEAST = 0.02  # of the sensor that the screen must cover
-ZOOM = 3  # of the picture
+ZOOM = 3  # pixels of the picture per pixel of the sensor
 HIGHEST = 400.0  # Hz that are drawn
 Rectangle = tuple[int, int, int, int]
 Round = Callable[[float], float]
@@ -34,11 +34,14 @@ Round = Callable[[float], float]
 class Calibration:
     """What was measured.
 
-    `response` [H, W]: the share of the flashes that each pixel saw. `corners` [4, 2]: pixels of the sensor (x, y) at
-    which the region of the screen that shows videos has its upper left, upper right, lower right and lower left
-    corner. `roi` (x, y, width, height): the pixels that see any of it, `crop`: the largest upright rectangle in it.
-    `cover`: the share of the sensor that it fills. `frequencies` (Hz) and `spectrum` (1 is the noise) of the rate of
-    events of a still screen, `flicker`: lines that rise above the noise, Hz to height.
+    - `response`: the share of the flashes that each pixel saw, [H, W]
+    - `corners`: places (x, y) on the sensor of the upper left, upper right, lower right and lower left corner of the
+      region of the screen that shows videos, [4, 2]
+    - `roi`: (x, y, width, height) of the pixels that see any of that region
+    - `crop`: (x, y, width, height) of the largest upright rectangle in it
+    - `cover`: the share of the sensor that it fills
+    - `frequencies`, `spectrum`: of the event rate of a still screen, in Hz; 1 is the noise
+    - `flicker`: frequency (Hz) and height of the lines that rise above the noise
     """
 
     response: np.ndarray
@@ -64,7 +67,13 @@ def response(events: Events, line: ClockFit, shown: list[float], bright: list[bo
 
 
 def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
-    """Corners of the screen [4, 2] in order, from the shares of flashes of all of it and of its upper left quarter."""
+    """Corners of the screen [4, 2], in the order of `Calibration`.
+
+    - `screen`: share of the flashes of the whole screen that each pixel saw, [H, W]
+    - `quarter`: the same for flashes of its upper left quarter
+
+    `NoSync` if too few pixels see the screen, or none sees the quarter.
+    """
     seen = cv2.morphologyEx((screen >= SEEN).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(seen)
     if count < 2 or stats[1:, cv2.CC_STAT_AREA].max() < LEAST * seen.size:
@@ -76,7 +85,7 @@ def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
     place = np.argwhere((quarter >= SEEN) & (largest > 0))
     if not len(place):
         raise NoSync("no pixel sees the upper left quarter of the screen")
-    # the corner that is nearest to the quarter is the first one; a camera sees them turn as the screen does
+    # the corner nearest to the quarter is the first; the others follow clockwise on the sensor as on the screen
     first = int(np.hypot(*(corners - place.mean(0)[::-1]).T).argmin())
     return np.roll(corners, -first, 0)
 
@@ -96,7 +105,7 @@ def _quadrilateral(hull: np.ndarray) -> np.ndarray:
 
 
 def _refined(rough: np.ndarray, contour: np.ndarray) -> np.ndarray:
-    """Corners as where lines through the contour's sides meet."""
+    """Corners where the lines through the contour's sides meet; `rough` itself if a side has too few points."""
     sides = []
     for a, b in zip(rough, np.roll(rough, -1, 0), strict=True):
         along = (b - a) / np.linalg.norm(b - a)
@@ -133,18 +142,18 @@ def _rectangle(
 
 
 def spectrum_of(events: Events, start: int, duration: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and the amplitude of the rate of events at them, over that of noise at this rate."""
+    """Frequencies (Hz), and the amplitude of the event rate at each, relative to that of noise at the same rate."""
     bins = duration // BIN
     counts = np.bincount(np.clip((events.t - start) // BIN, 0, bins - 1), minlength=bins).astype(np.float64)
     window = np.hanning(bins)
     amplitude = np.abs(np.fft.rfft((counts - counts.mean()) * window))
-    # of counts that are independent, the expected square is their sum under the window
+    # for independent counts, the expected square of the amplitude is their sum under the squared window
     noise = np.sqrt(max(counts.mean(), 1e-9) * (window**2).sum())
     return np.fft.rfftfreq(bins, BIN / 1e6), amplitude / noise
 
 
 def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[float, ...]) -> dict[float, float]:
-    """Lines that rise above the noise: those near the expected frequencies, and the highest of all, Hz to height."""
+    """Frequency (Hz) and height of lines that rise above the noise: those near `expected`, and the highest of all."""
     found = {}
     heard = frequencies >= SLOWEST
     floor = max(float(np.median(spectrum[heard])), 1.0)
@@ -159,7 +168,7 @@ def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[floa
 
 
 def summary(found: Calibration, size: tuple[int, int]) -> str:
-    """The calibration in a few lines."""
+    """The calibration in a few lines; `size` is the sensor's."""
     places = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in found.corners)
     lines = [
         f"the screen's corners, from the upper left one clockwise: {places}; it fills {found.cover:.0%} of the sensor",
@@ -209,7 +218,7 @@ def write_calibration(found: Calibration, settings: Settings, size: tuple[int, i
 
 
 def _picture(found: Calibration) -> np.ndarray:
-    """Which pixels saw the flashes, and what was found of it: uint8 [H, W, 3], BGR."""
+    """Which pixels saw the flashes, with corners, region and crop drawn in: uint8 [H, W, 3], BGR."""
     gray = (found.response * 255).astype(np.uint8).repeat(ZOOM, 0).repeat(ZOOM, 1)
     picture = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
     corners = ((found.corners + 0.5) * ZOOM).round().astype(np.int32)

@@ -12,14 +12,14 @@ from scipy.signal import max_len_seq
 from nvsdata.data.events import Events
 
 BIN = 1_000  # µs of the coarse search
-PLACES = 4  # where the pattern is looked for more closely
+PLACES = 4  # candidates for the pattern's place that are looked at more closely
 SMEAR = 5  # bins that a flash's events spread over
 LONGEST = 25_000  # µs that a flash's events take: a screen changes line by line, a readout has its limit
-ONSET = 0.05  # of a flash's events have come when it counts as begun
+ONSET = 0.05  # share of a flash's events after which it counts as begun
 NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 Hz
 MOST_DRIFT = 500e-6  # of the camera's clock against the host's
 LEAST = 0.6  # share of the flashes that must be found
-LOOSE = 400.0  # µs that a flash may always be off the fit
+LOOSE = 400.0  # µs that a flash may be off the fit, however close the others are
 
 
 class NoSync(ValueError):
@@ -30,7 +30,9 @@ class NoSync(ValueError):
 class ClockFit:
     """Camera time = `offset` + (1 + `drift`) x host time, µs.
 
-    `residual` is the median distance of the flashes from it (µs), `used` how many of `flashes` agree with it.
+    - `residual`: median distance of the flashes from that line (µs)
+    - `used`: how many flashes agree with it
+    - `flashes`: how many there are
     """
 
     offset: float
@@ -49,23 +51,25 @@ class ClockFit:
 
 
 def flashes(length: int = 31) -> np.ndarray:
-    """Brightness, 0 or 1, of each step of the pattern: a maximum length sequence, which no shift of it is like."""
-    # begun with one flash by itself
+    """Brightness, 0 or 1, of each step of the pattern: a maximum length sequence, which is unlike any shift of it."""
+    # rolled so that it starts with one flash by itself
     return np.resize(np.roll(max_len_seq(5)[0][::-1], 19), length).astype(np.uint8)
 
 
 def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
     """Match the flashes that were shown to what a camera saw of them.
 
-    `seen`: its events, or the times (µs, rising) of triggers that a photodiode before the screen gave: one at each
-    flash to bright, and maybe others. `shown` [n], host times (µs, rising) at which the whole screen changed, and
-    `bright` [n], whether to bright (ON events) or to dark (OFF). They may be several groups, as before and after a
-    video; events in between may be left out. A flash that came later than the host thought, or not at all, is an
-    outlier and left out. NoSync if too few agree.
+    - `seen`: the camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen: one
+      at each flash to bright, and maybe others
+    - `shown`: host times (µs, rising) at which the whole screen changed, [n]
+    - `bright`: whether it changed to bright (ON events) or to dark (OFF), [n]
 
-    The flashes are first found as a pattern by correlation at 1 ms, from the first group on, then each by the time at
-    which its events begin, and a line is laid through those that agree. ON and OFF may have different delays, of
-    which the mean is taken for the camera's.
+    The flashes may be several groups, such as before and after a video; events in between may be left out. A flash
+    that came later than the host thought, or not at all, is an outlier and left out. NoSync if too few agree.
+
+    The flashes are first found as a pattern by correlation at 1 ms, beginning with the first group, then each by the
+    time at which its events begin, and a line is fitted to those that agree. ON and OFF may have different delays;
+    their mean is taken as the camera's.
     """
     host, rising = np.asarray(shown, np.float64), np.asarray(bright, bool)
     sight: _Rates | _Triggers
@@ -77,7 +81,7 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
     if host.size < 6 or sight.count == 0:
         raise NoSync(f"{host.size} flashes and {sight.count} {sight.what} can't be matched")
     group = host - host[0] < 3e6
-    # the pattern may come again after the video, or be like what lies between: the place that explains most is it
+    # the pattern may come again after the video, or the video may resemble it: the place that explains most is taken
     tried = [_matched(sight, host, rising, group, offset) for offset in sight.coarse(host[group], rising[group])]
     camera = max(tried, key=lambda times: int(np.isfinite(times).sum()))
     found = np.isfinite(camera)
@@ -97,7 +101,7 @@ def _matched(
     """Camera times of the flashes, NaN where there is none, if the first `group` is `offset` from the host's."""
     camera = np.full(host.size, np.nan)
     for n in range(host.size):
-        # after the first group the last flashes foretell the next one, with a doubt that grows with the time since
+        # after the first group the last flashes predict the next one, less exactly the longer ago they were
         last = np.flatnonzero(np.isfinite(camera))[-8:]
         ahead = offset if group[n] or not last.size else float(np.median(camera[last] - host[last]))
         gap = host[n] - (host[last[-1]] if last.size else host[0])
@@ -114,12 +118,12 @@ class _Rates:
         self.events, self.count = events, len(events)
 
     def coarse(self, host: np.ndarray, rising: np.ndarray) -> list[float]:
-        """Likely camera minus host times, by correlation of the flashes with the rate of ON less OFF events."""
+        """Likely camera time minus host time, by correlation of the flashes with the rate of ON minus OFF events."""
         events = self.events
         first = int(events.t[0])
         bins = (events.t - first) // BIN
         rate = np.bincount(bins, np.where(events.p, 1.0, -1.0))
-        # a burst counts by its size's root, or one bright object would outweigh the pattern
+        # a burst counts by the square root of its size, or one bright object would outweigh the pattern
         rate = np.sign(rate) * np.sqrt(np.abs(rate))
         places = _pattern(np.convolve(rate, np.ones(SMEAR), "full")[SMEAR - 1 :], host, rising)
         return [first + place for place in places]
@@ -131,7 +135,7 @@ class _Rates:
         t = events.t[lo:hi][events.p[lo:hi] == rising]
         if t.size < 20:
             return float("nan")
-        # a flash takes less than half of the bins, so the middle one of them has noise alone
+        # a flash takes less than half of the bins, so their median is noise alone
         bins = (t - int(expected - near)) // BIN
         counts = np.bincount(bins, minlength=int((2 * near + LONGEST) // BIN))
         noise = float(np.median(counts))
@@ -148,7 +152,7 @@ class _Rates:
 
 
 def _above(counts: np.ndarray, peak: int, level: float) -> tuple[int, int]:
-    """First and last bin of those around the peak that are above a level, gaps of two bins apart."""
+    """First and last bin of the run around the peak that is above a level; gaps of two bins at most are part of it."""
     high = np.flatnonzero(counts > level)
     at = int(np.searchsorted(high, peak))
     breaks = np.flatnonzero(np.diff(high) > 3)
@@ -165,20 +169,20 @@ class _Triggers:
         self.times, self.count = times, times.size
 
     def coarse(self, host: np.ndarray, rising: np.ndarray) -> list[float]:
-        """Camera time minus host time, the likeliest ones, by correlation of the flashes with the triggers."""
+        """Likely camera time minus host time, by correlation of the flashes with the triggers."""
         counts = np.bincount(((self.times - self.times[0]) // BIN).astype(np.int64))
         near = np.convolve(counts > 0, np.ones(SMEAR), "full")[SMEAR - 1 :]
         return [float(self.times[0]) + place for place in _pattern(near, host, rising)]
 
     def near(self, expected: float, rising: bool, near: float) -> float:
-        """The trigger that is nearest to where it is expected; NaN if none is near."""
+        """Time of the trigger that is nearest to the expected time; NaN if none is near."""
         distance = np.abs(self.times - expected)
         best = int(distance.argmin())
         return float(self.times[best]) if distance[best] <= near else float("nan")
 
 
 def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> list[float]:
-    """µs, counted from the first of `rate`'s bins, minus the host's: places where `rate` is most like the flashes."""
+    """Places where `rate` is most like the flashes: µs from the first bin of `rate`, minus host time."""
     steps = np.rint((host - host[0]) / BIN).astype(np.int64)
     # some flashes may lie before the first event and after the last one
     around = np.zeros(int(steps[-1]) + SMEAR)
@@ -196,7 +200,7 @@ def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> list[flo
 
 
 def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[float, float, float, int]:
-    """Offset and slope of the line that most flashes lie on, the median distance from it, how many lie on it."""
+    """Offset and slope of the line that most flashes lie on, their median distance from it, and how many lie on it."""
     middle = host.mean()
     columns = np.stack((np.ones(host.size), host - middle, np.where(rising, 0.5, -0.5)), 1)
     if rising.all() or not rising.any():
@@ -218,12 +222,15 @@ def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[flo
 
 
 def _agreeing(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> np.ndarray:
-    """The most flashes on one line, ON and OFF each by a delay of its own, of all lines through two of them."""
+    """Mask of the flashes on one line, the one with most of them of all lines through two flashes.
+
+    ON and OFF may each have a delay of their own.
+    """
     best = np.ones(host.size, bool)
     most = 0
     for i, j in combinations(range(host.size), 2):
         span = host[j] - host[i]
-        # two that are near each other tell no slope
+        # two flashes that are near each other don't give a slope
         if rising[i] != rising[j] or span < 0.4 * np.ptp(host):
             continue
         slope = (camera[j] - camera[i]) / span

@@ -32,7 +32,7 @@ class Sheets:
         self._stale: set[int] = set()
 
     def add(self, video: Video) -> None:
-        """A video is in the manifest anew."""
+        """Note that a video has a new line in the manifest; draw its page if all its videos are done."""
         page = self._page_of[video.name]
         self._stale.add(page)
         if all(other.name in self.manifest.videos for other in self._pages[page]):
@@ -69,7 +69,7 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
     rate = "-"
     if line is not None and "events" in line:
         half = line["duration"] // 2
-        # a recording that is gone or damaged since stays empty: the others go on
+        # the place of a recording that is missing or damaged by now stays empty, and the others are drawn
         with suppress(OSError, ValueError):
             events = formats.read(video.target, max(half - SPAN // 2, 0), half + SPAN // 2)
             tile[CAPTION:, TILE[0] :] = _fitted(event_image(events))
@@ -80,7 +80,7 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
 
 
 def _middle(path: Path) -> np.ndarray:
-    """The video's middle picture; gray if it can't be had."""
+    """The video's middle picture; gray if it can't be read."""
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     try:
         capture.set(cv2.CAP_PROP_POS_FRAMES, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) // 2)
@@ -91,7 +91,7 @@ def _middle(path: Path) -> np.ndarray:
 
 
 def _fitted(picture: np.ndarray) -> np.ndarray:
-    """The picture in a tile, its sides in proportion."""
+    """The picture scaled to fit a tile, its aspect ratio kept."""
     height, width = picture.shape[:2]
     scale = min(TILE[0] / width, TILE[1] / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))

@@ -14,14 +14,15 @@ from nvsdata.plots import event_image
 from nvsdata.recording.rig.monitor import MonitorError, pygame_or_error
 
 EVERY = 33_000  # µs between pictures
-SPAN = 33_000  # µs of events in one
+SPAN = 33_000  # µs of events in a picture
 ZOOM = 3
 
 
 class Live:
     """Shows the events of the last 33 ms, their rate, and how sharp they are; use it in a `with` block.
 
-    `add` may be called from any thread, `draw` from the main thread, often. `MonitorError` if there is no display.
+    `add` may be called from any thread; `draw` from the main thread only, often. `closed` says whether the window has
+    been closed. `MonitorError` if there is no display.
     """
 
     def __init__(self, sensor_size: tuple[int, int]) -> None:
@@ -39,7 +40,7 @@ class Live:
         self.closed = False
 
     def add(self, events: Events) -> None:
-        """The next events; older ones than the last 33 ms are forgotten."""
+        """Add the next events; those older than 33 ms are dropped."""
         if len(events) == 0:
             return
         with self._lock:
@@ -47,7 +48,7 @@ class Live:
             self._events = both.window(start=int(both.t[-1]) - SPAN)
 
     def draw(self) -> None:
-        """Show what came, if it is time for it; `closed` is set when the window has been."""
+        """Show what came, if 33 ms have passed since the last picture."""
         now = host_time()
         if now - self._drawn < EVERY:
             return
@@ -60,13 +61,13 @@ class Live:
         self._window.flip()
 
     def attend(self) -> None:
-        """See to the window and the keyboard, where no `Monitor` does."""
+        """Handle window and keyboard, where no `Monitor` does: Escape or closing the window sets `closed`."""
         for event in self._pygame.event.get():
             escape = event.type == self._pygame.KEYDOWN and event.key == self._pygame.K_ESCAPE
             self.closed |= escape or event.type in (self._pygame.QUIT, self._pygame.WINDOWCLOSE)
 
     def close(self) -> None:
-        """Take the window away."""
+        """Close the window."""
         self._window.destroy()
 
     def __enter__(self) -> Self:
@@ -77,7 +78,7 @@ class Live:
 
 
 def sharpness(events: Events) -> float:
-    """How fine the picture of events is: the energy of its Laplacian over its own; the blurrier, the less."""
+    """How sharp the picture of events is: the energy of its Laplacian over its own energy; lower if blurred."""
     width, height = events.sensor_size
     signed = np.bincount(events.y * np.intp(width) + events.x, events.p * 2.0 - 1, width * height)
     picture = cv2.GaussianBlur(signed.reshape(height, width).astype(np.float64), (0, 0), 1)

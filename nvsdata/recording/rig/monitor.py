@@ -1,4 +1,4 @@
-"""A monitor that shows pictures at given times, and says when it did (pygame-ce, SDL 2)."""
+"""A monitor that shows pictures at given times, and reports when it did (pygame-ce, SDL 2)."""
 
 from __future__ import annotations
 
@@ -17,27 +17,31 @@ from nvsdata.video.frames import Frame
 Scaling = Literal["aspect", "integer"]
 Look = Callable[[float, np.ndarray], None]
 USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
-TRIALS = 12  # flips that the refresh is measured by
+TRIALS = 12  # flips by which the refresh is measured
 SAME = 0.01  # share by which a measured refresh may differ from what the display says
 NAP = 0.02  # s between looks at the keyboard
 
 
 class MonitorError(OSError):
-    """What keeps a monitor from showing anything, in one line."""
+    """Why a monitor can't show anything, in one line."""
 
 
 class Monitor:
     """Full screen on a display, black around the pictures, no mouse, no screen saver; use it in a `with` block.
 
-    `region` (x, y, width, height) is where pictures go, by default the whole screen; `scaling` fits them to it:
-    "aspect" as large as they fit, "integer" by the largest whole number. `window` (width, height) takes a window in
-    place of the screen. `look` is told the time and the screen's pixels (uint8 [H, W, 3], red first) whenever they
-    change. `check` is called often while waiting; what it raises ends the wait. `confirmed` is set when Enter or
-    Space is pressed.
+    - `display`: its number (default 0)
+    - `region`: (x, y, width, height) where pictures go (default: the whole screen)
+    - `scaling`: how pictures fit into it: "aspect", as large as possible; "integer", by the largest whole number
+      (default "aspect")
+    - `window`: (width, height) of a window in place of the whole screen (default: none)
+    - `look`: called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change
 
-    `refresh` is the time between two pictures in µs, `synced` whether the display itself says when (else the clock
-    does). `MonitorError` if there is no such display, ValueError for a region outside it. KeyboardInterrupt when the
-    Escape key is pressed or the window closed. All from the main thread.
+    `refresh` is the time between two pictures in µs; `synced` says whether the display itself sets their times (else
+    the clock does). `check` is called often while waiting; what it raises ends the wait. `confirmed` is set when Enter
+    or Space is pressed.
+
+    Raises `MonitorError` if there is no such display, ValueError for a region outside it, and KeyboardInterrupt when
+    the Escape key is pressed or the window closed. All methods must be called from the main thread.
     """
 
     def __init__(
@@ -64,7 +68,7 @@ class Monitor:
             self.size = window or screen[display]
             flags = 0 if window else pygame.FULLSCREEN | pygame.SCALED
             with warnings.catch_warnings():
-                # of drivers that draw without a GPU
+                # drivers that draw without a GPU warn
                 warnings.simplefilter("ignore")
                 self._surface = pygame.display.set_mode(self.size, flags, display=display, vsync=int(not window))
             pygame.display.set_caption("nvsdata")
@@ -98,11 +102,11 @@ class Monitor:
         return 1e6 / rate, False, float(gaps.min())
 
     def fill(self, level: int, due: float | None = None) -> float:
-        """Show one gray all over the screen; see `show`."""
+        """Fill the screen with one gray; times as in `show`."""
         return self._shown(lambda: self._surface.fill((level, level, level)), due)
 
     def show(self, frame: Frame, due: float | None = None) -> float:
-        """Show a picture at the refresh nearest to `due` (host time, µs), or at the next one; when that was, in µs.
+        """Show a picture at the refresh nearest to `due` (host time, µs; None: the next one); return when that was.
 
         ValueError for a picture that "integer" scaling can't fit into the region.
         """
@@ -114,7 +118,7 @@ class Monitor:
         while (left := until - host_time()) > 0:
             self._attend()
             if self.synced and left < 4 * self.refresh:
-                # flips that follow each other keep the display's queue full, so that their times are the refreshes'
+                # flips without a pause keep the display's queue full, so that their times are those of refreshes
                 self._pygame.display.flip()
             else:
                 time.sleep(min(left / 1e6, NAP))
@@ -163,7 +167,7 @@ class Monitor:
         self._surface.blit(self._pygame.image.frombuffer(picture, (width, height), "RGB"), place)
 
     def _attend(self) -> None:
-        """See to the window and the keyboard."""
+        """Handle window and keyboard, and call `check`."""
         for event in self._pygame.event.get():
             key = event.key if event.type == self._pygame.KEYDOWN else None
             self.confirmed |= key in (self._pygame.K_RETURN, self._pygame.K_SPACE)
@@ -172,7 +176,7 @@ class Monitor:
         self.check()
 
     def close(self) -> None:
-        """Give the screen back."""
+        """Release the screen."""
         self._pygame.display.quit()
 
     def __enter__(self) -> Self:
@@ -183,9 +187,9 @@ class Monitor:
 
 
 def pygame_or_error() -> Any:
-    """pygame; ImportError that says how to get it."""
+    """The module pygame, or an ImportError that says how to install it."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    # a click into the other window must not take the videos away
+    # a click into the other window must not minimize the one that shows videos
     os.environ.setdefault("SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS", "0")
     try:
         import pygame

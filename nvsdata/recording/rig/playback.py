@@ -14,21 +14,24 @@ from nvsdata.recording.rig.clock_fit import flashes
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
 
-# levels of the flashes: contrast enough for a few events a pixel, and not so much that the readout takes long over them
+# levels of the flashes: enough contrast for a few events per pixel, but not so much that the readout takes long
 DIM, BRIGHT = 108, 148
 STEP = 3  # refreshes that a step of the pattern lasts
-STILL = 300_000  # µs of a still screen around the patterns
-SETTLE = 2_000_000  # µs that the first picture is shown before it moves: pixels get used to it (Hu et al. 2016)
+STILL = 300_000  # µs of a still screen before and after each pattern
+SETTLE = 2_000_000  # µs that the first picture is shown before the video moves: pixels adapt to it (Hu et al. 2016)
 USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 
 
 @dataclass
 class PlaybackLog:
-    """When what was shown, host times in µs.
+    """What was shown when; host times in µs.
 
-    `flashes` are the times at which the whole screen turned bright or (where `bright` is False) dim; the video lasted
-    from `start` to `stop`; its pictures were `due` and `shown`, `skipped` of them not at all, because they came when
-    the next one was due. `truncated` tells why a video ended early, if it did.
+    - `refresh`: time between two refreshes of the monitor (µs)
+    - `flashes`, `bright`: when the whole screen changed, and whether to bright (True) or to dim
+    - `start`, `stop`: from when to when the video lasted
+    - `due`, `shown`: when each picture of the video was due, and when it was shown
+    - `skipped`: pictures that weren't shown, because the next one was already due
+    - `truncated`: why the video ended early, None if it didn't
     """
 
     refresh: float
@@ -52,7 +55,7 @@ class PlaybackLog:
         return len(self.due) + self.skipped
 
     def log(self) -> dict[str, Any]:
-        """All times in whole µs from the video's first moment, as JSON holds them."""
+        """All of it as JSON can hold it, with times in whole µs from the video's first moment."""
 
         def after(times: list[float]) -> list[int]:
             return [round(time - self.start) for time in times]
@@ -72,7 +75,7 @@ class PlaybackLog:
 def perform(monitor: Monitor, video: Path) -> PlaybackLog:
     """Show a video, paced by its own times, between flash patterns.
 
-    FormatError or FileNotFoundError before anything is shown, if it holds no picture. See `Monitor` for others.
+    FormatError or FileNotFoundError, before anything is shown, for a file without a picture. `Monitor` lists others.
     """
     done = PlaybackLog(monitor.refresh)
     frames = frames_of(video)
@@ -123,9 +126,10 @@ def _in_turn(monitor: Monitor, done: PlaybackLog, frame: Frame, next_due: float)
 
 
 def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:
-    """Show the flash pattern, the screen still before and after it; when it changed, and whether to bright.
+    """Show the flash pattern, with a still screen before and after it.
 
-    `show` shows the bright or the dim picture at a time, as `Monitor.show`.
+    `show` is called with whether to show the bright picture (else the dim one) and when, and returns when it was shown,
+    as `Monitor.show` does. Returns the host times (µs) of the changes, and whether each was to bright.
     """
     began = show(False, None) + STILL
     times: list[float] = []
@@ -141,7 +145,7 @@ def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tu
 
 
 def _flash(monitor: Monitor, done: PlaybackLog) -> None:
-    """Show the pattern all over the screen."""
+    """Show the pattern on the whole screen."""
     times, rising = pattern(monitor, lambda bright, due: monitor.fill(BRIGHT if bright else DIM, due))
     done.flashes += times
     done.bright += rising

@@ -1,4 +1,4 @@
-"""One video, played and recorded at once; the recording is then cut to the video and checked."""
+"""One video, played and recorded at the same time; the recording is then checked and cut to the video."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import PlaybackLog, perform
 
 PIECE = 1_000_000  # µs of a recording that are read at once
-BESIDE = 500_000  # µs around the flashes
-BIN = 10_000  # µs of the bins that the rate of events is looked at in
+BESIDE = 500_000  # µs that are read before and after the flashes
+BIN = 10_000  # µs per bin of the event rate
 FEWEST = 1_000  # events/s: fewer are noise
-FULL = 10e6  # events/s in a bin that a readout is full with
+FULL = 10e6  # events/s above which the readout counts as full in a bin
 MOST_FULL = 0.01  # share of full bins
 MOST_LATE = 0.05  # share of the pictures that were late or skipped
 WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
@@ -39,7 +39,12 @@ class TakeRejected(Exception):
 
 @dataclass
 class Take:
-    """What came of playing and recording at once."""
+    """A video played and recorded.
+
+    - `raw`: the uncut recording
+    - `report`: how recording went
+    - `performance`: how playing went
+    """
 
     raw: Path
     report: RecordingReport
@@ -56,8 +61,8 @@ class Tally:
 
 
 def record_take(camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
-    """Record while a video plays; whatever the monitor, the video or the camera raises ends both."""
-    # a take that is cut short is done again
+    """Record to `raw` while a video plays; an error of the monitor, the video or the camera ends both."""
+    # no journal, because a take that is cut short is recorded again
     recorder = Recorder(camera, raw, settings, journaled=False)
     recorder.start()
     try:
@@ -77,9 +82,8 @@ def record_take(camera: Camera, monitor: Monitor, video: Path, raw: Path, settin
 
 
 def synced(take: Take) -> tuple[ClockFit, str]:
-    """The fit of the take's flashes, by the external input's triggers if they show them, else by events; which of them.
-
-    NoSync if neither does.
+    """The fit of the take's flashes, and what it is by: "triggers" of the external input if they show the flashes, else
+    "events". NoSync if neither shows them.
     """
     done = take.performance
     shown, bright = np.array(done.flashes), np.array(done.bright)
@@ -103,9 +107,9 @@ def _around_flashes(take: Take) -> Events:
 
 
 def cut_take(take: Take, target: Path) -> dict[str, Any]:
-    """Cut the take to its video, from time zero, into `target`; what the manifest is to say of it.
+    """Write the take to `target`, cut to its video, from time 0; return what the manifest is to say about it.
 
-    `TakeRejected` if it has to be done again: nothing is written then.
+    `TakeRejected` if it must be done again: nothing is written then.
     """
     report, done = take.report, take.performance
     try:
@@ -143,7 +147,7 @@ def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Ta
     if report.complaints.get("lost_wraps"):
         raise TakeRejected("parts of the camera's stream are missing")
     if line.residual > WORST_RESIDUAL:
-        raise TakeRejected(f"the flashes are {line.residual:.0f} µs off in the middle")
+        raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")
     missed = done.late + done.skipped
     if missed > MOST_LATE * done.frames:
         raise TakeRejected(f"{missed} of {done.frames} pictures were late: is the computer busy?")

@@ -1,4 +1,4 @@
-"""A camera that isn't there: what it answers, and the words that it sends of what its pixels see."""
+"""A simulated camera: what it answers, and the words that it sends for what its pixels see."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from nvsdata.recording.simulated.scenes import Outlines, Scene
 RESET_WORD, PULSE_WORD = 0x0001, 0x0004
 GLANCE = 4_000  # µs between looks at the scene
 SAMPLE_EVERY = 100_000  # µs between inertial samples
-# at rest, 25 °C: a start, scales and contents, acceleration, temperature, rotation, an end
+# a sample at rest and 25 °C: start, scales and contents, acceleration, temperature, rotation, end
 SAMPLE_WORDS = [
     0x0005,
     0x53E0,
@@ -30,8 +30,8 @@ SAMPLE_WORDS = [
 ]
 FRAME_START, COLUMN_OF_RESET, COLUMN_OF_SIGNAL, COLUMN_END = 0x0008, 0x000B, 0x000C, 0x000D
 EXPOSURE_START, EXPOSURE_END, FRAME_END = 0x000E, 0x000F, 0x000A
-DARK_SAMPLE = 500  # what the converter says of a pixel without light; a DAVIS240's counts by twos
-FIFO = 1 << 22  # bytes that wait to be read; beyond that the camera drops events
+DARK_SAMPLE = 500  # the converter's value of a pixel without light; a DAVIS240's converter has one bit less
+FIFO = 1 << 22  # bytes that may wait to be read; beyond that the camera drops events
 
 # what a DAVIS240C answers, by register
 DAVIS240C: dict[tuple[int, int], int] = {
@@ -64,7 +64,7 @@ DAVIS240C: dict[tuple[int, int], int] = {
     (MUX, 83): 0,
     (MUX, 84): 0,
 }
-# registers that may be written, beside the chip's: module, first, last
+# registers that may be written: module, first, last
 WRITABLE = ((MUX, 0, 5), (DVS, 3, 63), (APS, 4, 13), (IMU, 2, 10), (EXTERNAL, 0, 16), (CHIP, 0, 144), (USB, 0, 1))
 
 
@@ -72,10 +72,17 @@ WRITABLE = ((MUX, 0, 5), (DVS, 3, 63), (APS, 4, 13), (IMU, 2, 10), (EXTERNAL, 0,
 class Camera:
     """A simulated camera.
 
-    `speed` is how fast its clock runs against the host's: 1.0001 is 100 ppm too fast; with 0 time passes only when it
-    is `advance`d. `log` holds all control transfers, (type, request, value, index, data). `unplugged` makes it go
-    away, `refusal` (an errno) refuse whatever is asked, `stalled` send no more; `firmware` is the device's version,
-    `registers` what it answers. A share `lossy` of what it should send gets lost within it, and is counted.
+    - `scene`: what its pixels see (default: `Outlines()`)
+    - `serial`, `product`, `firmware`: as its USB descriptor has them
+    - `registers`: what it answers, by (module, parameter) (default: those of a DAVIS240C)
+    - `speed`: of its clock relative to the host's, 1.0001 is 100 ppm too fast; with 0, time passes only by `advance`
+      (default 1)
+    - `packet`: bytes per USB packet (default 512)
+    - `log`: all control transfers, (type, request, value, index, data)
+    - `unplugged`: makes it go away
+    - `refusal`: an errno with which it refuses whatever is asked
+    - `stalled`: makes it send no more
+    - `lossy`: share of what it should send that it drops, and counts as dropped (default 0)
     """
 
     scene: Scene = field(default_factory=Outlines)
@@ -103,7 +110,7 @@ class Camera:
         self._extra = 0.0
 
     def control(self, kind: int, request: int, value: int, index: int, data: Any) -> int:
-        """A control transfer; how many bytes were taken or given. USBError for what the camera doesn't know."""
+        """Do a control transfer; return the bytes taken or given. USBError for what the camera doesn't know."""
         if kind == READ and request == REGISTER:
             known = self.registers.get((value, index), 0 if _writable(value, index) else None)
             if known is None or len(data) != 4:
@@ -133,7 +140,7 @@ class Camera:
         self._see()
         self.registers[module, parameter] = number
         if (module, parameter) == (MUX, 2) and number:
-            # a camera's own memory holds next to nothing
+            # a real camera's memory holds next to nothing that is older than the reset
             self._fifo.clear()
             self._fifo += RESET_WORD.to_bytes(2, "little")
             self._begin()
@@ -143,7 +150,7 @@ class Camera:
             self._begin()
 
     def _begin(self) -> None:
-        """Time begins anew."""
+        """Restart the camera's time."""
         self._began, self._time, self._extra = int(host_time()), 0, 0.0
         self._sampled = self._framed = 0
         self._state[:] = 0, 0, -1
@@ -152,11 +159,11 @@ class Camera:
         return all(self.registers.get(place) for place in ((MUX, 3), (USB, 0), (MUX, 1), (MUX, 0)))
 
     def advance(self, microseconds: float) -> None:
-        """Let the camera's time pass."""
+        """Move the camera's time on."""
         self._extra += microseconds
 
     def _see(self, least: int = 1) -> None:
-        """Put what the pixels saw since the last time into the FIFO, if it is so many µs ago."""
+        """Put what the pixels saw since the last call into the FIFO, if at least `least` µs have passed."""
         if self._began is None or self.stalled:
             return
         rate = self.speed or 1.0
@@ -172,7 +179,7 @@ class Camera:
         pulses = [int((time - self._began) * rate) for time in self.scene.pulses(start, stop)]
         pulses = pulses if self.registers.get((EXTERNAL, 0)) else []
         if 8 * len(seen) > FIFO - len(self._fifo) or self._random.random() < self.lossy:
-            # events find no room; the clock does
+            # events are dropped, the clock's words are not
             dropped = self.registers.get((MUX, 84), 0) + len(seen)
             self.registers[MUX, 84] = dropped & 0xFFFFFFFF
             t, seen = t[:0], seen[:0]
@@ -180,7 +187,7 @@ class Camera:
         self._fifo += first + self._words(t, seen, pulses, now).tobytes() + last
 
     def _frame(self, now: int) -> tuple[bytes, bytes]:
-        """The two readings of a frame if it is time for one: its exposure is what comes between them."""
+        """The two readings of a frame if it is time for one; its exposure lasts from one to the other."""
         interval = self.registers.get((APS, 13), 0) / self.registers.get((SYSTEM, 4), 30)
         if not self.registers.get((APS, 4)) or now - self._framed < interval:
             return b"", b""
@@ -189,7 +196,7 @@ class Camera:
         return readings(picture(region), region)
 
     def _words(self, t: np.ndarray, seen: Events, pulses: list[int], now: int) -> np.ndarray:
-        """What is sent of events at `t`, pulses, and the clock up to `now`."""
+        """The words for events at times `t`, for pulses, and for the clock up to `now`."""
         words = np.empty(4 * len(seen) + (now >> 15) + 8 * len(pulses) + 32, "<u2")
         count = at = 0
         for pulse in (*sorted(pulses), now):
@@ -216,7 +223,7 @@ class Camera:
         return words[:count]
 
     def bulk(self, buffer: Any) -> int:
-        """Fill `buffer` with what there is."""
+        """Put what waits into `buffer`; return the number of bytes. USBTimeoutError if nothing waits."""
         while self._asked:
             # a reader that never pauses would keep the lock to itself
             time.sleep(1e-4)
@@ -238,7 +245,7 @@ def picture(region: list[int]) -> np.ndarray:
 
 
 def readings(light: np.ndarray, region: list[int]) -> tuple[bytes, bytes]:
-    """A frame as it is sent, column by column: the reading of dark pixels, and that after the exposure."""
+    """A frame as it is sent, column by column: the reading of dark pixels, and the reading after the exposure."""
     announced = [word for edge in region for word in (0x5100 | edge >> 8, 0x5200 | edge & 0xFF)]
 
     def columns(kind: int, samples: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A lab that isn't there: a simulated camera before the monitor, and what may happen to it."""
+"""A simulated lab: a camera in front of the monitor, and the faults that it may have."""
 
 from __future__ import annotations
 
@@ -12,17 +12,21 @@ from nvsdata.recording.simulated.camera import Camera
 from nvsdata.recording.simulated.scenes import PIXELS, Outlines, Watched
 from nvsdata.recording.simulated.usb_backend import Backend
 
-AWAY = 2.0  # s that a camera stays unplugged
+AWAY = 2.0  # s for which the camera stays unplugged
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """What the simulated camera suffers.
+    """Faults of a simulated camera and screen.
 
-    `drift` of its clock in ppm, `noise` in Hz a pixel, `late` the share of pictures that the screen shows a refresh
-    later than the computer thinks, `lossy` the share of its packets that the camera drops, `wired` 1 for a photodiode
-    at its external input; `unplugged` and `stalled`, s after the first use at which it is unplugged for two seconds,
-    or sends nothing any more until it is opened again. `seed` of what is random.
+    - `drift`: of the camera's clock, in ppm (default 0)
+    - `noise`: in Hz per pixel (default 0.5)
+    - `late`: share of the pictures that the screen shows a refresh later than the computer thinks (default 0)
+    - `lossy`: share of its packets that the camera drops (default 0)
+    - `wired`: 1 for a photodiode at its external input (default 0)
+    - `unplugged`: s after the first use when the camera is unplugged for two seconds (default 0: never)
+    - `stalled`: s after the first use when it stops sending until it is opened again (default 0: never)
+    - `seed`: of all that is random (default 0)
     """
 
     drift: float = 0.0
@@ -48,7 +52,7 @@ class Simulation:
         return cls(**given)
 
     def watched(self, kind: type[Camera] = Camera) -> tuple[Backend, Callable[..., Any]]:
-        """A camera before a monitor, and what the monitor has to tell."""
+        """A backend with a camera that sees a monitor, and the function that the monitor must call as its `look`."""
         scene = Watched(
             replace(PIXELS, noise_rate=self.noise, seed=int(self.seed)),
             late=self.late,
@@ -58,7 +62,7 @@ class Simulation:
         return self._backend(kind(scene=scene)), scene.look
 
     def alone(self) -> Backend:
-        """A camera before a moving square."""
+        """A backend with a camera that sees a moving square."""
         return self._backend(Camera(scene=Outlines(noise=self.noise * 240 * 180)))
 
     def _backend(self, camera: Camera) -> Backend:

@@ -1,4 +1,4 @@
-"""What a simulated camera's pixels look at."""
+"""What a simulated camera's pixels see."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from nvsdata.video.frames import Frame
 
 SIZE = (240, 180)
 BLACK = 2  # level of what isn't the screen, in a dark room
-SETTLED = 1_000_000  # µs without being looked through after which pixels are used to what they see
+SETTLED = 1_000_000  # µs without a call after which pixels have adapted to what they see
 REFRESH = 16_667  # µs
 BANDS = np.linspace(8, 172, 13).astype(int)  # rows of the screen that change together
-# fires where light differs by a fifth from what it was when the pixel last fired, as often as that
+# a pixel fires when light differs by a fifth from what it was when the pixel last fired, once per fifth
 PIXELS = PIX2NVS(
     t_log=20, continuous=True, new=False, exp=False, max_events=8, noise_rate=0.5, mismatch=0.05, bandwidth=12e6
 )
-# of a screen's upper left, upper right, lower right and lower left: pixels of the sensor
+# places (x, y) on the sensor of a screen's upper left, upper right, lower right and lower left corner
 CORNERS = ((14.0, 12.0), (228.0, 8.0), (226.0, 172.0), (10.0, 168.0))
 
 
 class Scene(Protocol):
-    """What the pixels see. Times are the host's, in µs; `lag`, how long after a time its events are known."""
+    """What the pixels see. Times are the host's, in µs; the events of a time are known `lag` µs later."""
 
     lag: int
 
@@ -39,7 +39,7 @@ class Scene(Protocol):
         """Events from `start` to `stop` (excluded)."""
 
     def pulses(self, start: int, stop: int) -> list[int]:
-        """When the external input was pulsed, from `start` to `stop` (excluded)."""
+        """Times of pulses at the external input, from `start` to `stop` (excluded)."""
 
 
 @dataclass
@@ -69,12 +69,15 @@ class Outlines:
 
 @dataclass
 class Watched:
-    """A screen in a dark room, through PIX2NVS: `look` is told what the screen shows.
+    """A screen in a dark room, through PIX2NVS: `look` must be called with what the screen shows.
 
-    `pixels` are the sensor's, `corners` where the screen's lie on it. The screen changes from top to bottom within
-    `scan` µs; a share `late` of the pictures comes a refresh later than the host thinks, none of them before the next
-    one's time. If `wired`, a photodiode in the screen's upper left corner pulses the external input when that turns
-    bright.
+    - `pixels`: the sensor's settings
+    - `corners`: places (x, y) of the screen's corners on the sensor
+    - `scan`: µs in which the screen changes from top to bottom (default 12,000)
+    - `late`: share of the pictures that come a refresh later than the host thinks (default 0)
+    - `wired`: a photodiode in the screen's upper left corner pulses the external input when that corner turns bright
+    - `seed`: of which pictures are late (default 0)
+    - `lag`: µs after which events are known (default 80,000)
     """
 
     pixels: PIX2NVS = PIXELS
@@ -99,7 +102,7 @@ class Watched:
         self._warm_up()
 
     def _warm_up(self) -> None:
-        """Have all loops compiled before a camera waits for them."""
+        """Compile all loops before a camera waits for them."""
         levels = (BLACK, 200, 90)
         first, *others = (
             Frame(n * 1_000, np.full((*SIZE[::-1], 3), level, np.uint8), True) for n, level in enumerate(levels)
@@ -112,7 +115,7 @@ class Watched:
 
     def look(self, time: float, picture: np.ndarray) -> None:
         """The screen shows `picture` (uint8 [H, W, 3], red first) from `time` on."""
-        # a smaller one first: each pixel sees the mean of an area
+        # scaled down first, because each pixel sees the mean of an area
         small = cv2.resize(picture, (2 * SIZE[0], 2 * SIZE[1]), interpolation=cv2.INTER_AREA)
         height, width = small.shape[:2]
         own = np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float32)
@@ -152,7 +155,7 @@ class Watched:
         return events.window(stop=stop)
 
     def _until(self, moment: int) -> list[Events]:
-        """Events up to `moment`, of a change to the present picture."""
+        """Events of a change to the present picture, up to `moment`."""
         if moment <= self._time or self._emulator is None:
             return []
         before, self._time = self._time, moment

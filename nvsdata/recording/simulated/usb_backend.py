@@ -15,7 +15,7 @@ from nvsdata.recording.simulated.camera import Camera
 
 
 class Backend(usb.backend.IBackend):  # type: ignore[misc]
-    """pyusb's backend for simulated cameras."""
+    """A backend of pyusb for simulated cameras; `before` is called with the camera and the name of each call."""
 
     def __init__(self, *cameras: Camera, before: Callable[[Camera, str], None] = lambda camera, call: None) -> None:
         self.cameras, self.before = cameras, before

@@ -1,4 +1,4 @@
-"""Reading a camera in a process of its own, where no requests can wait in libusb: nothing keeps that from reading."""
+"""Reading a camera in a process of its own, for backends without requests that wait in libusb: it only reads."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from nvsdata.common.signals import ENDING
 from nvsdata.recording.usb.transfers import Disconnected, SyncStream
 
 READY = b""
-STARTING = 20.0  # s that the process may take to begin
+STARTING = 20.0  # s that the process may take to start
 LEAVING = 2.0  # s that it may take to send the rest
-GLIMPSE = 50  # ms of a read, between looks at whether more is wanted
+GLIMPSE = 50  # ms per read; after each, the process looks whether it is to stop
 OURS = "usb.backend."
 
 
@@ -35,8 +35,11 @@ def can_read_in_subprocess(device: Any) -> bool:
 class SubprocessStream:
     """What a camera sends, read by another process; a `Stream`.
 
-    `opener` is called there, must be picklable, and gives the device, its interface claimed. `Disconnected` if it
-    can't. `freed` is called when that process has ended.
+    - `opener`: called in that process, must be picklable, and returns the device with its interface claimed
+    - `endpoint`: to read from
+    - `freed`: called when that process has ended (default: nothing is)
+
+    Raises `Disconnected` if the process can't open the device.
     """
 
     def __init__(self, opener: Callable[[], Any], endpoint: int, freed: Callable[[], None] = lambda: None) -> None:
@@ -80,7 +83,7 @@ class SubprocessStream:
         self._stop.set()
         deadline = time.monotonic() + LEAVING
         while time.monotonic() < deadline:
-            # what isn't taken keeps the process from ending
+            # blocks that aren't taken keep the process from ending
             try:
                 if self._blocks.poll(0.05):
                     self._blocks.recv_bytes()
@@ -95,7 +98,7 @@ class SubprocessStream:
 
 
 def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
-    """The device of another process, claimed."""
+    """The device that another process had, with its interface claimed."""
     device = usb.core.find(idVendor=vendor, idProduct=product, bus=bus, address=address)
     if device is None:
         raise usb.core.USBError("the camera isn't found again")
@@ -104,8 +107,8 @@ def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
 
 
 def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: Event) -> None:
-    """Read until told to stop, or the device is gone; what was read goes to `blocks` from a thread beside."""
-    # Ctrl-C, and what else ends a whole terminal or group, are for the one that started it
+    """Read until `stop` is set or the device is gone; a second thread sends what was read to `blocks`."""
+    # Ctrl-C, and other signals to a whole terminal or group, are for the process that started this one
     for number in (signal.SIGINT, *ENDING):
         signal.signal(number, signal.SIG_IGN)
     end_with_parent()
@@ -135,5 +138,5 @@ def _send(blocks: Connection, waiting: SimpleQueue[bytes | None]) -> None:
         while (block := waiting.get()) is not None:
             blocks.send_bytes(block)
     except OSError:
-        # nobody listens any more
+        # the other end is closed
         return

@@ -1,4 +1,4 @@
-"""Reading a camera's stream: by requests that wait in libusb, or one by one."""
+"""Reading a camera's stream: by requests that wait in libusb, or by one request at a time."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ class Stream(Protocol):
     """What a camera sends, as it comes."""
 
     def read(self, timeout: int) -> bytes:
-        """What came within `timeout` ms, maybe nothing. `Disconnected` if the device is."""
+        """Bytes that came within `timeout` ms, maybe none. `Disconnected` if the device is gone."""
 
     def close(self) -> None:
-        """No more is wanted."""
+        """Stop reading."""
 
 
 class SyncStream:
     """One request at a time, through whatever backend the device has.
 
-    Between two of them no request waits, and the camera's 3 kB of memory may run over.
+    Between two of them no request waits, and the camera's 3 kB of memory may overflow.
     """
 
     def __init__(self, device: Any, endpoint: int) -> None:
@@ -58,9 +58,10 @@ class _Timeval(ctypes.Structure):
 
 
 class AsyncStream:
-    """`COUNT` requests that wait in libusb, so that the camera never finds nobody listening.
+    """`COUNT` requests that wait in libusb, so that the camera can always send.
 
-    `lib`, `context` and `handle` are pyusb's own; the interface has been claimed.
+    - `lib`, `context`, `handle`: pyusb's own, of a device whose interface has been claimed
+    - `endpoint`: to read from
     """
 
     def __init__(self, lib: Any, context: Any, handle: Any, endpoint: int) -> None:
@@ -71,7 +72,7 @@ class AsyncStream:
         self._ending = False
         self._failed: int | None = None
         self._waiting: dict[int, Any] = {}
-        # kept, for libusb knows only their addresses
+        # kept alive here, because libusb knows only their addresses
         self._callback = libusb1._libusb_transfer_cb_fn_p(self._complete)
         self._buffers = [ctypes.create_string_buffer(SIZE) for _ in range(COUNT)]
         self._transfers = []
@@ -92,7 +93,7 @@ class AsyncStream:
             self._failed = -1
 
     def _complete(self, transfer: Any) -> None:
-        """libusb calls it with each request that is done: keep what came, and ask for more."""
+        """Called by libusb with each request that is done: keep what came, and ask for more."""
         request = transfer.contents
         self._waiting.pop(ctypes.addressof(request), None)
         if request.actual_length and request.status in (COMPLETED, TIMED_OUT, CANCELLED):
@@ -125,20 +126,20 @@ class AsyncStream:
         while self._waiting and time.monotonic() < deadline:
             self._handle(20)
         if not self._waiting:
-            # one that libusb still holds must not be freed
+            # a request that libusb still holds must not be freed
             for transfer in self._transfers:
                 self._lib.libusb_free_transfer(transfer)
             self._transfers = []
 
 
 def queued(device: Any, endpoint: int) -> AsyncStream | None:
-    """Requests that wait in libusb; None if the device's backend isn't pyusb's for it."""
+    """A stream of requests that wait in libusb; None if the device's backend isn't pyusb's libusb backend."""
     parts = _libusb(device)
     return None if parts is None else AsyncStream(*parts, endpoint)
 
 
 def _libusb(device: Any) -> tuple[Any, Any, Any] | None:
-    """pyusb's library, context and handle of an open device; None if its backend is another, or built otherwise."""
+    """libusb's library, context and handle of an open device, as pyusb has them; None if its backend has no such."""
     try:
         from usb.backend import libusb1
 
@@ -151,5 +152,5 @@ def _libusb(device: Any) -> tuple[Any, Any, Any] | None:
         lib.libusb_handle_events_timeout.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
         return lib, backend.ctx, handle
     except (AttributeError, ImportError):
-        # these names are pyusb's own business
+        # these names are private to pyusb, and another version may not have them
         return None
