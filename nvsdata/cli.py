@@ -20,25 +20,25 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "demo": Command("demo", "draw moving shapes, turn them into events, train a graph CNN on them"),
-    "info": Command("info", "what is in files of events: format, sensor, rate, anomalies"),
-    "datasets": Command("datasets", "the datasets: sensor, size, license, and where they are"),
+    "info": Command("info", "describe files of events: format, sensor, rate, anomalies"),
+    "datasets": Command("datasets", "list the datasets: sensor, size, license, and where they are"),
     "download": Command("download", "fetch and unpack a dataset, or say how to get it by hand"),
     "pack": Command("pack", "put all recordings of a dataset into one file; exit code 1 if any is left out"),
-    "convert": Command("convert", "a recording in another format"),
-    "convert-videos": Command("convert_videos", "videos to events (PIX2NVS), class folder by class folder"),
-    "compare": Command("compare", "how far events are from others: Chamfer, repeatability, EMD"),
+    "convert": Command("convert", "write a recording in another format"),
+    "convert-videos": Command("convert_videos", "turn videos into events (PIX2NVS), class folder by class folder"),
+    "compare": Command("compare", "measure the distances between two recordings: Chamfer, repeatability, EMD"),
     "tune": Command("tune", "search for settings of PIX2NVS that come closest to a real recording"),
     "record": Command("record", "record a DAVIS camera's events, or videos that it sees on a monitor"),
-    "verify": Command("verify", "open every recording, report what is wrong or lacking; exit code 1 if anything is"),
+    "verify": Command("verify", "open every recording, report what is wrong or missing; exit code 1 if anything is"),
 }
 CODES = "exit codes: 0 fine, 1 something was wrong with data, 2 wrong usage, 130 interrupted"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; return the exit code.
+    """Run a command with the arguments `argv` (default: those of the process); return the exit code.
 
-    0 is fine, 1 that something was wrong with data, 130 interrupted, 128 and a signal's number ended by that signal;
-    wrong usage raises SystemExit with 2.
+    0: fine; 1: something was wrong with data; 130: interrupted; 128 plus a signal's number: ended by that signal.
+    Wrong usage raises SystemExit with 2.
     """
     from nvsdata.commands.options import UsageError
     from nvsdata.common.signals import end_of, ending_by_signals, exit_code
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(end_of(error), file=sys.stderr)
         return exit_code(error)
     except BrokenPipeError:
-        # who read what is printed has gone; what is left must not be an error at exit
+        # nobody reads the output any more; the rest of it must not raise an error at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except UsageError as error:
@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _open_standard_streams() -> None:
-    """Have all three, where a shell closed some: the next file opened would take their numbers, and be printed to."""
+    """Open those that a shell closed: the next file opened would get one of their numbers, and be printed to."""
     for number in range(3):
         try:
             os.fstat(number)

@@ -1,4 +1,4 @@
-"""`nvsdata compare`: how far events are from others."""
+"""`nvsdata compare`: distances between the events of two recordings."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from nvsdata.plots.comparison import side_by_side
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     add = parser.add_argument
     add("emulated", type=path, metavar="A", help="a recording; distances go from it to B")
-    add("real", type=path, metavar="B", help="what it is held to")
-    add("--fps", type=positive, default=30.0, help="frames per second that events are summed in")
+    add("real", type=path, metavar="B", help="the recording that A is compared with")
+    add("--fps", type=positive, default=30.0, help="frames per second into which events are summed")
     add("--offset", type=int, default=0, metavar="US", help="µs to add to the times of B")
     add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the files don't state it")
     add("--picture", type=path, default=Path("compare.png"), help="where both are drawn side by side")
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
 def compare_files(
     emulated: Path, real: Path, picture: Path, *, fps: float, offset: int = 0, size: tuple[int, int] | None = None
 ) -> str:
-    """Distances of two recordings, as a table; both are drawn side by side to `picture`.
+    """Distances between two recordings, as a table; both are drawn side by side in `picture`.
 
     `size` is the sensor's, for files that don't state it.
     """

@@ -10,7 +10,7 @@ from nvsdata.common.errors import shown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     add = parser.add_argument
     add("source", type=path, metavar="IN", help="a recording")
     add("target", type=path, metavar="OUT", help="its extension names the format")
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"{shown(args.target)} holds events alone: frames and inertial samples are left out", file=sys.stderr)
         written = formats.write(recording, args.target)
         if args.source == args.target.with_name(f"{args.target.name}.davis") and not recording.repairs:
-            # the recording that it is the journal of is whole now
+            # IN is OUT's journal, and OUT is whole now
             args.source.unlink()
     for what, count in recording.repairs.items():
         print(f"{shown(args.source)}: {count} {what}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""`nvsdata convert-videos`: films to events."""
+"""`nvsdata convert-videos`: videos to events."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nvsdata.commands.options import add_jobs, add_videos, path, positive, senso
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     add = parser.add_argument
     add("source", type=path, metavar="IN", help="a folder of videos, or one video")
     add("--out", type=path, metavar="DIR", help="the folder that recordings go to (default IN-events)")
@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     """Convert what isn't there yet: 1 if any video failed."""
     from nvsdata.emulation.convert import convert_videos, default_out, plan
 
-    # threads that decode, emulate and write pass Python's lock on in less than a frame's time
+    # threads that decode, emulate and write must pass Python's lock on in less than a frame's time
     sys.setswitchinterval(0.0005)
     settings = settings_of(args)
     chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit}

@@ -12,7 +12,7 @@ from nvsdata.datasets.base import EventDataset
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     parser.add_argument("--root", type=path, default=Path(), help="the folder that datasets are looked for in")
 
 
@@ -47,7 +47,7 @@ def _row(kind: type[EventDataset], root: Path) -> tuple[str, ...]:
 
 
 def where(name: str, root: Path) -> Path | None:
-    """The folder or store of a dataset below `root`: called after it, whatever the case and dashes."""
+    """The folder or store below `root` that is named after a dataset, whatever its case and dashes; None if none is."""
     wanted = name.replace("-", "")
     for place in sorted(root.iterdir()) if root.is_dir() else ():
         stem = place.name.removesuffix(".h5").lower()

@@ -1,4 +1,4 @@
-"""`nvsdata demo`: shapes that move, turned into events by PIX2NVS, told apart by a graph CNN."""
+"""`nvsdata demo`: moving shapes, turned into events by PIX2NVS, classified by a graph CNN."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from nvsdata.commands.options import at_least_1, path
 from nvsdata.datasets import EventFolder
 from nvsdata.emulation import PIX2NVS
 
-SIZE = 34  # pixels, as N-MNIST
+SIZE = 34  # pixels, as in N-MNIST
 FPS = 2_000
 FRAMES = 161  # 80 ms
-CAMERA = PIX2NVS(threshold=0.6, new=False, exp=False)  # of log brightness, since a pixel fired last
-MARK = ".nvsdata-demo"  # of the folder of recordings: what it says is their seed, once all are there
+CAMERA = PIX2NVS(threshold=0.6, new=False, exp=False)  # the threshold is on log brightness since a pixel last fired
+MARK = ".nvsdata-demo"  # file in the folder of recordings that has their seed once all are there
 COUNTS = {"train": 40, "test": 15}  # recordings per class
 WINDOW = 30_000  # µs
 BATCH = 32
-VOTES = 5  # windows of a recording
+VOTES = 5  # windows per recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     add = parser.add_argument
     add("--out", type=path, default=Path("nvsdata-demo"), help="folder for data, network and pictures")
     add("--epochs", type=at_least_1, default=40, metavar="N", help="passes over the training set")
-    add("--seed", type=int, default=0, help="of all that is random: the same seed gives the same accuracy")
+    add("--seed", type=int, default=0, help="seed of all that is random: the same seed gives the same accuracy")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -115,7 +115,7 @@ SHAPES: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
 
 
 def scene(shape: str, rng: np.random.Generator) -> np.ndarray:
-    """Frames of a bright shape that circles and turns on a dark ground: float32 [T, H, W] in (0, 1]."""
+    """Frames of a bright shape that circles and turns on a dark background: float32 [T, H, W] in (0, 1]."""
     distance = SHAPES[shape]
     radius, phase, turn = rng.uniform(6, 9), rng.uniform(0, 2 * math.pi), rng.uniform(-0.4, 0.4)
     tilt = rng.uniform(-0.25, 0.25)

@@ -9,7 +9,7 @@ from nvsdata.commands.options import dataset, path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     add = parser.add_argument
     add("dataset", metavar="NAME", type=dataset, help="as `nvsdata datasets` calls it")
     add("--root", type=path, help="the folder it goes to (default ./NAME)")

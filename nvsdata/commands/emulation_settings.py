@@ -17,7 +17,7 @@ HELP = {
     "t_log": "brightness, 0 to 255, up to which the logarithm is linear",
     "gamma": "exponent of the perceptual luminance of CE and LICE",
     "continuous": "scale the linear part so that it meets the logarithm at t_log",
-    "difference": "to the reference at the same place, the average of its four neighbors, or the least of two",
+    "difference": "to the reference at the same place, the average of its four neighbors, or the minimum of two",
     "inhibition": "side in pixels of the blocks in which only the largest difference fires",
     "threshold": "difference at which a pixel fires, in units of the brightness that --mode gives",
     "max_events": "most events of a pixel per frame",
@@ -31,12 +31,12 @@ HELP = {
     "hot_rate": "how often hot pixels fire, in Hz",
     "refractory": "µs for which a pixel is blind after an event",
     "bandwidth": "events per second that the readout can pass, 0 for any number",
-    "seed": "of all that is random",
+    "seed": "seed of all that is random",
 }
 
 
 def add_settings(parser: argparse.ArgumentParser, *, skip: Collection[str] = ()) -> None:
-    """An option per setting, without those to skip."""
+    """Add an option per setting, except those to skip."""
     group = parser.add_argument_group("settings of PIX2NVS", "each replaces what the preset says")
     group.add_argument("--preset", choices=PRESETS, default=PRESET, help="rows of Table 3.3, or section 3.4.1")
     kinds = get_type_hints(PIX2NVS)
@@ -54,7 +54,7 @@ def add_settings(parser: argparse.ArgumentParser, *, skip: Collection[str] = ())
 
 
 def settings_of(args: argparse.Namespace) -> PIX2NVS:
-    """The preset with what was given."""
+    """The preset, with the settings that were given in place of its own."""
     return replace(PRESETS[args.preset], **given(args))
 
 

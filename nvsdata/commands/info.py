@@ -12,7 +12,7 @@ from nvsdata.common.errors import shown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     parser.add_argument("files", nargs="+", metavar="FILE", type=path, help="recordings in any format")
 
 

@@ -1,4 +1,4 @@
-"""What the options of several commands share: their types, and how their help reads."""
+"""What the options of several commands share: their types, and the format of their help."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 
 
 class UsageError(ValueError):
-    """Options that don't go together; the command ends with code 2, as for those that don't exist."""
+    """Options that don't go together; the command ends with exit code 2, as for options that don't exist."""
 
 
 class Help(argparse.HelpFormatter):
-    """Says the default of each option that has one, after its help."""
+    """States the default of each option that has one, after its help."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = action.help
@@ -34,7 +34,7 @@ def sensor_size(text: str) -> tuple[int, int]:
     """Width and height."""
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"WIDTHxHEIGHT, such as 240x180, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 240x180, not {text!r}")
     return int(width), int(height)
 
 
@@ -57,7 +57,7 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"a number, not {text!r}") from None
+        raise argparse.ArgumentTypeError(f"must be a number, not {text!r}") from None
 
 
 def dataset(name: str) -> Any:
@@ -71,13 +71,13 @@ def dataset(name: str) -> Any:
 
 
 def add_jobs(add: Callable[..., Any], what: str) -> None:
-    """The option for the number of processes or threads."""
+    """Add the option for the number of processes or threads."""
     add("--jobs", type=at_least_1, default=1, metavar="N", help=what)
 
 
 def add_videos(add: Callable[..., Any]) -> None:
-    """The options that all commands with a folder of videos have."""
+    """Add the options that all commands with a folder of videos have."""
     from nvsdata.video.folder import FORMATS
 
-    add("--format", choices=FORMATS, default="hdf5", help="of the recordings")
+    add("--format", choices=FORMATS, default="hdf5", help="format of the recordings")
     add("--limit", type=at_least_1, metavar="N", help="the first N videos only (default: all)")

@@ -10,12 +10,12 @@ from nvsdata.common.errors import shown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     add = parser.add_argument
     add("root", type=path, metavar="ROOT", help="the dataset's folder")
     add("--dataset", required=True, type=dataset, metavar="NAME", help="as `nvsdata datasets` calls it, or folder")
     add("--out", required=True, type=path, metavar="FILE.h5", help="the store that is written")
-    add("--split", default="all", help="pack one split only; any split can be had of all")
+    add("--split", default="all", help="pack one split only; a store of all gives any split")
     add_jobs(add, "processes that decode")
     add("--compress", action="store_true", help="smaller, but slower to read")
     add("--overwrite", action="store_true", help="replace FILE.h5 if it is there")

@@ -1,4 +1,4 @@
-"""`nvsdata record`: what a camera sees, or videos that are played before it."""
+"""`nvsdata record`: what a camera sees, or videos that are played in front of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nvsdata.commands.options import UsageError, add_videos, path, positive
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     from nvsdata.recording.rig.monitor import Scaling
 
     add = parser.add_argument
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     bias = "coarse and fine current of a bias, such as OnBn=5:255; may be given several times"
     add("--bias", action="append", default=[], metavar="NAME=COARSE:FINE", help=bias)
     add("--region", type=int, nargs=4, metavar=place, help="pixels of the sensor to record (default: all)")
-    simulated = "a camera that isn't there, before a moving square or the monitor; what it suffers, such as drift=100"
+    simulated = "simulate a camera that sees a moving square or the monitor, with faults such as drift=100"
     add("--simulate", nargs="?", const="", metavar="NAME=NUMBER,...", help=simulated)
     add("--live", action="store_true", help="show events in a window")
     add("--overwrite", action="store_true", help="replace what is there")
@@ -31,11 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--calibrate", action="store_true", help="aim, focus, find the screen; figures go to OUT")
     add("--monitor", type=path, metavar="IN", help="a folder of videos: play and record each of them")
     add("--resume", action="store_true", help="go on with a folder that holds recordings")
-    add("--verify", action="store_true", help="hold what was recorded to the manifest, record nothing")
+    add("--verify", action="store_true", help="compare what was recorded with the manifest, record nothing")
     add_videos(add)
     add("--display", type=int, default=0, metavar="N", help="number of the display")
     add("--screen-region", type=int, nargs=4, metavar=place, help="pixels of the screen for videos (default: all)")
-    add("--scaling", choices=get_args(Scaling), default="aspect", help="as large as fits, or a whole number of times")
+    add("--scaling", choices=get_args(Scaling), default="aspect", help="videos as large as fits, or a whole multiple")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -19,20 +19,20 @@ from nvsdata.plots.comparison import score_curve, side_by_side
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
-    parser.description = "Settings that are given are held, the others searched."
+    """Add the command's arguments."""
+    parser.description = "Settings that are given stay as they are; the others are searched."
     add = parser.add_argument
     add("--real", type=path, required=True, metavar="REC", help="what a camera saw of the video")
-    add("--video", type=path, required=True, metavar="VID", help="what was shown to it")
+    add("--video", type=path, required=True, metavar="VID", help="the video that was shown to it")
     add("--out", type=path, default=Path("tuning"), metavar="DIR", help="folder for trials, table and pictures")
-    add("--trials", type=at_least_1, default=100, metavar="N", help="settings that are tried")
+    add("--trials", type=at_least_1, default=100, metavar="N", help="number of settings to try")
     add("--seconds", type=positive, help="compare the first seconds only (default: all)")
     add("--fps", type=positive, help="frames per second, whatever the video says (default: as it says)")
     add("--offset", type=int, default=0, metavar="US", help="µs to add to the recording's times")
     add_jobs(add, "trials at once")
-    # the imperfections' own seed is left to the preset
+    # the seed of the imperfections stays the preset's
     add_settings(parser, skip=("seed",))
-    add("--seed", type=int, default=0, help="of the search")
+    add("--seed", type=int, default=0, help="seed of the search")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,7 +60,10 @@ def tune_files(
     seed: int,
     jobs: int,
 ) -> str:
-    """Search for settings but those `held`; the table of what was found. Trials, table and pictures go to `out`."""
+    """Search for all settings except those `held`; return a table of what was found.
+
+    Trials, table and pictures go to `out`. ValueError if no settings gave a finite score.
+    """
     pair = Pair(formats.open(real), video, fps=fps, seconds=seconds, offset=offset)
     note = {"real": str(real), "video": str(video), "fps": fps, "seconds": seconds, "offset": offset}
     space = {name: choices for name, choices in SPACE.items() if name not in held}

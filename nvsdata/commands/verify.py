@@ -1,4 +1,4 @@
-"""`nvsdata verify`: every recording opened to see whether it is sound, and what there is counted."""
+"""`nvsdata verify`: open every recording to see whether it is sound, and count what is there."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from nvsdata.formats.text import looks_like
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the command's arguments."""
     add = parser.add_argument
     add("root", type=path, metavar="ROOT", help="a folder or a packed store")
-    add("--dataset", type=dataset, metavar="NAME", help="whose sensor and layout to hold it to (default: any)")
+    add("--dataset", type=dataset, metavar="NAME", help="dataset whose sensor and layout ROOT must have (default: any)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print each fault: 1 if there is any."""
+    """Print each fault; return 1 if there is any."""
     count = 0
     for name, fault in problems(args.root, args.dataset and args.dataset.info.name):
         print(f"{shown(name)}: {fault}")
@@ -36,14 +36,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def problems(root: Path, dataset: str | None = None) -> Iterator[tuple[str, str]]:
-    """Name and fault of every recording below `root`, or in a packed store, that isn't sound, and of what lacks.
+    """Name and fault of every recording that isn't sound below `root`, or in a packed store, and of what is missing.
 
     Faults are: unreadable, empty, truncated, out of order in time, events outside the sensor, left out when it was
-    packed. Of `dataset`, if one is named, and of a store, which knows its own, the class says which files are
-    recordings and what their sensor is; what is there is compared with what the dataset should hold: how many, of
-    each class and part and by which names where that is known, and what the lists beside the recordings name.
+    packed. If a `dataset` is named, and for a store, which knows its own, the dataset's class says which files are
+    recordings and what their sensor is. What is there is then compared with what the dataset should hold: how many,
+    of each class and part and by which names where that is known, and what the lists beside the recordings name.
 
-    FileNotFoundError if there is nothing at `root`, FormatError for a file that is no store.
+    FileNotFoundError if there is nothing at `root`, FormatError for a file that isn't a store.
     """
     if not root.exists():
         raise FileNotFoundError(f"{root}: there is nothing to verify")
@@ -87,7 +87,7 @@ def _each(source: Source, names: list[str], size: tuple[int, int] | None) -> Ite
 
 
 def _is_list(path: Path) -> bool:
-    """Whether a text file holds something else than events, as lists of splits and labels do."""
+    """Whether a text file holds something other than events, as lists of splits and labels do."""
     with path.open("rb") as file:
         return not looks_like(file.read(4096), 0)
 
