@@ -198,7 +198,7 @@ def test_wrong_arguments(videos, tmp_path, capsys):
     assert "threshold must be at least" in capsys.readouterr().err
     (tmp_path / "out").mkdir()
     (tmp_path / "out/manifest.jsonl").write_text("[]\n")
-    with pytest.raises(ValueError, match="no manifest of nvsdata-videos"):
+    with pytest.raises(ValueError, match="not a manifest of nvsdata-videos"):
         convert_videos(videos, tmp_path / "out")
 
 
