@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from functools import partial
+from typing import Any
 
 
 def shown(name: str | os.PathLike[str]) -> str:
@@ -22,15 +24,16 @@ class FormatError(ValueError):
     file: `reason` is that text then, and `path` is empty.
     """
 
-    def __init__(self, path: str | os.PathLike[str], offset: int | None = None, reason: str | None = None) -> None:
+    def __init__(self, path: str | os.PathLike[str], reason: str | None = None, *, offset: int | None = None) -> None:
         self.path, self.offset = "" if reason is None else os.fspath(path), offset
         self.reason = os.fspath(path) if reason is None else reason
         where = "" if offset is None else f" byte {offset}:"
         super().__init__(f"{shown(self.path)}:{where} {self.reason}" if self.path else self.reason)
 
-    def __reduce__(self) -> tuple[type, tuple[str, int | None, str] | tuple[str]]:
-        # DataLoader workers pickle exceptions
-        return type(self), (self.path, self.offset, self.reason) if self.path else (self.reason,)
+    def __reduce__(self) -> tuple[Any, tuple[str, ...]]:
+        # DataLoader workers send exceptions by pickle
+        kind = partial(type(self), offset=self.offset)
+        return kind, (self.path, self.reason) if self.path else (self.reason,)
 
 
 def line_of(error: BaseException) -> str:

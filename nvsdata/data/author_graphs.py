@@ -32,7 +32,7 @@ def read_author_graphs(path: str | os.PathLike[str]) -> list[Graph]:
     except FileNotFoundError:
         raise
     except Exception as error:  # on a damaged file scipy may raise anything
-        raise FormatError(path, None, f"can't be read as MATLAB v5: {error!r}") from None
+        raise FormatError(path, f"can't be read as MATLAB v5: {error!r}") from None
     if {"feature", "pseudo", "edge"} <= found.keys():
         label = int(found["label"].ravel()[0]) if "label" in found else None
         return [_graph(path, found["feature"], found["pseudo"], found["edge"], *RADIUS, y=label)]
@@ -40,7 +40,7 @@ def read_author_graphs(path: str | os.PathLike[str]) -> list[Graph]:
         each = found["graph"].ravel()
         return [_graph(path, g["feature"], g["pos"].astype(np.float32) - 1, g["edge"], *NEAREST) for g in each]
     names = [name for name in found if not name.startswith("__")]
-    raise FormatError(path, None, f"holds neither feature, pseudo and edge nor such a graph, but {names}")
+    raise FormatError(path, f"holds neither feature, pseudo and edge nor such a graph, but {names}")
 
 
 def _graph(
@@ -54,13 +54,13 @@ def _graph(
 ) -> Graph:
     if feature.ndim != 2 or pos.shape != (len(feature), 2) or edge.ndim != 2 or len(edge) != 2:
         shapes = f"feature {feature.shape}, positions {pos.shape} and edges {edge.shape}"
-        raise FormatError(path, None, f"has {shapes}, not [N, F], [N, 2] and [2, E]")
+        raise FormatError(path, f"has {shapes}, not [N, F], [N, 2] and [2, E]")
     places = torch.from_numpy(pos.astype(np.float32))
     heard = torch.from_numpy(edge[::-1].astype(np.int64))
     try:
         source, target, _ = grouped(heard, torch.zeros(heard.shape[1], 2), len(pos))
     except ValueError as error:
-        raise FormatError(path, None, str(error)) from None
+        raise FormatError(path, str(error)) from None
     edges = torch.stack((source, target))
     x = torch.from_numpy(feature.astype(np.float32))
     t = torch.zeros(len(x), dtype=torch.int64)

@@ -71,11 +71,11 @@ class Recording(ABC):
         They are read from HDF5, AEDAT 2 and a DAVIS camera's stream. FormatError for other formats, of which nvsdata
         reads only events.
         """
-        raise FormatError(self.path, None, f"frames aren't read from {self.format} files")
+        raise FormatError(self.path, f"frames aren't read from {self.format} files")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         """Inertial samples with start <= t < stop (µs, as in the file), from the same formats as `frames`."""
-        raise FormatError(self.path, None, f"inertial samples aren't read from {self.format} files")
+        raise FormatError(self.path, f"inertial samples aren't read from {self.format} files")
 
     @property
     def about(self) -> Mapping[str, Any]:

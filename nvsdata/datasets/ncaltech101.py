@@ -134,6 +134,8 @@ def _box(name: str, data: bytes) -> Box:
     """Decode an annotation, little-endian int16: rows, columns, then x and y of each corner."""
     values = np.frombuffer(data[: len(data) // 2 * 2], "<i2")
     if values.size < 10 or values[0] != 2 or values[1] < 4:
-        raise FormatError(name, 0, "not an annotation: it doesn't begin with a box of 2 rows and 4 columns or more")
+        raise FormatError(
+            name, "not an annotation: it doesn't begin with a box of 2 rows and 4 columns or more", offset=0
+        )
     x, y, right, bottom = (max(int(values[i]), 0) for i in (2, 3, 4, 7))
     return Box(x, y, right - x, bottom - y)

@@ -62,7 +62,7 @@ class Aedat2Recording(ClockedFile):
             if chip is not None and chip.startswith(name):
                 return size, layout
         if chip is not None:
-            raise FormatError(self.path, 0, f"recorded by a {chip}; known are {', '.join(CHIPS)}")
+            raise FormatError(self.path, f"recorded by a {chip}; known are {', '.join(CHIPS)}", offset=0)
         for size, layout, _ in CHIPS.values():
             if self._size == size:
                 return size, layout

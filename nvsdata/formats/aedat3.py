@@ -58,13 +58,15 @@ class Aedat3Recording(FileRecording):
         self._contents = Contents(path, head)
         lines, end = self._contents.header(b"#")
         if not lines or (lines[0] == "#!AER-DAT3.1" and lines[-1].lower() != "#!end-header"):
-            raise FormatError(path, end, "truncated or damaged: the header has no line #!END-HEADER")
+            raise FormatError(path, "truncated or damaged: the header has no line #!END-HEADER", offset=end)
         source = next((m[1].upper() for line in lines if (m := re.match(r"#Source \d+: (\S+)", line))), "")
         self._size = self._size or self._size_of(source)
         # 3.0 had its origin at the bottom left
         self._upside_down = lines[0].startswith("#!AER-DAT3.0")
         if self._upside_down and self._size is None:
-            raise FormatError(path, 0, "AEDAT 3.0 of an unknown camera counts y from the bottom: pass sensor_size")
+            raise FormatError(
+                path, "AEDAT 3.0 of an unknown camera counts y from the bottom: pass sensor_size", offset=0
+            )
         self._start = end
         self._lasts(stated_time(lines))
         self._found: np.ndarray | None = None
@@ -85,7 +87,7 @@ class Aedat3Recording(FileRecording):
             with contents.handle() as handle:
                 found, fault, at = aedat3_packets(known, handle, contents.size, self._start)
             if fault == CUT or (fault and self.strict):
-                raise FormatError(self.path, int(at), FAULTS[fault])
+                raise FormatError(self.path, FAULTS[fault], offset=int(at))
             self._repair("bytes of torn or damaged packets, cut off", contents.size - int(at))
             self._found = found
         return self._found
@@ -106,11 +108,13 @@ class Aedat3Recording(FileRecording):
         for some, raw, base in self._read(packets):
             count, bad, without, strayed = aedat3_decode(raw, base, some, width, height, kept, *columns)
             if self.strict and bad >= 0:
-                raise FormatError(self.path, int(bad), f"coordinates outside the sensor of {width}x{height}")
+                raise FormatError(self.path, f"coordinates outside the sensor of {width}x{height}", offset=int(bad))
             if strayed >= 0:
                 at = int(some[strayed, FIRST_BYTE]) - PACKET_HEADER
                 if self.strict:
-                    raise FormatError(self.path, at, "a packet of events before its first, after its last, or before 0")
+                    raise FormatError(
+                        self.path, "a packet of events before its first, after its last, or before 0", offset=at
+                    )
                 count, lost = self._mended(raw, base, some, kept, columns)
                 dropped += lost
             kept += count

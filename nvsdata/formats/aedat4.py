@@ -41,7 +41,7 @@ class Aedat4Recording(FileRecording):
             (length,) = struct.unpack_from("<I", head, MAGIC)
             self._first = MAGIC + 4 + length
             if self._first > self._contents.size:
-                raise FormatError(path, MAGIC, f"truncated: a header of {length} bytes")
+                raise FormatError(path, f"truncated: a header of {length} bytes", offset=MAGIC)
             header = _Table.root(self._contents.read(MAGIC + 4, self._first).data, 0, b"IOHE")
             self._inflate = self._inflater(header.number(0, "<i", 0))
             end = header.number(1, "<q", -1)
@@ -55,7 +55,7 @@ class Aedat4Recording(FileRecording):
         self._contents.let_go()
 
     def _fault(self, at: int, error: BaseException) -> FormatError:
-        return FormatError(self.path, at, f"damaged AEDAT 4: {error}")
+        return FormatError(self.path, f"damaged AEDAT 4: {error}", offset=at)
 
     def _inflater(self, compression: int) -> Callable[[memoryview], bytes]:
         try:
@@ -80,12 +80,14 @@ class Aedat4Recording(FileRecording):
         while at + 8 <= self._end:
             stream, size = struct.unpack_from("<ii", data, at - self._first)
             if not 0 <= size <= self._end - at - 8:
-                raise FormatError(self.path, at, f"truncated: a packet of {size} bytes, {self._end - at - 8} are left")
+                raise FormatError(
+                    self.path, f"truncated: a packet of {size} bytes, {self._end - at - 8} are left", offset=at
+                )
             if stream == self._stream:
                 yield at, data[at + 8 - self._first : at + 8 + size - self._first]
             at += 8 + size
         if at < self._end:
-            raise FormatError(self.path, at, f"truncated: {self._end - at} bytes are left over")
+            raise FormatError(self.path, f"truncated: {self._end - at} bytes are left over", offset=at)
 
     def decode(self) -> Columns:
         parts: list[np.ndarray] = []
@@ -107,7 +109,7 @@ class Aedat4Recording(FileRecording):
         if not late.any():
             return events
         if self.strict:
-            raise FormatError(self.path, None, f"event {int(np.argmax(late))}: a time at or beyond 2^62 µs")
+            raise FormatError(self.path, f"event {int(np.argmax(late))}: a time at or beyond 2^62 µs")
         self._repair("events at or beyond 2^62 µs, dropped", int(np.count_nonzero(late)))
         return events[~late]
 

@@ -90,7 +90,7 @@ class AtisRecording(PiecedFile):
         if self.strict and damaged >= 0:
             y = int(self.contents.read(self._byte(damaged), self._byte(damaged + 1))[1])
             reason = f"y = {y} is damage: events have y below {ATIS_OVERFLOW_Y}; strict=False drops the record"
-            raise FormatError(self.path, self._byte(damaged), reason)
+            raise FormatError(self.path, reason, offset=self._byte(damaged))
 
     def decode(self) -> Columns:
         columns, state = self._run(0, self.records)

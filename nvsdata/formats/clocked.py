@@ -76,7 +76,7 @@ class ClockedFile(PiecedFile):
         kept = self._kept()
         damaged = f"{kept.size - np.count_nonzero(kept)} of {kept.size} records are damaged"
         reason = f"a time that no camera writes: {damaged}, or the clock was set back; strict=False drops them"
-        return FormatError(self.path, self._byte(int(np.argmin(kept))), reason)
+        return FormatError(self.path, reason, offset=self._byte(int(np.argmin(kept))))
 
     def _kept(self) -> np.ndarray:
         """Mask of the records of a damaged file to keep: as many as a camera may have written together."""
@@ -134,7 +134,7 @@ class ClockedFile(PiecedFile):
         """FormatError if windows, which rely on the index, would miss events; `state` is that after the whole file."""
         if state[HIDDEN] >= 0:
             reason = f"{self.block} records over more than 35 minutes: a window could not determine their times"
-            raise FormatError(self.path, self._byte(int(state[HIDDEN])), reason)
+            raise FormatError(self.path, reason, offset=self._byte(int(state[HIDDEN])))
         if not state[FELL]:
             return
         count = -(-self.records // self.block)

@@ -18,10 +18,10 @@ def integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
     if column.dtype.kind == "f":
         # NaN fails the comparison, too
         if not ((np.abs(column) < LATEST) & (column == np.rint(column))).all():
-            raise FormatError(path, None, f"{name} holds numbers that aren't whole, or beyond 2^62")
+            raise FormatError(path, f"{name} holds numbers that aren't whole, or beyond 2^62")
         return column.astype(np.int64)
     if column.dtype.itemsize == 8 and column.size and not -LATEST < column.min() <= column.max() < LATEST:
-        raise FormatError(path, None, f"{name} holds numbers beyond 2^62")
+        raise FormatError(path, f"{name} holds numbers beyond 2^62")
     return column
 
 

@@ -100,7 +100,7 @@ class Contents:
             with self._file.opened() as file:
                 found = read_samples(file.descriptor, start, step, out)
             if found < len(out):
-                raise FormatError(self.path, start + found * step, "truncated while it was read")
+                raise FormatError(self.path, "truncated while it was read", offset=start + found * step)
         else:
             with self._file.opened() as file:
                 for row, at in zip(out, range(start, stop, step), strict=True):

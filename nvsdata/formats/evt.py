@@ -50,7 +50,7 @@ class EvtRecording(PiecedFile):
         text = "\n".join(lines)
         encoding = ENCODING.search(text)
         if encoding is None:
-            raise FormatError(path, 0, "the header names neither EVT2 nor EVT3")
+            raise FormatError(path, "the header names neither EVT2 nor EVT3", offset=0)
         self.version = int(encoding[1])
         self.record_size = 4 if self.version == 2 else 2
         super().__init__(contents, sensor_size, strict, header_size=end)
@@ -65,7 +65,7 @@ class EvtRecording(PiecedFile):
             strays = self._strays()
             if self.strict:
                 reason = "a time that no camera writes: the word is damaged, or the clock was set back"
-                raise FormatError(self.path, self._byte(int(strays[0])), reason)
+                raise FormatError(self.path, reason, offset=self._byte(int(strays[0])))
             self._dropped = strays
             self._repair("words of times that no camera writes, dropped", self._dropped.size)
             walk = self._walk()

@@ -124,7 +124,7 @@ class FileRecording(Recording):
         if -LATEST < time[0] <= time[1] < LATEST:
             self._begins, self._ends = time
         elif self.strict:
-            raise FormatError(self.path, None, f"states that it lasts from {time[0]} to {time[1]} µs")
+            raise FormatError(self.path, f"states that it lasts from {time[0]} to {time[1]} µs")
         else:
             self._repair("times of beginning and end that make no sense, left out", 1)
 
@@ -136,7 +136,7 @@ class FileRecording(Recording):
             return
         if self.strict:
             stated = f"{self._begins} to {self._ends} µs"
-            raise FormatError(self.path, None, f"events at {first} to {last} µs, outside the time it states: {stated}")
+            raise FormatError(self.path, f"events at {first} to {last} µs, outside the time it states: {stated}")
         self._repair("times of beginning and end that don't hold the events, left out", 1)
         self._begins = self._ends = None
 
@@ -177,7 +177,7 @@ class FileRecording(Recording):
         bad = (x < 0) | (x >= width) | (y < 0) | (y >= height) | (p < 0) | (p > 1)
         if self.strict:
             where = f"event {first + int(np.argmax(bad))}"
-            raise FormatError(self.path, None, f"{where}: outside the sensor of {width}x{height}, or not a polarity")
+            raise FormatError(self.path, f"{where}: outside the sensor of {width}x{height}, or not a polarity")
         self._repair("events outside the sensor, dropped", int(np.count_nonzero(bad)))
         return [column[~bad] for column in columns]
 

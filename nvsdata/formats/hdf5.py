@@ -60,7 +60,7 @@ class Hdf5Recording(FileRecording):
         with opened(path, "damaged HDF5") as file:
             kind = text_of(file, "format")
             if kind == STORE:
-                raise FormatError(path, None, "a packed store of many recordings: open it with its dataset's class")
+                raise FormatError(path, "a packed store of many recordings: open it with its dataset's class")
             if kind == NAME:
                 check_version(path, file, VERSION)
             self._size = self._size or self._stated(file, kind == NAME)
@@ -71,7 +71,7 @@ class Hdf5Recording(FileRecording):
         self._ordered = True if promised else None  # None: not known
         lengths = {name: column.size for name, column in self._columns.items()}
         if len(set(lengths.values())) != 1:
-            raise FormatError(path, None, f"columns of different lengths: {lengths}")
+            raise FormatError(path, f"columns of different lengths: {lengths}")
 
     def _stated(self, file: Any, own: bool) -> tuple[int, int] | None:
         if not own and (attribute(file, "width") is None or attribute(file, "height") is None):
@@ -87,7 +87,7 @@ class Hdf5Recording(FileRecording):
             table = dataset_of(self.path, file, "CD/events")
             kinds = dict(table.dtype.fields or {}) if table.ndim == 1 else {}
             if not all(name in kinds and kinds[name][0].kind in "iub" for name in TYPES):
-                raise FormatError(self.path, None, f"/CD/events is {table}, not rows of x, y, p and t")
+                raise FormatError(self.path, f"/CD/events is {table}, not rows of x, y, p and t")
             return {name: Stored("CD/events", table.size, name) for name in TYPES}
         for home in ("events", ""):
             place = found_in(self.path, file.id, home)
@@ -95,7 +95,7 @@ class Hdf5Recording(FileRecording):
             if found and None not in found.values():
                 break
         else:
-            raise FormatError(self.path, None, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
+            raise FormatError(self.path, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
         if found_in(self.path, file.id, "t_offset") is not None:
             self._offset = self._stated_offset(file)
         return {name: column_of(self._file, f"{home}/{name}".lstrip("/"), found[name]) for name in TYPES}
@@ -104,14 +104,14 @@ class Hdf5Recording(FileRecording):
         value = np.asarray(dataset_of(self.path, file, "t_offset")[()])
         if value.size == 1 and value.dtype.kind in "iuf" and abs(value.item()) < LATEST:
             return int(value.item())
-        raise FormatError(self.path, None, f"/t_offset is {value}, not a time in µs below 2^62")
+        raise FormatError(self.path, f"/t_offset is {value}, not a time in µs below 2^62")
 
     def decode(self) -> Columns:
         with Source(self._file) as source:
             t = self._times(source, 0, self._columns["t"].size)
             if self._ordered and not self._rises:
                 late = int(np.argmax(t[1:] < t[:-1])) + 1
-                raise FormatError(self.path, None, f"event {late} is earlier than the one before it")
+                raise FormatError(self.path, f"event {late} is earlier than the one before it")
             return self._events(source, 0, t)
 
     def _events(self, source: Source, first: int, t: np.ndarray) -> Columns:
@@ -133,7 +133,7 @@ class Hdf5Recording(FileRecording):
             ends = [int(end) for end in ((t[0], t[-1]) if self._rises else (t.min(), t.max()))] if t.size else []
         far = next((end for end in ends if not -LATEST < end + self._offset < LATEST), None)
         if far is not None:
-            raise FormatError(self.path, None, f"/{self._columns['t'].name} holds {far}: at or beyond 2^62 µs")
+            raise FormatError(self.path, f"/{self._columns['t'].name} holds {far}: at or beyond 2^62 µs")
         if self._offset:
             # in place: this memory is not shared
             t += self._offset

@@ -67,7 +67,7 @@ class Plain:
         self._seen: dict[int, int] = {}  # values that bisections have read: many bisections share their first ones
         for i, place in enumerate(places):
             if place + min(length, size - i * length) * kind.itemsize > file.size:
-                raise FormatError(file.path, place, f"truncated within /{name}")
+                raise FormatError(file.path, f"truncated within /{name}", offset=place)
 
     def value(self, source: Source, i: int) -> int:
         if i not in self._seen:
@@ -113,11 +113,11 @@ class Stored:
 def column_of(file: OnDisk, name: str, dataset: Any) -> Column:
     """The column of an object of h5py's low-level API; FormatError if it is not a column of integers."""
     if not isinstance(dataset, h5py.h5d.DatasetID):
-        raise FormatError(file.path, None, f"/{name} is not a dataset")
+        raise FormatError(file.path, f"/{name} is not a dataset")
     layout, shape = check_stored(file.path, dataset)
     kind = dataset.dtype
     if len(shape) != 1 or kind.kind not in "iub":
-        raise FormatError(file.path, None, f"/{name} is not a column of integers")
+        raise FormatError(file.path, f"/{name} is not a column of integers")
     places, length = places_of(dataset, layout, shape[0])
     if not places:
         return Stored(name, shape[0])

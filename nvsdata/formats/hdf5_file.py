@@ -32,7 +32,7 @@ def opened(path: Any, reason: str) -> Iterator[Any]:
     except FormatError:
         raise
     except (OSError, KeyError, RuntimeError, TypeError, ValueError, ArithmeticError, MemoryError) as error:
-        raise FormatError(path, None, f"{reason}: {error}") from error
+        raise FormatError(path, f"{reason}: {error}") from error
 
 
 def attribute(file: Any, name: str) -> Any:
@@ -59,7 +59,7 @@ def number_of(path: Any, file: Any, name: str) -> int:
     """An integer attribute of a file; FormatError if it has none."""
     value = np.asarray(attribute(file, name))
     if value.size != 1 or value.dtype.kind not in "iuf" or value.item() % 1 != 0:
-        raise FormatError(path, None, f"attribute {name} is {value}, not a whole number")
+        raise FormatError(path, f"attribute {name} is {value}, not a whole number")
     return int(value.item())
 
 
@@ -67,7 +67,7 @@ def check_version(path: Any, file: Any, known: int) -> None:
     """FormatError for a file of a newer version than `known`."""
     version = number_of(path, file, "version")
     if version > known:
-        raise FormatError(path, None, f"version {version} is newer than {known}: update nvsdata")
+        raise FormatError(path, f"version {version} is newer than {known}: update nvsdata")
 
 
 def links_are_followed() -> bool:
@@ -93,7 +93,7 @@ def found_in(path: Any, place: Any, name: str) -> Any:
         if kind == h5py.h5l.TYPE_SOFT:
             links += 1
             if links > MOST_LINKS:
-                raise FormatError(path, None, f"{name} is a circle of soft links, or beyond {MOST_LINKS} of them")
+                raise FormatError(path, f"{name} is a circle of soft links, or beyond {MOST_LINKS} of them")
             target = at.links.get_val(part)
             at = h5py.h5g.open(place, b"/") if target.startswith(b"/") else at
             waiting.extend(target.split(b"/")[::-1])
@@ -110,7 +110,7 @@ def dataset_of(path: Any, file: Any, name: str) -> Any:
     """A dataset of h5py's file; FormatError unless all its values are in that file."""
     found = found_in(path, file.id, name)
     if not isinstance(found, h5py.h5d.DatasetID):
-        raise FormatError(path, None, f"/{name} is not a dataset" if found is not None else f"there is no /{name}")
+        raise FormatError(path, f"/{name} is not a dataset" if found is not None else f"there is no /{name}")
     check_stored(path, found)
     return h5py.Dataset(found)
 
@@ -147,12 +147,12 @@ def check_stored(path: Any, dataset: Any) -> tuple[Any, tuple[int, ...]]:
             found = int(dataset.get_offset() is not None)
     if found < claimed:
         what = f"{found} of {claimed} pieces of {name_of(dataset)} are there"
-        raise FormatError(path, None, f"{what}: cut off, or never written")
+        raise FormatError(path, f"{what}: cut off, or never written")
     room = os.path.getsize(path)
     most = most_bytes(room) if kind == h5py.h5d.CHUNKED else room
     if size * claimed > most:
         what = f"{name_of(dataset)} claims {size * claimed} bytes"
-        raise FormatError(path, None, f"{what}; a file of {room} is taken to hold {most} at most")
+        raise FormatError(path, f"{what}; a file of {room} is taken to hold {most} at most")
     _check_filters(path, dataset, layout)
     return layout, shape
 
@@ -167,7 +167,7 @@ def _check_filters(path: Any, dataset: Any, layout: Any) -> None:
             import hdf5plugin  # noqa: F401  registers its filters
         if not h5py.h5z.filter_avail(code):
             how = f"{name_of(dataset)} is compressed by filter {code}, which isn't installed"
-            raise FormatError(path, None, f"{how}: pip install 'nvsdata[hdf5]' has the usual ones")
+            raise FormatError(path, f"{how}: pip install 'nvsdata[hdf5]' has the usual ones")
 
 
 def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
@@ -186,4 +186,4 @@ def places_of(dataset: Any, layout: Any, count: int) -> tuple[list[int], int]:
 
 
 def _elsewhere(path: Any, name: str, what: str) -> FormatError:
-    return FormatError(path, None, f"{name} is {what}: other files are read only with {FOLLOW}=1 in the environment")
+    return FormatError(path, f"{name} is {what}: other files are read only with {FOLLOW}=1 in the environment")

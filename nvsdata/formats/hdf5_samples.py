@@ -105,7 +105,7 @@ def inertial_in(path: str, file: Any, dataset: Callable[[str], Any], start: int 
     count = found.t.size
     shapes = [column.shape for column in found]
     if shapes != [(count,), (count, 3), (count, 3), (count,)] or found.t.dtype.kind not in "iu":
-        raise FormatError(path, None, f"/inertial has columns of {shapes}")
+        raise FormatError(path, f"/inertial has columns of {shapes}")
     kinds = (np.int64, np.float32, np.float32, np.float32)
     return Inertial(*(c.astype(k, copy=False) for c, k in zip(found, kinds, strict=True))).window(start, stop)
 
@@ -123,12 +123,12 @@ def frames_in(
     pixels = dataset("frames/pixels")
     shapes = {column.shape for column in columns.values()}
     if len(shapes) != 1 or any(column.ndim != 1 or column.dtype.kind not in "iu" for column in columns.values()):
-        raise FormatError(path, None, f"/frames has columns of {sorted(shapes)}")
+        raise FormatError(path, f"/frames has columns of {sorted(shapes)}")
     sizes = columns["width"].astype(np.int64) * columns["height"]
     ends = np.cumsum(sizes)
     least = min((int(columns[name].min(initial=1)) for name in ("width", "height")), default=1)
     if least < 1 or pixels.ndim != 1 or pixels.dtype != np.uint16 or (ends[-1] if ends.size else 0) != pixels.size:
-        raise FormatError(path, None, f"/frames/pixels is {pixels}, not uint16 of {int(sizes.sum())} pixels")
+        raise FormatError(path, f"/frames/pixels is {pixels}, not uint16 of {int(sizes.sum())} pixels")
     begins = columns["exposure_start"].astype(np.int64)
     wanted = np.ones(begins.size, bool) if start is None else begins >= start
     wanted &= True if stop is None else begins < stop

@@ -58,11 +58,11 @@ class MatlabRecording(FileRecording):
         for name, known in NAMES.items():
             column = next((found[key] for key in known if key in found), None)
             if column is None:
-                raise FormatError(self.path, None, f"no variable {known[0]!r}; it holds {sorted(found)}")
+                raise FormatError(self.path, f"no variable {known[0]!r}; it holds {sorted(found)}")
             columns[name] = column.reshape(-1)
         lengths = {name: column.size for name, column in columns.items()}
         if len(set(lengths.values())) != 1:
-            raise FormatError(self.path, None, f"columns of different lengths: {lengths}")
+            raise FormatError(self.path, f"columns of different lengths: {lengths}")
         return self._checked(columns)
 
     def _checked(self, columns: dict[str, np.ndarray]) -> Columns:
@@ -76,7 +76,7 @@ class MatlabRecording(FileRecording):
     def _v5(self) -> dict[str, np.ndarray]:
         data = self._contents.read(0, self._contents.size).data
         if bytes(data[124:128]) != b"\x00\x01IM":
-            raise FormatError(self.path, 124, "not a little-endian MATLAB v5 file, or truncated")
+            raise FormatError(self.path, "not a little-endian MATLAB v5 file, or truncated", offset=124)
         found: dict[str, np.ndarray] = {}
         left = most_bytes(len(data))
         for at, kind, body in self._elements(data, HEADER):
@@ -99,7 +99,7 @@ class MatlabRecording(FileRecording):
                 continue
             if size > len(data) - at - 8:
                 raise FormatError(
-                    self.path, at, f"truncated: an element of {size} bytes, {len(data) - at - 8} are left"
+                    self.path, f"truncated: an element of {size} bytes, {len(data) - at - 8} are left", offset=at
                 )
             yield at, kind, data[at + 8 : at + 8 + size]
             at += 8 + (size if kind == COMPRESSED else -(-size // 8) * 8)
@@ -110,13 +110,13 @@ class MatlabRecording(FileRecording):
         try:
             inflated = inflater.decompress(body, left + 1)
         except ZlibError as error:
-            raise FormatError(self.path, at, f"damaged compressed element: {error}") from None
+            raise FormatError(self.path, f"damaged compressed element: {error}", offset=at) from None
         if len(inflated) > left:
             size = self._contents.size
             reason = f"inflates too far: a file of {size} bytes is taken to hold {most_bytes(size)} at most"
-            raise FormatError(self.path, at, reason)
+            raise FormatError(self.path, reason, offset=at)
         if not inflater.eof or len(inflated) < 8:
-            raise FormatError(self.path, at, "a compressed element that is cut short")
+            raise FormatError(self.path, "a compressed element that is cut short", offset=at)
         return memoryview(inflated)
 
     def _matrix(self, at: int, body: memoryview, found: dict[str, np.ndarray], prefix: str | None = None) -> None:
@@ -137,7 +137,7 @@ class MatlabRecording(FileRecording):
         elif category in NUMERIC_CLASSES:
             kind, numbers = parts[3]
             if kind not in NUMBERS or len(numbers) % NUMBERS[kind].itemsize:
-                raise FormatError(self.path, at, f"variable {name!r} is of an unknown type")
+                raise FormatError(self.path, f"variable {name!r} is of an unknown type", offset=at)
             found[name] = np.frombuffer(numbers, NUMBERS[kind])
 
     def _v73(self) -> dict[str, np.ndarray]:

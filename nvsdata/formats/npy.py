@@ -41,7 +41,7 @@ class NpyRecording(RecordFile):
         super().__init__(contents, sensor_size, strict, end)
         lost = shape[0] - self.records
         if lost > 0 and (strict or self._transposed):
-            raise FormatError(path, contents.size, f"truncated: {shape[0]} events, {self.records} are there")
+            raise FormatError(path, f"truncated: {shape[0]} events, {self.records} are there", offset=contents.size)
         if lost > 0:
             self._repair("events that are cut off", lost)
         self.records = min(self.records, shape[0])
@@ -98,7 +98,7 @@ class NpyRecording(RecordFile):
         if self._scale == 1:
             return integers(self.path, "column 't'", column).astype(np.int64)
         if not (np.abs(column) < LATEST / self._scale).all():
-            raise FormatError(self.path, None, "holds times that are not numbers, or beyond 2^62 µs")
+            raise FormatError(self.path, "holds times that are not numbers, or beyond 2^62 µs")
         # float32 has too few digits for µs
         return np.rint(column.astype(np.float64) * self._scale).astype(np.int64)
 
@@ -111,14 +111,16 @@ def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, transposed, kind = read(file)
     except Exception as error:  # numpy parses the header as Python, so it may raise anything
-        raise FormatError(path, 0, f"damaged header of a NumPy array: {str(error)[:100]}") from None
+        raise FormatError(path, f"damaged header of a NumPy array: {str(error)[:100]}", offset=0) from None
     numbers = kind.fields or {"": (kind, 0)}
     if any(field[0].kind not in "biuf" for field in numbers.values()):
-        raise FormatError(path, 0, f"an array of {kind}, not of numbers")
+        raise FormatError(path, f"an array of {kind}, not of numbers", offset=0)
     if not (len(shape) == 1 and kind.fields) and not (len(shape) == 2 and shape[1] == 4 and not kind.fields):
-        raise FormatError(path, 0, f"an array of shape {shape}; events are [N] with fields t, x, y, p, or [N, 4]")
+        raise FormatError(
+            path, f"an array of shape {shape}; events are [N] with fields t, x, y, p, or [N, 4]", offset=0
+        )
     if not 0 <= shape[0] < 2**48:
-        raise FormatError(path, 0, f"an array of shape {shape}")
+        raise FormatError(path, f"an array of shape {shape}", offset=0)
     return shape, transposed and len(shape) == 2, kind, file.tell()
 
 
@@ -128,13 +130,13 @@ def _fields(path: str, array: np.ndarray) -> dict[str, str | int]:
         for names in ("xytp", "xypt"):
             if np.isin(array[:, names.index("p")], POLARITIES).all():
                 return {name: k for k, name in enumerate(names)}
-        raise FormatError(path, None, "neither the third nor the fourth column is of polarities: -1, 0 or 1")
+        raise FormatError(path, "neither the third nor the fourth column is of polarities: -1, 0 or 1")
     given = {name.lower(): name for name in array.dtype.names}
     found: dict[str, str | int] = {}
     for name, known in NAMES.items():
         field = next((given[key] for key in known if key in given), None)
         if field is None:
-            raise FormatError(path, None, f"no field {name!r}; it holds {list(array.dtype.names)}")
+            raise FormatError(path, f"no field {name!r}; it holds {list(array.dtype.names)}")
         found[name] = field
     return found
 

@@ -40,9 +40,9 @@ class OnDisk:
         """FormatError if the file has changed."""
         now = _stamp(os.stat(self.path) if status is None else status)
         if now[0] < self.size:
-            raise FormatError(self.path, now[0], f"truncated: it had {self.size} bytes when it was opened")
+            raise FormatError(self.path, f"truncated: it had {self.size} bytes when it was opened", offset=now[0])
         if now != self._stamp:
-            raise FormatError(self.path, None, "was changed after it was opened: open it again")
+            raise FormatError(self.path, "was changed after it was opened: open it again")
 
 
 class OpenFile:
@@ -73,7 +73,7 @@ class OpenFile:
             # one call reads at most 2 GiB
             count = _read_at(self.descriptor, target.reshape(-1).view(np.uint8)[done:], at + done)
             if not count:
-                raise FormatError(self.file.path, at + done, "truncated while it was read")
+                raise FormatError(self.file.path, "truncated while it was read", offset=at + done)
             done += count
 
 

@@ -35,10 +35,12 @@ class DatRecording(ClockedFile):
         contents = Contents(path, head)
         lines, end = contents.header(b"%")
         if contents.size < end + 2:
-            raise FormatError(path, contents.size, "truncated: the header has no event type and size after it")
+            raise FormatError(path, "truncated: the header has no event type and size after it", offset=contents.size)
         kind, size = contents.read(end, end + 2).tolist()
         if kind not in (0x00, 0x0C) or size != 8:
-            raise FormatError(path, end, f"event type {kind:#04x} of {size} bytes is not a change-detection event")
+            raise FormatError(
+                path, f"event type {kind:#04x} of {size} bytes is not a change-detection event", offset=end
+            )
         super().__init__(contents, sensor_size, strict, header_size=end + 2)
         numbers = {m[1].lower(): m[2] for line in lines if (m := re.match(r"%\s*(\w+)\s+(\d+)\s*$", line))}
         self.version = 1 if numbers.get("version", "1") in ("0", "1") else 2

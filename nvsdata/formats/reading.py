@@ -83,11 +83,11 @@ def head_of(path: str) -> bytes:
     try:
         head = os.read(handle, HEAD)
         if not head and not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise FormatError(path, None, "is a pipe or a device, not a recording")
+            raise FormatError(path, "is a pipe or a device, not a recording")
         return head
     except BlockingIOError:
-        raise FormatError(path, None, "is a pipe or a device, not a recording") from None
+        raise FormatError(path, "is a pipe or a device, not a recording") from None
     except IsADirectoryError:
-        raise FormatError(path, None, "is a directory, not a recording") from None
+        raise FormatError(path, "is a directory, not a recording") from None
     finally:
         os.close(handle)

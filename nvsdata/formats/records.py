@@ -49,7 +49,7 @@ class RecordFile(FileRecording):
         self.records, torn = divmod(contents.size - header_size, self.record_size)
         if torn and strict:
             reason = f"truncated: {torn} bytes are left over, a record takes {self.record_size}"
-            raise FormatError(self.path, contents.size - torn, reason)
+            raise FormatError(self.path, reason, offset=contents.size - torn)
         self._repair("bytes of a torn record, cut off", torn)
         contents.let_go()
 
@@ -68,7 +68,7 @@ class RecordFile(FileRecording):
         if is_sorted(starts) and (early.any() or late.any()):
             where = np.argmax(early) + 1 if early.any() else np.argmax(late)
             reason = f"events strayed by more than {self.block} records: they are out of order, or damaged"
-            raise FormatError(self.path, self._byte(int(where) * self.block), reason)
+            raise FormatError(self.path, reason, offset=self._byte(int(where) * self.block))
 
     def _byte(self, record: int) -> int:
         return self.header_size + record * self.record_size
@@ -160,7 +160,7 @@ class PiecedFile(RecordFile):
                 if bad >= 0:
                     width, height = self.sensor_size
                     reason = f"coordinates outside the sensor of {width}x{height}"
-                    raise FormatError(self.path, self._byte(record + bad), reason)
+                    raise FormatError(self.path, reason, offset=self._byte(record + bad))
             kept += count
             record += raw.size // self.record_size
         return columns.first(kept), state
@@ -175,4 +175,4 @@ def stated_size(path: str, width: str | int, height: str | int) -> tuple[int, in
         # int() refuses thousands of digits, also with a ValueError
         return check_sensor_size((int(width), int(height)))
     except ValueError as error:
-        raise FormatError(path, 0, f"the header states no valid sensor size: {str(error)[:200]}") from None
+        raise FormatError(path, f"the header states no valid sensor size: {str(error)[:200]}", offset=0) from None

@@ -113,8 +113,8 @@ def format_of(path: str, head: bytes) -> Format:
     for known in FORMATS.loaded():
         if suffix in known.suffixes:
             what = "is empty" if not head else "does not begin as one"
-            raise FormatError(path, 0, f"the extension says {known.name}, but the file {what}")
-    raise FormatError(path, 0, "empty file of unknown format" if not head else "unknown format")
+            raise FormatError(path, f"the extension says {known.name}, but the file {what}", offset=0)
+    raise FormatError(path, "empty file of unknown format" if not head else "unknown format", offset=0)
 
 
 def _among(formats: Iterator[Format], path: str, head: bytes, suffix: str) -> Format | None:

@@ -63,7 +63,7 @@ class TextRecording(FileRecording):
         self._rises = is_sorted(columns.t)
         if self._sorted and self.strict and not self._rises:
             late = int(np.argmax(columns.t[1:] < columns.t[:-1])) + 1
-            raise FormatError(self.path, None, f"event {late} is earlier than the one before it")
+            raise FormatError(self.path, f"event {late} is earlier than the one before it")
         return columns
 
     def _parse(self, start: int, stop: int) -> Columns:
@@ -84,7 +84,7 @@ class TextRecording(FileRecording):
         columns = np.empty((4, int(np.count_nonzero(raw == kernel.NEWLINE)) + 1), np.int64)
         kept, fault, where, dropped = kernel.text_decode(raw, 0, raw.size, self._seconds, not self.strict, columns)
         if fault:
-            raise FormatError(self.path, start + int(where), FAULTS[fault])
+            raise FormatError(self.path, FAULTS[fault], offset=start + int(where))
         t, x, y, p = columns[:, :kept]
         # a copy, so that the array of all four columns is freed
         return Columns(t.copy(), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8)), int(dropped)

@@ -97,22 +97,22 @@ def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") ->
             kept = file.metadata() or {}
             state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except Exception as error:  # safetensors' own errors, and those of torch for invalid sizes
-        raise FormatError(where, None, f"is not a network that nvsdata saved: {line_of(error)}") from None
+        raise FormatError(where, f"is not a network that nvsdata saved: {line_of(error)}") from None
     if "nvsdata" not in kept:
-        raise FormatError(where, None, "doesn't contain a network of nvsdata")
+        raise FormatError(where, "doesn't contain a network of nvsdata")
     header = _header(where, kept["nvsdata"])
     if kept.get("sha256") != _digest(kept["nvsdata"], state):
-        raise FormatError(where, None, "fails its checksum: it was damaged or altered")
+        raise FormatError(where, "fails its checksum: it was damaged or altered")
     try:
         model = _network(header.network, header.settings, state)
     except Exception as error:  # any error of a constructor with invalid settings
-        raise FormatError(where, None, f"doesn't fit the network {header.network!r}: {line_of(error)}") from None
+        raise FormatError(where, f"doesn't fit the network {header.network!r}: {line_of(error)}") from None
     try:
         transform = None if header.transform is None else from_repr(header.transform)
     except Exception as error:  # any error of a constructor, too
-        raise FormatError(where, None, f"has a transform that can't be built: {line_of(error)}") from None
+        raise FormatError(where, f"has a transform that can't be built: {line_of(error)}") from None
     if transform is not None and not callable(transform):
-        raise FormatError(where, None, f"doesn't contain a transform, but {header.transform!r:.200}")
+        raise FormatError(where, f"doesn't contain a transform, but {header.transform!r:.200}")
     model = model.to_empty(device=device)
     model.load_state_dict(state)
     return Trained(model.eval(), tuple(header.classes), transform, header.metrics, header.data)
@@ -136,23 +136,22 @@ def _header(where: Path, text: str) -> _Header:
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FormatError(where, None, f"has a header that isn't JSON: {line_of(error)}") from None
+        raise FormatError(where, f"has a header that isn't JSON: {line_of(error)}") from None
     version = found.get("version") if isinstance(found, dict) else None
     if type(version) is not int:
-        raise FormatError(where, None, "has a header without a version")
+        raise FormatError(where, "has a header without a version")
     if version != VERSION:
-        raise FormatError(where, None, f"is of version {version!r:.20}, this nvsdata reads {VERSION}")
+        raise FormatError(where, f"is of version {version!r:.20}, this nvsdata reads {VERSION}")
     expected = asdict(_Header())
     for name, default in expected.items():
         kinds = (str, NoneType) if name == "transform" else type(default)
         if name not in found or not isinstance(found[name], kinds):
-            raise FormatError(where, None, f"has a header whose {name} is {found.get(name, 'missing')!r:.100}")
+            raise FormatError(where, f"has a header whose {name} is {found.get(name, 'missing')!r:.100}")
     if not all(isinstance(name, str) for name in found["classes"]):
-        raise FormatError(where, None, "has a header whose classes aren't names")
+        raise FormatError(where, "has a header whose classes aren't names")
     if found["network"] not in NETWORKS:
         raise FormatError(
             where,
-            None,
             f"is of a network {found['network']!r:.100}, which isn't registered here: import the module"
             " that defines it, with @models.register_network",
         )

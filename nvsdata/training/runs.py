@@ -61,7 +61,7 @@ class Checkpoint:
                     raise ValueError(f"the checksum of {bad} differs")
             return cls(**torch.load(path, map_location=device, weights_only=True))
         except Exception as error:  # of zipfile, torch and pickle, as many as there are kinds of damage
-            raise FormatError(path, None, f"is no checkpoint of a training, or damaged: {line_of(error)}") from None
+            raise FormatError(path, f"is no checkpoint of a training, or damaged: {line_of(error)}") from None
 
 
 def restore(part: Any, state: dict[str, Any]) -> None:

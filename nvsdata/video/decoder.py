@@ -113,7 +113,7 @@ def _opened(path: Path) -> tuple[Any, list[int]]:
         options = []
         reader = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, options)
     if not reader.isOpened():
-        raise FormatError(path, None, "holds no video that OpenCV can decode")
+        raise FormatError(path, "holds no video that OpenCV can decode")
     return reader, options
 
 

@@ -62,7 +62,7 @@ def check_name(path: str | os.PathLike[str]) -> None:
     try:
         os.fspath(path).encode()
     except UnicodeEncodeError:
-        raise FormatError(path, None, "a name that isn't UTF-8, which OpenCV can't open: rename the file") from None
+        raise FormatError(path, "a name that isn't UTF-8, which OpenCV can't open: rename the file") from None
 
 
 def fatal(error: OSError, video: Path) -> bool:

@@ -95,7 +95,7 @@ def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Fra
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such video")
     if path.is_dir():
-        raise FormatError(path, None, "is a folder, not a video")
+        raise FormatError(path, "is a folder, not a video")
     check_name(path)
     decoder = Decoder(path, color)
     try:
@@ -109,11 +109,11 @@ def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Fra
             longest = max(longest, now - last)
             count, last = count + 1, now
         if count == 0:
-            raise FormatError(path, None, "not one frame can be decoded")
+            raise FormatError(path, "not one frame can be decoded")
         # by time, because several containers only estimate how many frames they hold, as if they came regularly
         whole = decoder.promised * gap
         if whole - (last + longest) > max(3 * gap, whole / 50):
-            raise TruncatedVideo(path, None, f"ends after {count} of {decoder.promised} frames: cut off or damaged")
+            raise TruncatedVideo(path, f"ends after {count} of {decoder.promised} frames: cut off or damaged")
     finally:
         decoder.close()
 
@@ -144,7 +144,7 @@ def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Fram
             if frame is None:
                 if not Path(given).exists():
                     raise FileNotFoundError(f"{given}: no such image")
-                raise FormatError(given, None, "holds no image that OpenCV can decode")
+                raise FormatError(given, "holds no image that OpenCV can decode")
             yield Frame(next(times), _scaled(_picture(frame, n), size))
         else:
             # a copy, because the caller may write the next frame into the same array

@@ -108,7 +108,7 @@ def test_empty_events_work():
 
 
 def test_format_errors_survive_pickling():
-    error = pickle.loads(pickle.dumps(FormatError("a.bin", 7, "truncated")))
+    error = pickle.loads(pickle.dumps(FormatError("a.bin", "truncated", offset=7)))
     assert (error.path, error.offset, error.reason) == ("a.bin", 7, "truncated")
     assert "a.bin: byte 7: truncated" in str(error)
 

@@ -59,15 +59,15 @@ class Store:
         self.root, self.path = path, str(path)
         with opened(path, "not a packed store, or damaged") as file:
             if text_of(file, "format") != STORE:
-                raise FormatError(path, None, f"is neither a folder nor a packed store (format {STORE!r})")
+                raise FormatError(path, f"is neither a folder nor a packed store (format {STORE!r})")
             check_version(path, file, VERSION)
             if number_of(path, file, "version") < VERSION:
-                raise FormatError(path, None, f"a store older than version {VERSION}: pack it again")
+                raise FormatError(path, f"a store older than version {VERSION}: pack it again")
             self.dataset, self.split = text_of(file, "dataset"), text_of(file, "split")
             self.fold = number_of(path, file, "fold")
             index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
             if checksum(index) != number_of(path, file, "checksum"):
-                raise FormatError(path, None, "its index fails its checksum: pack it again")
+                raise FormatError(path, "its index fails its checksum: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
             places = [_place(path, column) for column in columns]
             shapes = {column.shape for column in columns}
@@ -86,7 +86,7 @@ class Store:
         self._file_offset, self._file_data = index["file_offset"], index["file_data"]
         self._marks = index["mark"]
         if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
-            raise FormatError(path, None, "its index contradicts itself: pack it again")
+            raise FormatError(path, "its index contradicts itself: pack it again")
         # None for compressed columns
         self._places = [place for place in places if place is not None]
         # arguments for `read_window`, if it can read the columns
@@ -117,7 +117,7 @@ class Store:
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> StoredRecording:
         """The recording with that name, which was intact when packed; FormatError for one that was left out."""
         if name in self.left_out:
-            raise FormatError(self.root, None, f"{shown(name)} was left out when it was packed: {self.left_out[name]}")
+            raise FormatError(self.root, f"{shown(name)} was left out when it was packed: {self.left_out[name]}")
         return StoredRecording(self, self._number[name], sensor_size)
 
     def data(self, name: str) -> bytes:
@@ -187,7 +187,7 @@ class Store:
             # the system returns at most 2 GiB at a time
             more = _pread(self._handle, size - len(data), at + len(data))
             if not more:
-                raise FormatError(self.root, at + len(data), "cut short while it was open")
+                raise FormatError(self.root, "cut short while it was open", offset=at + len(data))
             data += more
         return data
 
@@ -239,10 +239,10 @@ class StoredRecording(Recording):
         return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
-        raise FormatError(self.path, None, "a packed store holds only events, no frames")
+        raise FormatError(self.path, "a packed store holds only events, no frames")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> NoReturn:
-        raise FormatError(self.path, None, "a packed store holds only events, no inertial samples")
+        raise FormatError(self.path, "a packed store holds only events, no inertial samples")
 
 
 def checksum(index: dict[str, np.ndarray]) -> int:
@@ -264,7 +264,7 @@ def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
     if dataset.size and (links_are_followed() or dataset.chunks is not None or offset is None):
         return None
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
-        raise FormatError(path, offset, f"cut short within {dataset.name}")
+        raise FormatError(path, f"cut short within {dataset.name}", offset=offset)
     return dataset.dtype, dataset.dtype.itemsize, offset or 0
 
 

@@ -49,9 +49,9 @@ class StreamRecording(FileRecording):
             self._check()
             decoder = self._decoder()
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise FormatError(path, 0, f"its first line doesn't say how to decode it: {error!r}") from None
+            raise FormatError(path, f"its first line doesn't say how to decode it: {error!r}", offset=0) from None
         if not newline:
-            raise FormatError(path, len(line), "cut off within its first line")
+            raise FormatError(path, "cut off within its first line", offset=len(line))
         self._begin = len(line) + 1
         self._size = self._size or (decoder.width, decoder.height)
 
