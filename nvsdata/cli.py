@@ -49,9 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             # names of files may hold what the terminal can't show
             stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if argv is None else argv)
-    args = _parser(words[0] if words else "").parse_args(words)
+    called = words[0] if words else ""
     try:
         with ending_by_signals():
+            args = _parser(called).parse_args(words)
             code: int = args.run(args)
     except KeyboardInterrupt as error:
         print(end_of(error), file=sys.stderr)
@@ -63,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UsageError as error:
         args.parser.error(str(error))
     except (OSError, ValueError, ImportError) as error:
-        print(f"nvsdata {args.command}: {error}", file=sys.stderr)
+        print(f"nvsdata {called}: {error}", file=sys.stderr)
         return 1
     return code
 

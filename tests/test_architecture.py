@@ -95,3 +95,11 @@ def test_no_name_of_a_package_hides_its_module(package):
         if f"{node.module}.{alias.name}" not in MODULES
     }
     assert not {name for name in names if f"{package}.{name}" in MODULES}
+
+
+@pytest.mark.parametrize("document", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name)
+def test_documents_name_files_that_are_there(document):
+    there = {path.name for folder in ("nvsdata", "recipes", "tests") for path in (ROOT / folder).rglob("*.py")}
+    named = set(re.findall(r"\b[a-z]\w*\.py\b", document.read_text(encoding="utf-8")))
+    # one of them stands for any recipe
+    assert named - {"recipe.py"} <= there

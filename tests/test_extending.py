@@ -1,6 +1,10 @@
 """The examples of docs/extending.md, as they stand there; what registers itself twice, or wrongly, is told."""
 
 import re
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import make_dataclass, replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -144,7 +148,7 @@ def test_a_camera(example, tmp_path):
 
         def configure(self, settings=None): ...
 
-    with pytest.raises(TypeError, match=r"Partly is not a camera: it lacks start, reset_time, read, .*decoder"):
+    with pytest.raises(TypeError, match=r"Partly is not a camera: it lacks unit, silence, start, .*decoder"):
         record(Partly(), tmp_path / "b.h5", seconds=0.1)
 
 
@@ -210,6 +214,89 @@ def test_entry_points_that_work_and_one_that_does_not(monkeypatch):
     assert "the transform 'gone' (no_such_package:Thing) of an installed package can't be used" in told[0]
     assert "'odd' (json:dumps)" in told[1]
     assert repr(T.from_repr("Window(0, 5)")) == "Window(start=0, stop=5)"
+
+
+def test_names_that_count_as_equal_are_taken():
+    class Other(EventDataset):
+        info = replace(nvsdata.NMNIST.info, name="NMnist")
+
+    with pytest.raises(ValueError, match="there is a dataset 'n-mnist' already"):
+        register_dataset(Other)
+
+
+def test_a_format_may_be_registered_again_and_its_mark_counts_before_an_extension(tmp_path, monkeypatch):
+    def opened(path, *_):
+        return path
+
+    for _ in range(2):
+        register_format(Format("marked", (".marked",), opened, begins=lambda head: head.startswith(b"MARK")))
+    del FORMATS._known["marked"]
+    point = EntryPoint("marked", "nowhere:marked", "nvsdata.formats")
+    found = Format("marked", (".marked",), opened, begins=lambda head: head.startswith(b"MARK"))
+    monkeypatch.setattr(EntryPoint, "load", lambda self: found)
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    monkeypatch.setattr(FORMATS, "_loaded", False)
+    (tmp_path / "a.bin").write_bytes(b"MARK5")
+    assert nvsdata.open(tmp_path / "a.bin") == str(tmp_path / "a.bin")
+
+
+def test_threads_wait_for_what_is_being_loaded(monkeypatch):
+    begun, go = threading.Event(), threading.Event()
+
+    class Slow:
+        name, value = "slow", "slow:Slow"
+
+        def load(self):
+            begun.set()
+            assert go.wait(10)
+            return int
+
+    fresh = registry.Registry("thing", "things")
+    monkeypatch.setattr(registry, "entry_points", lambda group: [Slow()])
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(lambda: fresh["slow"])
+        assert begun.wait(10)
+        second = pool.submit(lambda: fresh["slow"])
+        time.sleep(0.05)
+        assert not second.done()
+        go.set()
+        assert first.result() is second.result() is int
+
+
+def test_networks_that_could_not_be_built_again():
+    class Starred(torch.nn.Module):
+        def __init__(self, *sizes):
+            super().__init__()
+
+    with pytest.raises(TypeError, match="its arguments need names"):
+        models.register_network("starred")(Starred)
+
+    @models.register_network("plain")
+    class Plain(torch.nn.Module):
+        pass
+
+    assert (Plain().settings, Plain().kind) == ({}, "plain")
+
+
+def test_a_transform_of_ones_own_that_bears_a_registered_name_is_not_saved(tmp_path):
+    Window = make_dataclass(
+        "Window", [("start", int), ("stop", int)], namespace={"__call__": lambda self, x: x}, frozen=True
+    )
+    with pytest.raises(ValueError, match="or another has its name"):
+        models.save(models.rgcnn("n-mnist"), tmp_path / "a.safetensors", transform=T.Compose([Window(0, 5)]))
+
+
+def test_a_camera_that_fails_in_a_way_of_its_own(example, tmp_path):
+    class Failing(example("camera")["Ticking"]):
+        def read(self, timeout=100):
+            if (self.now or 0) > 50_000:
+                raise RuntimeError("no more")
+            return super().read(timeout)
+
+    report = record(Failing(), tmp_path / "b.h5", seconds=5)
+    assert not report.whole
+    assert report.ended == "the camera failed (RuntimeError: no more)"
+    assert len(nvsdata.read(tmp_path / "b.h5")) == report.events > 0
 
 
 def test_a_test_of_first_bytes_that_raises(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from nvsdata.commands.options import path, sensor_size
+from nvsdata.commands.options import path, sensor_size, usage
 from nvsdata.common.errors import shown
 
 
@@ -24,7 +24,8 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata import formats
     from nvsdata.common.files import creating
 
-    formats.writer_of(args.target)
+    with usage():
+        formats.writer_of(args.target)
     with creating(args.target, overwrite=args.overwrite):
         recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
         if formats.left_out(recording, args.target):

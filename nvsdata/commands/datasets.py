@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nvsdata.commands.options import path
 from nvsdata.common.tables import aligned
-from nvsdata.datasets import DATASETS
-from nvsdata.datasets.base import EventDataset
+
+if TYPE_CHECKING:
+    from nvsdata.datasets.base import EventDataset
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +26,8 @@ def run(args: argparse.Namespace) -> int:
 
 def table(root: Path) -> str:
     """Every dataset with its facts, and where it is below `root` or how to get it."""
+    from nvsdata.datasets import DATASETS
+
     head = ("name", "sensor", "recordings", "classes", "size", "license", "here, or how to get it")
     rows = [_row(kind, root) for name, kind in DATASETS.items() if name != "folder"]
     return aligned((head, *rows), left=True)

@@ -7,6 +7,7 @@ from collections.abc import Collection
 from dataclasses import fields, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from nvsdata.commands.options import usage
 from nvsdata.emulation import PIX2NVS, PRESETS
 
 PRESET = "table-3.3-row-5"
@@ -35,7 +36,9 @@ HELP = {
 }
 
 
-def add_settings(parser: argparse.ArgumentParser, *, skip: Collection[str] = ()) -> None:
+def add_settings(
+    parser: argparse.ArgumentParser, *, skip: Collection[str] = (), searched: Collection[str] = ()
+) -> None:
     """Add an option per setting, except those to skip."""
     group = parser.add_argument_group("settings of PIX2NVS", "each replaces what the preset says")
     group.add_argument("--preset", choices=PRESETS, default=PRESET, help="rows of Table 3.3, or section 3.4.1")
@@ -49,13 +52,15 @@ def add_settings(parser: argparse.ArgumentParser, *, skip: Collection[str] = ())
             options = {"action": argparse.BooleanOptionalAction}
         elif get_origin(kind) is Literal:
             options = {"choices": get_args(kind)}
-        text = f"{HELP[field.name]} (default {getattr(PRESETS[PRESET], field.name)})"
+        default = "searched" if field.name in searched else getattr(PRESETS[PRESET], field.name)
+        text = f"{HELP[field.name]} (default {default})"
         group.add_argument(f"--{field.name.replace('_', '-')}", **options, default=argparse.SUPPRESS, help=text)
 
 
 def settings_of(args: argparse.Namespace) -> PIX2NVS:
     """The preset, with the settings that were given in place of its own."""
-    return replace(PRESETS[args.preset], **given(args))
+    with usage():
+        return replace(PRESETS[args.preset], **given(args))
 
 
 def given(args: argparse.Namespace) -> dict[str, Any]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ def path(text: str) -> Path:
 def sensor_size(text: str) -> tuple[int, int]:
     """Width and height."""
     width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 240x180, not {text!r}")
     return int(width), int(height)
 
@@ -51,6 +52,15 @@ def positive(text: str) -> float:
     if not (value > 0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f"must be positive, not {text}")
     return value
+
+
+@contextmanager
+def usage() -> Iterator[None]:
+    """Where settings are made of options: a ValueError is wrong usage."""
+    try:
+        yield
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def _number(text: str) -> float:

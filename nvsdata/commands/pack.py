@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from nvsdata.commands.options import add_jobs, dataset, path
+from nvsdata.commands.options import add_jobs, dataset, path, usage
 from nvsdata.common.errors import shown
 
 
@@ -23,9 +23,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Pack, and say what was left out: 1 if anything was."""
+    from nvsdata.datasets.indexing import check_choice
     from nvsdata.datasets.store.writer import pack
 
     kind = args.dataset
+    with usage():
+        check_choice("--split", args.split, kind.splits)
     found = kind.whole(args.root) if args.split == "all" else kind(args.root, args.split)
     report = pack(found, args.out, jobs=args.jobs, compress=args.compress, overwrite=args.overwrite)
     for name, reason in report.skipped.items():

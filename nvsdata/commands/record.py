@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import get_args
 
-from nvsdata.commands.options import UsageError, add_videos, path, positive
+from nvsdata.commands.options import UsageError, add_videos, path, positive, usage
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,8 +44,9 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata.recording.simulated.options import Simulation
 
     _check(args)
-    settings = session.settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
-    simulate = None if args.simulate is None else Simulation.of(args.simulate)
+    with usage():
+        settings = session.settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
+        simulate = None if args.simulate is None else Simulation.of(args.simulate)
     if args.monitor is None and not args.calibrate:
         how = {"live": args.live, "overwrite": args.overwrite}
         return session.run(args.out, args.seconds, args.device, settings, simulate, **how)

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--offset", type=int, default=0, metavar="US", help="µs to add to the recording's times")
     add_jobs(add, "trials at once")
     # the seed of the imperfections stays the preset's
-    add_settings(parser, skip=("seed",))
+    add_settings(parser, skip=("seed",), searched=SPACE)
     add("--seed", type=int, default=0, help="seed of the search")
 
 

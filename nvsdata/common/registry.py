@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import entry_points
+from threading import RLock
 from typing import Any, Generic, TypeVar
 
 Thing = TypeVar("Thing")
@@ -24,7 +26,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._singular, self._group = singular, f"nvsdata.{plural}"
         self._enter = enter or self.register
         self._known: dict[str, Thing] = {}
-        self._loaded = False
+        self._loaded = self._loading = False
 
     def register(self, name: str, thing: Thing) -> Thing:
         """Make a thing known by a name; returns it.
@@ -33,7 +35,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         notebook's cell is run again, replaces the former.
         """
         known = self._known.get(name)
-        if known is not None and _origin(known) != _origin(thing):
+        if known is not None and self._origin(known) != self._origin(thing):
             raise ValueError(f"there is a {self._singular} {name!r} already, {known!r}: choose another name")
         self._known[name] = thing
         return thing
@@ -64,20 +66,41 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
     def _load(self) -> None:
         if self._loaded:
             return
-        self._loaded = True
-        for point in entry_points(group=self._group):
+        # other threads wait; a package that asks for names while it is loaded finds those known so far
+        with _locks[0]:
+            if self._loaded or self._loading:
+                return
+            self._loading = True
+            failed = []
             try:
-                thing = point.load()
-                if not any(thing is known for known in self._known.values()):
-                    self._enter(point.name, thing)
-            except Exception as error:  # somebody else's package may raise anything
-                reason = f"{type(error).__name__}: {error}"
-                told = f"the {self._singular} {point.name!r} ({point.value}) of an installed package can't be used"
-                warnings.warn(f"{told}: {reason}", stacklevel=3)
+                for point in entry_points(group=self._group):
+                    try:
+                        thing = point.load()
+                        if not any(thing is known for known in self._known.values()):
+                            self._enter(point.name, thing)
+                    except (Exception, SystemExit) as error:  # somebody else's package may raise anything
+                        what = f"the {self._singular} {point.name!r} ({point.value}) of an installed package"
+                        failed.append(f"{what} can't be used: {type(error).__name__}: {error}")
+                self._loaded = True
+            finally:
+                self._loading = False
+        for reason in failed:
+            warnings.warn(reason, stacklevel=3)
+
+    def _origin(self, thing: Any) -> object:
+        """A value that is equal for two versions of the same thing: where a class or function was defined."""
+        if hasattr(thing, "__qualname__"):
+            return getattr(thing, "__module__", None), thing.__qualname__
+        return id(thing)
 
 
-def _origin(thing: object) -> object:
-    """A value that is equal for two versions of the same thing: where a class or function was defined."""
-    if hasattr(thing, "__qualname__"):
-        return getattr(thing, "__module__", None), thing.__qualname__
-    return id(thing)
+_locks = [RLock()]
+
+
+def _renew_lock() -> None:
+    """A child must not wait for a thread that only its parent has."""
+    _locks[0] = RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew_lock)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,10 +28,10 @@ class Recording(ABC):
     - `repairs`: kinds of what was left out or corrected when it was read without `strict`, with counts
     """
 
-    path: str
-    format: str
+    path: str = ""
+    format: str = "recording"
     holds_samples: bool = False
-    repairs: dict[str, int]
+    repairs: Mapping[str, int] = MappingProxyType({})
 
     @property
     @abstractmethod

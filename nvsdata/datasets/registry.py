@@ -21,6 +21,10 @@ def register_dataset(kind: Kind) -> Kind:
     """
     if not (isinstance(kind, type) and issubclass(kind, EventDataset) and hasattr(kind, "info")):
         raise TypeError(f"register_dataset takes a subclass of EventDataset with an `info`, not {kind!r}")
+    for known in DATASETS.loaded():
+        alike = {plain(kind.info.name), plain(kind.__name__)} & {plain(known.info.name), plain(known.__name__)}
+        if alike and known.info.name != kind.info.name:
+            raise ValueError(f"there is a dataset {known.info.name!r} already, {known!r}: choose another name")
     return DATASETS.register(kind.info.name, kind)  # type: ignore[return-value]
 
 

@@ -66,12 +66,18 @@ BUILT_IN = (
 class _Formats(Registry[Format]):
     """The formats by name; nvsdata's own are imported when a file is first opened or written."""
 
+    _complete = False  # whether nvsdata's own are among those known
+
     def loaded(self) -> Iterator[Format]:
-        if not self._known:
-            for module in BUILT_IN:
-                found: Format = import_module(module).FORMAT
-                self._known[found.name] = found
+        if not self._complete:
+            found: list[Format] = [import_module(module).FORMAT for module in BUILT_IN]
+            # at once: other threads may look meanwhile
+            self._known = {**{one.name: one for one in found}, **self._known}
+            self._complete = True
         return super().loaded()
+
+    def _origin(self, thing: Any) -> object:
+        return super()._origin(thing.open)
 
     def register(self, name: str, thing: Format) -> Format:
         self.loaded()
@@ -105,9 +111,10 @@ def format_of(path: str, head: bytes) -> Format:
     FormatError if no format fits.
     """
     suffix = os.path.splitext(path)[1].lower()
-    found = _among(FORMATS.loaded(), path, head, suffix)
+    found = _marked(head)
     if found is None and FORMATS.load_installed():
-        found = _among(FORMATS.loaded(), path, head, suffix)
+        found = _marked(head)
+    found = found or _likely(path, head, suffix)
     if found is not None:
         return found
     for known in FORMATS.loaded():
@@ -117,11 +124,17 @@ def format_of(path: str, head: bytes) -> Format:
     raise FormatError(path, "empty file of unknown format" if not head else "unknown format", offset=0)
 
 
-def _among(formats: Iterator[Format], path: str, head: bytes, suffix: str) -> Format | None:
-    known = list(formats)
-    for one in known:
+def _marked(head: bytes) -> Format | None:
+    """The format whose mark a file begins with."""
+    for one in FORMATS.loaded():
         if one.begins is not None and _says(one, one.begins, head):
             return one
+    return None
+
+
+def _likely(path: str, head: bytes, suffix: str) -> Format | None:
+    """The format of a file without a mark, by its extension or by what it looks like."""
+    known = list(FORMATS.loaded())
     for one in known:
         if one.begins is None and suffix in one.suffixes:
             return one

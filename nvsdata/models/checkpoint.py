@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from threading import get_ident
 from types import NoneType
@@ -206,9 +206,19 @@ def _checked(transform: Any) -> str | None:
     if transform is None:
         return None
     text = repr(transform)
-    if repr(from_repr(text)) != text:
-        raise ValueError(f"the transform can't be built from its repr: {text}")
+    built = from_repr(text)
+    if repr(built) != text or not _same_kinds(built, transform):
+        raise ValueError(f"the transform can't be built from its repr, or another has its name: {text}")
     return text
+
+
+def _same_kinds(a: Any, b: Any) -> bool:
+    """Whether two transforms, and those within them, are of the same classes."""
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        return len(a) == len(b) and all(map(_same_kinds, a, b))
+    if type(a) is not type(b):
+        return False
+    return not is_dataclass(a) or all(_same_kinds(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
 
 
 def _digest(text: str, state: Mapping[str, torch.Tensor]) -> str:

@@ -13,7 +13,7 @@ from nvsdata.common.registry import Registry
 
 Network = TypeVar("Network", bound=type[nn.Module])
 
-NETWORKS: Registry[type[nn.Module]] = Registry("network", "networks", lambda name, kind: register_network(name)(kind))
+NETWORKS: Registry[type[nn.Module]] = Registry("network", "networks", lambda _, kind: _decorated(kind))
 
 
 def register_network(name: str) -> Callable[[Network], Network]:
@@ -28,9 +28,13 @@ def register_network(name: str) -> Callable[[Network], Network]:
     def enter(kind: Network) -> Network:
         if not (isinstance(kind, type) and issubclass(kind, nn.Module)):
             raise TypeError(f"register_network takes a subclass of torch.nn.Module, not {kind!r}")
-        NETWORKS.register(name, kind)
         build = kind.__init__
-        signature = inspect.signature(build)
+        # a network without an __init__ has that of modules, which takes anything
+        signature = inspect.signature(_without_arguments if build is nn.Module.__init__ else build)
+        odd = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD, inspect.Parameter.POSITIONAL_ONLY)
+        if any(parameter.kind in odd for parameter in list(signature.parameters.values())[1:]):
+            raise TypeError(f"{kind.__name__} can't be built again from a file: its arguments need names, not * or **")
+        NETWORKS.register(name, kind)
 
         @functools.wraps(build)
         def noting(self: nn.Module, *args: Any, **options: Any) -> None:
@@ -44,3 +48,12 @@ def register_network(name: str) -> Callable[[Network], Network]:
         return kind
 
     return enter
+
+
+def _without_arguments(self: nn.Module) -> None:
+    """The signature of a network that takes none."""
+
+
+def _decorated(kind: Any) -> None:
+    """TypeError for the class of an entry point that isn't registered: what was built before can't be saved."""
+    raise TypeError(f"{kind!r} isn't decorated with @register_network('a-name')")

@@ -58,6 +58,11 @@ class Camera(Protocol):
     gone.
     """
 
+    unit: int  # bytes of a word of the stream: what is left over of a block is dropped and counted
+    silence: (
+        float | None
+    )  # s without a byte after which the camera counts as stalled; None if it may have nothing to send
+
     @property
     def facts(self) -> Facts:
         """What the camera reports about itself."""
@@ -103,7 +108,7 @@ def check_camera(camera: object) -> None:
     """TypeError for an object that lacks members of a camera."""
     if isinstance(camera, Camera):
         return
-    members = [name for name in vars(Camera) if not name.startswith("_")]
+    members = [name for name in (*Camera.__annotations__, *vars(Camera)) if not name.startswith("_")]
     lacking = ", ".join(name for name in members if not hasattr(camera, name))
     raise TypeError(
         f"{type(camera).__name__} is not a camera: it lacks {lacking} (see nvsdata.recording.camera.Camera)"

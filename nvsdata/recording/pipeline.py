@@ -12,7 +12,6 @@ from nvsdata.recording.journal import Journal
 ROOM = 64 << 20  # bytes that may wait to be kept and decoded
 PIECE = 1 << 20  # bytes handed on at once, if that many wait
 GATHER = 0.03  # s to wait for more, if few bytes wait
-SILENCE = 5.0  # s without a byte after which a camera counts as stalled: it sends wraps of its clock 30 times a second
 TAIL = 0.3  # s to wait for what is still on its way after the camera was stopped
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
 
@@ -108,6 +107,8 @@ class Line(Thread):
             self._read_tail()
         except CameraError as error:
             self.ended, self.gone = str(error), True
+        except Exception as error:  # somebody else's camera may raise anything
+            self.ended, self.gone = f"the camera failed ({type(error).__name__}: {error})", True
         finally:
             self.camera.end_reading()
             self._read_out.end()
@@ -120,8 +121,8 @@ class Line(Thread):
             if block:
                 heard = now
                 self._add(block)
-            elif now - heard > SILENCE:
-                self.ended = f"the camera sent nothing for {SILENCE:.0f} s"
+            elif self.camera.silence is not None and now - heard > self.camera.silence:
+                self.ended = f"the camera sent nothing for {self.camera.silence:.0f} s"
                 return
             if self.stop.is_set():
                 if self.ended == TIME_UP:
@@ -142,10 +143,10 @@ class Line(Thread):
         if not self._begun:
             return
         self.received += len(block)
-        if len(block) % 2:
-            # half a word would shift all words after it
+        if left_over := len(block) % self.camera.unit:
+            # part of a word would put all after it out of step
             self.odd += 1
-            block = block[:-1]
+            block = block[:-left_over]
         waiting = self._read_out.size + (self._kept.size if self._kept is not self._read_out else 0)
         if waiting + len(block) > ROOM:
             self.lost += len(block)

@@ -15,7 +15,7 @@ from processes_of_others import dead_owner
 import nvsdata
 from nvsdata import Events
 from nvsdata.cli import CODES, COMMANDS, main
-from nvsdata.commands import demo
+from nvsdata.commands import demo_training
 from nvsdata.commands.emulation_settings import HELP
 from nvsdata.commands.options import Help
 from nvsdata.common.locks import locked
@@ -70,7 +70,7 @@ def test_an_unknown_command_is_a_usage_error(capsys):
 
 
 def test_demo_makes_data_pictures_and_a_better_than_chance_model(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(demo, "COUNTS", {"train": 6, "test": 2})
+    monkeypatch.setattr(demo_training, "COUNTS", {"train": 6, "test": 2})
     logs = []
     for name in ("one", "two"):
         out = tmp_path / name
@@ -84,9 +84,9 @@ def test_demo_makes_data_pictures_and_a_better_than_chance_model(tmp_path, monke
     for name in ("samples.png", "learning.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
     assert len(nvsdata.EventFolder(out / "shapes", "train")) == 30
-    assert nvsdata.models.load(out / "model.safetensors").classes == tuple(demo.SHAPES)
+    assert nvsdata.models.load(out / "model.safetensors").classes == tuple(demo_training.SHAPES)
     before = {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}
-    demo.make_dataset(out / "shapes", 3)
+    demo_training.make_dataset(out / "shapes", 3)
     assert before == {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}
 
 
@@ -247,6 +247,23 @@ def test_a_folder_of_ones_own_is_not_the_demos_to_delete(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path)]) == 1
     assert "holds other files than the demo's" in capsys.readouterr().err
     assert (tmp_path / "shapes/thesis.tex").exists()
+
+
+def test_a_training_in_the_folder_is_not_the_demos_to_replace(tmp_path, capsys):
+    (tmp_path / "model.safetensors").write_bytes(b"a week's work")
+    assert main(["demo", "--out", str(tmp_path)]) == 1
+    assert "holds a training (model.safetensors) that isn't the demo's" in capsys.readouterr().err
+    assert (tmp_path / "model.safetensors").read_bytes() == b"a week's work"
+
+
+@pytest.mark.parametrize(("error", "code"), [(KeyboardInterrupt(), 130), (ImportError("no torch here"), 1)])
+def test_what_ends_a_command_while_it_is_imported(monkeypatch, capsys, error, code):
+    def fails(name):
+        raise error
+
+    monkeypatch.setattr("nvsdata.cli.import_module", fails)
+    assert main(["demo"]) == code
+    assert capsys.readouterr().err.strip() in ("interrupted", "nvsdata demo: no torch here")
 
 
 def test_sizes_are_explained(capsys, file):

@@ -194,7 +194,8 @@ def test_wrong_arguments(videos, tmp_path, capsys):
     (tmp_path / "file").touch()
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "file")]) == 1
     assert str(tmp_path / "file") in capsys.readouterr().err
-    assert main(["convert-videos", str(videos), "--threshold", "0"]) == 1
+    with pytest.raises(SystemExit, match="2"):
+        main(["convert-videos", str(videos), "--threshold", "0"])
     assert "threshold must be at least" in capsys.readouterr().err
     (tmp_path / "out").mkdir()
     (tmp_path / "out/manifest.jsonl").write_text("[]\n")

@@ -11,7 +11,7 @@ from lookalikes import aedat2_bytes, evt2_bytes, evt3_bytes
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.commands.verify import problems
+from nvsdata.datasets.verification import problems
 from nvsdata.formats import atis, contents, reading, records
 from nvsdata.kernels.clock import BACK_US, SILENT_US, is_jump, kept_words, nearest
 

@@ -73,7 +73,7 @@ def test_an_unplugged_camera_leaves_what_came(tmp_path):
 
 
 def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(pipeline, "SILENCE", 0.2)
+    monkeypatch.setattr(Davis, "silence", 0.2)
     camera = Camera(speed=0)
     with opened(camera) as davis:
         camera.advance(50_000)

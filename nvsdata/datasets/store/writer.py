@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -127,15 +128,18 @@ def _decoded(dataset: EventDataset, names: list[str], jobs: int) -> Iterator[tup
         for name in names:
             yield name, _decode(dataset.source, name, size)
         return
-    with pool(jobs, __name__) as workers:
-        waiting: list[tuple[str, Any]] = []
-        for name in names:
-            waiting.append((name, workers.submit(_decode, dataset.source, name, size)))
-            if len(waiting) >= AHEAD * jobs:
-                first, future = waiting.pop(0)
-                yield first, future.result()
-        for name, future in waiting:
-            yield name, future.result()
+    try:
+        with pool(jobs, __name__) as workers:
+            waiting: list[tuple[str, Any]] = []
+            for name in names:
+                waiting.append((name, workers.submit(_decode, dataset.source, name, size)))
+                if len(waiting) >= AHEAD * jobs:
+                    first, future = waiting.pop(0)
+                    yield first, future.result()
+            for name, future in waiting:
+                yield name, future.result()
+    except BrokenProcessPool:
+        raise OSError("a process that decoded was killed (out of memory?); run again to go on") from None
 
 
 def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> None:

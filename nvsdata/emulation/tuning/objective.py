@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cache, partial
 from itertools import takewhile
 
@@ -14,12 +15,15 @@ from nvsdata.common.tables import aligned
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.emulation.protocol import EventEmulator
+from nvsdata.emulation.settings import Settings
 from nvsdata.emulation.tuning.search import Search
 from nvsdata.metrics.distance import compare
 from nvsdata.video.frames import Frame, Video, frames_of
 
-SHOWN = ("t_log", "inhibition", "max_events", "threshold", "new", "exp", "alpha")
-HEADINGS = ("T_log", "B", "M_max", "T_map", "new", "exp", "alpha", "Inv. e-rep", "Chamfer", "EMD", "Score")
+# of Table 3.3: settings and their headings
+SHOWN = {"t_log": "T_log", "inhibition": "B", "max_events": "M_max", "threshold": "T_map", "new": "new", "exp": "exp"}
+SHOWN |= {"alpha": "alpha"}
+MEASURED = ("Inv. e-rep", "Chamfer", "EMD", "Score")
 
 
 class Pair:
@@ -79,14 +83,17 @@ class Pair:
 
 
 def table(search: Search, rows: int = 5) -> str:
-    """`rows` trials at most, from the worst to the best at even steps of rank, in the columns of Table 3.3."""
+    """`rows` trials at most, from the worst to the best at even steps of rank, in the columns of Table 3.3, or those
+    of another emulator's settings."""
     scores = search.scores
     ranked = [i for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
     chosen = [ranked[round(i)] for i in np.linspace(0, len(ranked) - 1, min(rows, len(ranked)))]
-    lines: list[tuple[str, ...]] = [HEADINGS]
+    kind = search.best.settings
+    shown = SHOWN if isinstance(kind, Settings) else {field.name: field.name for field in fields(kind)}
+    lines: list[tuple[str, ...]] = [(*shown.values(), *MEASURED)]
     for i in chosen:
         trial = search.trials[i]
-        values = [_short(getattr(trial.settings, name)) for name in SHOWN]
+        values = [_short(getattr(trial.settings, name)) for name in shown]
         lines.append((*values, *(f"{value:.3f}" for value in (*trial.distances, scores[i]))))
     return aligned(lines)
 

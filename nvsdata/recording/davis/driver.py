@@ -51,6 +51,9 @@ class Davis:
     `decoder()` decodes. Methods raise `CameraError`, or `Unplugged` if the camera is gone.
     """
 
+    unit = 2
+    silence: float | None = 5.0  # it sends wraps of its clock 30 times a second
+
     def __init__(self, device: Any) -> None:
         self.device = device
         self.settings = Settings()

@@ -1,0 +1,109 @@
+"""Every recording opened to see whether it is sound, and what is there compared with what should be."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from tqdm import tqdm
+
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.holdings import Found, lacking, some
+from nvsdata.datasets.registry import DATASETS, dataset_named
+from nvsdata.datasets.source import Folder, Source, recordings_in
+from nvsdata.datasets.store.reader import Store
+from nvsdata.formats.text import looks_like
+
+
+def problems(root: Path, dataset: str | None = None) -> Iterator[tuple[str, str]]:
+    """Name and fault of every recording that isn't sound below `root`, or in a packed store, and of what is missing.
+
+    Faults are: unreadable, empty, truncated, out of order in time, events outside the sensor, left out when it was
+    packed. If a `dataset` is named, and for a store, which knows its own, the dataset's class says which files are
+    recordings and what their sensor is. What is there is then compared with what the dataset should hold: how many,
+    of each class and part and by which names where that is known, and what the lists beside the recordings name.
+
+    FileNotFoundError if there is nothing at `root`, FormatError for a file that isn't a store.
+    """
+    if not root.exists():
+        raise FileNotFoundError(f"{root}: there is nothing to verify")
+    if dataset is not None:
+        found = dataset_named(dataset).whole(root)
+    elif root.is_file() and (store := Store(root)).dataset in DATASETS:
+        kind = DATASETS[store.dataset]
+        found = kind.whole(root) if store.split == "all" else kind(root, store.split, fold=store.fold or None)
+    else:
+        yield from _of_files(Store(root) if root.is_file() else Folder(root), root)
+        return
+    left_out = found.source.left_out
+    yield from ((name, f"left out when it was packed: {reason}") for name, reason in left_out.items())
+    yield from ((name, "empty") for name in found.skipped if name not in left_out)
+    names = [name for name in found.recording_names() if name not in left_out]
+    yield from _each(found.source, names, found.opened_with)
+    if found.split == "all":
+        yield from _lacking(found)
+
+
+def _of_files(source: Source, root: Path) -> Iterator[tuple[str, str]]:
+    """Faults of all recordings of a source."""
+    if isinstance(source, Store):
+        names = source.names
+    else:
+        # lists of splits and labels are text, too
+        texts = (".txt", ".csv")
+        found = recordings_in(source.listing())
+        names = [n for n in found if not (n.lower().endswith(texts) and _is_list(root / n))]
+    if not names:
+        raise FileNotFoundError(f"no recordings below {root}")
+    yield from _each(source, names, None)
+
+
+def _each(source: Source, names: list[str], size: tuple[int, int] | None) -> Iterator[tuple[str, str]]:
+    for name in tqdm(names, "verifying", unit="rec", disable=None):
+        for fault in _faults(source, name, size):
+            yield name, fault
+        if isinstance(source, Store) and source.damaged(name):
+            yield name, "its events fail their checksum"
+
+
+def _is_list(path: Path) -> bool:
+    """Whether a text file holds something other than events, as lists of splits and labels do."""
+    with path.open("rb") as file:
+        return not looks_like(file.read(4096), 0)
+
+
+def _faults(source: Source, name: str, size: tuple[int, int] | None) -> Iterator[str]:
+    try:
+        recording = source.open(name, size, strict=False)
+        events = recording.read()
+    except (OSError, ValueError) as error:
+        yield str(error)
+        return
+    yield from (f"{count} {what}" for what, count in recording.repairs.items())
+    if not len(events):
+        yield "empty"
+
+
+def _lacking(dataset: EventDataset) -> Iterator[tuple[str, str]]:
+    """What a dataset should hold and doesn't, or holds and shouldn't."""
+    there, expected, what = dataset.total()
+    if expected and there != expected:
+        yield dataset.info.name, f"{there:,} {what}, {expected:,} expected ({dataset.info.known_from})"
+    found = dataset.found()
+    holds = dataset.info.holds
+    if holds:
+        in_parts = any(holding.part for holding in holds)
+        names = (
+            Found(_part(dataset, sample.name) if in_parts else "", dataset.classes[sample.label], sample.stem)
+            for sample in found
+        )
+        yield from lacking(holds, names)
+    stems = {os.path.splitext(os.path.basename(name))[0].lower() for name in dataset.files_of(found)}
+    for name, listed in dataset.listed().items():
+        if missing := [stem for stem in listed if stem.lower() not in stems]:
+            yield name, f"{len(missing):,} of {len(listed):,} recordings that it lists are missing: {some(missing)}"
+
+
+def _part(dataset: EventDataset, name: str) -> str:
+    return dataset.part_of(os.path.dirname(name)) or ""
