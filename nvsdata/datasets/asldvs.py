@@ -6,8 +6,8 @@ from typing import ClassVar
 
 from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.davis240 import CountedFromBottom
+from nvsdata.datasets.expected import Holding
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.holdings import Holding
 
 
 class ASLDVS(CountedFromBottom, RandomSplitDataset):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from nvsdata.datasets.base import RandomSplitDataset
+from nvsdata.datasets.expected import numbered
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.holdings import numbered
 
 # number of the figshare file, bytes and md5 of each class's zip
 ZIPS = {

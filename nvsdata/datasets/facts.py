@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from nvsdata.datasets.holdings import Holding
+from nvsdata.datasets.expected import Holding
 
 
 class Sample(NamedTuple):

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.expected import numbered
 from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.holdings import numbered
 from nvsdata.datasets.indexing import Transform
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"

@@ -10,8 +10,8 @@ from nvsdata.data.events import Columns, Events
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.expected import Holding, numbered
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.holdings import Holding, numbered
 from nvsdata.datasets.indexing import Transform
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 from nvsdata.datasets.base import numbered_fold
 from nvsdata.datasets.davis240 import CountedFromBottom, google_drive
+from nvsdata.datasets.expected import Holding
 from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.holdings import Holding
 
 UCF101_CLASSES = """
     ApplyEyeMakeup ApplyLipstick Archery BabyCrawling BalanceBeam BandMarching BaseballPitch Basketball

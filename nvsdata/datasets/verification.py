@@ -9,7 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.holdings import Found, lacking, some
+from nvsdata.datasets.expected import Found, lacking, some
 from nvsdata.datasets.registry import DATASETS, dataset_named
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store

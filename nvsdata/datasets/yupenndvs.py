@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 from nvsdata.datasets.davis240 import CountedFromBottom
+from nvsdata.datasets.expected import Holding
 from nvsdata.datasets.facts import Info, Sample
-from nvsdata.datasets.holdings import Holding
 
 CLASSES = (
     "beach",

@@ -13,7 +13,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.distances import cancel, nearest
-from nvsdata.kernels.transport import least_work
+from nvsdata.kernels.earth_mover import least_work
 from nvsdata.metrics.polarity import Spikes, spikes_of_frames
 
 LAMBDA = math.sqrt(3)

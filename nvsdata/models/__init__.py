@@ -13,17 +13,17 @@ from typing import Any, Literal
 from nvsdata.models import reference
 from nvsdata.models.checkpoint import load, save
 from nvsdata.models.conv import CONVOLUTIONS
+from nvsdata.models.fusing import fused
 from nvsdata.models.graph_cnn import GCNN, RGCNN
 from nvsdata.models.graph_cnn3d import RGCNN3D
 from nvsdata.models.grid import Graph2Grid
-from nvsdata.models.inference import fused
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.operations import Complexity, complexity
 from nvsdata.models.pool import GraphPool
+from nvsdata.models.prediction import Trained
 from nvsdata.models.registry import NETWORKS, register_network
 from nvsdata.models.spline import SplineConv
 from nvsdata.models.temporal import TEMPORAL
-from nvsdata.models.trained import Trained
 
 __all__ = [
     "CONFIGURATIONS",

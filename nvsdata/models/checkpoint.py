@@ -24,8 +24,8 @@ from torch.nn.modules.module import register_module_parameter_registration_hook
 from nvsdata.common.errors import FormatError, line_of
 from nvsdata.common.files import put
 from nvsdata.models import graph_cnn, graph_cnn3d, reference
+from nvsdata.models.prediction import Trained
 from nvsdata.models.registry import NETWORKS
-from nvsdata.models.trained import Trained
 from nvsdata.transforms import from_repr
 
 VERSION = 1

@@ -31,7 +31,7 @@ import nvsdata
 from nvsdata import PIX2NVS
 from nvsdata.emulation.emulator import Emulator
 from nvsdata.kernels.distances import nearest
-from nvsdata.kernels.transport import least_work
+from nvsdata.kernels.earth_mover import least_work
 from nvsdata.video.frames import Frame
 
 Row = dict[str, Any]

@@ -8,7 +8,7 @@ import nvsdata
 from nvsdata import NMNIST, EventFolder
 from nvsdata.cli import main
 from nvsdata.datasets import ASLDVS, CIFAR10DVS, DATASETS, UCF101DVS, YUPENNDVS, DVS128Gesture
-from nvsdata.datasets.holdings import Found, Holding, lacking, numbered
+from nvsdata.datasets.expected import Found, Holding, lacking, numbered
 from nvsdata.datasets.store.writer import pack
 from nvsdata.datasets.verification import problems
 from nvsdata.datasets.yupenndvs import CLASSES

@@ -20,7 +20,7 @@ import urllib3
 from tqdm import tqdm
 
 from nvsdata.common.errors import DownloadError
-from nvsdata.datasets.archives.arrived import QUOTA, fault_of, kind_of, page_of
+from nvsdata.datasets.archives.arrival_check import QUOTA, fault_of, kind_of, page_of
 from nvsdata.datasets.archives.unpack import take_out
 from nvsdata.datasets.facts import Archive, Info
 
