@@ -37,9 +37,9 @@ def main() -> None:
         if here.rank == 0 and not args.resume:
             log.unlink(missing_ok=True)
         # the others read what is done once the first has cleared the way
-        here.wait()
+        here.barrier()
         journal = Journal(log, {"protocol": repr(protocol), "epochs": args.epochs})
-        here.wait()
+        here.barrier()
         if here.rank == 0:
             stack.enter_context(journal)
         if journal.head.get("protocol") != repr(protocol):
@@ -49,10 +49,10 @@ def main() -> None:
         for fold in range(first, min(last, len(everything))):
             if fold not in done:
                 lines.append(left_out(args, protocol, fold, here))
-                here.say(json.dumps(lines[-1]))
+                here.print(json.dumps(lines[-1]))
                 if here.rank == 0:
                     journal.add(lines[-1])
-        here.say(json.dumps(summary(lines)))
+        here.print(json.dumps(summary(lines)))
 
 
 def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team) -> dict[str, Any]:

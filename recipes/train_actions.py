@@ -46,7 +46,7 @@ def main() -> None:
             single, votes = accuracies(trainer.model, load(last=args.votes), args.votes, here)
             return {"test_accuracy": single, "test_accuracy_votes": votes}
 
-        here.say(f"{len(train_set)} recordings to train on, {len(test_set)} to test on, epochs {trainer.done + 1} on")
+        here.print(f"{len(train_set)} recordings to train on, {len(test_set)} to test on, epochs {trainer.done + 1} on")
         metrics = trainer.fit(train_set, evaluate)
         trainer.publish(halves.classes, protocol.pipeline(training=False), metrics)
 

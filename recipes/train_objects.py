@@ -61,7 +61,7 @@ def main() -> None:
             return {"test_accuracy": single, "test_accuracy_votes": votes}
 
         sizes = f"{len(train_set)} recordings to train on, {len(test_on())} to test on"
-        here.say(f"{sizes}, epochs {trainer.done + 1} to {trainer.epochs}")
+        here.print(f"{sizes}, epochs {trainer.done + 1} to {trainer.epochs}")
         metrics = trainer.fit(train_set, evaluate)
         trainer.publish(halves.classes, protocol.pipeline(training=False), metrics)
 

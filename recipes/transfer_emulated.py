@@ -48,7 +48,7 @@ def main() -> None:
                 test_set = data[target].test(test_pipeline(args))
                 batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes)
                 table[f"{source} -> {target}"] = accuracies(FourCropped(model), batches, args.votes, here)[1]
-        here.say(as_text(table))
+        here.print(as_text(table))
         if here.rank == 0:
             put(args.out / "table.json", json.dumps(table, indent=1).encode())
 
@@ -63,7 +63,7 @@ def trained(args: argparse.Namespace, halves: TrainTestSplit, out: Path, here: T
     optimizer, schedule = sgd(model, args.rate, max(1, round(epochs * 20 / 50)), epochs, decay=5e-4)
     options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
     trainer = Trainer(model, optimizer, schedule, out, data=halves.data, **options)
-    here.say(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
+    here.print(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
     # for use, where windows of a recording vote, one crop
     trainer.publish(halves.classes, T.Compose([*volumes(args), T.MotionCrop(SIZE), T.Normalize()]), metrics)

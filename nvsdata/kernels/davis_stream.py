@@ -58,7 +58,7 @@ from numba import njit
     BROKEN_SAMPLES,
     LOST_WRAPS,
     LATE_RESETS,
-    COMPLAINTS,
+    ERRORS,
 ) = range(12)
 
 WRAP_LENGTH = 1 << 15  # µs that the camera's clock counts between wraps
@@ -72,14 +72,14 @@ WHITE = 1023
 
 
 @njit(cache=True, nogil=True)
-def decode(words, start, state, complaints, setting, pixels, t, x, y, p, specials, samples):
+def decode(words, start, state, error_counts, setting, pixels, t, x, y, p, specials, samples):
     """Decode words from `start` on, until they end, a frame is complete or an output is full. O(words).
 
     - `words` uint16 [N]
     - `setting` int64: columns and rows of events, 0; width, height, swap, flip x, flip y of frames, factor of their
       samples; and whether times never fall. If so, a time that would fall is taken as a sign of a lost wrap, and resets
       after the first are ignored
-    - `state`, `complaints`, `pixels` (uint16 [width * height]): kept between calls
+    - `state`, `error_counts`, `pixels` (uint16 [width * height]): kept between calls
     - outputs: `t` int64, `x`, `y` int16 (the device's column and row), `p` uint8 [at least N]; `specials` int64 [M, 4]:
       word, µs, type, events before it; `samples` int64 [M, 12]: word, µs, contents, scales of acceleration and
       rotation, seven values
@@ -108,7 +108,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                 falls += 1
                 if steady and now < before:
                     wraps = (before - now + WRAP_LENGTH - 1) // WRAP_LENGTH
-                    complaints[LOST_WRAPS] += wraps
+                    error_counts[LOST_WRAPS] += wraps
                     base += wraps * WRAP_LENGTH
                     now += wraps * WRAP_LENGTH
             i += one
@@ -122,7 +122,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                 p[events] = word >> 12 & 1
                 events += one
             else:
-                complaints[COLUMN_OUT_OF_RANGE] += 1
+                error_counts[COLUMN_OUT_OF_RANGE] += 1
             i += one
             continue
         code = word >> 12
@@ -130,7 +130,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
             if data < rows:
                 row = data
             else:
-                complaints[ROW_OUT_OF_RANGE] += 1
+                error_counts[ROW_OUT_OF_RANGE] += 1
         elif code == 4:
             # samples come in columns, interrupted by events
             if in_frame:
@@ -144,7 +144,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                     at += step
                     room -= 1
                 else:
-                    complaints[SURPLUS_PIXELS] += 1
+                    error_counts[SURPLUS_PIXELS] += 1
         elif code == 7:
             if n_specials == specials.shape[0]:
                 break
@@ -164,7 +164,7 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                 state[RESET_ROWS + signal] += state[ROOM] - room
                 state[ROOM] = room
             if data == 1 and steady and state[BEGUN]:
-                complaints[LATE_RESETS] += 1
+                error_counts[LATE_RESETS] += 1
             elif data == 1:
                 state[BEGUN] = 1
                 state[OVERFLOW] = base = now = 0
@@ -180,13 +180,13 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                 if in_frame:
                     if data == 10:
                         kind = FRAME_END_EVENT
-                        frame = _complete(state, complaints, setting)
+                        frame = _complete(state, error_counts, setting)
                     elif data == 11 or data == 12:
                         state[SIGNAL] = data - 11
                         state[RESET_ROWS + data - 11] = 0
                     elif data == 13:
                         high = state[SIZE_X if setting[5] else SIZE_Y]
-                        complaints[SHORT_COLUMNS] += state[RESET_ROWS + state[SIGNAL]] < high
+                        error_counts[SHORT_COLUMNS] += state[RESET_ROWS + state[SIGNAL]] < high
                         state[RESET_COLUMNS + state[SIGNAL]] += 1
                     elif data == 14:
                         state[EXPOSURE_START] = now
@@ -215,11 +215,11 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                         samples[n_samples, 5 + j] = state[SAMPLE_0 + j]
                     n_samples += 1
                 else:
-                    complaints[BROKEN_SAMPLES] += 1
+                    error_counts[BROKEN_SAMPLES] += 1
                 # a second end word finds nothing new; a lost start word does no harm
                 state[SAMPLE_SCALED] = 0
             else:
-                complaints[UNKNOWN_SPECIAL] += 1
+                error_counts[UNKNOWN_SPECIAL] += 1
             if 8 <= data <= 13:
                 _aim(state, setting)
                 at, step, room, signal = state[AT], state[STEP], state[ROOM], state[SIGNAL]
@@ -229,14 +229,14 @@ def decode(words, start, state, complaints, setting, pixels, t, x, y, p, special
                 i += one
                 break
         elif code == 5:
-            if _byte(data >> 8, data & 0xFF, state, complaints, setting):
+            if _byte(data >> 8, data & 0xFF, state, error_counts, setting):
                 state[RESET_ROWS + signal] += state[ROOM] - room
                 _aim(state, setting)
                 at, step, room = state[AT], state[STEP], state[ROOM]
         elif data >> 10:
-            complaints[UNKNOWN_DATA] += 1
+            error_counts[UNKNOWN_DATA] += 1
         i += one
-    complaints[TIME_NOT_RISING] += falls
+    error_counts[TIME_NOT_RISING] += falls
     state[RESET_ROWS + signal] += state[ROOM] - room
     state[AT], state[ROOM] = at, room
     state[OVERFLOW] = base >> 31
@@ -274,18 +274,18 @@ def _aim(state, setting):
 
 
 @njit(cache=True, nogil=True)
-def _complete(state, complaints, setting):
+def _complete(state, error_counts, setting):
     """Whether the frame that ends here has all its columns, and its region was announced completely."""
     columns = state[SIZE_Y if setting[5] else SIZE_X]
     whole = state[RESET_COLUMNS] == columns and state[SIGNAL_COLUMNS] == columns
     if whole and columns > 0 and state[REGION_WORDS] % 4 == 0:
         return True
-    complaints[BROKEN_FRAMES] += 1
+    error_counts[BROKEN_FRAMES] += 1
     return False
 
 
 @njit(cache=True, nogil=True)
-def _byte(kind, value, state, complaints, setting):
+def _byte(kind, value, state, error_counts, setting):
     """Process eight data bits of a region or of an inertial sample; returns whether a new region came into force."""
     if kind == 1:
         state[HIGH_BYTE] = value
@@ -316,7 +316,7 @@ def _byte(kind, value, state, complaints, setting):
         if state[IN_SAMPLE]:
             count = state[SAMPLE_COUNT]
             if count >= 14:
-                complaints[UNKNOWN_DATA] += 1
+                error_counts[UNKNOWN_DATA] += 1
             elif count % 2 == 0:
                 state[SAMPLE_HIGH] = value
             else:
@@ -332,7 +332,7 @@ def _byte(kind, value, state, complaints, setting):
                     count += 6
             state[SAMPLE_COUNT] = count + 1
     else:
-        complaints[UNKNOWN_DATA] += 1
+        error_counts[UNKNOWN_DATA] += 1
     return False
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
 from torch import nn
 
+from nvsdata.models.blocks import Residual, Streams
 from nvsdata.models.norm import BatchNorm
 
 Pair = tuple[int, int]
@@ -23,45 +23,32 @@ class Conv3D(nn.Sequential):
         )
 
 
-class Inception3D(nn.Module):
+def inception(in_channels: int, streams: tuple[int, Pair, Pair, int]) -> Streams:
     """I3D's block: four parallel streams, whose widths are `streams`, in the notation of section 5.3.1.
 
     1x1x1; 1x1x1 then 3x3x3; 1x1x1 then 3x3x3; maximum over 3x3x3 then 1x1x1.
     """
-
-    def __init__(self, in_channels: int, streams: tuple[int, Pair, Pair, int]) -> None:
-        super().__init__()
-        one, (two, two_out), (three, three_out), four = streams
-        self.streams = nn.ModuleList(
-            [
-                Conv3D(in_channels, one, 1),
-                nn.Sequential(Conv3D(in_channels, two, 1), Conv3D(two, two_out)),
-                nn.Sequential(Conv3D(in_channels, three, 1), Conv3D(three, three_out)),
-                nn.Sequential(nn.MaxPool3d(3, 1, padding=1), Conv3D(in_channels, four, 1)),
-            ]
-        )
-        self.out_channels = one + two_out + three_out + four
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, in, T, H, W] to [B, sum of the streams, T, H, W]."""
-        return torch.cat([stream(x) for stream in self.streams], 1)
+    one, (two, two_out), (three, three_out), four = streams
+    return Streams(
+        Conv3D(in_channels, one, 1),
+        nn.Sequential(Conv3D(in_channels, two, 1), Conv3D(two, two_out)),
+        nn.Sequential(Conv3D(in_channels, three, 1), Conv3D(three, three_out)),
+        nn.Sequential(nn.MaxPool3d(3, 1, padding=1), Conv3D(in_channels, four, 1)),
+    )
 
 
-class Residual3D(nn.Module):
+def inception_width(streams: tuple[int, Pair, Pair, int]) -> int:
+    """Channels that the block of these streams gives."""
+    one, (_, two), (_, three), four = streams
+    return one + two + three + four
+
+
+def residual(in_channels: int, inter_channels: int, out_channels: int) -> Residual:
     """Res(c_in, c_inter, c_out): two convolutions plus a 1x1x1 shortcut, all normalized, then ReLU."""
-
-    def __init__(self, in_channels: int, inter_channels: int, out_channels: int) -> None:
-        super().__init__()
-        self.first = Conv3D(in_channels, inter_channels)
-        self.second = nn.Sequential(
-            nn.Conv3d(inter_channels, out_channels, 3, padding=1, bias=False), BatchNorm(out_channels)
-        )
-        self.shortcut = nn.Sequential(nn.Conv3d(in_channels, out_channels, 1, bias=False), BatchNorm(out_channels))
-        self.out_channels = out_channels
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """[B, in, T, H, W] to [B, out, T, H, W]."""
-        return torch.relu(self.second(self.first(x)) + self.shortcut(x))
+    second = nn.Conv3d(inter_channels, out_channels, 3, padding=1, bias=False), BatchNorm(out_channels)
+    body = nn.Sequential(Conv3D(in_channels, inter_channels), *second)
+    shortcut = nn.Conv3d(in_channels, out_channels, 1, bias=False), BatchNorm(out_channels)
+    return Residual(body, nn.Sequential(*shortcut))
 
 
 # Inc_1 to Inc_4
@@ -88,11 +75,11 @@ def temporal_network(kind: str, in_channels: int = 128) -> tuple[nn.Sequential, 
             width = out
     elif kind == "inception":
         for streams in INCEPTION:
-            blocks.append(Inception3D(width, streams))
-            width = streams[0] + streams[1][1] + streams[2][1] + streams[3]
+            blocks.append(inception(width, streams))
+            width = inception_width(streams)
     elif kind == "residual":
         for inter, out in ((256, 512), (512, 1024)):
-            blocks.append(Residual3D(width, inter, out))
+            blocks.append(residual(width, inter, out))
             width = out
     else:
         raise ValueError(f"temporal must be one of {TEMPORAL}, not {kind!r}")

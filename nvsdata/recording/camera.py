@@ -38,7 +38,7 @@ class Decoder(Protocol):
     height: int
 
     @property
-    def complaints(self) -> dict[str, int]:
+    def error_counts(self) -> dict[str, int]:
         """How often each kind of fault was in the stream so far, by name."""
 
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:

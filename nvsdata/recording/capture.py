@@ -42,7 +42,7 @@ class RecordingReport:
     - `lost`: bytes that came and found no room
     - `dropped`: events that the camera dropped, None if it doesn't count them
     - `ended`: why the recording ended
-    - `complaints`: the decoder's: faults of the stream, counted by name
+    - `error_counts`: the decoder's: faults of the stream, counted by name
     - `temperature`: of the inertial unit (°C), None without one
     - `triggers`: times (µs) of pulses and rising edges at the external input
     - `zero`: the host's time (µs) at which the camera's time began
@@ -57,7 +57,7 @@ class RecordingReport:
     lost: int = 0
     dropped: int | None = None
     ended: str = TIME_UP
-    complaints: dict[str, int] = field(default_factory=dict)
+    error_counts: dict[str, int] = field(default_factory=dict)
     temperature: float | None = None
     triggers: list[int] = field(default_factory=list)
     zero: float = 0.0
@@ -228,7 +228,7 @@ def _pieces(
         report.frames += len(piece.frames)
         report.samples += piece.inertial.t.size
         report.temperature = piece.about.get("temperature", report.temperature)
-        report.complaints = decoder.complaints | {"odd_bytes": line.odd}
+        report.error_counts = decoder.error_counts | {"odd_bytes": line.odd}
         report.received, report.lost = line.received, line.lost
         report.triggers += triggers.tolist()
         watch(report, piece)

@@ -212,7 +212,7 @@ def summary(report: RecordingReport) -> str:
         lines.append(f"{report.lost:,} bytes came faster than they could be decoded and written, and are lost")
     if report.dropped:
         lines.append(f"the camera dropped {report.dropped:,} events: fewer events or a faster computer are needed")
-    wrong = {name: count for name, count in report.complaints.items() if count}
+    wrong = {name: count for name, count in report.error_counts.items() if count}
     if wrong:
         lines.append("odd in the stream: " + ", ".join(f"{name} {count}" for name, count in wrong.items()))
     if report.temperature is not None:

@@ -27,7 +27,7 @@ class Team:
         """Processes that prepare samples; they and torch's threads share the cores."""
         return max(1, min(4, (os.cpu_count() or 2) // (2 * self.count)))
 
-    def wait(self) -> None:
+    def barrier(self) -> None:
         """Until all have come here."""
         if self.count > 1:
             distributed.barrier()
@@ -45,7 +45,7 @@ class Team:
         with claimed(out):
             yield
 
-    def say(self, text: str) -> None:
+    def print(self, text: str) -> None:
         """Print, once for all."""
         if self.rank == 0:
             print(text, flush=True)

@@ -57,7 +57,7 @@ class Trainer:
             self._restore(runs.Checkpoint.read(out, team.device))
         if team.rank == 0:
             runs.write_log(out, self.lines)
-        team.say(", ".join(f"{name} {value}" for name, value in data.items()))
+        team.print(", ".join(f"{name} {value}" for name, value in data.items()))
 
     @property
     def done(self) -> int:
@@ -155,4 +155,4 @@ class Trainer:
         runs.add_to_log(self.out, line)
         states = {name: part.state_dict() for name, part in self.parts.items()}
         runs.Checkpoint(epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, **states).write(self.out)
-        self.team.say(json.dumps(line))
+        self.team.print(json.dumps(line))

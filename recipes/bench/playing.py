@@ -23,7 +23,7 @@ from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig import batch, take
 from nvsdata.recording.rig.monitor import Monitor
-from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
 
@@ -70,7 +70,7 @@ def measured(place: Path, simulation: Simulation) -> dict[str, float]:
     drifts: list[float] = []
     began: list[int] = []
 
-    class Known(Camera):
+    class Known(SimulatedDavis):
         def _begin(self) -> None:
             super()._begin()
             began.append(self._began or 0)

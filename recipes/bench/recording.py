@@ -25,7 +25,7 @@ from nvsdata.kernels.davis_stream_encode import encode
 from nvsdata.recording.capture import record
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.stream import Decoder
-from nvsdata.recording.simulated.camera import FIFO, Camera
+from nvsdata.recording.simulated.camera import FIFO, SimulatedDavis
 from nvsdata.recording.simulated.usb_backend import Backend
 
 PERIOD = 1 << 15  # µs from wrap to wrap of the camera's clock
@@ -61,7 +61,7 @@ def decoding(path: Path, piece: int) -> Row:
     return {"what": f"decode, pieces of {piece >> 10} KiB", "million events/s": round(1 / middle / 1e6, 1), "aim": 60}
 
 
-class Replay(Camera):
+class Replay(SimulatedDavis):
     """Sends the same words each 32.768 ms, which end with a wrap of the clock."""
 
     def __init__(self, rate: float) -> None:

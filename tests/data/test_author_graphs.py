@@ -7,7 +7,7 @@ from torch.nn.functional import cross_entropy
 
 from nvsdata import FormatError, GraphBatch, models
 from nvsdata.data.author_graphs import read_author_graphs
-from nvsdata.models.temporal import Residual3D
+from nvsdata.models.temporal import residual
 
 FOLDER = SHARED / "author_graphs"
 
@@ -95,7 +95,7 @@ def test_released_graphs_of_actions_can_be_learnt():
     # all are of one class: the network is to tell the recordings apart
     model = models.RGCNN3D(3, in_channels=2, channels=(8, 16, 32), clusters=((4, 3), (12, 9), (48, 36)))
     # the thesis's 3D CNN learns them too, in minutes
-    model.temporal, model.classify = Residual3D(32, 32, 32), torch.nn.Linear(32, 3)
+    model.temporal, model.classify = residual(32, 32, 32), torch.nn.Linear(32, 3)
     loss, right = overfitted(model, batch, torch.arange(3), 40)
     assert right == 1
     assert loss < 0.1

@@ -13,7 +13,7 @@ from nvsdata import Events
 from nvsdata.recording import capture, pipeline
 from nvsdata.recording.capture import record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
 
@@ -24,7 +24,7 @@ def opened(camera, before=lambda camera, call: None):
 
 @pytest.mark.parametrize("suffix", ["h5", "aedat"])
 def test_a_recording_is_what_the_camera_saw(tmp_path, suffix):
-    camera = Camera(scene=Outlines(rate=50_000))
+    camera = SimulatedDavis(scene=Outlines(rate=50_000))
     path = tmp_path / f"a.{suffix}"
     with opened(camera) as davis:
         report = record(davis, path, seconds=0.4)
@@ -35,7 +35,7 @@ def test_a_recording_is_what_the_camera_saw(tmp_path, suffix):
     assert 0 <= events.t[0] < 20_000
     assert 350_000 < events.t[-1] < 400_000
     assert (np.diff(events.t) >= 0).all()
-    assert not any(report.complaints.values())
+    assert not any(report.error_counts.values())
     assert report.dropped == 0
 
 
@@ -52,7 +52,7 @@ class Dark:
 
 
 def test_a_dark_room_is_a_recording_without_events(tmp_path):
-    with opened(Camera(scene=Dark())) as davis:
+    with opened(SimulatedDavis(scene=Dark())) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=0.1)
     assert report.whole
     assert len(nvsdata.read(tmp_path / "a.h5")) == 0
@@ -65,7 +65,7 @@ def test_an_unplugged_camera_leaves_what_came(tmp_path):
         if call == "read" and time.monotonic() - began > 0.7:
             camera.unplugged = True
 
-    with opened(Camera(), pulled) as davis:
+    with opened(SimulatedDavis(), pulled) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=30)
     assert "stopped sending" in report.ended
     assert not report.whole
@@ -74,7 +74,7 @@ def test_an_unplugged_camera_leaves_what_came(tmp_path):
 
 def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
     monkeypatch.setattr(Davis, "silence", 0.2)
-    camera = Camera(speed=0)
+    camera = SimulatedDavis(speed=0)
     with opened(camera) as davis:
         camera.advance(50_000)
         report = record(davis, tmp_path / "a.h5", seconds=30)
@@ -84,7 +84,7 @@ def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
 
 def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "ROOM", 2_000)
-    with opened(Camera(scene=Outlines(rate=2_000_000))) as davis:
+    with opened(SimulatedDavis(scene=Outlines(rate=2_000_000))) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=0.3)
     assert report.lost > 0
     assert not report.whole
@@ -93,7 +93,7 @@ def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
 
 def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path):
     threading.Timer(0.6, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with opened(Camera()) as davis, stopped_by_interrupt() as stop:
+    with opened(SimulatedDavis()) as davis, stopped_by_interrupt() as stop:
         began = time.monotonic()
         report = record(davis, tmp_path / "a.h5", stop=stop)
     assert report.ended == "it was stopped"
@@ -109,7 +109,7 @@ def test_a_full_disk_ends_the_recording_while_the_file_can_still_be_made_whole(t
         return real(place)._replace(free=10**9 if time.monotonic() - began < 0.7 else 10**6)
 
     monkeypatch.setattr(capture.shutil, "disk_usage", filling)
-    with opened(Camera()) as davis:
+    with opened(SimulatedDavis()) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=30)
     assert report.ended == "the disk is full"
     assert not report.whole
@@ -117,7 +117,7 @@ def test_a_full_disk_ends_the_recording_while_the_file_can_still_be_made_whole(t
 
 
 def test_a_format_that_cannot_be_written_is_refused_before_anything_starts(tmp_path):
-    with opened(Camera()) as davis, pytest.raises(ValueError, match="can't tell a format"):
+    with opened(SimulatedDavis()) as davis, pytest.raises(ValueError, match="can't tell a format"):
         record(davis, tmp_path / "a.xyz", seconds=1)
 
 
@@ -129,7 +129,7 @@ class Pulsing(Outlines):
 
 
 def test_pulses_of_the_external_input_are_in_the_report():
-    with opened(Camera(scene=Pulsing(rate=30_000))) as davis:
+    with opened(SimulatedDavis(scene=Pulsing(rate=30_000))) as davis:
         report = record(davis, None, seconds=0.4)
     assert report.whole
     assert report.events > 5_000

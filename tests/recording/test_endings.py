@@ -14,7 +14,7 @@ from threading import Event, Thread
 
 import numpy as np
 import pytest
-from test_capture import Camera, Outlines, opened
+from test_capture import Outlines, SimulatedDavis, opened
 
 import nvsdata
 from nvsdata.cli import main
@@ -128,7 +128,7 @@ def test_a_journal_tells_when_the_recording_begins_and_ends(tmp_path):
     def copied(report, events):
         kept[:] = [journal_of(report.path).read_bytes(), events.end]
 
-    with opened(Camera()) as davis:
+    with opened(SimulatedDavis()) as davis:
         record(davis, tmp_path / "a.h5", seconds=0.3, watch=copied)
     (tmp_path / "b.davis").write_bytes(kept[0])
     for strict in (True, False):
@@ -148,7 +148,7 @@ class Failing:
 
 
 def test_a_journal_that_fails_ends_the_recording_and_loses_nothing():
-    with opened(Camera()) as davis:
+    with opened(SimulatedDavis()) as davis:
         davis.configure(Settings())
         davis.start()
         line = Line(davis, 30, Event())
@@ -171,7 +171,7 @@ def test_a_journal_holds_what_the_recording_does(tmp_path):
     def copied(report, events):
         kept[:] = [journal_of(report.path).read_bytes()]
 
-    with opened(Camera()) as davis:
+    with opened(SimulatedDavis()) as davis:
         record(davis, tmp_path / "a.h5", seconds=0.5, watch=copied)
     (tmp_path / "b.davis").write_bytes(kept[0])
     whole, journal = nvsdata.open(tmp_path / "a.h5"), nvsdata.open(tmp_path / "b.davis")
@@ -260,7 +260,7 @@ def test_a_file_that_cannot_be_written_is_told_with_its_journal(tmp_path, monkey
             if count == 5:
                 raise OSError("No space left on device")
 
-    with monkeypatch.context() as patch, opened(Camera(scene=Outlines())) as davis:
+    with monkeypatch.context() as patch, opened(SimulatedDavis(scene=Outlines())) as davis:
         patch.setattr("nvsdata.formats.write", failing)
         with pytest.raises(Unfinished, match=r"No space left on device\); .*a\.h5\.davis is a recording"):
             record(davis, tmp_path / "a.h5", seconds=5)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from nvsdata.models.blocks import Streams
 from nvsdata.models.distributed import Dropout
-from nvsdata.models.reference.layers import Classifier, Sizes, Streams, conv
+from nvsdata.models.reference.layers import Classifier, Sizes, conv
 from nvsdata.models.registry import register_network
-from nvsdata.models.temporal import Conv3D, Inception3D
+from nvsdata.models.temporal import Conv3D, inception, inception_width
 
 LEAST = 75  # pixels: smaller images have no pixels left before the last reduction
 
@@ -107,7 +108,7 @@ class InceptionV4(Classifier):
         return super().features(x)
 
 
-# Inception-v1's modules between the poolings, each as the `streams` of `Inception3D`
+# Inception-v1's modules between the poolings, each as the `streams` of `inception`
 I3D_MODULES = (
     ((64, (96, 128), (16, 32), 32), (128, (128, 192), (32, 96), 64)),
     (
@@ -145,9 +146,8 @@ class I3D(Classifier):
         width = 192
         for modules, pooling in zip(I3D_MODULES, poolings, strict=True):
             for streams in modules:
-                module = Inception3D(width, streams)
-                layers.append(module)
-                width = module.out_channels
+                layers.append(inception(width, streams))
+                width = inception_width(streams)
             if pooling is not None:
                 layers.append(pooling)
         classify = nn.Sequential(Dropout(dropout), nn.Linear(width, num_classes))

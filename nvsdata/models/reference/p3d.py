@@ -8,7 +8,8 @@ from typing import Literal
 import torch
 from torch import nn
 
-from nvsdata.models.reference.layers import Classifier, Residual, conv
+from nvsdata.models.blocks import Residual
+from nvsdata.models.reference.layers import Classifier, conv
 from nvsdata.models.registry import register_network
 
 Variant = Literal["A", "B", "C", "2D"]

@@ -11,8 +11,9 @@ from functools import partial
 
 from torch import nn
 
+from nvsdata.models.blocks import Residual
 from nvsdata.models.norm import BatchNorm
-from nvsdata.models.reference.layers import Classifier, Residual, conv, convolution
+from nvsdata.models.reference.layers import Classifier, conv, convolution
 from nvsdata.models.registry import register_network
 
 WIDTHS = (64, 128, 256, 512)

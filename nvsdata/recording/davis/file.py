@@ -77,7 +77,7 @@ class StreamRecording(FileRecording):
         yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=self._about)
         for piece, _ in decoder.decoded(self._blocks(), self._last):
             yield piece
-        for name, count in decoder.complaints.items():
+        for name, count in decoder.error_counts.items():
             self._repair(name, count)
 
     def _blocks(self) -> Iterator[bytes]:

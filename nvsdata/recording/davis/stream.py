@@ -29,7 +29,7 @@ SPECIALS = {
     kernel.EXPOSURE_START_EVENT: "exposure_start",
     kernel.EXPOSURE_END_EVENT: "exposure_end",
 }
-COMPLAINTS = {
+ERRORS = {
     kernel.ROW_OUT_OF_RANGE: "row_out_of_range",
     kernel.COLUMN_OUT_OF_RANGE: "column_out_of_range",
     kernel.TIME_NOT_RISING: "time_not_rising",
@@ -79,7 +79,7 @@ class Decoder:
 
     `feed` returns the events of a piece, in the order of the stream (µs; times restart at a "timestamp_reset", and
     fall only there or in damaged streams). `specials`, `samples` and `frames` hold what else the last piece brought,
-    `sample_words` and `frame_words` the numbers of the words at which samples and frames ended. `complaints` counts
+    `sample_words` and `frame_words` the numbers of the words at which samples and frames ended. `error_counts` counts
     faults since the start, by name: addresses that don't exist, unknown words, broken frames and samples (which are
     dropped), columns of a frame with too few pixels (the rest keeps what was there before), pieces whose last byte is
     half a word (which is dropped).
@@ -109,7 +109,7 @@ class Decoder:
         factor = 2 if self.chip in (0, 1, 2) else 1
         self._setting = np.array([columns, rows, self.swap, wide, high, *flips, factor, self.steady], np.int64)
         self._state = np.zeros(kernel.STATES, np.int64)
-        self._counts = np.zeros(kernel.COMPLAINTS, np.int64)
+        self._counts = np.zeros(kernel.ERRORS, np.int64)
         self._odd = 0
         self._pixels = np.zeros(wide * high, np.uint16)
         self._scratch = Columns.empty(0)
@@ -118,9 +118,9 @@ class Decoder:
         self._note([], [])
 
     @property
-    def complaints(self) -> dict[str, int]:
+    def error_counts(self) -> dict[str, int]:
         """How often each kind of fault came, by name."""
-        return {name: int(self._counts[i]) for i, name in COMPLAINTS.items()} | {"odd_bytes": self._odd}
+        return {name: int(self._counts[i]) for i, name in ERRORS.items()} | {"odd_bytes": self._odd}
 
     @property
     def now(self) -> int:

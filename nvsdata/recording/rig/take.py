@@ -133,7 +133,7 @@ def cut_take(take: Take, target: Path) -> dict[str, Any]:
         "late": done.late,
         "skipped": done.skipped,
         "dropped": report.dropped,
-        "odd": {name: count for name, count in report.complaints.items() if count},
+        "odd": {name: count for name, count in report.error_counts.items() if count},
         "temperature": report.temperature,
     }
 
@@ -144,7 +144,7 @@ def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Ta
         raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")
     if report.dropped:
         raise TakeRejected(f"the camera dropped {report.dropped} events")
-    if report.complaints.get("lost_wraps"):
+    if report.error_counts.get("lost_wraps"):
         raise TakeRejected("parts of the camera's stream are missing")
     if line.residual > WORST_RESIDUAL:
         raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")

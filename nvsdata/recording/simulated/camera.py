@@ -69,7 +69,7 @@ WRITABLE = ((MUX, 0, 5), (DVS, 3, 63), (APS, 4, 13), (IMU, 2, 10), (EXTERNAL, 0,
 
 
 @dataclass
-class Camera:
+class SimulatedDavis:
     """A simulated camera.
 
     - `scene`: what its pixels see (default: `Outlines()`)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from threading import Timer
 from typing import Any
 
-from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.scenes import PIXELS, Outlines, Watched
 from nvsdata.recording.simulated.usb_backend import Backend
 
@@ -51,7 +51,7 @@ class Simulation:
                 raise ValueError(f"--simulate takes NAME=NUMBER of {', '.join(known)}, not {part!r}")
         return cls(**given)
 
-    def watched(self, kind: type[Camera] = Camera) -> tuple[Backend, Callable[..., Any]]:
+    def watched(self, kind: type[SimulatedDavis] = SimulatedDavis) -> tuple[Backend, Callable[..., Any]]:
         """A backend with a camera that sees a monitor, and the function that the monitor must call as its `look`."""
         scene = Watched(
             replace(PIXELS, noise_rate=self.noise, seed=int(self.seed)),
@@ -63,13 +63,13 @@ class Simulation:
 
     def alone(self) -> Backend:
         """A backend with a camera that sees a moving square."""
-        return self._backend(Camera(scene=Outlines(noise=self.noise * 240 * 180)))
+        return self._backend(SimulatedDavis(scene=Outlines(noise=self.noise * 240 * 180)))
 
-    def _backend(self, camera: Camera) -> Backend:
+    def _backend(self, camera: SimulatedDavis) -> Backend:
         camera.speed, camera.lossy = 1 + self.drift * 1e-6, self.lossy
         started = False
 
-        def before(camera: Camera, call: str) -> None:
+        def before(camera: SimulatedDavis, call: str) -> None:
             nonlocal started
             if call == "open":
                 camera.stalled = False
@@ -79,7 +79,7 @@ class Simulation:
 
         return Backend(camera, before=before)
 
-    def _plan(self, camera: Camera) -> None:
+    def _plan(self, camera: SimulatedDavis) -> None:
         happenings = [(self.unplugged, "unplugged", True), (self.stalled, "stalled", True)]
         happenings += [(self.unplugged + AWAY, "unplugged", False)] if self.unplugged else []
         for seconds, name, value in happenings:

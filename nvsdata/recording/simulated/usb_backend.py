@@ -11,16 +11,16 @@ import usb.backend
 import usb.core
 
 from nvsdata.recording.davis.driver import ENDPOINT, VENDOR
-from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.camera import SimulatedDavis as Device
 
 
 class Backend(usb.backend.IBackend):  # type: ignore[misc]
     """A backend of pyusb for simulated cameras; `before` is called with the camera and the name of each call."""
 
-    def __init__(self, *cameras: Camera, before: Callable[[Camera, str], None] = lambda camera, call: None) -> None:
+    def __init__(self, *cameras: Device, before: Callable[[Device, str], None] = lambda camera, call: None) -> None:
         self.cameras, self.before = cameras, before
 
-    def _use(self, camera: Camera, call: str) -> Camera:
+    def _use(self, camera: Device, call: str) -> Device:
         self.before(camera, call)
         if camera.unplugged:
             raise usb.core.USBError("No such device", -4, errno.ENODEV)
@@ -31,7 +31,7 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
     def enumerate_devices(self) -> Any:
         return [camera for camera in self.cameras if not camera.unplugged]
 
-    def get_device_descriptor(self, dev: Camera) -> Any:
+    def get_device_descriptor(self, dev: Device) -> Any:
         return SimpleNamespace(
             bLength=18,
             bDescriptorType=1,
@@ -54,7 +54,7 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
             speed=3,
         )
 
-    def get_configuration_descriptor(self, dev: Camera, config: int) -> Any:
+    def get_configuration_descriptor(self, dev: Device, config: int) -> Any:
         return SimpleNamespace(
             bLength=9,
             bDescriptorType=2,
@@ -67,7 +67,7 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
             extra_descriptors=b"",
         )
 
-    def get_interface_descriptor(self, dev: Camera, intf: int, alt: int, config: int) -> Any:
+    def get_interface_descriptor(self, dev: Device, intf: int, alt: int, config: int) -> Any:
         if intf or alt:
             raise IndexError("no such interface")
         return SimpleNamespace(
@@ -83,7 +83,7 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
             extra_descriptors=b"",
         )
 
-    def get_endpoint_descriptor(self, dev: Camera, ep: int, intf: int, alt: int, config: int) -> Any:
+    def get_endpoint_descriptor(self, dev: Device, ep: int, intf: int, alt: int, config: int) -> Any:
         if ep:
             raise IndexError("no such endpoint")
         return SimpleNamespace(
@@ -98,30 +98,37 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
             extra_descriptors=b"",
         )
 
-    def open_device(self, dev: Camera) -> Camera:
+    def open_device(self, dev: Device) -> Device:
         return self._use(dev, "open")
 
-    def close_device(self, dev_handle: Camera) -> None:
+    def close_device(self, dev_handle: Device) -> None:
         self.before(dev_handle, "close")
 
-    def get_configuration(self, dev_handle: Camera) -> int:
+    def get_configuration(self, dev_handle: Device) -> int:
         self._use(dev_handle, "configuration")
         return 1
 
-    def set_configuration(self, dev_handle: Camera, config_value: int) -> None:
+    def set_configuration(self, dev_handle: Device, config_value: int) -> None:
         self._use(dev_handle, "configuration")
 
-    def claim_interface(self, dev_handle: Camera, intf: int) -> None:
+    def claim_interface(self, dev_handle: Device, intf: int) -> None:
         self._use(dev_handle, "claim")
 
-    def release_interface(self, dev_handle: Camera, intf: int) -> None:
+    def release_interface(self, dev_handle: Device, intf: int) -> None:
         self.before(dev_handle, "release")
 
-    def clear_halt(self, dev_handle: Camera, ep: int) -> None:
+    def clear_halt(self, dev_handle: Device, ep: int) -> None:
         self._use(dev_handle, "clear_halt")
 
     def ctrl_transfer(
-        self, dev_handle: Camera, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
+        self,
+        dev_handle: Device,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: Any,
+        timeout: int,
     ) -> int:
         camera = self._use(dev_handle, "control")
         if (bmRequestType, bRequest) == (0x80, 6) and wValue >> 8 == 3:
@@ -131,5 +138,5 @@ class Backend(usb.backend.IBackend):  # type: ignore[misc]
             return len(answer)
         return camera.control(bmRequestType, bRequest, wValue, wIndex, data)
 
-    def bulk_read(self, dev_handle: Camera, ep: int, intf: int, buff: Any, timeout: int) -> int:
+    def bulk_read(self, dev_handle: Device, ep: int, intf: int, buff: Any, timeout: int) -> int:
         return self._use(dev_handle, "read").bulk(buff)

@@ -11,7 +11,7 @@ from places import SHARED
 from nvsdata.recording.camera import CameraError, Unplugged
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import APS, DVS, EXTERNAL, IMU, MUX, SYSTEM, Settings
-from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
 
@@ -72,7 +72,9 @@ def _no_pauses(monkeypatch):
 def test_the_conversation_is_the_vendors(name):
     told = DEVICES[name]
     registers = {place: told[key] for key, place in ANSWERS.items()} | {(MUX, 83): 0, (MUX, 84): 0}
-    camera = Camera(serial=told["serial"], product=told["pid"], firmware=told["bcd"], registers=registers, speed=0)
+    camera = SimulatedDavis(
+        serial=told["serial"], product=told["pid"], firmware=told["bcd"], registers=registers, speed=0
+    )
     expected = transcript(name)
     with Davis.find(backend=Backend(camera)) as davis:
         # the vendor's library reads some twice, and in an order of its own
@@ -89,7 +91,7 @@ def test_the_conversation_is_the_vendors(name):
 
 
 def camera(**options):
-    return Camera(speed=0, **options)
+    return SimulatedDavis(speed=0, **options)
 
 
 def test_events_alone_leave_frames_and_samples_off():
@@ -240,4 +242,4 @@ def test_the_stream_of_a_simulated_camera_is_what_it_saw():
     assert np.array_equal(x, seen.x)
     assert np.array_equal(y, seen.y)
     assert np.array_equal(p, seen.p)
-    assert not any(decoder.complaints.values())
+    assert not any(decoder.error_counts.values())

@@ -141,7 +141,7 @@ def test_any_split_gives_the_same(words, cuts):
     assert [(word, f.end, f.pixels.tobytes()) for word, f in one[3]] == [
         (word, f.end, f.pixels.tobytes()) for word, f in many[3]
     ]
-    assert whole.complaints == split.complaints
+    assert whole.error_counts == split.error_counts
 
 
 def test_events_rows_and_times():
@@ -164,7 +164,7 @@ def test_times_go_on_where_wraps_and_resets_break_them():
     assert ev.t.tolist() == [1, 5, 32_768 + 32, 39_768, 65_536 + 232, 98_304 + 100]
     # what comes beside has the same clock
     assert ours.samples.t.tolist() == [65_536 + 232]
-    assert {name: count for name, count in ours.complaints.items() if count} == {
+    assert {name: count for name, count in ours.error_counts.items() if count} == {
         "time_not_rising": 2,
         "lost_wraps": 2,
         "late_resets": 1,
@@ -185,8 +185,8 @@ def test_a_steady_clock_never_falls_whatever_comes(words, cut):
 def test_what_is_amiss_is_counted():
     ours = Decoder(240, 180)
     ours.feed(np.array([0x8005, 0x8005, 0x10B4, 0x30F0, 0x0FFF, 0x5F00, 0x6C00], "<u2").tobytes() + b"\1")
-    complaints = {name: count for name, count in ours.complaints.items() if count}
-    assert complaints == {
+    error_counts = {name: count for name, count in ours.error_counts.items() if count}
+    assert error_counts == {
         "row_out_of_range": 1,
         "column_out_of_range": 1,
         "time_not_rising": 1,

@@ -23,7 +23,7 @@ from nvsdata.recording.rig.clock_fit import ClockFit
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import PlaybackLog
 from nvsdata.recording.rig.take import TakeRejected, Tally
-from nvsdata.recording.simulated.camera import Camera, picture
+from nvsdata.recording.simulated.camera import SimulatedDavis, picture
 from nvsdata.recording.simulated.scenes import Watched
 from nvsdata.recording.simulated.usb_backend import Backend
 from nvsdata.video.folder import videos_in
@@ -50,7 +50,7 @@ def lines(out):
 def truth(monkeypatch):
     """Of each take, how far its start and drift (µs, ppm) are from what the camera's clock says."""
     found, began = [], []
-    begin, develop = Camera._begin, take.cut_take
+    begin, develop = SimulatedDavis._begin, take.cut_take
 
     def remembering(self):
         begin(self)
@@ -63,7 +63,7 @@ def truth(monkeypatch):
         found.append((line.camera(start) - (start - zero) * speed, (1 + line.drift - speed) * 1e6))
         return develop(one, target)
 
-    monkeypatch.setattr(Camera, "_begin", remembering)
+    monkeypatch.setattr(SimulatedDavis, "_begin", remembering)
     monkeypatch.setattr(batch, "cut_take", measuring)
     return found
 
@@ -73,7 +73,7 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
         make_video(tmp_path / f"in/{name}.avi", seed=n)
     (tmp_path / "in/run/broken.avi").write_bytes(b"RIFF....")
     out = tmp_path / "out"
-    camera = Camera(scene=Watched(late=0.03, seed=1), speed=1 + 100e-6)
+    camera = SimulatedDavis(scene=Watched(late=0.03, seed=1), speed=1 + 100e-6)
     result = recorded(tmp_path / "in", out, camera)
     assert (result.done, result.kept, list(result.failed)) == (2, 0, ["run/broken.avi"])
     head, *told = lines(out)
@@ -125,7 +125,7 @@ def test_from_videos_to_a_dataset(tmp_path, truth, capsys):
 
 def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
     make_video(tmp_path / "in/run/a.avi")
-    camera = Camera(scene=Watched())
+    camera = SimulatedDavis(scene=Watched())
     reads = 0
 
     def pulled(camera, call):
@@ -157,7 +157,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
 def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypatch):
     make_video(tmp_path / "in/run/a.avi", frames=3)
     monkeypatch.setattr(batch, "TAKES", 2)
-    result = recorded(tmp_path / "in", tmp_path / "out", Camera(scene=Watched(), lossy=0.2))
+    result = recorded(tmp_path / "in", tmp_path / "out", SimulatedDavis(scene=Watched(), lossy=0.2))
     assert list(result.failed) == ["run/a.avi"]
     assert lines(tmp_path / "out")[-1]["takes"] == 2
     assert len(nvsdata.read(tmp_path / "out/.takes/run/a.avi.h5")) > 0
@@ -168,7 +168,7 @@ def test_a_full_disk_ends_the_batch(tmp_path, monkeypatch):
     make_video(tmp_path / "in/run/a.avi")
     monkeypatch.setattr(capture.shutil, "disk_usage", lambda place: type("", (), {"free": 0}))
     with pytest.raises(OSError, match="No space left"):
-        recorded(tmp_path / "in", tmp_path / "out", Camera(scene=Watched()))
+        recorded(tmp_path / "in", tmp_path / "out", SimulatedDavis(scene=Watched()))
     assert len(lines(tmp_path / "out")) == 1
 
 
@@ -204,7 +204,7 @@ def test_a_signal_keeps_what_is_done(tmp_path, number):
 def test_frames_and_samples_are_cut_with_their_video(tmp_path):
     make_video(tmp_path / "in/run/a\nb.avi")
     videos = videos_in(tmp_path / "in", tmp_path / "out")
-    camera = Camera(scene=Watched())
+    camera = SimulatedDavis(scene=Watched())
     backend, settings = Backend(camera), Settings(frames=True)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
@@ -243,7 +243,7 @@ def test_a_format_without_frames_is_refused_before_anything_is_touched(tmp_path,
     [
         ({"lost": 8}, {}, {}, {}, "8 bytes came faster"),
         ({"dropped": 3}, {}, {}, {}, "dropped 3 events"),
-        ({"complaints": {"lost_wraps": 1}}, {}, {}, {}, "stream are missing"),
+        ({"error_counts": {"lost_wraps": 1}}, {}, {}, {}, "stream are missing"),
         ({}, {"skipped": 2}, {}, {}, "2 of 22 pictures were late"),
         ({}, {}, {"residual": 2e3}, {}, "2000 µs off"),
         ({}, {}, {}, {"events": 999}, "999 events in 1.00 s are too few"),

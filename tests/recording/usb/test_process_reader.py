@@ -17,7 +17,7 @@ from nvsdata.recording.davis import driver
 from nvsdata.recording.davis.driver import ENDPOINT, Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.davis.stream import Decoder
-from nvsdata.recording.simulated.camera import Camera
+from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
 from nvsdata.recording.usb.process_reader import SubprocessStream, can_read_in_subprocess
@@ -26,7 +26,7 @@ from nvsdata.recording.usb.transfers import Disconnected, SyncStream
 
 def streaming(reads=None, rate=400_000):
     """A device that streams already, and goes away after so many reads."""
-    camera, count = Camera(scene=Outlines(rate=rate)), 0
+    camera, count = SimulatedDavis(scene=Outlines(rate=rate)), 0
 
     def before(camera, call):
         nonlocal count
@@ -67,7 +67,7 @@ def test_what_another_process_reads_is_the_stream():
     t = np.concatenate([piece.t for piece in events])
     assert t.size > 50_000
     assert (np.diff(t) >= 0).all()
-    assert not any(decoder.complaints.values())
+    assert not any(decoder.error_counts.values())
 
 
 def test_a_device_that_goes_away_there_is_gone_here():
@@ -144,8 +144,8 @@ Elsewhere.__module__ = "usb.backend.other"
 
 
 def test_backends_of_pyusb_are_read_apart_and_others_here(monkeypatch):
-    here = usb.core.find(backend=Backend(Camera()))
-    there = usb.core.find(backend=Elsewhere(Camera()))
+    here = usb.core.find(backend=Backend(SimulatedDavis()))
+    there = usb.core.find(backend=Elsewhere(SimulatedDavis()))
     assert not can_read_in_subprocess(here)
     assert can_read_in_subprocess(there)
     assert isinstance(driver._stream(here), SyncStream)
