@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import entry_points
 from threading import RLock
 from typing import Any, Generic, TypeVar
@@ -53,12 +53,14 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._load()
         return len(self._known)
 
-    def loaded(self) -> Iterator[Thing]:
+    def loaded(self) -> Iterable[Thing]:
         """The things known so far; doesn't load those of installed packages."""
-        return iter(list(self._known.values()))
+        return tuple(self._known.values())
 
     def load_installed(self) -> bool:
         """Load the things of installed packages unless that was done; returns whether there are new ones."""
+        if self._loaded:
+            return False
         before = len(self._known)
         self._load()
         return len(self._known) > before

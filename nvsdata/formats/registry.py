@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -68,7 +68,7 @@ class _Formats(Registry[Format]):
 
     _complete = False  # whether nvsdata's own are among those known
 
-    def loaded(self) -> Iterator[Format]:
+    def loaded(self) -> Iterable[Format]:
         if not self._complete:
             found: list[Format] = [import_module(module).FORMAT for module in BUILT_IN]
             # at once: other threads may look meanwhile
@@ -127,8 +127,13 @@ def format_of(path: str, head: bytes) -> Format:
 def _marked(head: bytes) -> Format | None:
     """The format whose mark a file begins with."""
     for one in FORMATS.loaded():
-        if one.begins is not None and _says(one, one.begins, head):
-            return one
+        begins = one.begins
+        # most tests are one comparison, which another call would outweigh
+        try:
+            if begins is not None and begins(head):
+                return one
+        except Exception as error:  # a test of somebody else's format may raise anything
+            _warn(one, error)
     return None
 
 
@@ -143,19 +148,23 @@ def _likely(path: str, head: bytes, suffix: str) -> Format | None:
     for one in known:
         # without its mark, a format is tried only if the extension is one of its own
         asked = one.begins is None or suffix in one.suffixes
-        if asked and one.looks_like is not None and _says(one, one.looks_like, head, os.path.getsize(path)):
+        if asked and _seems(one, head, os.path.getsize(path)):
             return one
     return None
 
 
-def _says(one: Format, test: Callable[..., Any], *given: Any) -> bool:
-    """The result of a format's test; a test that raises counts as False, with a warning."""
+def _seems(one: Format, head: bytes, size: int) -> bool:
+    """Whether a file looks like one of a format; a test that raises says no, with a warning."""
     try:
-        return bool(test(*given))
+        return one.looks_like is not None and bool(one.looks_like(head, size))
     except Exception as error:  # a test of somebody else's format may raise anything
-        reason = f"{type(error).__name__}: {error}"
-        warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=4)
+        _warn(one, error)
         return False
+
+
+def _warn(one: Format, error: Exception) -> None:
+    reason = f"{type(error).__name__}: {error}"
+    warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=5)
 
 
 def writer_of(path: str | os.PathLike[str]) -> Format:
