@@ -4,7 +4,7 @@
 
 Leave one out: as many trainings as there are recordings (420 of YUPENN-DVS), by the protocol of `train_actions.py`.
 --folds FIRST LAST does recordings FIRST to LAST - 1 only, so that several machines can share the work. OUT receives a
-line a recording in `log.jsonl` and a folder with the log of each training; --resume goes on where it was
+line per recording in `log.jsonl` and a folder with the log of each training; --resume goes on where it was
 stopped. Printed at the end: the accuracy, and the variance of the scenes' accuracies.
 """
 

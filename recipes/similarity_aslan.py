@@ -6,7 +6,7 @@
 A network trained to recognize actions gives features of each recording: the last pooling and its global average,
 L2-normalized. Of a pair, the 12 similarities of Table 5.4 of either go into a support vector machine with a radial
 kernel, trained on nine of View 2's ten subsets and tested on the tenth. OUT receives the features (computed once, so a
-run that was stopped goes on), a line a subset in `log.jsonl`, and the ROC curve over all subsets, `roc.png`.
+run that was stopped goes on), a line per subset in `log.jsonl`, and the ROC curve over all subsets, `roc.png`.
 """
 
 from __future__ import annotations

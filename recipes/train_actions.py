@@ -12,7 +12,7 @@ learning rate 1e-3 decayed tenfold at 60/150 and 100/150 of the epochs; batches 
 50 epochs, and for gestures PointNet, PointNet++ and LSTM on events. The gestures of DVS128 Gesture aren't
 flipped: the other hand's wave is another gesture.
 
-OUT receives `log.jsonl` (a line an epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
+OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
 `nvsdata.models.load`; a run that was stopped goes on with --resume, as if it hadn't been.
 """
 

@@ -9,7 +9,7 @@ data has no test split, a fifth of each class is held back. --k, --radius, --win
 --kernel-size are the ablations of Tables 4.1 to 4.5, --convolution that of Table 4.8, and --network
 takes the reference networks of 4.4.4, on event images of --image-size pixels (Table 4.6), by gradient descent.
 
-OUT receives `log.jsonl` (a line an epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
+OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
 `nvsdata.models.load`; a run that was stopped goes on with --resume, as if it hadn't been.
 """
 

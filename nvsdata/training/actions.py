@@ -15,7 +15,7 @@ from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
 from nvsdata.transforms.defaults import T_VOL
 
-# 3D CNNs take frames whose smaller side has so many pixels, of which a square of so many
+# network, pixels of the smaller side of its frames, pixels of the square that is cut out of them
 FRAME_NETWORKS: dict[str, tuple[type[nn.Module], int, int]] = {
     "c3d": (models.reference.C3D, 128, 112),
     "i3d": (models.reference.I3D, 256, 224),
@@ -105,7 +105,14 @@ class Actions:
         seed: int = 0,
         resume: bool = False,
     ) -> Trainer:
-        """A network, and what trains it in `out` on `data` (see `Trainer`); `batch` is the protocol's by default."""
+        """A network, and the trainer of it.
+
+        - `out`, `data`, `team`, `seed`, `resume`: see `Trainer`
+        - `sensor_size`: (width, height) in pixels
+        - `classes`: how many there are
+        - `epochs`: default 150
+        - `batch`: samples per step, over all processes (default: 32 for 8 graphs, 16 for 16)
+        """
         model = self.build(sensor_size, classes).to(team.device)
         optimizer, schedule = self.optimization(model, epochs)
         batch = batch or self.batch

@@ -26,7 +26,14 @@ def loader(
     last: int = 1,
     shuffle: bool = False,
 ) -> DataLoader[Any]:
-    """This process's share of the seeded batches of the epochs first..last (excluded)."""
+    """This process's share of the batches of the epochs `first` to `last` - 1.
+
+    - `dataset`: gives `(sample, target)`
+    - `batch`: samples per batch, over all processes
+    - `team`: the processes that share each batch
+    - `seed`: of order and draws, which depend on seed, epoch and sample alone (default 0)
+    - `shuffle`: whether each epoch has an order of its own (default False)
+    """
     seeded = SeededDataset(dataset, seed)
     seeded[0, 0]  # compiles the kernels once, before workers are forked
     part = team.rank, team.count
@@ -50,10 +57,15 @@ def _begin_worker(_: int) -> None:
 
 
 class TrainTestSplit:
-    """A dataset's recordings for training and for testing.
+    """A dataset's recordings for training and for testing: by its own split, or a fifth of each class held back.
 
-    By its own split; where it has none, a fifth of each class is held back, by `seed`. `errors` says what becomes of
-    damaged recordings, as for datasets. ValueError for pairs.
+    - `name`: the dataset's
+    - `root`: its folder, or what `nvsdata pack` made of it
+    - `fold`: which of its splits (default: the dataset's default)
+    - `seed`: of a split that is drawn, and kept in `data` (default 0)
+    - `errors`: what becomes of damaged recordings, as for datasets (default "raise")
+
+    Raises ValueError for a dataset of pairs, FileNotFoundError if there are no recordings.
     """
 
     def __init__(self, name: str, root: Path, *, fold: int | None = None, seed: int = 0, errors: str = "raise") -> None:

@@ -17,7 +17,7 @@ from nvsdata.training.processes import Team
 def predict(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], team: Team
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """What a model gives for all batches, in order: [N, ...] and targets [N], the same in all processes."""
+    """What a model gives for all batches, in order: values [N, ...] and targets [N], the same in all processes."""
     if isinstance(model, nn.Module):
         model.eval()
     mine = [(model(inputs.to(team.device)).cpu(), targets) for inputs, targets in batches]
@@ -33,10 +33,14 @@ def predict(
 def accuracies(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
 ) -> tuple[float, float]:
-    """Accuracy of one window (mean over all), and of the `windows` windows of a recording together.
+    """Accuracy of one window (mean over all), and of the windows of a recording together, which vote.
 
-    A vote adds up log-probabilities. The batches hold every recording once, then again, and so on, for `rounds`
-    times `windows`; every round votes anew.
+    A vote adds up log-probabilities.
+
+    - `model`: gives scores [B, num_classes]
+    - `batches`: every recording once, then again, and so on, `rounds` times `windows` times
+    - `windows`: how many vote together
+    - `rounds`: votes per recording, over which accuracy is the mean (default 1)
     """
     scores, targets = predict(model, batches, team)
     voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])

@@ -95,7 +95,7 @@ class Objects:
         return models.GCNN(**settings, convolution=self.convolution)
 
     def optimization(self, model: nn.Module, epochs: int, steps: int) -> tuple[Any, Any]:
-        """Optimizer and schedule for epochs of so many steps: Adam, or for images gradient descent."""
+        """Optimizer and schedule for `epochs` of `steps` steps each: Adam, or for images gradient descent."""
         if self.network in IMAGE_NETWORKS:
             return sgd(model, 1e-3, max(1, ITERATIONS // steps), epochs, decay=1e-5)
         return adam(model, epochs, (60, 110))
@@ -114,9 +114,14 @@ class Objects:
         seed: int = 0,
         resume: bool = False,
     ) -> Trainer:
-        """A network, and what trains it in `out` on `data` (see `Trainer`), of so many `recordings`.
+        """A network, and the trainer of it.
 
-        `epochs` is by default the thesis's 150, or as many as make `LEAST_STEPS` steps.
+        - `out`, `data`, `team`, `seed`, `resume`: see `Trainer`
+        - `recordings`: how many there are to train on
+        - `sensor_size`: (width, height) in pixels
+        - `classes`: how many there are
+        - `epochs`: by default the thesis's 150, or as many as make `LEAST_STEPS` steps
+        - `batch`: samples per step, over all processes (default 64)
         """
         steps = -(-recordings // batch)
         epochs = epochs or max(EPOCHS, -(-LEAST_STEPS // steps))

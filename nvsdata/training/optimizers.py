@@ -11,7 +11,7 @@ from torch import nn
 def sgd(
     model: nn.Module, rate: float, every: int, epochs: int, *, decay: float = 0.0
 ) -> tuple[torch.optim.Optimizer, Any]:
-    """Gradient descent with momentum 0.9, its rate decayed tenfold `every` so many epochs, and weight decay."""
+    """Gradient descent with momentum 0.9, its rate decayed tenfold every `every` epochs, and weight decay."""
     optimizer = torch.optim.SGD(model.parameters(), lr=rate, momentum=0.9, weight_decay=decay)
     return optimizer, torch.optim.lr_scheduler.MultiStepLR(optimizer, list(range(every, epochs, every)))
 

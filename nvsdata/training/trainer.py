@@ -27,11 +27,21 @@ from nvsdata.training.processes import Team
 
 
 class Trainer:
-    """Trains a classifier by cross entropy, a JSON line an epoch in `out/log.jsonl` and its state in `checkpoint.pt`.
+    """Trains a classifier by cross entropy.
 
-    `schedule` steps once an epoch. `batch` counts over all processes. `data` (of `data_of`) is kept with checkpoint
-    and model. With `resume` it goes on from the checkpoint, if there is one; `done` is the number of epochs so far.
-    ValueError for a checkpoint of another run or of other data, FormatError for a damaged one.
+    `out/log.jsonl` gets a JSON line per epoch, `out/checkpoint.pt` the state after it.
+
+    - `model`: the network, on the team's device
+    - `optimizer`, `schedule`: the schedule steps once per epoch
+    - `out`: the training's folder, which is made
+    - `data`: what is trained on (see `data_of`), kept with checkpoint and network
+    - `epochs`: how many there are to be in all; `done` says how many there were
+    - `batch`: samples per step, over all processes
+    - `team`: the processes that train together
+    - `seed`: of shuffling, transforms and dropout (default 0)
+    - `resume`: go on from the checkpoint, if there is one (default False)
+
+    Raises ValueError for a checkpoint of another run or of other data, FormatError for a damaged one.
     """
 
     def __init__(
@@ -70,7 +80,7 @@ class Trainer:
         return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
 
     def fit(self, train_set: Any, evaluate: Callable[[int], dict[str, Any]]) -> dict[str, Any]:
-        """Train on `train_set`, whose samples are `(input, target)`; the last epoch's line.
+        """Train on `train_set`, whose samples are `(input, target)`; returns the last epoch's line.
 
         `evaluate` is given the number of epochs done, after each, and what it says goes into the line.
         ValueError if the last batch of an epoch has fewer samples than there are processes, or the loss becomes NaN or
