@@ -178,7 +178,7 @@ def writer_of(path: str | os.PathLike[str]) -> Format:
             if suffix in one.suffixes and one.write is not None:
                 return one
         FORMATS.load_installed()
-    known = ", ".join(s for one in FORMATS.values() if one.write is not None for s in one.suffixes)
+    known = ", ".join(dict.fromkeys(s for one in FORMATS.values() if one.write is not None for s in one.suffixes))
     raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
 
 
