@@ -139,7 +139,7 @@ def _marked(head: bytes) -> Format | None:
 
 def _likely(path: str, head: bytes, suffix: str) -> Format | None:
     """The format of a file without a mark, by its extension or by what it looks like."""
-    known = list(FORMATS.loaded())
+    known = FORMATS.loaded()
     for one in known:
         if one.begins is None and suffix in one.suffixes:
             return one

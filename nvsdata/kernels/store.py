@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import njit
+
+from nvsdata.kernels.reading import pread
 
 _U = np.uint64
-# the C library's function, on systems that have it: a call from Python costs more than the reading
-_pread = types.ExternalFunction("pread", types.int64(types.int32, types.uintp, types.uintp, types.int64))
 
 
 @njit(cache=True, nogil=True)
@@ -41,7 +41,7 @@ def read_window(
 @njit(cache=True, nogil=True)
 def _filled(column, handle, begin, lo):
     size = column.size * column.itemsize
-    return _pread(handle, column.ctypes.data, size, begin + lo * column.itemsize) == size
+    return pread(handle, column.ctypes.data, size, begin + lo * column.itemsize) == size
 
 
 @njit(cache=True, nogil=True)
