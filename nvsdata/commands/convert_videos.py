@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit}
     if args.dry_run:
         for job in plan(args.source, args.out, settings, **chosen):
-            print(f"{job.video} -> {job.target}")
+            print(f"{job.video.path} -> {job.video.target}")
         print(settings)
         return 0
     report = convert_videos(args.source, args.out, settings, jobs=args.jobs, scheduler=args.scheduler, **chosen)

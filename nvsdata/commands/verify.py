@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata.datasets.verification import problems
 
     count = 0
-    for name, fault in problems(args.root, args.dataset and args.dataset.info.name):
+    for name, fault in problems(args.root, args.dataset):
         print(f"{shown(name)}: {fault}")
         count += 1
     print("all sound" if not count else f"{count} faults")

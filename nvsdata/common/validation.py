@@ -23,6 +23,18 @@ def probability(name: str, value: float) -> None:
         raise ValueError(f"{name} must lie between 0 and 1, not {value}")
 
 
+def at_least(name: str, value: float, least: float) -> None:
+    """ValueError unless `value` is finite and >= `least`."""
+    if not (value >= least and math.isfinite(value)):
+        raise ValueError(f"{name} must be at least {least}, not {value}")
+
+
+def whole(name: str, value: float, least: int = 0) -> None:
+    """ValueError unless `value` is a whole number of at least `least` (default 0)."""
+    if not (math.isfinite(value) and value == int(value) and value >= least):
+        raise ValueError(f"{name} must be a whole number of at least {least}, not {value}")
+
+
 def microseconds(name: str, value: float) -> None:
     """ValueError unless `value` is a whole number of µs, at least one."""
     whole_microseconds(name, value)

@@ -9,7 +9,7 @@ import numpy as np
 from nvsdata.data.events import Events
 
 MICROSECONDS = 1_000_000
-MOST = 1 << 24  # frames in a sequence, six days at 30 per second: more means that a clock is wrong
+MAX_FRAMES = 1 << 24  # frames in a sequence, six days at 30 per second: more means that a clock is wrong
 
 
 def frame_edges(duration: int, fps: float | None) -> np.ndarray:
@@ -20,7 +20,7 @@ def frame_edges(duration: int, fps: float | None) -> np.ndarray:
     if fps is None:
         return np.array([0, max(duration, 1)])
     count = math.ceil(duration * fps / MICROSECONDS) + 1
-    if count > MOST:
+    if count > MAX_FRAMES:
         seconds = duration / MICROSECONDS
         raise ValueError(f"{seconds:,.0f} s are {count:,} frames: do the events begin when they say (`Events.start`)?")
     edges = np.round(np.arange(count + 1) * MICROSECONDS / fps).astype(np.int64)

@@ -13,7 +13,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.datasets.shared import Shared
 
 ERRORS = ("raise", "skip", "repair")
-MOST = 100  # recordings in a row that may be unreadable: more mean a damaged disk, not damaged files
+MAX_UNREADABLE = 100  # recordings in a row that may be unreadable: more mean a damaged disk, not damaged files
 REPLACED, REPAIRED = 1, 2
 UNREADABLE = (FormatError, OSError)
 OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the machine has run out of something: no recording is damaged
@@ -40,11 +40,11 @@ class Damage:
     def first_sound(self, index: int, make: Callable[[int], Any]) -> Any:
         """`make(index)` or, if that can't be read, `make` of the next index that can; after the last comes the first.
 
-        Raises the first error if `MOST` in a row can't be read, or none can.
+        Raises the first error if `MAX_UNREADABLE` in a row can't be read, or none can.
         """
         count = len(self._shared.values)
         first: Exception | None = None
-        for step in range(min(MOST, count)):
+        for step in range(min(MAX_UNREADABLE, count)):
             place = (index + step) % count
             try:
                 return make(place)

@@ -10,17 +10,17 @@ from tqdm import tqdm
 
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.expected import Found, lacking, some
-from nvsdata.datasets.registry import DATASETS, dataset_named
+from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
 
 
-def problems(root: Path, dataset: str | None = None) -> Iterator[tuple[str, str]]:
+def problems(root: Path, dataset: type[EventDataset] | None = None) -> Iterator[tuple[str, str]]:
     """Name and fault of every recording that isn't sound below `root`, or in a packed store, and of what is missing.
 
     Faults are: unreadable, empty, truncated, out of order in time, events outside the sensor, left out when it was
-    packed. If a `dataset` is named, and for a store, which knows its own, the dataset's class says which files are
+    packed. If a `dataset` class is given, and for a store, which names its own, the class says which files are
     recordings and what their sensor is. What is there is then compared with what the dataset should hold: how many,
     of each class and part and by which names where that is known, and what the lists beside the recordings name.
 
@@ -29,7 +29,7 @@ def problems(root: Path, dataset: str | None = None) -> Iterator[tuple[str, str]
     if not root.exists():
         raise FileNotFoundError(f"{root}: there is nothing to verify")
     if dataset is not None:
-        found = dataset_named(dataset).whole(root)
+        found = dataset.whole(root)
     elif root.is_file() and (store := Store(root)).dataset in DATASETS:
         kind = DATASETS[store.dataset]
         found = kind.whole(root) if store.split == "all" else kind(root, store.split, fold=store.fold or None)

@@ -10,8 +10,8 @@ from nvsdata.emulation.job import Job, convert
 RETRIES = 3  # of a video whose worker was lost
 
 
-def results(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Each job and its line of the manifest, as workers finish them; a worker that is lost is replaced by another.
+def results(jobs: list[Job], scheduler: str) -> Iterator[dict[str, Any]]:
+    """The jobs' lines of the manifest, as workers finish them; a worker that is lost is replaced by another.
 
     ImportError without `nvsdata[distributed]`, OSError if the scheduler doesn't answer or a video killed
     one worker after the other.
@@ -27,8 +27,8 @@ def results(jobs: list[Job], scheduler: str) -> Iterator[tuple[Job, dict[str, An
         try:
             for future in as_completed(futures):
                 try:
-                    yield named[future.key], future.result()
+                    yield future.result()
                 except KilledWorker as error:
-                    raise OSError(f"{named[future.key].name}: {error}") from None
+                    raise OSError(f"{named[future.key].video.name}: {error}") from None
         finally:
             client.cancel(futures)

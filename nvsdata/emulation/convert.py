@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -12,8 +11,6 @@ from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from nvsdata.common.files import claimed
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
@@ -21,7 +18,7 @@ from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.video.folder import videos_in
-from nvsdata.video.manifest import FolderReport, Manifest
+from nvsdata.video.manifest import FolderReport, FolderRun, Manifest
 
 DONE = ("converted",)
 
@@ -61,22 +58,16 @@ def convert_videos(
     found = plan(source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, limit=limit)
     target = out or default_out(source)
     target.mkdir(parents=True, exist_ok=True)
-    report = FolderReport()
     made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
     with claimed(target), Manifest(target, "nvsdata-videos", made) as manifest:
-        waiting = [job for job in found if not manifest.has(job.name, job.video, job.target, DONE)]
-        report.kept = len(found) - len(waiting)
-        started = time.monotonic()
+        videos = {job.video: job for job in found}
         with (
-            tqdm(total=len(waiting), desc="converting", unit="video", disable=None) as bar,
-            closing(_results(waiting, jobs, scheduler)) as results,
+            FolderRun(manifest, list(videos), DONE, "converting") as run,
+            closing(_results([videos[video] for video in run.waiting], jobs, scheduler)) as results,
         ):
-            for _, line in results:
-                manifest.add(line)
-                report.count(line, DONE)
-                bar.set_postfix_str(f"{report.events / (time.monotonic() - started):,.0f} events/s", refresh=False)
-                bar.update()
-    return report
+            for line in results:
+                run.add(line)
+    return run.report
 
 
 def default_out(source: Path) -> Path:
@@ -97,27 +88,26 @@ def plan(
 ) -> list[Job]:
     """The jobs that `convert_videos` would do with the same parameters; nothing is written."""
     target = out or default_out(source)
-    return [Job(*video, settings, size, fps) for video in videos_in(source, target, format, limit)]
+    return [Job(video, settings, size, fps) for video in videos_in(source, target, format, limit)]
 
 
-def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generator[tuple[Job, dict[str, Any]]]:
-    """Jobs and their lines, in the order in which they are done."""
+def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generator[dict[str, Any]]:
+    """The jobs' lines of the manifest, in the order in which they are done."""
     if scheduler is not None:
         from nvsdata.emulation.cluster import results
 
         yield from results(jobs, scheduler)
     elif processes == 1 or len(jobs) < 2:
-        yield from ((job, convert(job)) for job in jobs)
+        yield from map(convert, jobs)
     else:
         yield from _by_processes(jobs, min(processes, len(jobs)))
 
 
-def _by_processes(jobs: list[Job], count: int) -> Iterator[tuple[Job, dict[str, Any]]]:
+def _by_processes(jobs: list[Job], count: int) -> Iterator[dict[str, Any]]:
     with pool(count, __name__, _prepare) as workers:
         try:
-            futures = {workers.submit(convert, job): job for job in jobs}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
+            for future in as_completed([workers.submit(convert, job) for job in jobs]):
+                yield future.result()
         except BrokenProcessPool:
             raise OSError("a process that converted was killed (out of memory?); run again to go on") from None
         except BaseException:

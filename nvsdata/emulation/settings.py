@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
+
+from nvsdata.common.validation import at_least, not_negative, positive, probability, whole
 
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]
@@ -44,20 +45,17 @@ class Settings:
         for name, choices in (("mode", Mode), ("difference", Difference), ("timestamps", Timestamps)):
             if getattr(self, name) not in get_args(choices):
                 raise ValueError(f"{name} must be one of {get_args(choices)}, not {getattr(self, name)!r}")
-        _require(self, "threshold", lambda v: v >= LEAST_THRESHOLD, f"at least {LEAST_THRESHOLD}")
-        _require(self, "gamma", lambda v: v > 0, "positive")
+        at_least("threshold", self.threshold, LEAST_THRESHOLD)
+        positive("gamma", self.gamma)
         for name in ("t_log", "noise_rate", "mismatch", "hot_rate", "refractory", "bandwidth"):
-            _require(self, name, lambda v: v >= 0, "not negative")
-        for name in ("inhibition", "max_events"):
-            _require(self, name, lambda v: v >= 1 and v == int(v), "a whole number of at least 1")
-        _require(self, "seed", lambda v: 0 <= v < 2**63 and v == int(v), "a whole number of at least 0")
-        _require(self, "alpha", lambda v: 0 < v <= 1, "in (0, 1]")
-        _require(self, "hot_pixels", lambda v: v <= 1 and v >= 0, "between 0 and 1")
+            not_negative(name, getattr(self, name))
+        whole("inhibition", self.inhibition, 1)
+        whole("max_events", self.max_events, 1)
+        whole("seed", self.seed)
+        if self.seed >= 1 << 63:
+            raise ValueError(f"seed must be below 2**63, not {self.seed}")
+        positive("alpha", self.alpha)
+        probability("alpha", self.alpha)
+        probability("hot_pixels", self.hot_pixels)
         if self.continuous and 0 < self.t_log <= 1:
             raise ValueError(f"continuous needs t_log above 1, where its logarithm is positive, not {self.t_log}")
-
-
-def _require(settings: Settings, name: str, holds: Any, what: str) -> None:
-    value = getattr(settings, name)
-    if not (math.isfinite(value) and holds(value)):
-        raise ValueError(f"{name} must be {what}, not {value}")

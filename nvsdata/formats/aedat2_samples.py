@@ -25,7 +25,7 @@ from nvsdata.kernels.order import is_sorted
 
 BESIDE, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10
-MOST = 1023  # the largest reading
+MAX_READING = 1023  # the largest reading
 DEPTH = 6  # bits by which a frame's pixels (16 bits) are wider than a reading (10 bits)
 FULL = 1 << 15
 PER_KELVIN, ZERO = 340.0, 35.0
@@ -149,8 +149,8 @@ class _Line:
             place = BESIDE | row << 22 | column << 12
             light = (frame.pixels.T.ravel() >> DEPTH).astype(np.int64)
             for kind, reading, ends in (
-                (BEFORE, np.full_like(light, MOST), (frame.start, frame.exposure_start)),
-                (AFTER, MOST - light, (frame.exposure_end, frame.end)),
+                (BEFORE, np.full_like(light, MAX_READING), (frame.start, frame.exposure_start)),
+                (AFTER, MAX_READING - light, (frame.exposure_end, frame.end)),
             ):
                 # only the first and the last reading's times define the exposure
                 t = np.full(light.size, ends[kind == BEFORE], np.int64)

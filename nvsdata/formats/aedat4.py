@@ -26,7 +26,7 @@ MAGIC = 14  # bytes
 EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
 EVENTS = ("t", "x", "y", "on")
 LZ4, ZSTD = (1, 2), (3, 4)
-MOST = 1 << 30  # bytes that a packet may inflate to
+MAX_INFLATED = 1 << 30  # bytes that a packet may inflate to
 
 
 class Aedat4Recording(FileRecording):
@@ -185,9 +185,9 @@ def _events_stream(root: Any) -> tuple[int, tuple[str, str] | None]:
 
 def _unzstd(zstandard: Any, packet: memoryview) -> bytes:
     size = zstandard.get_frame_parameters(packet).content_size
-    if MOST < size < (1 << 64) - 2:  # the two largest values mean that it isn't known
+    if MAX_INFLATED < size < (1 << 64) - 2:  # the two largest values mean that it isn't known
         raise ValueError(f"a packet that inflates to {size} bytes")
-    inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MOST)
+    inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MAX_INFLATED)
     return inflated
 
 

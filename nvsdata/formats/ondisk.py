@@ -67,14 +67,23 @@ class OpenFile:
 
     def fill(self, at: int, target: np.ndarray) -> None:
         """Fill `target`, a contiguous array, with the bytes of the file from `at` on."""
-        wanted = target.nbytes
-        done = _read_at(self.descriptor, target, at) if wanted else 0
-        while done < wanted:
-            # one call reads at most 2 GiB
-            count = _read_at(self.descriptor, target.reshape(-1).view(np.uint8)[done:], at + done)
-            if not count:
-                raise FormatError(self.file.path, "truncated while it was read", offset=at + done)
-            done += count
+        read_into(self.descriptor, self.file.path, at, target)
+
+
+def read_into(descriptor: int, path: str, at: int, target: np.ndarray) -> None:
+    """Fill `target`, a contiguous array, with the bytes of an open file from `at` on.
+
+    The file's position doesn't move, which forked workers share. FormatError, which names `path`, if the file ends
+    before.
+    """
+    wanted = target.nbytes
+    done = _read_at(descriptor, target, at) if wanted else 0
+    while done < wanted:
+        # one call reads at most 2 GiB
+        count = _read_at(descriptor, target.reshape(-1).view(np.uint8)[done:], at + done)
+        if not count:
+            raise FormatError(path, "truncated while it was read", offset=at + done)
+        done += count
 
 
 _READ = os.O_RDONLY | getattr(os, "O_BINARY", 0)

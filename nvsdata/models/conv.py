@@ -12,6 +12,8 @@ from collections.abc import Callable
 import torch
 from torch import nn
 
+from nvsdata.common.validation import at_least
+
 
 class GCNConv(nn.Module):
     """D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts incoming edges, including the self-loop."""
@@ -37,8 +39,7 @@ class ChebConv(nn.Module):
 
     def __init__(self, in_channels: int, out_channels: int, size: int = 3) -> None:
         super().__init__()
-        if size < 1:
-            raise ValueError(f"size must be at least 1, not {size}")
+        at_least("size", size, 1)
         self.linears = nn.ModuleList(nn.Linear(in_channels, out_channels, bias=False) for _ in range(size))
         self.bias = nn.Parameter(torch.zeros(out_channels))
 

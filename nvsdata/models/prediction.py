@@ -12,6 +12,7 @@ from torch import nn
 from tqdm import tqdm
 
 from nvsdata import formats
+from nvsdata.common.validation import at_least
 from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
@@ -73,8 +74,7 @@ class Trained:
         """
         if self.transform is None:
             raise ValueError("no transform was saved with this network: make its input yourself, and call .model")
-        if windows < 1:
-            raise ValueError(f"windows must be at least 1, not {windows}")
+        at_least("windows", windows, 1)
         if _is_one(recordings):
             return self._voted(recordings, windows)
         bar = tqdm(recordings, "recordings", delay=1, disable=None)

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from nvsdata.common.validation import at_least
 from nvsdata.data.graph import grouped
 from nvsdata.kernels import spline as kernel
 from nvsdata.kernels.graph import with_self_loops
@@ -45,13 +46,9 @@ class SplineConv(nn.Module):
         bias: bool = True,
     ) -> None:
         super().__init__()
-        for name, value in (
-            ("in_channels", in_channels),
-            ("out_channels", out_channels),
-            ("kernel_size", kernel_size),
-        ):
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, not {value}")
+        at_least("in_channels", in_channels, 1)
+        at_least("out_channels", out_channels, 1)
+        at_least("kernel_size", kernel_size, 1)
         self.in_channels, self.out_channels, self.kernel_size = in_channels, out_channels, kernel_size
         self.weight = nn.Parameter(torch.empty(kernel_size**2, in_channels, out_channels))
         self.root = nn.Parameter(torch.empty(in_channels, out_channels)) if root_weight else None

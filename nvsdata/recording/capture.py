@@ -24,7 +24,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
 from nvsdata.recording.camera import Camera, CameraError, Decoder, check_camera
 from nvsdata.recording.journal import Journal, check_finished, told_of
-from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, Line
+from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, CameraReader
 
 RESERVE = 64 << 20  # bytes of disk that are left free, as room for what the writer still holds
 # s for which a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer overflows
@@ -125,37 +125,37 @@ def record(
     journal: Journal | None = None
     with switching_fast():
         camera.start()
-        line = Line(camera, seconds, stop or Event())
-        line.start()
+        reader = CameraReader(camera, seconds, stop or Event())
+        reader.start()
         try:
-            line.begin()
+            reader.begin()
             camera.reset_time()
             report.zero = host_time()
             report.about = camera.about() | {"started": datetime.now(UTC).isoformat(timespec="microseconds")}
             head = camera.journal_head(decoder, last, report.about) if report.path is not None and journaled else None
             if report.path is not None and head is not None:
                 journal = Journal(report.path, head)
-            line.keep(journal)
-            pieces = _pieces(decoder, line, last, report, watch)
+            reader.keep(journal)
+            pieces = _pieces(decoder, reader, last, report, watch)
             if path is None:
                 deque(pieces, maxlen=0)
             else:
                 formats.write(prefetch(pieces), path)
         except Exception as error:
-            line.finish()
+            reader.finish()
             if journal is not None and journal.size:
                 raise Unfinished(f"{path} couldn't be written ({error}); {told_of(journal.path)}") from error
             raise
         else:
-            line.finish()
+            reader.finish()
             if journal is not None:
                 journal.remove()
         finally:
-            line.finish()
+            reader.finish()
             if journal is not None:
                 journal.close()
-    report.received, report.lost, report.ended = line.received, line.lost, line.ended
-    if not line.gone:
+    report.received, report.lost, report.ended = reader.received, reader.lost, reader.ended
+    if not reader.gone:
         with suppress(CameraError):
             after = camera.dropped()
             report.dropped = None if after is None or before is None else after - before
@@ -214,25 +214,25 @@ def switching_fast() -> Iterator[None]:
 
 def _pieces(
     decoder: Decoder,
-    line: Line,
+    reader: CameraReader,
     last: int | None,
     report: RecordingReport,
     watch: Callable[[RecordingReport, Events], None],
 ) -> Iterator[Events]:
     """What the camera sends, from the reset of its clock until `last` µs of its time."""
     yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)
-    for piece, triggers in decoder.decoded(iter(line.take, b""), last):
+    for piece, triggers in decoder.decoded(iter(reader.take, b""), last):
         report.events += len(piece)
         if len(piece):
             report.seconds = max(report.seconds, int(piece.t[-1]) / 1e6)
         report.frames += len(piece.frames)
         report.samples += piece.inertial.t.size
         report.temperature = piece.about.get("temperature", report.temperature)
-        report.error_counts = decoder.error_counts | {"odd_bytes": line.odd}
-        report.received, report.lost = line.received, line.lost
+        report.error_counts = decoder.error_counts | {"odd_bytes": reader.odd}
+        report.received, report.lost = reader.received, reader.lost
         report.triggers += triggers.tolist()
         watch(report, piece)
         yield piece
         if report.path is not None and shutil.disk_usage(report.path.parent).free < RESERVE:
             # there is still room for what was read
-            line.end(DISK_FULL)
+            reader.end(DISK_FULL)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from threading import Condition, Event, Thread
+from queue import SimpleQueue
+from threading import Event, Thread
 
 from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.journal import Journal
@@ -17,45 +17,47 @@ TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is 
 
 
 class Waiting:
-    """Bytes on their way from one thread to another, in whole words."""
+    """Blocks of bytes on their way from one thread to another; `b""` is the last."""
 
     def __init__(self) -> None:
-        self.size = 0
-        self._blocks: deque[bytes] = deque()
-        self._change = Condition()
-        self._over = False
+        self._blocks: SimpleQueue[bytes] = SimpleQueue()
+        # each is written by one thread only, so neither needs a lock
+        self._put = self._taken = 0
+        self._ended = False
+
+    @property
+    def size(self) -> int:
+        """Bytes that wait."""
+        return self._put - self._taken
 
     def put(self, block: bytes) -> None:
         """Add a block."""
-        with self._change:
-            self._blocks.append(block)
-            self.size += len(block)
-            self._change.notify()
+        self._put += len(block)
+        self._blocks.put(block)
 
     def end(self) -> None:
         """No more will come."""
-        with self._change:
-            self._over = True
-            self._change.notify()
+        self._ended = True
+        self._blocks.put(b"")
 
     def take(self) -> bytes:
         """Bytes that wait: those of whole blocks, until there are `PIECE` or more; empty at the end."""
-        if self.size < PIECE // 4 and not self._over:
+        if self.size < PIECE // 4 and not self._ended:
             # many small blocks together cost less than one by one
             time.sleep(GATHER)
-        with self._change:
-            while not self._blocks and not self._over:
-                self._change.wait(0.5)
-            taken: list[bytes] = []
-            size = 0
-            while self._blocks and size < PIECE:
-                taken.append(self._blocks.popleft())
-                size += len(taken[-1])
-            self.size -= size
+        taken = [self._blocks.get()]
+        size = len(taken[0])
+        while taken[-1] and size < PIECE and not self._blocks.empty():
+            taken.append(self._blocks.get())
+            size += len(taken[-1])
+        self._taken += size
+        if not taken[-1]:
+            # the end stays for the next call
+            self._blocks.put(b"")
         return taken[0] if len(taken) == 1 else b"".join(taken)
 
 
-class Line(Thread):
+class CameraReader(Thread):
     """Reads, and from `begin` on keeps what it read until it is taken: `ROOM` bytes at most; what comes beyond that is
     dropped and counted as `lost`.
 

@@ -25,7 +25,7 @@ from nvsdata.recording.rig.batch import manifest_of, record_videos, verify
 from nvsdata.recording.rig.calibrate import calibrate
 from nvsdata.recording.rig.calibration import FIGURES, write_calibration
 from nvsdata.recording.rig.calibration import summary as calibration_summary
-from nvsdata.recording.rig.live_view import Live
+from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
@@ -110,7 +110,7 @@ def _shown(
     watch: Callable[[RecordingReport, Events], None],
 ) -> RecordingReport:
     """Record in another thread, and show events in this one."""
-    with Live((camera.facts.width, camera.facts.height)) as window:
+    with LiveView((camera.facts.width, camera.facts.height)) as window:
 
         def both(report: RecordingReport, events: Events) -> None:
             watch(report, events)

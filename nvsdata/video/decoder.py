@@ -25,7 +25,8 @@ FULL, STUDIO = (0, 255), (16, 235)  # values of black and white
 LUMA_FIRST = frozenset(
     cv2.VideoWriter.fourcc(*name) for name in ("I420", "IYUV", "YV12", "NV12", "422P", "Y42B", "444P", "Y800", "GREY")
 )
-COARSE, MOST = 3, 0.99  # levels by which colors may be off, and the least share of pixels that aren't further off
+COARSE = 3  # levels by which colors may be off
+LEAST_SHARE = 0.99  # of pixels that may not be further off
 CONTRAST = 5  # standard deviation, in levels, from which a picture's contrast can be measured
 
 
@@ -80,7 +81,7 @@ def levels_of(luma: np.ndarray | None, colors: np.ndarray) -> tuple[int, int] | 
     blue, green, red = np.moveaxis(colors[some, some].astype(np.float64), -1, 0)
     luma, known = luma[some, some], luminance(red, green, blue)
     meant = {levels: stretched(luma, levels) for levels in (FULL, STUDIO)}
-    near = [levels for levels, gray in meant.items() if (abs(gray - known) <= COARSE).mean() >= MOST]
+    near = [levels for levels, gray in meant.items() if (abs(gray - known) <= COARSE).mean() >= LEAST_SHARE]
     if len(near) == 2:
         # all pixels are near mid-gray, where both levels give nearly the same values, but not the same contrast
         near = [levels for levels in near if _as_steep(meant[levels], known)]

@@ -5,16 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import h5py
 import numpy as np
+from tqdm import tqdm
 
 from nvsdata._version import __version__
 from nvsdata.common.files import Journal
+from nvsdata.video.folder import Video, fatal, sha256
 
 NAME = "manifest.jsonl"
 
@@ -52,15 +57,15 @@ class Manifest(Journal):
             raise ValueError(f"{out} holds recordings made with {differs}: choose another folder")
         self.videos = {line["video"]: line for line in self.lines}
 
-    def has(self, name: str, video: Path, target: Path, statuses: tuple[str, ...]) -> bool:
+    def has(self, video: Video, statuses: tuple[str, ...]) -> bool:
         """Whether the video, unchanged since, has one of these statuses, and its recording is there."""
-        line = self.videos.get(name)
+        line = self.videos.get(video.name)
         return (
             line is not None
             and line["status"] in statuses
-            and line["bytes"] == video.stat().st_size
-            and target.exists()
-            and target.stat().st_size == line["recording"]
+            and line["bytes"] == video.path.stat().st_size
+            and video.target.exists()
+            and video.target.stat().st_size == line["recording"]
         )
 
     def add(self, line: dict[str, Any]) -> None:
@@ -89,6 +94,56 @@ class FolderReport:
         self.done += line["status"] in good
         if "reason" in line:
             self.failed[line["video"]] = line["reason"]
+
+
+class FolderRun:
+    """A run over a folder of videos: which are left to do, and what became of each; use it in a `with` block.
+
+    - `manifest`: gets a line for each video that is done
+    - `videos`: all of the folder
+    - `done`: statuses of lines whose recordings were made
+    - `what`: is being done, for the progress bar
+
+    `waiting` are the videos that the manifest doesn't call done, `report` counts.
+    """
+
+    def __init__(self, manifest: Manifest, videos: Sequence[Video], done: tuple[str, ...], what: str) -> None:
+        self._manifest, self._done = manifest, done
+        self.waiting = [video for video in videos if not manifest.has(video, done)]
+        self.report = FolderReport(kept=len(videos) - len(self.waiting))
+        self.bar = tqdm(total=len(self.waiting), desc=what, unit="video", disable=None)
+        self._started = time.monotonic()
+
+    def add(self, line: dict[str, Any]) -> None:
+        """Keep the line of a video that is done, or that failed."""
+        self._manifest.add(line)
+        self.report.count(line, self._done)
+        seconds = time.monotonic() - self._started
+        self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)
+        self.bar.update()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bar.close()
+
+
+@contextmanager
+def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
+    """While the block makes a video's recording: put the file's size and hash into `line`, and why it failed if it did.
+
+    Errors that the next video would have, too, are raised: those of the disk, and `fatal_too` (default: none more).
+    """
+    try:
+        line |= {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
+        yield
+    except fatal_too:
+        raise
+    except (ValueError, OSError, cv2.error, MemoryError) as error:
+        if isinstance(error, OSError) and fatal(error, video.path):
+            raise
+        line |= {"status": "failed", "reason": str(error)}
 
 
 def _flat(made: dict[str, Any]) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def test_many_in_a_row_are_no_damaged_file(digits, monkeypatch):
     dataset = NMNIST(digits, errors="skip")
     with pytest.raises(FormatError, match=r"0/00001\.bin"):
         quietly(lambda: dataset[0])
-    monkeypatch.setattr(damage, "MOST", 3)
+    monkeypatch.setattr(damage, "MAX_UNREADABLE", 3)
     (digits / "Train/9/00003.bin").write_bytes(trees.atis(trees.some(1)))
     assert len(quietly(lambda: dataset[27])[0]) == 60
     (digits / "Train/9/00003.bin").write_bytes(b"abc")

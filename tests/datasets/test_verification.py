@@ -9,6 +9,7 @@ from nvsdata import NMNIST, EventFolder
 from nvsdata.cli import main
 from nvsdata.datasets import ASLDVS, CIFAR10DVS, DATASETS, UCF101DVS, YUPENNDVS, DVS128Gesture
 from nvsdata.datasets.expected import Found, Holding, lacking, numbered
+from nvsdata.datasets.registry import dataset_named
 from nvsdata.datasets.store.writer import pack
 from nvsdata.datasets.verification import problems
 from nvsdata.datasets.yupenndvs import CLASSES
@@ -87,7 +88,7 @@ def test_a_complete_folder_is_sound_and_an_incomplete_one_is_not(scenes, tmp_pat
 
 def test_few_of_many_are_not_all_sound(tmp_path):
     root = trees.put(tmp_path, trees.cifar10dvs())
-    found = dict(problems(root, "CIFAR10DVS"))
+    found = dict(problems(root, dataset_named("CIFAR10DVS")))
     assert found["cifar10-dvs"] == "30 recordings, 10,000 expected (two public readers)"
     assert found["bird"].startswith("1,000 of 1,000 recordings are missing: cifar10_bird_0, cifar10_bird_1, ")
     assert found["dog"].startswith("990 of 1,000 recordings are missing: cifar10_dog_10, ")
@@ -96,28 +97,30 @@ def test_few_of_many_are_not_all_sound(tmp_path):
 
 def test_what_lists_name_is_looked_for(tmp_path):
     root = trees.put(tmp_path / "ucf", trees.ucf101dvs())
-    found = dict(problems(root, "ucf101-dvs"))
+    found = dict(problems(root, dataset_named("ucf101-dvs")))
     assert found["Billards/v_Billiards_g08_c02.mat"] == "empty"
     assert not any(name.endswith(".txt") for name in found)
     (root / "Billards/v_Billiards_g07_c01.mat").unlink()
-    found = dict(problems(root, "ucf101-dvs"))
+    found = dict(problems(root, dataset_named("ucf101-dvs")))
     assert found["testlist01.txt"] == "1 of 4 recordings that it lists are missing: v_billiards_g07_c01"
     assert "13,523 expected" in found["ucf101-dvs"]
     root = trees.put(tmp_path / "hmdb", trees.hmdb51dvs())
     next(root.glob("wave/April*_5.mat")).unlink()
-    found = dict(problems(root, "hmdb51-dvs"))
+    found = dict(problems(root, dataset_named("hmdb51-dvs")))
     assert found["wave_test_split1.txt"].endswith("are missing: April_09_wave_#5_(goo)_np1_ba_med_5")
     root = trees.put(tmp_path / "gesture", trees.dvs128gesture())
     (root / "DvsGesture/user24_lab_labels.csv").unlink()
-    found = dict(problems(root, "dvs128-gesture"))
+    found = dict(problems(root, dataset_named("dvs128-gesture")))
     assert found["trials_to_test.txt"] == "1 of 2 recordings that it lists are missing: user24_lab"
     assert found["dvs128-gesture"].startswith(
         "36 gestures, 1,464 expected (the rows of the archive's 122 tables; the paper"
     )
     root = trees.put(tmp_path / "cut", trees.dvs128gesture_preprocessed())
-    assert dict(problems(root, "dvs128-gesture"))["dvs128-gesture"].startswith("33 gestures, 1,341 expected")
+    assert dict(problems(root, dataset_named("dvs128-gesture")))["dvs128-gesture"].startswith(
+        "33 gestures, 1,341 expected"
+    )
     root = trees.put(tmp_path / "aslan", trees.aslandvs(True))
-    assert dict(problems(root, "aslan-dvs"))["aslan-dvs"].startswith("12 recordings, 3,697 expected")
+    assert dict(problems(root, dataset_named("aslan-dvs")))["aslan-dvs"].startswith("12 recordings, 3,697 expected")
 
 
 def test_what_was_left_out_of_a_store_shows(tmp_path):
@@ -132,7 +135,7 @@ def test_what_was_left_out_of_a_store_shows(tmp_path):
 
 def test_a_folder_that_begins_with_a_damaged_recording(tmp_path):
     root = trees.put(tmp_path / "data", {"a/0.bin": b"abc", "a/1.bin": trees.atis(trees.some(1)), "a/2.h5": b"junk"})
-    assert [name for name, _ in problems(root, "folder")] == ["a/0.bin", "a/0.bin", "a/2.h5"]
+    assert [name for name, _ in problems(root, dataset_named("folder"))] == ["a/0.bin", "a/0.bin", "a/2.h5"]
     assert pack(EventFolder(root), tmp_path / "a.h5").packed == 1
 
 

@@ -152,7 +152,7 @@ def test_an_interrupted_run_goes_on(videos, tmp_path, monkeypatch):
     out, real = tmp_path / "out", convert.convert
 
     def interrupted(job):
-        if job.name.startswith("walk"):
+        if job.video.name.startswith("walk"):
             raise KeyboardInterrupt
         return real(job)
 

@@ -219,12 +219,12 @@ def test_times_of_their_own():
         ({"mode": "li"}, "mode must be one of"),
         ({"difference": "mean"}, "difference must be one of"),
         ({"timestamps": "FRAME"}, "timestamps must be one of"),
-        ({"alpha": 0}, "alpha must be in"),
+        ({"alpha": 0}, "alpha must (be positive|lie between)"),
         ({"inhibition": 0}, "inhibition must be a whole number"),
         ({"max_events": 1.5}, "max_events must be a whole number"),
         ({"continuous": True, "t_log": 1}, "continuous needs t_log above 1"),
-        ({"noise_rate": -1}, "noise_rate must be not negative"),
-        ({"hot_pixels": 2}, "hot_pixels must be between"),
+        ({"noise_rate": -1}, "noise_rate must not be negative"),
+        ({"hot_pixels": 2}, "hot_pixels must lie between"),
     ],
 )
 def test_settings_out_of_range(bad, says):

@@ -22,7 +22,7 @@ from nvsdata.common.locks import locked
 from nvsdata.recording.capture import Unfinished, record
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.journal import journal_of, left_over
-from nvsdata.recording.pipeline import Line
+from nvsdata.recording.pipeline import CameraReader
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="of POSIX")
 LONG = ["record", "--simulate", "--out", "a.h5"]
@@ -151,18 +151,18 @@ def test_a_journal_that_fails_ends_the_recording_and_loses_nothing():
     with opened(SimulatedDavis()) as davis:
         davis.configure(Settings())
         davis.start()
-        line = Line(davis, 30, Event())
-        line.start()
-        line.begin()
-        line.keep(Failing())
+        reader = CameraReader(davis, 30, Event())
+        reader.start()
+        reader.begin()
+        reader.keep(Failing())
         taken = []
-        consumer = Thread(target=lambda: taken.extend(iter(line.take, b"")), daemon=True)
+        consumer = Thread(target=lambda: taken.extend(iter(reader.take, b"")), daemon=True)
         consumer.start()
         consumer.join(20)
         assert not consumer.is_alive()
-        line.finish()
-    assert line.ended == "the journal failed (no journal)"
-    assert sum(map(len, taken)) == line.received > 0
+        reader.finish()
+    assert reader.ended == "the journal failed (no journal)"
+    assert sum(map(len, taken)) == reader.received > 0
 
 
 def test_a_journal_holds_what_the_recording_does(tmp_path):

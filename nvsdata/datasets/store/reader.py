@@ -16,6 +16,7 @@ from nvsdata.data.recording import Recording
 from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
+from nvsdata.formats.ondisk import read_into
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 2
@@ -175,21 +176,15 @@ class Store:
         Read rather than memory-mapped, because a mapped page costs more than its bytes and stays in memory.
         """
         if len(self._places) == len(COLUMNS):
-            n = hi - lo
-            return [np.frombuffer(self._bytes(n * size, begin + lo * size), kind) for kind, size, begin in self._places]
+            return [self._column(lo, hi, *place) for place in self._places]
         with opened(self.root, f"can't read events {lo} to {hi}") as file:
             return [np.asarray(dataset_of(self.root, file, f"events/{name}")[lo:hi]) for name in COLUMNS]
 
-    def _bytes(self, size: int, at: int) -> bytes:
-        """Bytes of the file, read without moving the file position, which forked workers would share."""
-        data = _pread(self._handle, size, at)
-        while len(data) < size:
-            # the system returns at most 2 GiB at a time
-            more = _pread(self._handle, size - len(data), at + len(data))
-            if not more:
-                raise FormatError(self.root, "cut short while it was open", offset=at + len(data))
-            data += more
-        return data
+    def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
+        """Items lo..hi of a column, `begin` being the byte of its first one."""
+        items = np.empty(hi - lo, kind)
+        read_into(self._handle, self.path, begin + lo * size, items)
+        return items
 
     def damaged(self, name: str) -> bool:
         """Whether the events of a recording fail their checksum."""
@@ -266,15 +261,6 @@ def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
         raise FormatError(path, f"cut short within {dataset.name}", offset=offset)
     return dataset.dtype, dataset.dtype.itemsize, offset or 0
-
-
-def _seek_and_read(handle: int, size: int, at: int) -> bytes:
-    os.lseek(handle, at, os.SEEK_SET)
-    return os.read(handle, size)
-
-
-# systems without pread (Windows) have no fork either
-_pread = getattr(os, "pread", _seek_and_read)
 
 
 def packed(texts: Iterable[str]) -> np.ndarray:

@@ -40,7 +40,7 @@ ENDPOINT = 0x82
 READ, WRITE = 0xC0, 0x40
 REGISTER, SEVERAL = 0xBF, 0xC2
 TIMEOUT = 1_000  # ms
-MOST = 4_096  # pixels per side, and MHz: no camera answers more
+MAX_ANSWER = 4_096  # pixels per side, and MHz: no camera answers more
 UDEV = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0666", TAG+="uaccess"'
 
 
@@ -134,9 +134,9 @@ class Davis:
         (columns, rows, turned), (wide, high, orientation) = self._geometry()
         flips = self.get(IMU, 1)
         swap, frame_swap = bool(turned & 4), bool(orientation & 4)
-        if not all(0 < side <= MOST for side in (columns, rows, wide, high)):
+        if not all(0 < side <= MAX_ANSWER for side in (columns, rows, wide, high)):
             raise self._nonsense(f"{columns}x{rows} pixels, frames of {wide}x{high}")
-        if not all(0 < clock <= MOST for clock in (logic_clock, converter_clock, usb_clock)):
+        if not all(0 < clock <= MAX_ANSWER for clock in (logic_clock, converter_clock, usb_clock)):
             raise self._nonsense(f"clocks of {logic_clock:g}, {converter_clock:g} and {usb_clock:g} MHz")
         try:
             biases_of(chip)

@@ -21,7 +21,7 @@ from nvsdata.recording.davis.stream import Decoder
 
 MARK = b"#!DAVIS-STREAM1 "
 BLOCK = 1 << 20  # bytes that are decoded at once
-MOST = 4096  # pixels per side
+MAX_SIDE = 4096  # pixels per side
 
 
 def header(decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
@@ -58,7 +58,7 @@ class StreamRecording(FileRecording):
     def _check(self) -> None:
         """Raise for settings that no decoder of a camera has."""
         sides = (self._how["width"], self._how["height"], *(self._how["frame_size"] or ()))
-        if len(sides) not in (2, 4) or not all(isinstance(side, int) and 0 < side <= MOST for side in sides):
+        if len(sides) not in (2, 4) or not all(isinstance(side, int) and 0 < side <= MAX_SIDE for side in sides):
             raise ValueError(f"sides of {sides} pixels")
         others = [value for name, value in self._how.items() if name not in ("width", "height", "frame_size")]
         if not all(isinstance(value, int) and 0 <= value < 1 << 15 for value in others):

@@ -12,7 +12,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import cv2
 from tqdm import tqdm
 
 from nvsdata import formats
@@ -25,8 +24,8 @@ from nvsdata.recording.rig.contact_sheets import Sheets
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
 from nvsdata.recording.rig.take import TakeRejected, cut_take, record_take
-from nvsdata.video.folder import Video, fatal, sha256
-from nvsdata.video.manifest import NAME, FolderReport, Manifest
+from nvsdata.video.folder import Video
+from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, noted
 
 TAKES = 3  # takes of a video before it counts as failed
 RETRY = 1_000_000  # µs between attempts to find a camera that is gone
@@ -86,14 +85,13 @@ def record_videos(
 
     Raises CameraError if there is no camera at the start, OSError if nothing can be written.
     """
-    waiting = deque(video for video in videos if not manifest.has(video.name, video.path, video.target, DONE))
-    result = FolderReport(kept=len(videos) - len(waiting))
     takes: Counter[str] = Counter()
     with (
         _Cameras(find, monitor, settings) as cameras,
         Sheets(out, videos, manifest) as sheets,
-        tqdm(total=len(waiting), desc="recording", unit="video", disable=None) as bar,
+        FolderRun(manifest, videos, DONE, "recording") as run,
     ):
+        waiting = deque(run.waiting)
         while waiting:
             video = waiting.popleft()
             takes[video.name] += 1
@@ -106,26 +104,19 @@ def record_videos(
                 "camera": camera.facts.serial,
             }
             try:
-                line |= {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
-                line |= _recorded(video, out, camera, monitor, settings)
+                with noted(video, line, (CameraError, MonitorError)):
+                    line |= _recorded(video, out, camera, monitor, settings)
             except (TakeRejected, CameraError) as reason:
                 if isinstance(reason, CameraError):
                     cameras.drop()
                 if takes[video.name] < TAKES:
-                    bar.write(f"{video.name}: {reason}; again later")
+                    run.bar.write(f"{video.name}: {reason}; again later")
                     waiting.append(video)
                     continue
                 line |= {"status": "failed", "reason": str(reason)}
-            except (ValueError, OSError, cv2.error) as error:
-                if isinstance(error, MonitorError) or (isinstance(error, OSError) and fatal(error, video.path)):
-                    raise
-                line |= {"status": "failed", "reason": str(error)}
-            manifest.add(line | {"takes": takes[video.name]})
-            result.count(line, DONE)
-            bar.set_postfix_str(f"{result.events:,} events", refresh=False)
-            bar.update()
+            run.add(line | {"takes": takes[video.name]})
             sheets.add(video)
-    return result
+    return run.report
 
 
 def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings) -> dict[str, Any]:

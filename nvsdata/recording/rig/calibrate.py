@@ -12,7 +12,7 @@ from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.calibration import Calibration, corners_of, lines_of, rectangles, response, spectrum_of
 from nvsdata.recording.rig.clock_fit import fit
-from nvsdata.recording.rig.live_view import Live
+from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STILL, pattern
 from nvsdata.video.frames import Frame
@@ -30,7 +30,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: flo
     """
     pieces: list[Events] = []
     size = (camera.facts.width, camera.facts.height)
-    with Live(size) as live:
+    with LiveView(size) as live:
 
         def watch(report: RecordingReport, events: Events) -> None:
             live.add(events)

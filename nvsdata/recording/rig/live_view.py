@@ -18,7 +18,7 @@ SPAN = 33_000  # µs of events in a picture
 ZOOM = 3
 
 
-class Live:
+class LiveView:
     """Shows the events of the last 33 ms, their rate, and how sharp they are; use it in a `with` block.
 
     `add` may be called from any thread; `draw` from the main thread only, often. `closed` says whether the window has

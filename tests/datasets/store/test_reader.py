@@ -257,7 +257,7 @@ def test_a_store_that_is_cut_short_while_it_is_open(store):
     opened = Store(store)
     with store.open("r+b") as file:
         file.truncate(opened._places[0][2] + 8)
-    with pytest.raises(FormatError, match="cut short while it was open"):
+    with pytest.raises(FormatError, match="truncated while it was read"):
         opened.open(opened.names[-1], None).read()
 
 
