@@ -16,6 +16,7 @@ from nvsdata.common.validation import at_least
 from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
+from nvsdata.models.voting import vote
 from nvsdata.transforms.draws import of_voter
 
 One = str | os.PathLike[str] | Recording | Events
@@ -89,7 +90,7 @@ class Trained:
                 samples.append((self.transform(opened), 0))
         batch, _ = collate(samples)
         device = next(self.model.parameters()).device
-        probabilities: torch.Tensor = self.model(batch.to(device)).log_softmax(1).mean(0).softmax(0)
+        probabilities: torch.Tensor = vote(self.model(batch.to(device)))
         return probabilities
 
 

@@ -10,6 +10,7 @@ import torch
 from torch import distributed, nn
 from torch.utils.data import DataLoader
 
+from nvsdata.models.voting import vote
 from nvsdata.training.processes import Team
 
 
@@ -33,9 +34,7 @@ def predict(
 def accuracies(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
 ) -> tuple[float, float]:
-    """Accuracy of one window (mean over all), and of the windows of a recording together, which vote.
-
-    A vote adds up log-probabilities.
+    """Accuracy of one window (mean over all), and of the windows of a recording together; see `voting.vote`.
 
     - `model`: gives scores [B, num_classes]
     - `batches`: every recording once, then again, and so on, `rounds` times `windows` times
@@ -43,7 +42,7 @@ def accuracies(
     - `rounds`: votes per recording, over which accuracy is the mean (default 1)
     """
     scores, targets = predict(model, batches, team)
-    voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
+    voters = scores.view(rounds, windows, -1, scores.shape[1])
     wanted = targets.chunk(rounds * windows)[0]
 
     def share(named: torch.Tensor) -> float:
@@ -51,4 +50,4 @@ def accuracies(
         right = (named.argmax(-1) == wanted) & ~named.isnan().any(-1)
         return right.double().mean().item()
 
-    return share(voters), share(voters.sum(1))
+    return share(voters), share(vote(voters, 1))
