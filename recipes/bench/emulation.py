@@ -2,9 +2,9 @@
 
     python recipes/bench/emulation.py --video bikes.mp4 --out emulation.json
 
-Times are medians over rounds in which ours and what it is held to take turns. Recordings are written
+Times are medians over rounds in which ours and the reference take turns. Recordings are written
 to --scratch (default: the system's temporary folder) and flushed before each round, so that one
-round's writing doesn't slow the next. POT is raced where it is installed.
+round's writing doesn't slow the next. POT is measured if it is installed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Row = dict[str, Any]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--video", type=Path, required=True)
-    parser.add_argument("--scratch", type=Path, help="folder that recordings are written to")
+    parser.add_argument("--scratch", type=Path, help="folder for recordings")
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
     args = parser.parse_args()
     rows = []
@@ -48,7 +48,7 @@ def main() -> None:
         place = Path(home)
         parts = (
             lambda: converting("the video", args.video, place),
-            lambda: converting("a clip in which under 2% fire", sparse_clip(place / "sparse.avi"), place),
+            lambda: converting("a clip in which under 2% of the pixels fire", sparse_clip(place / "sparse.avi"), place),
             lambda: emulating(args.video),
             lambda: still_scene(),
             lambda: jobs(args.video, place),
@@ -64,7 +64,7 @@ def main() -> None:
 
 
 def decode(video: Path) -> int:
-    """Bare decoding by OpenCV; how many frames."""
+    """Decode by OpenCV alone; returns the number of frames."""
     capture, count = cv2.VideoCapture(str(video)), 0
     while capture.read()[0]:
         count += 1
@@ -72,7 +72,7 @@ def decode(video: Path) -> int:
 
 
 def converting(name: str, video: Path, home: Path) -> list[Row]:
-    """To HDF5, flushed to the disk as always, beside bare decoding."""
+    """Convert to HDF5, flushed to the disk as always, compared with bare decoding."""
     target = home / "events.h5"
 
     def convert() -> None:
@@ -95,13 +95,13 @@ def converting(name: str, video: Path, home: Path) -> list[Row]:
 
 
 def set_pixels(events: nvsdata.Events) -> np.ndarray:
-    """Distinct pairs of pixel and frame of 40 ms."""
+    """Distinct pairs of pixel and 40 ms frame."""
     frame = np.maximum(events.t - 1, 0) // 40_000
     return np.unique((frame << 32) | (events.y.astype(np.int64) << 16) | events.x)
 
 
 def sparse_clip(path: Path) -> Path:
-    """A small object over a still, textured ground."""
+    """Write a video of a small object that moves over a still, textured background."""
     rng = np.random.default_rng(0)
     ground = cv2.GaussianBlur(rng.integers(30, 220, (272, 640, 3), dtype=np.uint8), (0, 0), 2)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25, (640, 272))
@@ -114,7 +114,7 @@ def sparse_clip(path: Path) -> Path:
 
 
 def emulating(video: Path) -> list[Row]:
-    """Frames in memory, as the file gives them, to events: on one core, and as `stream` overlaps its stages."""
+    """From frames in memory, as the file gives them, to events: on one core, and with overlapping stages."""
     frames = decoded(video, color=False)
     pixels = frames[0].pixels.size * (len(frames) - 1)
 
@@ -127,7 +127,7 @@ def emulating(video: Path) -> list[Row]:
 
 
 def one_core(frames: list[Frame]) -> Callable[[], None]:
-    """A run that emulates the frames step by step."""
+    """A function that emulates the frames step by step."""
 
     def steps() -> None:
         emulator = Emulator(PIX2NVS(), frames[0])
@@ -138,14 +138,14 @@ def one_core(frames: list[Frame]) -> Callable[[], None]:
 
 
 def decoded(video: Path, color: bool = True) -> list[Frame]:
-    """All frames."""
+    """All frames of a video."""
     from nvsdata.video.frames import frames_of
 
     return list(frames_of(video, color=color))
 
 
 def still_scene() -> list[Row]:
-    """Frames of 640 x 480 in which all moves, in which a small object moves, and in which nothing does."""
+    """Frames of 640x480 in which everything moves, a small object moves, and nothing moves."""
     rng = np.random.default_rng(0)
     ground = cv2.GaussianBlur(rng.integers(0, 255, (520, 680, 3), dtype=np.uint8), (0, 0), 2)
     ground = np.interp(ground, (ground.min(), ground.max()), (5, 250)).astype(np.uint8)
@@ -172,7 +172,7 @@ def still_scene() -> list[Row]:
 
 
 def jobs(video: Path, home: Path) -> list[Row]:
-    """40 clips cut from the video, as long, large and coded as those of UCF101 are, by one process and by two."""
+    """40 clips cut from the video, with length, size and codec of UCF101's clips, by one process and by two."""
     clips = home / "clips"
     frames = decoded(video)
     frames += frames[::-1]
@@ -200,7 +200,7 @@ def jobs(video: Path, home: Path) -> list[Row]:
 
 
 def memory(video: Path, home: Path) -> list[Row]:
-    """Peak resident memory of a process that converts the video once, and four times as many frames."""
+    """Peak resident memory of converting the video once, and of four times as many frames, each in a process."""
     script = (
         "import sys, itertools, nvsdata\n"
         "from nvsdata.video.frames import frames_of\n"
@@ -217,7 +217,7 @@ def memory(video: Path, home: Path) -> list[Row]:
 
 
 def nearest_spikes() -> list[Row]:
-    """Chamfer and repeatability of a frame of 60,000 spikes a side, beside cKDTree's query alone."""
+    """Chamfer distance and repeatability of a frame, 60,000 spikes per side, compared with cKDTree's query alone."""
     rng = np.random.default_rng(0)
     height, width = 272, 640
 
@@ -251,7 +251,7 @@ def nearest_spikes() -> list[Row]:
 
 
 def transport() -> list[Row]:
-    """EMD of a block beside POT's, which is given its matrix of distances."""
+    """EMD of a block, compared with POT, which gets its matrix of distances."""
     rng = np.random.default_rng(0)
     rows = []
     for n, m in ((300, 350), (1000, 1100)):
