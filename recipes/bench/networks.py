@@ -3,9 +3,9 @@
     python recipes/bench/networks.py --out networks.json
     python recipes/bench/networks.py --nmnist N-MNIST --recording davis240.aedat --device cuda
 
-One core. Graphs of 1,000 nodes are of the outlines of squares that move over a sensor of 240x180. Latency is from a
-recording's window to its class: of --nmnist's recordings, of --recording, or of such outlines. torch_spline_conv
-is left out where it isn't installed.
+One core. Graphs of 1,000 nodes show the outlines of squares that move over a sensor of 240x180. Latency is from a
+recording's window to its class, for recordings of --nmnist, for --recording, or for such outlines.
+torch_spline_conv is left out if it isn't installed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SENSOR = (240, 180)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nmnist", type=Path, help="N-MNIST recordings")
-    parser.add_argument("--recording", type=Path, help="a recording of a sensor of 240x180")
+    parser.add_argument("--recording", type=Path, help="recording of a 240x180 sensor")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
     args = parser.parse_args()
@@ -55,7 +55,7 @@ def main() -> None:
 
 
 def outlines(seed: int, count: int, duration: int = 30_000) -> Events:
-    """Events of the outlines of four squares that move."""
+    """Events of the outlines of four moving squares."""
     rng = np.random.default_rng(seed)
     t = np.sort(rng.integers(0, duration, count))
     side, x, y, vx, vy = (rng.uniform(low, high, 4) for low, high in ((20, 50), (0, 180), (0, 120), (0, 9), (0, 9)))
@@ -81,7 +81,7 @@ def layers(batch: GraphBatch) -> list[Row]:
 
 
 def layer(name: str, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, weight: torch.Tensor) -> Row:
-    """A row of one layer."""
+    """The row of one layer."""
     cells, width, out = weight.shape
     size = round(cells**0.5)
 
@@ -111,7 +111,7 @@ def layer(name: str, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, weig
 
 
 def stepper(run: Callable[..., torch.Tensor], x: torch.Tensor, weight: torch.Tensor) -> Callable[[], None]:
-    """Forward and backward."""
+    """A function that runs forward and backward."""
     x, weight = x.clone().requires_grad_(), weight.clone().requires_grad_()
 
     def step() -> None:
@@ -125,7 +125,7 @@ def stepper(run: Callable[..., torch.Tensor], x: torch.Tensor, weight: torch.Ten
 def gather_scatter(
     x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, weight: torch.Tensor, size: int
 ) -> torch.Tensor:
-    """The convolution as one would write it: all cells' products of all nodes, gathered and summed along edges."""
+    """The obvious implementation: products of all nodes with all cells, gathered and summed along edges."""
     source, target = edges
     v = u.to(x.dtype) * (size - 1)
     lower = v.floor().clamp(max=max(size - 2, 0)).long()
@@ -168,9 +168,9 @@ def pooling(batch: GraphBatch) -> Row:
 
 
 def latency(name: str, recordings: list[Any], device: torch.device) -> Row:
-    """From a window of a recording to its class, batch 1: ms at the median and the 99th percentile.
+    """Time in ms from a window of a recording to its class, batch size 1: median and 99th percentile.
 
-    The network as it was trained, and fused for inference, in turns.
+    The network as trained and the network fused for inference take turns.
     """
     model = models.rgcnn(name).to(device).eval()
     runs = {"": model, "fused_": models.fused(model)}
@@ -194,7 +194,7 @@ def latency(name: str, recordings: list[Any], device: torch.device) -> Row:
 
 
 def digits(root: Path | None) -> list[Any]:
-    """Undecoded recordings of N-MNIST, or outlines on its sensor."""
+    """Undecoded recordings of N-MNIST; without `root`, outlines on its sensor."""
     if root is None:
         events = [outlines(seed, 4_000, 300_000) for seed in range(32)]
         return [Events(e.t, e.x * 33 // 239, e.y * 33 // 179, e.p, (34, 34)) for e in events]
@@ -203,12 +203,12 @@ def digits(root: Path | None) -> list[Any]:
 
 
 def windows(path: Path | None) -> list[Any]:
-    """A recording of 240x180."""
+    """A recording of 240x180; without `path`, outlines."""
     return [outlines(seed, 80_000, 300_000) for seed in range(32)] if path is None else [nvsdata.open(path)]
 
 
 def graph2grid(device: torch.device) -> Row:
-    """Features of 16 x 8 graphs on a 30x30 grid, beside one `index_copy_` of the same size."""
+    """Features of 16 x 8 graphs on a 30x30 grid, compared with one `index_copy_` of the same size."""
     cells, channels = 900, 128
     graphs = torch.arange(16 * 8, device=device).repeat_interleave(600)
     at = torch.stack([torch.randperm(cells, device=device)[:600] for _ in range(16 * 8)]).flatten()
