@@ -2,10 +2,10 @@
 
     python recipes/bench/objects.py --root N-MNIST --out objects.json
 
-A peer that is not installed (tonic; torch_cluster and torch_geometric; torch_spline_conv) is
-quoted from a run elsewhere, and marked so. Single core, but for the DataLoader's workers. Each
-pair of times is the median over rounds in which ours and the peer's take turns, so that a slow
-spell of the machine meets both.
+If a peer isn't installed (tonic; torch_cluster and torch_geometric; torch_spline_conv), there is only
+the time quoted from another run. One core, except for the DataLoader's workers. Each pair of times is
+the median over rounds in which ours and the peer take turns, so that a slow phase of the machine
+affects both.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def decode(paths: list[str]) -> Row:
-    """A file to its events."""
+    """From a file to its events."""
     peer: Callable[[Any], Any] | None = None
     try:
         from tonic.io import read_mnist_file
@@ -70,7 +70,7 @@ def decode(paths: list[str]) -> Row:
 
 
 def graph(events: list[nvsdata.Events]) -> Row:
-    """The events of a 30 ms window to a graph with edge attributes."""
+    """From the events of a 30 ms window to a graph with edge attributes."""
     peer: Callable[[Any], Any] | None = None
     try:
         import torch_cluster
@@ -92,7 +92,7 @@ def graph(events: list[nvsdata.Events]) -> Row:
 
 
 def training_step(events: list[nvsdata.Events]) -> Row:
-    """Forward, backward and Adam of RG-CNN (L = 2) on a batch of 64, a sample."""
+    """Forward, backward and Adam of RG-CNN (L = 2) on a batch of 64, per sample."""
     batch, targets = nvsdata.collate([(T.radius_graph(ev), i % 10) for i, ev in enumerate(events[:64])])
     steps = [stepper(models.rgcnn("n-mnist"), batch, targets)]
     try:
@@ -103,7 +103,7 @@ def training_step(events: list[nvsdata.Events]) -> Row:
         pass
     ours, theirs = race(steps[0], steps[1] if len(steps) > 1 else None, [None], rounds=5)
     return line(
-        "RG-CNN training step a sample", "PyG + torch_spline_conv", ours / 64, theirs and theirs / 64, quoted=56.0
+        "RG-CNN training step per sample", "PyG + torch_spline_conv", ours / 64, theirs and theirs / 64, quoted=56.0
     )
 
 
@@ -120,7 +120,7 @@ def stepper(model: torch.nn.Module, batch: Any, targets: torch.Tensor) -> Callab
 
 
 def loading(root: Path) -> Row:
-    """Files to batches of 64 graphs through a DataLoader with two workers, in samples/s."""
+    """From files to batches of 64 graphs through a DataLoader with two workers, in samples/s."""
     pipeline = T.Compose([T.RandomWindow(30_000), T.NonUniformSample(8), T.RadiusGraph()])
     dataset = torch.utils.data.ConcatDataset([NMNIST(root, transform=pipeline)] * 10)
     dataset[0]
@@ -139,7 +139,7 @@ def loading(root: Path) -> Row:
 def race(
     ours: Callable[[Any], Any], theirs: Callable[[Any], Any] | None, items: Sequence[Any], rounds: int = ROUNDS
 ) -> tuple[float, float | None]:
-    """Median ms an item of both, in turns."""
+    """Median ms per item of both, in turns."""
     runners = [run for run in (ours, theirs) if run is not None]
     times: list[list[float]] = [[] for _ in runners]
     for run in runners:
