@@ -1,4 +1,4 @@
-"""RG-CNN (L = 2) written with PyTorch Geometric and torch_spline_conv, to race against."""
+"""RG-CNN (L = 2) in PyTorch Geometric and torch_spline_conv, for comparison."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CLUSTERS = (2, 4, 7)
 
 
 class SplineConv(nn.Module):
-    """The layer that PyTorch Geometric built on torch_spline_conv before it asked for pyg-lib."""
+    """The layer that PyTorch Geometric built on torch_spline_conv before it required pyg-lib."""
 
     def __init__(self, a: int, b: int, kernel_size: int) -> None:
         super().__init__()
