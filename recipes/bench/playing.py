@@ -1,11 +1,11 @@
-"""How well recordings are cut to their videos: a simulated camera before a monitor that is played to.
+"""How accurately recordings are cut to their videos, with a simulated camera in front of a monitor.
 
     SDL_VIDEODRIVER=dummy python recipes/bench/playing.py --videos 20 --drift 100 --noise 5 --late 0.05
 
-The camera's clock drifts by so many ppm, a share of the pictures comes a refresh later than the computer thinks, and
-each pixel fires by itself so many times a second. The true start of a recording is the camera's own time of the moment
-at which the video began: what is off is the time that screen and sensor take, the same for all, and an error. Takes
-that fail their checks and are done again count as takes only.
+The camera's clock drifts by --drift ppm, the share --late of the pictures comes a refresh later than logged, and each
+pixel fires by itself --noise times per second. The true start of a recording is the camera's own time when the video
+began. The difference from it is the delay of screen and sensor, the same for all, plus an error. Takes that fail their
+checks and are repeated count only as takes.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
 
-TIMES_BEGIN = 2  # of a camera's clock in a take: when the stream runs, and when it's reset
+TIMES_BEGIN = 2  # of a camera's clock per take: when the stream starts, and at the reset
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--videos", type=int, default=10)
-    parser.add_argument("--seconds", type=float, default=3.0, help="of a video (default 3)")
-    parser.add_argument("--drift", type=float, default=100.0, help="ppm (default 100)")
-    parser.add_argument("--noise", type=float, default=5.0, help="Hz a pixel (default 5)")
-    parser.add_argument("--late", type=float, default=0.05, help="share of pictures (default 0.05)")
+    parser.add_argument("--seconds", type=float, default=3.0, help="length of a video (default 3)")
+    parser.add_argument("--drift", type=float, default=100.0, help="of the camera's clock in ppm (default 100)")
+    parser.add_argument("--noise", type=float, default=5.0, help="Hz per pixel (default 5)")
+    parser.add_argument("--late", type=float, default=0.05, help="share of pictures that come late (default 0.05)")
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
     args = parser.parse_args()
     simulation = Simulation(drift=args.drift, noise=args.noise, late=args.late)
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def make_video(path: Path, frames: int, seed: int) -> None:
-    """A disc over blots, both moving."""
+    """Write a video of a moving disc over moving blots."""
     rng = np.random.default_rng(seed)
     blots = cv2.GaussianBlur(rng.integers(0, 255, (240, 320), dtype=np.uint8), (0, 0), 6)
     blots = cv2.normalize(blots, None, 30, 220, cv2.NORM_MINMAX)
@@ -65,7 +65,7 @@ def make_video(path: Path, frames: int, seed: int) -> None:
 
 
 def measured(place: Path, simulation: Simulation) -> dict[str, float]:
-    """Play and record all videos of a folder, and hold the fits to the camera's clock."""
+    """Play and record all videos of a folder, and compare the fits with the camera's clock."""
     starts: list[float] = []
     drifts: list[float] = []
     began: list[int] = []
