@@ -1,4 +1,4 @@
-"""Runs that take turns, so that a slow spell of the machine meets all of them."""
+"""Runs that take turns, so that a slow phase of the machine affects all of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROUNDS = 7
 def race(
     runs: dict[str, Callable[[], Any]], *, inner: int = 1, before: Callable[[], Any] = lambda: None
 ) -> dict[str, float]:
-    """Median seconds of each over rounds of `inner` calls; `before` each round, not timed."""
+    """Median seconds per call of each run over rounds of `inner` calls; `before` precedes each round, not timed."""
     times: dict[str, list[float]] = {name: [] for name in runs}
     for run in runs.values():
         run()
