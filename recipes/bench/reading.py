@@ -1,10 +1,10 @@
-"""Speed of reading: decoders on a million events, .mat files, the packed store, and folder listings.
+"""Speed of reading: decoders, windows, .mat files, the packed store, and folder listings.
 
     python recipes/bench/reading.py --out reading.json
 
 Files are made in a temporary folder and read from the page cache, on one core. Each pair of times
-is the median over rounds in which ours and the other's take turns, so that a slow spell of the
-machine meets both. Peers (tonic, expelliarmus) are measured where they are installed.
+is the median over rounds in which ours and the other take turns, so that a slow phase of the
+machine affects both. Peers (tonic, expelliarmus) are measured if they are installed.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ Row = dict[str, Any]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
-    parser.add_argument("--recordings", type=int, default=10_000, help="of the packed store (default 10000, 2 GB)")
-    parser.add_argument("--files", type=int, default=100_800, help="of the folder that is listed (default 100800)")
+    parser.add_argument("--recordings", type=int, default=10_000, help="in the packed store (default 10000, 2 GB)")
+    parser.add_argument("--files", type=int, default=100_800, help="in the folder that is listed (default 100800)")
     args = parser.parse_args()
     torch.set_num_threads(1)
     rows = []
     with tempfile.TemporaryDirectory() as home:
-        # the listing first: in a process full of objects Python's garbage collector takes longer
+        # the listing first, because Python's garbage collector takes longer in a process with many objects
         parts = (
             lambda: listing(Path(home), args.files),
             lambda: decoding(Path(home)),
@@ -72,9 +72,9 @@ def moving(n: int, size: tuple[int, int], seed: int = 0, duration: int = MILLION
 
 
 def decoding(home: Path) -> list[Row]:
-    """Files of 2 and of 20 million events, beside a plain copy of their bytes and the peers' readers.
+    """Files of 2 and of 20 million events, compared with a plain copy of their bytes and with peers.
 
-    The larger files' events no longer fit into memory that the process has touched before.
+    Events of the larger files no longer fit into memory that the process has already used.
     """
     rows = []
     for millions, suffix in product((2, 20), (".bin", ".dat", ".aedat", ".aedat3")):
@@ -97,7 +97,7 @@ def decoding(home: Path) -> list[Row]:
 
 
 def windows(home: Path) -> list[Row]:
-    """Random windows of 30 ms from a recording that is kept open, beside opening the file and reading their bytes."""
+    """Random 30 ms windows of a recording that is kept open, compared with opening the file and reading their bytes."""
     rows = []
     begins = np.random.default_rng(0).integers(0, 8 * MILLION - 30_000, 400).tolist()
     ev = moving(2 * MILLION, (128, 128), duration=8 * MILLION)
@@ -120,7 +120,7 @@ def windows(home: Path) -> list[Row]:
 
 
 def bare_read(path: Path, at: int, size: int) -> None:
-    """The system calls alone that a read can't do without."""
+    """Only the system calls that every read needs."""
     descriptor = os.open(path, os.O_RDONLY)
     os.fstat(descriptor)
     os.preadv(descriptor, (bytearray(size),), at)
@@ -150,7 +150,7 @@ def peers(suffix: str, path: Path) -> dict[str, Callable[[], Any]]:
 
 
 def by_tonic(tonic: Any, path: Path, version: float, shifts: tuple[int, int, int]) -> Any:
-    """An AEDAT file by tonic's parts: the readers of its 1.7.0 stumble over its own reader of headers."""
+    """Read an AEDAT file with parts of tonic: the readers of tonic 1.7.0 fail on what its header reader returns."""
     _, start, *_ = tonic.read_aedat_header_from_file(str(path))
     raw = tonic.get_aer_events_from_file(str(path), version, start)
     x, y, p = (raw["address"] >> shift & mask for shift, mask in zip(shifts, (127, 127, 1), strict=True))
@@ -158,7 +158,7 @@ def by_tonic(tonic: Any, path: Path, version: float, shifts: tuple[int, int, int
 
 
 def matlab_files(home: Path) -> list[Row]:
-    """A file as ASL-DVS has them, beside inflating its bytes and scipy's reader."""
+    """A file like those of ASL-DVS, compared with inflating its bytes and with scipy's reader."""
     ev = moving(28_000, (240, 180), duration=100_000)
     path = home / "asl.mat"
     path.write_bytes(mat_bytes(ev))
@@ -176,7 +176,7 @@ def matlab_files(home: Path) -> list[Row]:
 
 
 def elements(path: Path) -> list[tuple[int, int, bytes]]:
-    """The tagged elements of a v5 file."""
+    """The tagged elements of a MATLAB v5 file."""
     data, at, found = path.read_bytes(), matlab.HEADER, []
     while at + 8 <= len(data):
         kind, size = (int.from_bytes(data[at + i : at + i + 4], "little") for i in (0, 4))
@@ -186,7 +186,7 @@ def elements(path: Path) -> list[tuple[int, int, bytes]]:
 
 
 def mat_bytes(ev: Events) -> bytes:
-    """MATLAB v5, compressed, columns in the types that MATLAB would choose."""
+    """A compressed MATLAB v5 file, with columns of the types that MATLAB would choose."""
     file = io.BytesIO()
     columns = {"ts": ev.t.astype(np.uint32), "x": ev.x.astype(np.uint8), "y": ev.y.astype(np.uint8), "pol": ev.p}
     scipy.io.savemat(file, {name: column.reshape(-1, 1) for name, column in columns.items()}, do_compression=True)
@@ -194,7 +194,7 @@ def mat_bytes(ev: Events) -> bytes:
 
 
 def store(home: Path, recordings: int) -> list[Row]:
-    """Random 30 ms windows of recordings of 28,000 events: from the store, and from .mat files."""
+    """Random 30 ms windows of recordings of 28,000 events, from a store and from .mat files."""
     packed, mats = home / "asl.h5", home / "mats"
     events = [moving(28_000, (240, 180), seed, 100_000) for seed in range(20)]
     for i, ev in enumerate(events):
@@ -231,7 +231,7 @@ def store(home: Path, recordings: int) -> list[Row]:
 
 
 def repeat(path: Path, recordings: int) -> None:
-    """Make a store larger by repeating what it holds under other names."""
+    """Enlarge a store by repeating its recordings under other names."""
     from nvsdata.datasets.store.reader import COLUMNS, INDEX, checksum, packed
 
     with h5py.File(path, "r+") as file:
@@ -259,14 +259,14 @@ def repeat(path: Path, recordings: int) -> None:
 
 
 def resident() -> int:
-    """Bytes of the process that are in memory now."""
+    """Bytes of the process that are in memory."""
     with suppress(OSError), open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * resource.getpagesize()
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def listing(home: Path, files: int) -> list[Row]:
-    """A tree as ASL-DVS's: the dataset opened the first time, and again."""
+    """Open a dataset with a folder tree like ASL-DVS's, for the first time and again."""
     root = home / "tree"
     letters = ASLDVS.info.classes
     each = files // len(letters)
@@ -274,7 +274,7 @@ def listing(home: Path, files: int) -> list[Row]:
         (root / letter).mkdir(parents=True)
         for i in range(each):
             (root / letter / f"{letter}_{i:04d}.mat").touch()
-    # folders that changed a moment ago are not trusted, as anyone's won't have
+    # folders that changed a moment ago aren't trusted; a user's folders are older
     for folder in (root, *(root / letter for letter in letters)):
         os.utime(folder, ns=(10**18, 10**18))
     spent = []
