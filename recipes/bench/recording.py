@@ -1,9 +1,9 @@
-"""Run time of recording: the wire decoder alone, and from a simulated camera to a file.
+"""Run time of recording: the stream decoder alone, and from a simulated camera to a file.
 
     python recipes/bench/recording.py --stream real_everything.bin --seconds 60 --out recording.json
 
-The camera replays words that were made before, paced to --rate events/s by the clock, in reads of up to 64 KiB; what
-its FIFO of 4 MB can't hold is dropped and counted, as is what the recorder has no room for. No USB bus is in it.
+The camera replays prepared words at --rate events/s, in reads of up to 64 KiB. What its FIFO of 4 MB can't hold is
+dropped and counted, as is what the recorder has no room for. No USB bus is involved.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from nvsdata.recording.davis.stream import Decoder
 from nvsdata.recording.simulated.camera import FIFO, SimulatedDavis
 from nvsdata.recording.simulated.usb_backend import Backend
 
-PERIOD = 1 << 15  # µs from wrap to wrap of the camera's clock
+PERIOD = 1 << 15  # µs between wraps of the camera's clock
 Row = dict[str, Any]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--stream", type=Path, help="bytes of a DAVIS240 to decode")
+    parser.add_argument("--stream", type=Path, help="file with the byte stream of a DAVIS240, to decode")
     parser.add_argument("--rate", type=float, default=12e6, help="events/s (default 12 million)")
     parser.add_argument("--seconds", type=float, default=60)
-    parser.add_argument("--folder", type=Path, help="where the recording goes (default: the system's for such)")
+    parser.add_argument("--folder", type=Path, help="folder for the recording (default: the system's temporary folder)")
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
     args = parser.parse_args()
     rows = [decoding(args.stream, piece) for piece in (1 << 16, 1 << 20)] if args.stream else []
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def decoding(path: Path, piece: int) -> Row:
-    """Events/s of the decoder on one core, the stream twenty times over."""
+    """Events/s of the decoder on one core; the stream is decoded twenty times."""
     data = memoryview(path.read_bytes())
     decoder, events, spent = Decoder(240, 180), 0, []
     for _ in range(20):
@@ -62,7 +62,7 @@ def decoding(path: Path, piece: int) -> Row:
 
 
 class Replay(SimulatedDavis):
-    """Sends the same words each 32.768 ms, which end with a wrap of the clock."""
+    """Sends the same words every 32.768 ms, ending with a wrap of the clock."""
 
     def __init__(self, rate: float) -> None:
         super().__init__(speed=0)
@@ -89,7 +89,7 @@ class Replay(SimulatedDavis):
             self.sent = made - FIFO
         count = min(len(buffer), made - self.sent)
         if count < self.per_second / 1e3:
-            # a packet that isn't full is sent after a millisecond
+            # a packet that isn't full is sent after one millisecond
             time.sleep(0.001)
             return 0
         at = self.sent % len(self.data)
