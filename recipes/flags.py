@@ -1,4 +1,4 @@
-"""The flags that the training recipes share."""
+"""Options that the training recipes share."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from nvsdata.training import actions
 
 
 def add_data(parser: argparse.ArgumentParser) -> None:
-    """Which recordings are trained on."""
+    """Which recordings to train on."""
     add = parser.add_argument
     add("--dataset", required=True, choices=sorted(DATASETS), help="folder: class folders of recordings")
-    add("--root", required=True, type=Path, help="where the recordings are")
-    add("--out", required=True, type=Path, help="where log, checkpoint and model go")
+    add("--root", required=True, type=Path, help="folder or packed store of the recordings")
+    add("--out", required=True, type=Path, help="folder for log, checkpoint and model")
     add("--errors", choices=ERRORS, default="raise", help="what to do about damaged recordings (default raise)")
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
-    """How a training runs."""
+    """How to run a training."""
     add = parser.add_argument
-    add("--seed", type=int, default=0, help="of all that is random (default 0)")
+    add("--seed", type=int, default=0, help="of all random numbers (default 0)")
     add("--device", help="default: a GPU if there is one, else cpu")
-    add("--resume", action="store_true", help="go on from what is in OUT")
+    add("--resume", action="store_true", help="continue from what is in OUT")
 
 
 def add_actions(parser: argparse.ArgumentParser) -> None:
-    """What is trained by the protocol of `Actions`."""
+    """What to train by the protocol `Actions`."""
     add = parser.add_argument
     add("--network", choices=actions.NETWORKS, default="rgcnn3d", help="default rgcnn3d")
     add("--temporal", choices=models.TEMPORAL, default="residual", help="3D CNN of rgcnn3d (default residual)")
-    add("--graphs", type=int, choices=(8, 16), default=8, help="S: graphs, or frames, per sample (default 8)")
-    add("--duration", type=int, help="µs of a recording, at a random place (default: all of it)")
-    add("--events", type=int, default=1024, help="events per sample of pointnet, pointnet++ and lstm (default 1024)")
+    add("--graphs", type=int, choices=(8, 16), default=8, help="S: graphs or frames per sample (default 8)")
+    add("--duration", type=int, help="µs used of each recording, at a random place (default: all)")
+    add("--events", type=int, default=1024, help="events per sample for pointnet, pointnet++ and lstm (default 1024)")
     add("--epochs", type=int, default=actions.EPOCHS, help=f"default {actions.EPOCHS}")
     add("--batch", type=int, help="samples per step, over all processes (default 32 for 8 graphs, 16 for 16)")
     add_run(parser)
 
 
 def actions_of(args: argparse.Namespace, *, flip: bool = True) -> actions.Actions:
-    """The protocol that the flags ask for."""
+    """The protocol that the options describe."""
     return actions.Actions(args.network, args.temporal, args.graphs, args.duration, args.events, flip)
 
 
 def run_of(args: argparse.Namespace) -> dict[str, Any]:
-    """What a protocol's `trainer` is told of how to run."""
+    """The options that a protocol's `trainer` takes."""
     return {name: getattr(args, name) for name in ("epochs", "batch", "seed", "resume")}
