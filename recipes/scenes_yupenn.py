@@ -1,11 +1,11 @@
-"""Recognize scenes, each recording by a network trained on all others (thesis section 5.3.3, Table 5.6).
+"""Recognize the scene of each recording by a network trained on all others (thesis section 5.3.3, Table 5.6).
 
     python recipes/scenes_yupenn.py --root YUPENN-DVS --out runs/yupenn
 
-Leave one out: as many trainings as there are recordings (420 of YUPENN-DVS), by the protocol of `train_actions.py`.
---folds FIRST LAST does recordings FIRST to LAST - 1 only, so that several machines can share the work. OUT receives a
-line per recording in `log.jsonl` and a folder with the log of each training; --resume goes on where it was
-stopped. Printed at the end: the accuracy, and the variance of the scenes' accuracies.
+Leave one out: one training per recording (420 for YUPENN-DVS), by the protocol of `train_actions.py`. --folds FIRST
+LAST leaves out recordings FIRST to LAST - 1 only, so that several machines can share the work. OUT receives a line per
+recording in `log.jsonl` and a folder with the log of each training; --resume continues a stopped run. Printed at the
+end: the accuracy, and the variance of the scenes' accuracies.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main() -> None:
     with team(args.device) as here, here.claiming(args.out), ExitStack() as stack:
         if here.rank == 0 and not args.resume:
             log.unlink(missing_ok=True)
-        # the others read what is done once the first has cleared the way
+        # other processes read the journal once the first has removed an old one
         here.barrier()
         journal = Journal(log, {"protocol": repr(protocol), "epochs": args.epochs})
         here.barrier()
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def left_out(args: argparse.Namespace, protocol: Actions, fold: int, here: Team) -> dict[str, Any]:
-    """Train on all recordings but one, and name the scene of that one."""
+    """Train on all recordings but one, and predict the scene of that one."""
     torch.manual_seed(args.seed)
     train_set = YUPENNDVS(args.root, "train", fold=fold, transform=protocol.pipeline(training=True))
     test_set = YUPENNDVS(args.root, "test", fold=fold, transform=protocol.pipeline(training=False))
@@ -87,10 +87,10 @@ def summary(lines: list[dict[str, Any]]) -> dict[str, Any]:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--root", required=True, type=Path, help="YUPENN-DVS, or what `nvsdata pack` made of it")
-    add("--out", required=True, type=Path, help="where logs and checkpoints go")
+    add("--root", required=True, type=Path, help="YUPENN-DVS, or a store made from it by `nvsdata pack`")
+    add("--out", required=True, type=Path, help="folder for logs and checkpoints")
     add("--folds", type=int, nargs=2, metavar=("FIRST", "LAST"), help="recordings to leave out (default: each)")
-    add("--votes", type=int, default=1, help="draws of the recording left out that vote (default 1)")
+    add("--votes", type=int, default=1, help="random draws of the left-out recording that vote (default 1)")
     add_actions(parser)
     return parser.parse_args()
 
