@@ -1,12 +1,12 @@
-"""Tell whether two recordings show the same action (thesis section 5.3.2, Table 5.5).
+"""Decide whether two recordings show the same action (thesis section 5.3.2, Table 5.5).
 
     python recipes/train_actions.py --dataset ucf101-dvs --root UCF101-DVS --graphs 16 --out runs/ucf101
     python recipes/similarity_aslan.py --root ASLAN-DVS --model runs/ucf101/model.safetensors --out runs/aslan
 
-A network trained to recognize actions gives features of each recording: the last pooling and its global average,
-L2-normalized. Of a pair, the 12 similarities of Table 5.4 of either go into a support vector machine with a radial
-kernel, trained on nine of View 2's ten subsets and tested on the tenth. OUT receives the features (computed once, so a
-run that was stopped goes on), a line per subset in `log.jsonl`, and the ROC curve over all subsets, `roc.png`.
+A network trained to recognize actions gives two features per recording: the last pooling and its global average,
+L2-normalized. For a pair, the 12 similarities of Table 5.4 of each feature go into a support vector machine with a
+radial kernel, trained on nine of View 2's ten subsets and tested on the tenth. OUT receives the features (computed
+once, so a stopped run continues), a line per subset in `log.jsonl`, and the ROC curve over all subsets, `roc.png`.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def main() -> None:
     args = arguments()
     trained = models.load(args.model, device=args.device)
     if not hasattr(trained.model, "features") or trained.transform is None:
-        raise SystemExit(f"{args.model} gives no features of sequences: train one by train_actions.py")
+        raise SystemExit(f"{args.model} gives no features of sequences: train a network with train_actions.py")
     pairs = ASLANDVS(args.root, "all")
-    # another network's features are others
+    # features of different networks are kept apart
     where = args.out / "features" / hashlib.sha256(args.model.read_bytes()).hexdigest()[:16]
     where.mkdir(parents=True, exist_ok=True)
     with claimed(args.out):
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def compared(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained, where: Path) -> None:
-    """Tell same from different by features that are kept in `where`, and write how well."""
+    """Classify pairs by features kept in `where`, and write the accuracies."""
     extract(pairs, trained, where, args)
     described = np.stack([description(pair, where) for pair in tqdm(pairs.samples, "similarities", disable=None)])
     same, folds = np.array(pairs.targets), np.array(pairs.folds)
@@ -62,7 +62,7 @@ def compared(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained,
 
 
 def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, args: argparse.Namespace) -> None:
-    """Write the features of each recording of a pair, unless they are there: last pooling, and its global average."""
+    """Write the features of each recording of a pair unless they exist: last pooling, and its global average."""
     names = sorted({name for pair in pairs.samples for name in (pair.a, pair.b)})
     recordings = SeededDataset(_Recordings(pairs, names, trained.transform), args.seed)
     device = next(trained.model.parameters()).device
@@ -79,7 +79,7 @@ def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, args: argpars
 
 
 class _Recordings:
-    """What the network takes of recordings by name, in batches of one."""
+    """The network's inputs from recordings by name, in batches of one."""
 
     def __init__(self, pairs: ASLANDVS, names: list[str], transform: Any) -> None:
         self.pairs, self.names, self.transform = pairs, names, transform
@@ -100,7 +100,7 @@ def _file(name: str) -> str:
 
 
 def machine(train: np.ndarray, same: np.ndarray, test: np.ndarray, seed: int) -> np.ndarray:
-    """Scores of `test`, above 0 for the same action: a machine with C and gamma chosen on `train`."""
+    """Scores of `test`, above 0 for the same action, by a support vector machine with C and gamma chosen on `train`."""
     center, spread = train.mean(0), train.std(0)
     train, test = (((part - center) / np.where(spread > 0, spread, 1)).astype(np.float32) for part in (train, test))
     cv2.setRNGSeed(seed)
@@ -110,7 +110,7 @@ def machine(train: np.ndarray, same: np.ndarray, test: np.ndarray, seed: int) ->
     svm.trainAuto(train, cv2.ml.ROW_SAMPLE, same.astype(np.int32), kFold=5)
     raw = svm.predict(test, flags=cv2.ml.StatModel_RAW_OUTPUT)[1].ravel()
     named = svm.predict(test)[1].ravel()
-    # OpenCV leaves open which class has positive values
+    # OpenCV doesn't define which class has positive values
     sign = 1.0 if ((raw > 0) == (named > 0)).mean() > 0.5 else -1.0
     return sign * raw
 
@@ -122,13 +122,13 @@ def figures(scores: np.ndarray, same: np.ndarray) -> dict[str, Any]:
 
 
 def over_folds(lines: list[dict[str, Any]], name: str) -> dict[str, float]:
-    """Mean and deviation over the subsets."""
+    """Mean and standard deviation over the subsets."""
     values = [line[name] for line in lines if line.get(name) is not None]
     return {name: float(np.mean(values)), f"{name}_deviation": float(np.std(values))}
 
 
 def draw(scores: np.ndarray, same: np.ndarray, path: Path) -> None:
-    """The ROC curve, beside that of chance."""
+    """Draw the ROC curve and that of chance."""
     rate = np.linspace(0, 1, 201)
     false, true = roc(scores, same)
     lines = [("12 x 2 similarities", np.interp(rate, false, true).tolist()), ("chance", rate.tolist())]
@@ -141,11 +141,11 @@ def arguments() -> argparse.Namespace:
     add = parser.add_argument
     add("--root", required=True, type=Path, help="ASLAN-DVS, with View2.mat or aslan_pairs.csv")
     add("--model", required=True, type=Path, help="model.safetensors of train_actions.py")
-    add("--out", required=True, type=Path, help="where features, log and picture go")
+    add("--out", required=True, type=Path, help="folder for features, log and picture")
     add("--seed", type=int, default=0)
     add("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     return parser.parse_args()
 
 
 if __name__ == "__main__":
-    run(main, "the same command goes on")
+    run(main, "the same command continues")
