@@ -4,16 +4,17 @@
     python recipes/train_actions.py --dataset dvs128-gesture --root DvsGesture --duration 500000 --out runs/gesture
     torchrun --nproc-per-node 4 recipes/train_actions.py ...
 
-S windows of 1/30 s from S equal parts of the recording (or of --duration µs of it, drawn at random: 250000 and 500000
-in Table 5.1), each a graph with an edge from every node's nearest; scale from (0.8, 1) and left-right flips; Adam with
-learning rate 1e-3 decayed tenfold at 60/150 and 100/150 of the epochs; batches of 32 for S = 8, 16 for 16.
+A sample is S windows of 1/30 s from S equal parts of the recording (or of --duration µs of it, drawn at random: 250000
+and 500000 in Table 5.1), each a graph with an edge to every node from its nearest neighbor. Scale from (0.8, 1) and
+left-right flips; Adam with learning rate 1e-3, divided by 10 at 60/150 and 100/150 of the epochs; batches of 32 for
+S = 8, 16 for 16.
 
---network takes the reference networks too: 3D CNNs on event frames, by gradient descent from 0.01 decayed tenfold every
-50 epochs, and for gestures PointNet, PointNet++ and LSTM on events. The gestures of DVS128 Gesture aren't
-flipped: the other hand's wave is another gesture.
+--network also takes the reference networks: 3D CNNs on event frames, by gradient descent from 0.01, divided by 10 every
+50 epochs, and for gestures PointNet, PointNet++ and LSTM on events. DVS128 Gesture isn't flipped, because a wave of the
+other hand is another gesture.
 
 OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
-`nvsdata.models.load`; a run that was stopped goes on with --resume, as if it hadn't been.
+`nvsdata.models.load`. --resume continues a stopped run, with the same results as without the stop.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def arguments() -> argparse.Namespace:
     add_data(parser)
     add = parser.add_argument
     add("--fold", type=int, help="the dataset's split (default 1 of UCF101-DVS and HMDB51-DVS)")
-    add("--votes", type=int, default=5, help="draws that vote in the last evaluation (default 5)")
+    add("--votes", type=int, default=5, help="random draws per recording that vote at the end (default 5)")
     add_actions(parser)
     return parser.parse_args()
 
