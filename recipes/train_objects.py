@@ -3,14 +3,14 @@
     python recipes/train_objects.py --dataset n-mnist --root N-MNIST --out runs/n-mnist
     torchrun --nproc-per-node 4 recipes/train_objects.py ...
 
-One random 30 ms window a sample, non-uniform sampling, radius graph, augmentation, Adam with
-learning rate 1e-3 decayed tenfold at 60/150 and 110/150 of the epochs, batches of 64. Where the
-data has no test split, a fifth of each class is held back. --k, --radius, --window, --depth and
---kernel-size are the ablations of Tables 4.1 to 4.5, --convolution that of Table 4.8, and --network
-takes the reference networks of 4.4.4, on event images of --image-size pixels (Table 4.6), by gradient descent.
+One random 30 ms window per sample, non-uniform sampling, radius graph, augmentation, Adam with
+learning rate 1e-3, divided by 10 at 60/150 and 110/150 of the epochs, batches of 64. If the data has no
+test split, a fifth of each class is held back. --k, --radius, --window, --depth and --kernel-size are
+the ablations of Tables 4.1 to 4.5, --convolution that of Table 4.8. --network also takes the reference
+networks of 4.4.4, on event images of --image-size pixels (Table 4.6), by gradient descent.
 
 OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
-`nvsdata.models.load`; a run that was stopped goes on with --resume, as if it hadn't been.
+`nvsdata.models.load`. --resume continues a stopped run, with the same results as without the stop.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from nvsdata import models
 from nvsdata.training import TrainTestSplit, accuracies, loader, run, team
 from nvsdata.training.objects import BATCH, EPOCHS, LEAST_STEPS, NETWORKS, Objects
 
-# rounds of the last evaluation where the test set has fewer recordings
+# rounds of the last evaluation if the test set has fewer than FEW recordings
 ROUNDS, FEW = 5, 1_000
 
 
@@ -52,10 +52,10 @@ def main() -> None:
         def evaluate(epoch: int) -> dict[str, float]:
             if epoch < trainer.epochs:
                 return {"test_accuracy": accuracies(model, test_batches, 1, here)[0]}
-            # accuracies on a small test set would be so by chance: it is gone through again, with other windows
+            # one round on a small test set depends much on chance, so it is repeated with other windows
             rounds = ROUNDS if len(test_on()) < FEW else 1
             single = accuracies(model, load(test_on(), last=rounds * args.votes), args.votes, here, rounds)[0]
-            # voters spread over the recording know more than voters that may stand together
+            # voters spread over the recording see more of it than voters that may be close together
             shares = [test_on(v / args.votes, (v + 1) / args.votes) for v in range(args.votes)]
             votes = accuracies(model, load(ConcatDataset(shares), last=rounds), args.votes, here, rounds)[1]
             return {"test_accuracy": single, "test_accuracy_votes": votes}
@@ -72,15 +72,15 @@ def arguments() -> argparse.Namespace:
     add = parser.add_argument
     add("--epochs", type=int, help=f"default: {EPOCHS}, or {LEAST_STEPS} steps if that is more")
     add("--batch", type=int, default=BATCH, help=f"samples per step, over all processes (default {BATCH})")
-    add("--window", type=int, default=30_000, help="µs of a window (default 30000; Table 4.3)")
-    add("--votes", type=int, default=5, help="windows of a recording that vote at the end (default 5)")
+    add("--window", type=int, default=30_000, help="length of a window in µs (default 30000; Table 4.3)")
+    add("--votes", type=int, default=5, help="windows per recording that vote at the end (default 5)")
     add("--network", choices=NETWORKS, default="rgcnn", help="default rgcnn")
     add("--convolution", choices=("spline", *models.CONVOLUTIONS), default="spline", help="of gcnn (Table 4.8)")
     add("--k", type=int, help="events per sampling box, 1 for no sampling (default 8, n-mnist 1; Table 4.1)")
     add("--radius", type=float, default=3.0, help="of the graph, in pixels (default 3; Table 4.2)")
-    add("--depth", type=int, choices=sorted(models.DEPTHS), help="convolutions, for 240x180 (Table 4.4)")
-    add("--kernel-size", type=int, default=5, help="cells of a kernel along an axis (default 5; Table 4.5)")
-    add("--image-size", type=int, default=224, help="of event images (default 224; Table 4.6)")
+    add("--depth", type=int, choices=sorted(models.DEPTHS), help="number of convolutions, for 240x180 (Table 4.4)")
+    add("--kernel-size", type=int, default=5, help="cells of a kernel along each axis (default 5; Table 4.5)")
+    add("--image-size", type=int, default=224, help="side of event images in pixels (default 224; Table 4.6)")
     add_run(parser)
     return parser.parse_args()
 
