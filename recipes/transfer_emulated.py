@@ -3,13 +3,13 @@
     nvsdata convert-videos UCF50 --out UCF50-emulated --size 240x180
     python recipes/transfer_emulated.py --real UCF50-DVS --emulated UCF50-emulated --out runs/transfer
 
-Both folders have the same classes and recordings; --dataset says how they are split. Polarity is summed over
-frames of 1 / --fps s, averaged over 8x8 pixels and scaled to 40x30; of 160 frames in a row, multi-scale crops of 24x24,
-flipped at random, go into the 3D CNN of motion vectors. Gradient descent with momentum and a weight decay of 0.0005,
-for 50,000 iterations, its rate decayed tenfold every 20,000. Tested on 5 random volumes of each recording, by the mean
-over the most active and the middle crop, each as it is and mirrored.
+Both folders have the same classes and recordings; --dataset determines how they are split. Polarity is summed over
+frames of 1 / --fps s, averaged over 8x8 pixels and scaled to 40x30. From 160 consecutive frames, multi-scale crops of
+24x24, flipped at random, go into the 3D CNN for motion vectors. Gradient descent with momentum and a weight decay of
+0.0005, for 50,000 iterations, its rate divided by 10 every 20,000. Tests use 5 random volumes per recording and the
+mean over the most active and the middle crop, each as it is and mirrored.
 
-OUT receives the trainings' logs and checkpoints, and `table.json`; --resume goes on with a run that was stopped.
+OUT receives the trainings' logs and checkpoints, and `table.json`; --resume continues a stopped run.
 """
 
 from __future__ import annotations
@@ -65,13 +65,13 @@ def trained(args: argparse.Namespace, halves: TrainTestSplit, out: Path, here: T
     trainer = Trainer(model, optimizer, schedule, out, data=halves.data, **options)
     here.print(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
-    # for use, where windows of a recording vote, one crop
+    # the published model uses one crop, because windows of a recording vote
     trainer.publish(halves.classes, T.Compose([*volumes(args), T.MotionCrop(SIZE), T.Normalize()]), metrics)
     return model
 
 
 class FourCropped:
-    """Scores of a recording: the mean of its four crops' probabilities, as logarithms."""
+    """Scores of a recording: the logarithm of the mean of its four crops' probabilities."""
 
     def __init__(self, model: torch.nn.Module) -> None:
         self.model = model.eval()
@@ -108,20 +108,20 @@ def as_text(table: dict[str, float]) -> str:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--real", required=True, type=Path, help="recordings of a camera")
-    add("--emulated", required=True, type=Path, help="the same, emulated")
-    add("--out", required=True, type=Path, help="where logs, checkpoints and the table go")
+    add("--real", required=True, type=Path, help="recordings by a camera")
+    add("--emulated", required=True, type=Path, help="the same recordings, emulated")
+    add("--out", required=True, type=Path, help="folder for logs, checkpoints and the table")
     add("--dataset", choices=sorted(DATASETS), default="ucf50-dvs", help="default ucf50-dvs")
     add("--fold", type=int, help="the dataset's split (default 1)")
-    add("--fps", type=float, default=25.0, help="frames per second (default 25, as UCF50's videos)")
+    add("--fps", type=float, default=25.0, help="frames per second (default 25, like UCF50's videos)")
     add("--frames", type=int, default=160, help="frames per volume (default 160)")
     add("--iterations", type=int, default=50_000)
     add("--rate", type=float, default=0.01, help="learning rate at the start (default 0.01)")
     add("--batch", type=int, default=64)
-    add("--votes", type=int, default=5, help="volumes of a recording that are tested (default 5)")
+    add("--votes", type=int, default=5, help="volumes tested per recording (default 5)")
     add("--seed", type=int, default=0)
     add("--device", help="default: a GPU if there is one, else cpu")
-    add("--resume", action="store_true", help="go on from the checkpoints in OUT")
+    add("--resume", action="store_true", help="continue from the checkpoints in OUT")
     return parser.parse_args()
 
 
