@@ -1,9 +1,9 @@
-"""Which settings of PIX2NVS come closest to a real camera: the experiment of Table 3.3, on any pair.
+"""Find the settings of PIX2NVS that come closest to a real camera: the experiment of Table 3.3, on any pair.
 
     python recipes/tune_pix2nvs.py --real recording.aedat --video shown.avi --out tuning
 
-The five rows of the table are emulated and held to the recording, then a search looks for better
-ones. Scores are relative to the settings they are computed over, so all are scored together.
+The five rows of the table are emulated and compared with the recording, then a search looks for better
+settings. A score depends on the settings scored together with it, so all are scored together.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ ROWS = [name for name in PRESETS if name.startswith("table-3.3")]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--real", type=Path, required=True, help="what the camera saw")
-    parser.add_argument("--video", type=Path, required=True, help="what was shown to it")
+    parser.add_argument("--real", type=Path, required=True, help="recording of the camera")
+    parser.add_argument("--video", type=Path, required=True, help="video that was shown to it")
     parser.add_argument("--out", type=Path, default=Path("tuning"))
-    parser.add_argument("--seconds", type=float, help="hold the first seconds only")
+    parser.add_argument("--seconds", type=float, help="compare only the first N seconds")
     parser.add_argument("--offset", type=int, default=0, help="µs to add to the recording's times")
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
@@ -61,4 +61,4 @@ def tuned(pair: Pair, args: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    run(main, "the same command goes on")
+    run(main, "the same command continues")
