@@ -1,11 +1,11 @@
-"""Do the distances tell how far events are from real ones? The experiment of Table 3.2, on any pair.
+"""Test whether the distances show how far events are from real ones: the experiment of Table 3.2, on any pair.
 
     python recipes/validate_metrics.py --real recording.aedat --video shown.avi --seconds 4
 
 Emulated events are made worse in three ways, each in steps: coordinates on a coarser lattice (SD),
-frames put together (TD), noise at a share of the pixels of each frame (AN). With each step the Chamfer
-distance and EMD should grow and the repeatability fall. Without --real, a stand-in is emulated from the
-video: lower thresholds, other ones a pixel, noise, blindness after events. It shows the method, not a camera.
+frames merged (TD), noise at a share of the pixels of each frame (AN). With each step the Chamfer distance
+and EMD should grow and the repeatability fall. Without --real, a stand-in for a camera is emulated from the
+video, with lower thresholds that differ per pixel, noise and a refractory period. It shows the method only.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from nvsdata.emulation.tuning.objective import Pair, aligned
 
 Figures = dict[str, Any]
 EPSILON = 2.5  # of Table 3.2
-# of the stand-in: like real cameras it gives more events than the emulator does
+# of the stand-in: like a real camera, it gives more events than the emulator
 FLAWS = {"threshold": 0.12, "mismatch": 0.15, "noise_rate": 2.0, "refractory": 1000, "seed": 1}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--video", type=Path, required=True)
-    parser.add_argument("--real", type=Path, help="what a camera saw of it")
+    parser.add_argument("--real", type=Path, help="recording of a camera that saw the video")
     parser.add_argument("--preset", choices=PRESETS, default="table-3.3-row-5")
     parser.add_argument("--size", default="240x180", help="sensor of the stand-in (default 240x180)")
     parser.add_argument("--seconds", type=float, default=2.0)
@@ -63,7 +63,7 @@ def main() -> None:
         figures.append({"events": name, "chamfer": values[0], "repeatability": values[1], "emd": values[2]})
     print(aligned(rows))
     wrong = exceptions(figures)
-    print("every step moves all three as in Table 3.2" if not wrong else "not as in Table 3.2: " + "; ".join(wrong))
+    print("every step changes all three as in Table 3.2" if not wrong else "not as in Table 3.2: " + "; ".join(wrong))
     if args.out:
         put(args.out, json.dumps(figures, indent=1).encode())
 
@@ -90,7 +90,7 @@ def coarser(events: Events, factor: int) -> Events:
 
 
 def slower(events: Events, fps: float, factor: int) -> Events:
-    """Events of `factor` frames put together, and seen in each of them."""
+    """Events of `factor` frames merged, and repeated in each of them."""
     length = 1e6 / fps
     group = np.maximum(events.t - events.start - 1, 0) // (factor * length)
     moments = [events.start + ((group * factor + n + 0.5) * length).astype(np.int64) for n in range(factor)]
@@ -99,7 +99,7 @@ def slower(events: Events, fps: float, factor: int) -> Events:
 
 
 def noisier(events: Events, fps: float, share: float, rng: np.random.Generator) -> Events:
-    """An event of random polarity more at a share of the pixels of each frame."""
+    """One more event, of random polarity, at a share of the pixels of each frame."""
     width, height = events.sensor_size
     edges = events.start + frame_edges(int(events.t[-1]) - events.start, fps)
     count = round(share * width * height)
@@ -115,7 +115,7 @@ def noisier(events: Events, fps: float, share: float, rng: np.random.Generator) 
 
 
 def exceptions(figures: list[Figures]) -> list[str]:
-    """Steps, from the original on within each kind, in which a distance moves the other way than in Table 3.2."""
+    """Steps, from the original on in each kind, in which a distance changes the other way than in Table 3.2."""
     kinds: dict[str, list[Figures]] = {}
     for row in figures[1:]:
         kinds.setdefault(str(row["events"])[:2], [figures[0]]).append(row)
