@@ -9,7 +9,7 @@ from pathlib import Path
 from nvsdata.common.signals import end_of, ending_by_signals, exit_code
 
 
-def run(main: Callable[[], None], hint: str = "--resume goes on from the last epoch") -> None:
+def run(main: Callable[[], None], hint: str = "--resume continues from the last epoch") -> None:
     """Call a recipe's `main`; end in one line if it is interrupted, or if data or settings won't do.
 
     `hint` tells who interrupted it how to go on.
