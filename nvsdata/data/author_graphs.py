@@ -10,18 +10,21 @@ import scipy.io
 import torch
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.graph import Graph, grouped, pseudo
+from nvsdata.data.graph import Graph, grouped
+from nvsdata.data.pseudo import Pseudo
+from nvsdata.data.pseudo import pseudo as pseudo_coordinates
 
 # sensor size and reach: of CIFAR10-DVS's radius graphs, and of UCF101-DVS's nearest-neighbor graphs (`T.KNNGraph`)
 RADIUS, NEAREST = ((128, 128), (3.0, 3.0)), ((240, 180), (8.0, 8.0))
 
 
-def read_author_graphs(path: str | os.PathLike[str]) -> list[Graph]:
+def read_author_graphs(path: str | os.PathLike[str], pseudo: Pseudo = "signed") -> list[Graph]:
     """The graph of a CIFAR10-DVS file, or the S graphs of a UCF101-DVS file, as a list.
 
     - `path`: the file. One of CIFAR10-DVS has `feature` [N, 1], `pseudo` [N, 2] (pixels), `edge` [2, E] and `label`,
       which becomes `y`; one of UCF101-DVS has a struct `graph` [1, S] of `feature` [N, 2], `pos` [N, 2] counted from
       1, and `edge` [2, N]
+    - `pseudo`: kind of pseudo-coordinates (default "signed", as in the author's code); "signed-time" isn't possible
 
     The first row of `edge` is the target, the second the source. The files hold no times: `t` is 0.
 
@@ -35,10 +38,10 @@ def read_author_graphs(path: str | os.PathLike[str]) -> list[Graph]:
         raise FormatError(path, f"can't be read as MATLAB v5: {error!r}") from None
     if {"feature", "pseudo", "edge"} <= found.keys():
         label = int(found["label"].ravel()[0]) if "label" in found else None
-        return [_graph(path, found["feature"], found["pseudo"], found["edge"], *RADIUS, y=label)]
+        return [_graph(path, found["feature"], found["pseudo"], found["edge"], *RADIUS, pseudo, label)]
     if "graph" in found and {"feature", "pos", "edge"} <= set(found["graph"].dtype.names or ()):
         each = found["graph"].ravel()
-        return [_graph(path, g["feature"], g["pos"].astype(np.float32) - 1, g["edge"], *NEAREST) for g in each]
+        return [_graph(path, g["feature"], g["pos"].astype(np.float32) - 1, g["edge"], *NEAREST, pseudo) for g in each]
     names = [name for name in found if not name.startswith("__")]
     raise FormatError(path, f"holds neither feature, pseudo and edge nor such a graph, but {names}")
 
@@ -50,6 +53,7 @@ def _graph(
     edge: Any,
     sensor_size: tuple[int, int],
     reach: tuple[float, float],
+    kind: Pseudo,
     y: Any = None,
 ) -> Graph:
     if feature.ndim != 2 or pos.shape != (len(feature), 2) or edge.ndim != 2 or len(edge) != 2:
@@ -64,4 +68,5 @@ def _graph(
     edges = torch.stack((source, target))
     x = torch.from_numpy(feature.astype(np.float32))
     t = torch.zeros(len(x), dtype=torch.int64)
-    return Graph(x, places, t, edges, pseudo(places, edges, reach), y, sensor_size, reach)
+    u = pseudo_coordinates(places, t, edges, reach, kind)
+    return Graph(x, places, t, edges, u, y, sensor_size, reach, kind)

@@ -6,13 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
-import numpy as np
 import torch
 
+from nvsdata.data.pseudo import Pseudo, Reach, pseudo
 from nvsdata.data.recording import misplaced
 from nvsdata.kernels import graph as kernel
-
-Reach = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,10 +21,13 @@ class Graph:
     - `pos` float32 [N, 2]: pixels (x, y)
     - `t` int64 [N]: µs since the start of the window
     - `edge_index` int64 [2, E]: source and target node of each edge, grouped by target node
-    - `edge_attr` float32 [E, 2]: pseudo-coordinates |dx|, |dy| divided by `reach`, in [0, 1]
+    - `edge_attr` float32 [E, D]: pseudo-coordinates in [0, 1], D = 2 or 3; see `pseudo`
     - `y`: the label of the sample; default None
     - `sensor_size`: (width, height) in pixels; default None
-    - `reach`: pixels along x and y that pseudo-coordinate 1 stands for; default (3.0, 3.0)
+    - `reach`: what the end of an axis of the pseudo-coordinates stands for: pixels along x and y, and µs if D = 3;
+      default (3.0, 3.0)
+    - `pseudo`: kind of the pseudo-coordinates: "abs" (default), |dx| and |dy|; "signed", dx and dy from target to
+      source; "signed-time", these and dt
     """
 
     x: torch.Tensor
@@ -37,6 +38,7 @@ class Graph:
     y: Any = None
     sensor_size: tuple[int, int] | None = None
     reach: Reach = (3.0, 3.0)
+    pseudo: Pseudo = "abs"
 
     @property
     def num_nodes(self) -> int:
@@ -63,7 +65,7 @@ class Graph:
 
     def moved(self, pos: torch.Tensor) -> Self:
         """The same edges between nodes at `pos` float32 [N, 2]; pseudo-coordinates follow (CPU only)."""
-        return replace(self, pos=pos, edge_attr=pseudo(pos, self.edge_index, self.reach))
+        return replace(self, pos=pos, edge_attr=pseudo(pos, self.t, self.edge_index, self.reach, self.pseudo))
 
     def to_pyg(self) -> Any:
         """A `torch_geometric.data.Data` of the same tensors, those of a batch included; needs the extra `pyg`."""
@@ -103,11 +105,12 @@ class GraphBatch(Graph):
 
     @classmethod
     def from_graphs(cls, graphs: Sequence[Graph], *, volumes: int = 1) -> GraphBatch:
-        """Concatenate graphs. ValueError if there are none, or if their `reach` differs."""
+        """Concatenate graphs. ValueError if there are none, or if their `reach` or `pseudo` differs."""
         if not graphs:
             raise ValueError("a batch needs at least one graph")
-        if len({graph.reach for graph in graphs}) > 1:
-            raise ValueError(f"graphs of different reach in one batch: {sorted({g.reach for g in graphs})}")
+        for name in ("reach", "pseudo"):
+            if len(found := {getattr(graph, name) for graph in graphs}) > 1:
+                raise ValueError(f"graphs of different {name} in one batch: {sorted(found)}")
         counts = torch.tensor([graph.x.shape[0] for graph in graphs])
         ptr = torch.zeros(len(graphs) + 1, dtype=torch.int64)
         torch.cumsum(counts, 0, out=ptr[1:])
@@ -125,6 +128,7 @@ class GraphBatch(Graph):
             y=None if any(y is None for y in targets) else torch.as_tensor(targets),
             sensor_size=(max(w for w, _ in sizes), max(h for _, h in sizes)) if sizes else None,
             reach=graphs[0].reach,
+            pseudo=graphs[0].pseudo,
             batch=torch.repeat_interleave(torch.arange(len(graphs)), counts),
             ptr=ptr,
             volumes=volumes,
@@ -137,14 +141,6 @@ class GraphBatch(Graph):
 
     def __repr__(self) -> str:
         return f"GraphBatch({self.num_graphs} graphs, {self.num_nodes} nodes, {self.num_edges} edges)"
-
-
-def pseudo(pos: torch.Tensor, edge_index: torch.Tensor, reach: Reach) -> torch.Tensor:
-    """Pseudo-coordinates u = (|dx|, |dy|) / reach, at most 1: float32 [E, 2] (thesis 4.2.1)."""
-    if pos.device.type == "cpu":
-        return torch.from_numpy(kernel.pseudo_coordinates(pos.numpy(), edge_index.numpy(), np.array(reach, np.float32)))
-    offset = (pos[edge_index[0]] - pos[edge_index[1]]).abs()
-    return (offset / offset.new_tensor(reach)).clamp(max=1)
 
 
 def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

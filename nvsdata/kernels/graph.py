@@ -5,48 +5,52 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.neighbors import nearest_edges, radius_edges
+from nvsdata.kernels.neighbors import near_edges
 
 
 @njit(cache=True, nogil=True)
-def event_graph(t, x, y, p, start, radius, alpha, beta, max_degree, reach):
-    """Arrays of the radius graph of events: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges, pseudo-coordinates.
+def event_graph(t, x, y, p, start, radius, alpha, beta, k, reach, signed):
+    """Arrays of a graph of events: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges, pseudo-coordinates.
 
-    See `radius_edges` for the edges; `reach` is a pair of numbers.
+    See `near_edges` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
     """
-    return _with_nodes(t, x, y, p, start, radius_edges(t, x, y, radius, alpha, beta, max_degree), reach)
-
-
-@njit(cache=True, nogil=True)
-def nearest_event_graph(t, x, y, p, start, alpha, beta, reach):
-    """The same arrays for the graph that joins each event with its nearest; see `nearest_edges`."""
-    return _with_nodes(t, x, y, p, start, nearest_edges(t, x, y, alpha, beta), reach)
-
-
-@njit(cache=True, nogil=True)
-def _with_nodes(t, x, y, p, start, edges, reach):
     n = t.size
     feature = np.empty((n, 1), np.float32)
     pos = np.empty((n, 2), np.float32)
     for i in range(n):
         feature[i, 0] = 2 * np.int32(p[i]) - 1
         pos[i, 0], pos[i, 1] = x[i], y[i]
-    wide, high = np.float32(reach[0]), np.float32(reach[1])
-    return feature, pos, t - start, edges, pseudo_coordinates(pos, edges, (wide, high))
+    edges = near_edges(t, x, y, radius, alpha, beta, k)
+    return feature, pos, t - start, edges, pseudo_coordinates(pos, t, edges, reach, signed)
 
 
 @njit(cache=True, nogil=True)
-def pseudo_coordinates(pos, edges, reach):
-    """min(|dx| / reach[0], 1) and the same along y for every edge: float32 [E, 2]. O(E)."""
-    out = np.empty((edges.shape[1], 2), np.float32)
-    for e in range(edges.shape[1]):
-        i = edges[0, e]
-        j = edges[1, e]
-        if not (0 <= i < len(pos) and 0 <= j < len(pos)):
+def pseudo_coordinates(pos, t, edges, reach, signed):
+    """Differences from target to source of every edge, as shares of `reach`: float32 [E, len(reach)]. O(E).
+
+    `reach` is a tuple of floats, for x, y and, if there are three, t. The result is min(|d| / reach, 1), or if
+    `signed` 1/2 + d / (2 reach) clipped to 0..1.
+    """
+    axes = len(reach)
+    out = np.empty((edges.shape[1], axes), np.float32)
+    nodes = len(pos)
+    wide, high, long = np.float32(reach[0]), np.float32(reach[1]), np.float32(reach[axes - 1])
+    for e in range(np.uint64(edges.shape[1])):
+        if not (0 <= edges[0, e] < nodes and 0 <= edges[1, e] < nodes):
             raise IndexError("edge_index names a node that is not there")
-        out[e, 0] = min(abs(pos[i, 0] - pos[j, 0]) / reach[0], np.float32(1))
-        out[e, 1] = min(abs(pos[i, 1] - pos[j, 1]) / reach[1], np.float32(1))
+        j, i = np.uint64(edges[0, e]), np.uint64(edges[1, e])
+        out[e, 0] = _share((pos[j, 0] - pos[i, 0]) / wide, signed)
+        out[e, 1] = _share((pos[j, 1] - pos[i, 1]) / high, signed)
+        if axes == 3:
+            out[e, 2] = _share(np.float32(t[j] - t[i]) / long, signed)
     return out
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _share(d, signed):
+    if signed:
+        return min(max(d * np.float32(0.5) + np.float32(0.5), np.float32(0)), np.float32(1))
+    return min(abs(d), np.float32(1))
 
 
 GROUPED, UNGROUPED, NO_SUCH_NODE, NOT_FINITE = 0, 1, 2, 3
@@ -60,8 +64,9 @@ def check_edges(source, target, u, nodes):
     for e in range(source.size):
         if not (0 <= source[e] < nodes and 0 <= target[e] < nodes):
             return NO_SUCH_NODE
-        if not (np.isfinite(u[e, 0]) and np.isfinite(u[e, 1])):
-            return NOT_FINITE
+        for axis in range(u.shape[1]):
+            if not np.isfinite(u[e, axis]):
+                return NOT_FINITE
         if target[e] < last:
             code = UNGROUPED
         last = target[e]
@@ -69,13 +74,13 @@ def check_edges(source, target, u, nodes):
 
 
 @njit(cache=True, nogil=True)
-def with_self_loops(source, target, u, nodes):
-    """Edges grouped by target, with a self-loop of pseudo-coordinates 0 in front of each group. O(E + N).
+def with_self_loops(source, target, u, nodes, origin):
+    """Edges grouped by target, with a self-loop of pseudo-coordinates `origin` in front of each group. O(E + N).
 
-    `source`, `target` int64 [E] sorted by target, `u` [E, 2]; returns int64 [2, E + N] and [E + N, 2].
+    `source`, `target` int64 [E] sorted by target, `u` [E, D]; returns int64 [2, E + N] and [E + N, D].
     """
     edges = np.empty((2, source.size + nodes), np.int64)
-    out = np.zeros((source.size + nodes, 2), u.dtype)
+    out = np.full((source.size + nodes, u.shape[1]), origin, u.dtype)
     e = 0
     at = 0
     for node in range(nodes):
@@ -83,7 +88,8 @@ def with_self_loops(source, target, u, nodes):
         at += 1
         while e < source.size and target[e] == node:
             edges[0, at], edges[1, at] = source[e], node
-            out[at, 0], out[at, 1] = u[e, 0], u[e, 1]
+            for axis in range(u.shape[1]):
+                out[at, axis] = u[e, axis]
             e += 1
             at += 1
     return edges, out

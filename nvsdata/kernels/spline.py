@@ -5,110 +5,104 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+_ONE = np.uint64(1)
 
-@njit(cache=True, nogil=True, inline="always")
-def _corner(u, size):
-    """Lower kernel index, and the share of the upper one, at position u in [0, 1] of an axis."""
-    if size == 1:
-        return 0, u * 0
-    v = min(max(u, u * 0), u * 0 + 1) * (size - 1)
-    lower = min(int(v), size - 2)
-    return lower, v - lower
+
+@njit(cache=True, nogil=True)
+def spline_entries(source, target, u, size, nodes):
+    """What each edge adds to which kernel cell of its target, for B-splines of degree 1 in any number of dimensions.
+
+    `source`, `target` int64 [E] grouped by target, `u` float [E, D] in [0, 1], `size` cells along each axis; cell
+    (i, j, ...) has the number i + size j + .... Returns for each of up to 2^D entries per edge, those without a share
+    left out: `node` int32, `cell` int32, `from` int32 and `share` (type of u), divided by the number of the node's
+    edges. O(2^D E).
+    """
+    dim = np.uint64(u.shape[1])
+    degree = np.zeros(nodes, np.int32)
+    for e in range(source.size):
+        degree[target[e]] += 1
+    corners = 1 << u.shape[1] if size > 1 else 1
+    most = source.size * corners
+    entry_node, entry_cell = np.empty(most, np.int32), np.empty(most, np.int32)
+    entry_from, entry_share = np.empty(most, np.int32), np.empty(most, u.dtype)
+    n = np.uint64(0)
+    for e in range(np.uint64(source.size)):
+        # the entries of an edge: they double with each axis
+        first = n
+        entry_cell[n], entry_share[n] = 0, u[e, np.uint64(0)] * 0 + 1
+        n += _ONE
+        stride = 1
+        if size > 1:
+            for axis in range(dim):
+                v = min(max(u[e, axis], u[e, axis] * 0), u[e, axis] * 0 + 1) * (size - 1)
+                lower = min(int(v), size - 2)
+                upper = v - lower
+                last = n
+                for k in range(first, last):
+                    cell, share = entry_cell[k] + lower * stride, entry_share[k]
+                    entry_cell[k], entry_share[k] = cell, share * (1 - upper)
+                    # no branch: written in any case, but counted only if there is a share
+                    entry_cell[n], entry_share[n] = cell + stride, share * upper
+                    n += np.uint64(upper > 0)
+                if upper == 1:
+                    # nothing is left for the lower cells
+                    for k in range(first, last):
+                        entry_cell[k], entry_share[k] = entry_cell[k + last - first], entry_share[k + last - first]
+                    n = last
+                stride *= size
+        share = degree[target[e]]
+        for k in range(first, n):
+            entry_node[k], entry_from[k] = target[e], source[e]
+            entry_share[k] /= share
+    return entry_node[:n], entry_cell[:n], entry_from[:n], entry_share[:n]
 
 
 @njit(cache=True, nogil=True)
 def spline_shares(source, target, u, size, nodes):
-    """Entries of the dense aggregation, whose row for a node and a cell is node * size² + cell.
+    """Entries of the dense aggregation: row, source and share of each.
 
-    Arguments and entries are as in `spline_plan`. O(4 E).
+    The row of a node and a cell is node * size^D + cell. See `spline_entries`.
     """
-    degree = np.zeros(nodes, np.int32)
-    for e in range(source.size):
-        degree[target[e]] += 1
-    corners = 1 if size == 1 else 2
-    most = source.size * corners * corners
-    entry_row = np.empty(most, np.int32)
-    entry_source = np.empty(most, np.int32)
-    entry_share = np.empty(most, u.dtype)
-    n = 0
-    for e in range(source.size):
-        i, fx = _corner(u[e, 0], size)
-        j, fy = _corner(u[e, 1], size)
-        first = target[e] * size * size + i + size * j
-        for b in range(corners):
-            for a in range(corners):
-                share = (fx if a else 1 - fx) * (fy if b else 1 - fy)
-                if share > 0:
-                    entry_row[n] = first + a + size * b
-                    entry_source[n] = source[e]
-                    entry_share[n] = share / degree[target[e]]
-                    n += 1
-    return entry_row[:n], entry_source[:n], entry_share[:n]
+    node, cell, of, share = spline_entries(source, target, u, size, nodes)
+    cells = size ** u.shape[1]
+    for n in range(node.size):
+        cell[n] += node[n] * cells
+    return cell, of, share
 
 
 @njit(cache=True, nogil=True)
 def spline_plan(source, target, u, size, nodes):
     """The rows of a graph's aggregation, sorted by kernel cell.
 
-    `source`, `target` int64 [E] grouped by target, `u` float [E, 2] in [0, 1], `size` the kernel
-    size. A row is a (node, cell) pair that at least one edge touches; an entry adds a share of a
-    source's features to a row. O(4 E + size² + rows).
+    A row is a (node, cell) pair that at least one edge touches; an entry adds a share of a source's features to a
+    row. Arguments are those of `spline_entries`. O(2^D E + size^D + rows).
 
-    Returns `cell_start` int64 [size² + 1], `row_node` int64 [R], and for each entry `entry_row`
-    int32, `entry_source` int32 and `entry_share` (type of u), the mean over the neighbors
-    included.
+    Returns `cell_start` int64 [size^D + 1], `row_node` int64 [R], and for each entry its row int32, source int32 and
+    share (type of u), the mean over the neighbors included.
     """
-    edges = source.size
-    cells = size * size
+    node, cell, of, share = spline_entries(source, target, u, size, nodes)
+    cells = size ** u.shape[1]
     stamp = np.full(cells, -1, np.int64)
     cell_start = np.zeros(cells + 1, np.int64)
-    entries = 0
-    for e in range(edges):
-        i, fx = _corner(u[e, 0], size)
-        j, fy = _corner(u[e, 1], size)
-        for b in range(2):
-            for a in range(2):
-                if (fx if a else 1 - fx) * (fy if b else 1 - fy) > 0:
-                    cell = i + a + size * (j + b)
-                    entries += 1
-                    if stamp[cell] != target[e]:
-                        stamp[cell] = target[e]
-                        cell_start[cell + 1] += 1
-    for cell in range(cells):
-        cell_start[cell + 1] += cell_start[cell]
+    for n in range(np.uint64(node.size)):
+        at = np.uint64(cell[n])
+        if stamp[at] != node[n]:
+            stamp[at] = node[n]
+            cell_start[at + _ONE] += 1
+    for c in range(cells):
+        cell_start[c + 1] += cell_start[c]
     fill = cell_start[:-1].copy()
     row_node = np.empty(cell_start[-1], np.int64)
-    entry_row = np.empty(entries, np.int32)
-    entry_source = np.empty(entries, np.int32)
-    entry_share = np.empty(entries, u.dtype)
+    row = np.empty(node.size, np.int32)
     stamp[:] = -1
-    slot = np.empty(cells, np.int64)
-    n = 0
-    start = 0
-    while start < edges:
-        node = target[start]
-        stop = start
-        while stop < edges and target[stop] == node:
-            stop += 1
-        for e in range(start, stop):
-            i, fx = _corner(u[e, 0], size)
-            j, fy = _corner(u[e, 1], size)
-            for b in range(2):
-                for a in range(2):
-                    share = (fx if a else 1 - fx) * (fy if b else 1 - fy)
-                    if share > 0:
-                        cell = i + a + size * (j + b)
-                        if stamp[cell] != node:
-                            stamp[cell] = node
-                            slot[cell] = fill[cell]
-                            row_node[fill[cell]] = node
-                            fill[cell] += 1
-                        entry_row[n] = slot[cell]
-                        entry_source[n] = source[e]
-                        entry_share[n] = share / (stop - start)
-                        n += 1
-        start = stop
-    return cell_start, row_node, entry_row, entry_source, entry_share
+    for n in range(np.uint64(node.size)):
+        at = np.uint64(cell[n])
+        if stamp[at] != node[n]:
+            stamp[at] = node[n]
+            row_node[np.uint64(fill[at])] = node[n]
+            fill[at] += 1
+        row[n] = fill[at] - 1
+    return cell_start, row_node, row, of, share
 
 
 @njit(cache=True, nogil=True)

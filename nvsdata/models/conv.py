@@ -1,7 +1,7 @@
 """Other graph convolutions, for comparison with the B-spline convolution (thesis Table 4.8).
 
 Each takes `x` [N, in_channels], `edge_index` int64 [2, E] (source, target) without self-loops, and
-pseudo-coordinates [E, 2], which only MoNet uses, and returns [N, out_channels]. The output of a node without
+pseudo-coordinates [E, dim], which only MoNet uses, and returns [N, out_channels]. The output of a node without
 neighbors depends on the node alone. Plain torch, for any device.
 """
 
@@ -66,13 +66,13 @@ class ChebConv(nn.Module):
 class GMMConv(nn.Module):
     """MoNet (Monti et al. 2017): mean over neighbors weighted by K Gaussians of the pseudo-coordinates; root weight."""
 
-    def __init__(self, in_channels: int, out_channels: int, kernels: int = 25) -> None:
+    def __init__(self, in_channels: int, out_channels: int, kernels: int = 25, dim: int = 2) -> None:
         super().__init__()
         self.kernels, self.out_channels = kernels, out_channels
         self.linear = nn.Linear(in_channels, out_channels * kernels, bias=False)
         self.root = nn.Linear(in_channels, out_channels)
-        self.mean = nn.Parameter(torch.rand(kernels, 2))
-        self.deviation = nn.Parameter(torch.full((kernels, 2), 0.5))
+        self.mean = nn.Parameter(torch.rand(kernels, dim))
+        self.deviation = nn.Parameter(torch.full((kernels, dim), 0.5))
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
         """Features after the convolution, [N, out_channels]."""
@@ -104,13 +104,13 @@ class GINConv(nn.Module):
         return out
 
 
-# name to constructor, from the channels and kernel size of the B-spline layer that it replaces: `size` polynomials,
-# and as many Gaussians as the B-spline kernel has cells
-CONVOLUTIONS: dict[str, Callable[[int, int, int], nn.Module]] = {
-    "gcn": lambda a, b, size: GCNConv(a, b),
-    "cheb": lambda a, b, size: ChebConv(a, b, size),
-    "monet": lambda a, b, size: GMMConv(a, b, size * size),
-    "gin": lambda a, b, size: GINConv(a, b),
+# name to constructor, from the channels, kernel size and dimensions of the B-spline layer that it replaces: `size`
+# polynomials, and as many Gaussians as the B-spline kernel has cells
+CONVOLUTIONS: dict[str, Callable[[int, int, int, int], nn.Module]] = {
+    "gcn": lambda a, b, size, dim: GCNConv(a, b),
+    "cheb": lambda a, b, size, dim: ChebConv(a, b, size),
+    "monet": lambda a, b, size, dim: GMMConv(a, b, size**dim, dim),
+    "gin": lambda a, b, size, dim: GINConv(a, b),
 }
 
 

@@ -51,7 +51,7 @@ class _Block(nn.Module):
         self.conv = conv
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
-        edges = add_self_loops(batch.edge_index, batch.edge_attr, batch.num_nodes)
+        edges = add_self_loops(batch)
         return replace(batch, x=self.conv(batch.x, *edges))
 
 

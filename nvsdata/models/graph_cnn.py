@@ -31,22 +31,24 @@ class ConvBlock(nn.Module):
     `convolution` is "spline" or one of `conv.CONVOLUTIONS`, which handle the node itself in their own way.
     """
 
-    def __init__(self, in_channels: int, out_channels: int, kernel_size: int, convolution: str = "spline") -> None:
+    def __init__(
+        self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2, convolution: str = "spline"
+    ) -> None:
         super().__init__()
         self.loops = convolution == "spline"
         if self.loops:
-            self.conv: nn.Module = SplineConv(in_channels, out_channels, kernel_size=kernel_size, root_weight=True)
+            self.conv: nn.Module = SplineConv(
+                in_channels, out_channels, kernel_size=kernel_size, dim=dim, root_weight=True
+            )
         elif convolution in CONVOLUTIONS:
-            self.conv = CONVOLUTIONS[convolution](in_channels, out_channels, kernel_size)
+            self.conv = CONVOLUTIONS[convolution](in_channels, out_channels, kernel_size, dim)
         else:
             raise ValueError(f"convolution must be one of {('spline', *CONVOLUTIONS)}, not {convolution!r}")
         self.norm = BatchNorm(out_channels)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
-        edges = batch.edge_index, batch.edge_attr
-        if self.loops:
-            edges = add_self_loops(*edges, batch.num_nodes)
+        edges = add_self_loops(batch) if self.loops else (batch.edge_index, batch.edge_attr)
         return replace(batch, x=self.norm(self.conv(batch.x, *edges)))
 
 
@@ -57,17 +59,17 @@ class ResidualBlock(nn.Module):
     normalization starts at 0, so the network starts as the plain one and learns to use its shortcuts.
     """
 
-    def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2) -> None:
         super().__init__()
-        self.conv = SplineConv(in_channels, out_channels, kernel_size=kernel_size, root_weight=True)
+        self.conv = SplineConv(in_channels, out_channels, kernel_size=kernel_size, dim=dim, root_weight=True)
         self.norm = BatchNorm(out_channels)
-        self.shortcut = SplineConv(in_channels, out_channels, kernel_size=1, root_weight=True)
+        self.shortcut = SplineConv(in_channels, out_channels, kernel_size=1, dim=dim, root_weight=True)
         self.shortcut_norm = BatchNorm(out_channels)
         nn.init.zeros_(self.shortcut_norm.weight)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
-        edges = add_self_loops(batch.edge_index, batch.edge_attr, batch.num_nodes)
+        edges = add_self_loops(batch)
         x = self.norm(self.conv(batch.x, *edges)).add_(self.shortcut_norm(self.shortcut(batch.x, *edges)))
         return replace(batch, x=x)
 
@@ -89,8 +91,8 @@ def check_pairs(channels: Sequence[int], clusters: Sequence[Size]) -> None:
         raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
 
 
-def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int) -> None:
-    """ValueError for graphs of a larger sensor than the network's, or with another number of features."""
+def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int, dim: int) -> None:
+    """ValueError for graphs of a larger sensor than the network's, or of other numbers of features or dimensions."""
     if batch.sensor_size is not None and (
         batch.sensor_size[0] > sensor_size[0] or batch.sensor_size[1] > sensor_size[1]
     ):
@@ -98,6 +100,9 @@ def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int) -> None:
         raise ValueError(f"graphs of a sensor of {given}, but the network is for {expected}")
     if batch.x.shape[1] != in_channels:
         raise ValueError(f"nodes have {batch.x.shape[1]} features, but the network takes {in_channels}")
+    if (given := batch.edge_attr.shape[1]) != dim:
+        what = f"edges have {given} pseudo-coordinates ({batch.pseudo!r})"
+        raise ValueError(f"{what}, but the network takes {dim}: build it with dim={given}")
 
 
 class _GraphCNN(nn.Module):
@@ -115,6 +120,7 @@ class _GraphCNN(nn.Module):
         hidden: int = 128,
         kernel_size: int = 5,
         in_channels: int = 1,
+        dim: int = 2,
         dropout: float = 0.5,
         convolution: str = "spline",
     ) -> None:
@@ -122,15 +128,15 @@ class _GraphCNN(nn.Module):
         if self.residual and convolution != "spline":
             raise ValueError(f"residual blocks take B-spline convolutions only, not {convolution!r}")
         check_pairs(channels, clusters)
-        self.sensor_size, self.in_channels = sensor_size, in_channels
+        self.sensor_size, self.in_channels, self.dim = sensor_size, in_channels, dim
         layers: list[nn.Module] = []
         previous = in_channels
         for depth, (width, cluster) in enumerate(zip(channels, clusters, strict=True)):
             residual = self.residual and depth > 0
             block = (
-                ResidualBlock(previous, width, kernel_size)
+                ResidualBlock(previous, width, kernel_size, dim)
                 if residual
-                else ConvBlock(previous, width, kernel_size, convolution)
+                else ConvBlock(previous, width, kernel_size, dim, convolution)
             )
             layers += [block, GraphPool(cluster, sensor_size), Activation()]
             previous = width
@@ -146,7 +152,7 @@ class _GraphCNN(nn.Module):
         ValueError for graphs of a larger sensor, or with another number of features.
         """
         batch = GraphBatch.of(graphs)
-        check_input(batch, self.sensor_size, self.in_channels)
+        check_input(batch, self.sensor_size, self.in_channels, self.dim)
         batch = self.features(batch)
         # one weight per cell and channel (eq. 4.10); a cell without a node adds nothing
         total = self.grid[0] * self.grid[1]
@@ -169,6 +175,7 @@ class RGCNN(_GraphCNN):
     - `hidden`: width of the hidden fully connected layer (default 128)
     - `kernel_size`: of the B-spline kernels, along each axis (default 5)
     - `in_channels`: features per node (default 1)
+    - `dim`: pseudo-coordinates per edge, 2 (default), or 3 with time
     - `dropout`: probability before the last layer (default 0.5)
     - `convolution`: must be "spline"
 

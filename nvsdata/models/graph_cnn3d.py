@@ -30,6 +30,7 @@ class RGCNN3D(nn.Module):
       the last one is also the cell of the grid
     - `kernel_size`: of the B-spline kernels, along each axis (default 5)
     - `in_channels`: features per node (default 1)
+    - `dim`: pseudo-coordinates per edge, 2 (default), or 3 with time
 
     Takes a `GraphBatch` with `volumes` = S, as `collate` makes from sequences of S graphs, and `x` [N, in_channels];
     gives class scores (logits) [B, num_classes]. ValueError for settings that don't fit together, graphs of a larger
@@ -46,14 +47,15 @@ class RGCNN3D(nn.Module):
         clusters: Sequence[Size] = ((2, 2), (4, 3), (8, 6)),
         kernel_size: int = 5,
         in_channels: int = 1,
+        dim: int = 2,
     ) -> None:
         super().__init__()
         check_pairs(channels, clusters)
-        self.sensor_size, self.in_channels = sensor_size, in_channels
+        self.sensor_size, self.in_channels, self.dim = sensor_size, in_channels, dim
         layers: list[nn.Module] = []
         previous = in_channels
         for width, cluster in zip(channels, clusters, strict=True):
-            layers += [ResidualBlock(previous, width, kernel_size), GraphPool(cluster, sensor_size), Activation()]
+            layers += [ResidualBlock(previous, width, kernel_size, dim), GraphPool(cluster, sensor_size), Activation()]
             previous = width
         self.spatial = nn.Sequential(*layers)
         self.grid = Graph2Grid(clusters[-1], sensor_size)
@@ -63,7 +65,7 @@ class RGCNN3D(nn.Module):
     def features(self, graphs: Graph | GraphBatch) -> torch.Tensor:
         """Output of the last pooling: [B, C, T', H', W']."""
         batch = GraphBatch.of(graphs)
-        check_input(batch, self.sensor_size, self.in_channels)
+        check_input(batch, self.sensor_size, self.in_channels, self.dim)
         maps: torch.Tensor = self.temporal(self.grid(self.spatial(batch)))
         return maps
 

@@ -8,8 +8,9 @@ from typing import Any, Literal, NamedTuple
 import torch
 from torch import nn
 
-from nvsdata.data.graph import GraphBatch, Reach, grouped, pseudo
+from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.grid import cells, check_cluster, grid_shape
+from nvsdata.data.pseudo import Reach, pseudo
 from nvsdata.kernels import pool as kernel
 
 
@@ -56,7 +57,7 @@ class GraphPool(nn.Module):
             pos=pos,
             t=t,
             edge_index=edges,
-            edge_attr=pseudo(pos, edges, reach),
+            edge_attr=pseudo(pos, t, edges, reach, batch.pseudo),
             reach=reach,
             batch=graph,
             ptr=ptr,
@@ -71,7 +72,7 @@ def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
 
     A pixel is at most (side - 1) / 2 away from the center of its cluster, and an edge is at most `reach` long.
     """
-    return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1
+    return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1, *reach[2:]
 
 
 class Structure(NamedTuple):

@@ -10,7 +10,8 @@ import torch
 from torch import nn
 
 from nvsdata.common.validation import at_least
-from nvsdata.data.graph import grouped
+from nvsdata.data.graph import GraphBatch, grouped
+from nvsdata.data.pseudo import origin
 from nvsdata.kernels import spline as kernel
 from nvsdata.kernels.graph import with_self_loops
 
@@ -19,20 +20,21 @@ DENSE = 128
 
 
 class SplineConv(nn.Module):
-    """Graph convolution with an open B-spline kernel of degree 1 over two pseudo-coordinates.
+    """Graph convolution with an open B-spline kernel of degree 1 over two or more pseudo-coordinates.
 
         out(i) = 1/|N(i)| Σ_{j in N(i)} Σ_p B_p(u(i, j)) f(j) W_p + b  (+ f(i) W_root)
 
-    N(i) are the sources of the edges whose target is i, p runs over the kernel_size² cells and B_p is the product of
-    the two hat functions of the cell. Without neighbors the sum is 0. The thesis has no W_root; with `root_weight`
+    N(i) are the sources of the edges whose target is i, p runs over the kernel_size^dim cells and B_p is the product of
+    the hat functions of the cell. Without neighbors the sum is 0. The thesis has no W_root; with `root_weight`
     a node also adds its own features, as in SplineCNN. Activation and batch normalization are separate layers.
 
     - `in_channels`, `out_channels`: features per node before and after
     - `kernel_size`: cells along each axis of the kernel (default 5)
+    - `dim`: pseudo-coordinates of an edge (default 2)
     - `root_weight`: whether to add f(i) W_root (default False)
     - `bias`: whether to add b (default True)
 
-    Weights: `weight` [kernel_size², in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
+    Weights: `weight` [kernel_size^dim, in_channels, out_channels], cell (p_x, p_y) at p_x + kernel_size * p_y;
     `root` [in_channels, out_channels]; `bias` [out_channels]. ValueError for settings below 1.
     """
 
@@ -42,6 +44,7 @@ class SplineConv(nn.Module):
         out_channels: int,
         *,
         kernel_size: int = 5,
+        dim: int = 2,
         root_weight: bool = False,
         bias: bool = True,
     ) -> None:
@@ -49,8 +52,9 @@ class SplineConv(nn.Module):
         at_least("in_channels", in_channels, 1)
         at_least("out_channels", out_channels, 1)
         at_least("kernel_size", kernel_size, 1)
-        self.in_channels, self.out_channels, self.kernel_size = in_channels, out_channels, kernel_size
-        self.weight = nn.Parameter(torch.empty(kernel_size**2, in_channels, out_channels))
+        at_least("dim", dim, 1)
+        self.in_channels, self.out_channels, self.kernel_size, self.dim = in_channels, out_channels, kernel_size, dim
+        self.weight = nn.Parameter(torch.empty(kernel_size**dim, in_channels, out_channels))
         self.root = nn.Parameter(torch.empty(in_channels, out_channels)) if root_weight else None
         self.bias = nn.Parameter(torch.empty(out_channels)) if bias else None
         self.reset_parameters()
@@ -60,7 +64,7 @@ class SplineConv(nn.Module):
 
         Small weights followed by batch normalization let Adam change their direction quickly.
         """
-        bound = 1 / math.sqrt(self.kernel_size**2 * self.in_channels)
+        bound = 1 / math.sqrt(self.kernel_size**self.dim * self.in_channels)
         nn.init.uniform_(self.weight, -bound, bound)
         if self.root is not None:
             nn.init.uniform_(self.root, -bound, bound)
@@ -68,10 +72,13 @@ class SplineConv(nn.Module):
             nn.init.zeros_(self.bias)
 
     def forward(self, x: torch.Tensor, edge_index: torch.Tensor, edge_attr: torch.Tensor) -> torch.Tensor:
-        """Convolve `x` [N, in_channels] over `edge_index` int64 [2, E] with `edge_attr` [E, 2] in [0, 1].
+        """Convolve `x` [N, in_channels] over `edge_index` int64 [2, E] with `edge_attr` [E, dim] in [0, 1].
 
         Returns [N, out_channels]. `edge_attr` gets no gradient. On the CPU, autocast doesn't change its precision.
+        ValueError for edges of another `dim`.
         """
+        if (given := edge_attr.shape[1]) != self.dim:
+            raise ValueError(f"edges have {given} pseudo-coordinates, but the convolution takes {self.dim}")
         if x.device.type == "cpu" and torch.is_autocast_enabled("cpu"):
             # numba doesn't support bfloat16
             with torch.autocast("cpu", enabled=False):
@@ -80,7 +87,7 @@ class SplineConv(nn.Module):
         return spline_conv(out, x, edge_index, edge_attr, self.weight, self.kernel_size)
 
     def extra_repr(self) -> str:
-        return f"{self.in_channels}, {self.out_channels}, kernel_size={self.kernel_size}"
+        return f"{self.in_channels}, {self.out_channels}, kernel_size={self.kernel_size}, dim={self.dim}"
 
 
 def _local(x: torch.Tensor, root: torch.Tensor | None, bias: torch.Tensor | None, channels: int) -> torch.Tensor:
@@ -101,7 +108,7 @@ def spline_conv(
     """`out` [N, out_channels] plus the sum of `SplineConv`: in place by numba on the CPU, by torch elsewhere."""
     if x.device.type != "cpu":
         return spline_conv_torch(out, x, edge_index, edge_attr, weight, kernel_size)
-    dense = kernel_size == 1 or kernel_size**2 * x.shape[1] <= DENSE
+    dense = kernel_size == 1 or weight.shape[0] * x.shape[1] <= DENSE
     function = _DenseSplineConv if dense else _SparseSplineConv
     u = edge_attr.detach().to(x.dtype)
     summed: torch.Tensor = function.apply(out, x, edge_index, u, weight, kernel_size)  # type: ignore[no-untyped-call]
@@ -118,20 +125,23 @@ def spline_conv_torch(
 ) -> torch.Tensor:
     """`spline_conv` in plain torch, for any device: aggregate per (node, cell), then one matrix product."""
     source, target = edge_index
-    nodes, size = x.shape[0], kernel_size
-    v = edge_attr.detach().to(x.dtype).clamp(0, 1) * (size - 1)
+    nodes, cells = x.shape[0], weight.shape[0]
+    # sums of many small shares would get lost in half precision
+    wide = x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
+    v = edge_attr.detach().to(wide.dtype).clamp(0, 1) * (kernel_size - 1)
     # NaN has no integer value; it stays in `upper`
-    lower = v.nan_to_num(0).floor().clamp(max=max(size - 2, 0)).long()
+    lower = v.nan_to_num(0).floor().clamp(max=max(kernel_size - 2, 0)).long()
     upper = v - lower
-    degree = torch.zeros(nodes, dtype=x.dtype, device=x.device).index_add_(0, target, torch.ones_like(v[:, 0]))
-    gathered = x[source] / degree[target].unsqueeze(1)
-    sums = x.new_zeros(nodes * size**2, x.shape[1])
-    for a in range(min(size, 2)):
-        for b in range(min(size, 2)):
-            share = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
-            cell = lower[:, 0] + a + size * (lower[:, 1] + b)
-            sums = sums.index_add(0, target * size**2 + cell, share.unsqueeze(1) * gathered)
-    return torch.addmm(out, sums.view(nodes, size**2 * x.shape[1]), weight.reshape(-1, weight.shape[2]))
+    degree = torch.bincount(target, minlength=nodes)
+    gathered = wide[source] / degree[target].unsqueeze(1)
+    sums = wide.new_zeros(nodes * cells, x.shape[1])
+    stride = kernel_size ** torch.arange(v.shape[1], device=x.device)
+    for corner in itertools.product(range(min(kernel_size, 2)), repeat=v.shape[1]):
+        above = torch.tensor(corner, device=x.device)
+        share = torch.where(above > 0, upper, 1 - upper).prod(1)
+        cell = ((lower + above) * stride).sum(1)
+        sums = sums.index_add(0, target * cells + cell, share.unsqueeze(1) * gathered)
+    return torch.addmm(out, sums.view(nodes, cells * x.shape[1]).to(out.dtype), weight.reshape(-1, weight.shape[2]))
 
 
 class _DenseSplineConv(torch.autograd.Function):
@@ -150,9 +160,9 @@ class _DenseSplineConv(torch.autograd.Function):
         source, target, u = grouped(edge_index, u, x.shape[0])
         shares = kernel.spline_shares(source.numpy(), target.numpy(), u.numpy(), size, x.shape[0])
         row, of, share = shares
-        sums = x.new_zeros(x.shape[0] * size**2, x.shape[1])
+        sums = x.new_zeros(x.shape[0] * weight.shape[0], x.shape[1])
         kernel.add_shares(sums.numpy(), row, x.detach().contiguous().numpy(), of, share)
-        sums = sums.view(x.shape[0], size**2 * x.shape[1])
+        sums = sums.view(x.shape[0], weight.shape[0] * x.shape[1])
         ctx.mark_dirty(out)
         ctx.save_for_backward(sums, weight)
         ctx.shares = shares
@@ -225,17 +235,19 @@ class _SparseSplineConv(torch.autograd.Function):
         return gradient, d_x, None, None, d_weight, None
 
 
-def add_self_loops(edge_index: torch.Tensor, edge_attr: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Add to each node a self-loop with pseudo-coordinates 0: int64 [2, E + N] and [E + N, 2].
+def add_self_loops(batch: GraphBatch) -> tuple[torch.Tensor, torch.Tensor]:
+    """The edges of a batch, and a self-loop of each node: `edge_index` int64 [2, E + N] and `edge_attr` [E + N, D].
 
     N(i) then contains i itself, whose distance 0 is within every radius (eq. 4.2).
     """
+    edge_index, edge_attr, nodes, at = batch.edge_index, batch.edge_attr, batch.num_nodes, origin(batch.pseudo)
     if edge_index.device.type == "cpu":
         source, target, u = grouped(edge_index, edge_attr, nodes)
-        edges, attributes = with_self_loops(source.numpy(), target.numpy(), u.numpy(), nodes)
+        edges, attributes = with_self_loops(source.numpy(), target.numpy(), u.numpy(), nodes, at)
         return torch.from_numpy(edges), torch.from_numpy(attributes)
     loops = torch.arange(nodes, device=edge_index.device).expand(2, nodes)
-    return torch.cat((loops, edge_index), 1), torch.cat((edge_attr.new_zeros(nodes, 2), edge_attr))
+    there = edge_attr.new_full((nodes, edge_attr.shape[1]), at)
+    return torch.cat((loops, edge_index), 1), torch.cat((there, edge_attr))
 
 
 def _occupied(starts: Any) -> list[tuple[int, int, int]]:

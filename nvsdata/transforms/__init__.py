@@ -17,6 +17,7 @@ from nvsdata.transforms.augment import (
     shift,
 )
 from nvsdata.transforms.compose import Compose, Each
+from nvsdata.transforms.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, merge_pixels
 from nvsdata.transforms.frames import (
     FourCrops,
     MedianDenoise,
@@ -54,6 +55,7 @@ from nvsdata.transforms.windows import RandomWindow, Volumes, Window, random_win
 
 __all__ = [
     "TRANSFORMS",
+    "Age",
     "CenterCrop",
     "Compose",
     "DropEvents",
@@ -63,9 +65,13 @@ __all__ = [
     "Graph2Grid",
     "KNNGraph",
     "MedianDenoise",
+    "MergePixels",
     "MotionCrop",
+    "NodeFeatures",
     "NonUniformSample",
     "Normalize",
+    "Patch",
+    "PatchMean",
     "Points",
     "RadiusGraph",
     "RandomAffine",
@@ -93,6 +99,7 @@ __all__ = [
     "graph2grid",
     "knn_graph",
     "median_denoise",
+    "merge_pixels",
     "motion_crop",
     "nonuniform_sample",
     "normalize",

@@ -1,0 +1,167 @@
+"""Events grouped by pixel, and the pixels that have events near one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+FAR = np.int64(1) << 40  # squared pixels: beyond every sensor
+TABLE = 8  # pixels up to which the offsets to look at are listed, nearest first
+SIDE, _SHIFT, _LOW = 8, 3, 7  # of a tile of pixels
+PAD = 8  # pixels around the events, at least TABLE, so that no look-up leaves the tiles
+
+
+@njit(cache=True, nogil=True)
+def by_pixel(x, y):
+    """Events grouped by pixel. O(N + tiles of the box around all events).
+
+    Returns the events' indices int32 [N], pixel by pixel and in order within each; where each pixel's begin int32
+    [P + 1]; the pixels' places int32 [P, 2] within the padded box; and `tiles` int32 [rows, columns], of 8 x 8
+    pixels, which say what row of `blocks` int32 [occupied tiles + 1, 64] has the pixel's number, or -1 where there are
+    no events. Row 0 is that of all empty tiles.
+    """
+    n = x.size
+    x0 = x1 = np.int64(x[0]) if n else np.int64(0)
+    y0 = y1 = np.int64(y[0]) if n else np.int64(0)
+    for i in range(n):
+        x0, x1, y0, y1 = min(x0, x[i]), max(x1, x[i]), min(y0, y[i]), max(y1, y[i])
+    tiles = np.zeros(((y1 - y0 + 2 * PAD) // SIDE + 1, (x1 - x0 + 2 * PAD) // SIDE + 1), np.int32)
+    occupied = 1
+    for i in range(n):
+        row, column = (y[i] - y0 + PAD) >> _SHIFT, (x[i] - x0 + PAD) >> _SHIFT
+        if tiles[row, column] == 0:
+            tiles[row, column] = occupied
+            occupied += 1
+    blocks = np.full((occupied, SIDE * SIDE), -1, np.int32)
+    pixel, place, count = np.empty(n, np.int32), np.empty((n, 2), np.int32), np.zeros(n + 1, np.int32)
+    pixels = 0
+    for i in range(n):
+        row, column = y[i] - y0 + PAD, x[i] - x0 + PAD
+        tile, cell = tiles[row >> _SHIFT, column >> _SHIFT], (row & _LOW) * SIDE + (column & _LOW)
+        if blocks[tile, cell] < 0:
+            blocks[tile, cell] = pixels
+            place[pixels, 0], place[pixels, 1] = column, row
+            pixels += 1
+        pixel[i] = blocks[tile, cell]
+        count[pixel[i] + 1] += 1
+    for q in range(pixels):
+        count[q + 1] += count[q]
+    first = count[: pixels + 1].copy()
+    order = np.empty(n, np.int32)
+    for i in range(n):
+        order[count[pixel[i]]] = i
+        count[pixel[i]] += 1
+    return order, first, place[:pixels], tiles, blocks
+
+
+@njit(cache=True, nogil=True)
+def offsets_within(furthest):
+    """Offsets (dx, dy) of squared length up to `furthest`, nearest first: int32 [M, 2].
+
+    Also where those of equal length begin, int64 [rings + 1], and their squared lengths, int64 [rings].
+    """
+    reach = 0
+    while (reach + 1) ** 2 <= furthest:
+        reach += 1
+    count = np.zeros(furthest + 2, np.int64)
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            if dx * dx + dy * dy <= furthest:
+                count[dx * dx + dy * dy + 1] += 1
+    rings = 0
+    begins, lengths = np.zeros(furthest + 2, np.int64), np.empty(furthest + 1, np.int64)
+    for d in range(furthest + 1):
+        if count[d + 1]:
+            begins[rings], lengths[rings] = count[d], d
+            rings += 1
+        count[d + 1] += count[d]
+    begins[rings] = count[furthest + 1]
+    offsets = np.empty((begins[rings], 2), np.int32)
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            d = dx * dx + dy * dy
+            if d <= furthest:
+                offsets[count[d], 0], offsets[count[d], 1] = dx, dy
+                count[d] += 1
+    return offsets, begins[: rings + 1], lengths[:rings]
+
+
+@njit(cache=True, nogil=True)
+def near_pixels(pixel, enough, furthest, blur, first, place, tiles, blocks, offsets, begins, lengths, near, apart):
+    """Pixels that have events near one, itself included, nearest first: their number m, and that of their events.
+
+    `near` and `apart` get the pixels and their squared distances. None is further than `furthest`. As soon as pixels
+    of a distance or less have `enough` events together, others are left out unless they are nearer than that
+    plus `blur`. `offsets` are those of `offsets_within`.
+    """
+    x, y = np.int64(place[pixel, 0]), np.int64(place[pixel, 1])
+    # unsigned, because numba tests every signed index for negative ones
+    low, shift = np.uint64(_LOW), np.uint64(_SHIFT)
+    m, total, bound = np.uint64(0), np.int64(0), furthest
+    for ring in range(np.uint64(lengths.size)):
+        length = lengths[ring]
+        if length > bound:
+            return np.int64(m), total
+        before = m
+        for o in range(np.uint64(begins[ring]), np.uint64(begins[ring + np.uint64(1)])):
+            column, row = np.uint64(x + offsets[o, 0]), np.uint64(y + offsets[o, 1])
+            tile = np.uint64(tiles[row >> shift, column >> shift])
+            # no branch, because which pixels have events is unpredictable
+            found = blocks[tile, ((row & low) << shift) + (column & low)]
+            near[m], apart[m] = found, length
+            m += np.uint64(found >= 0)
+        for q in range(before, m):
+            one = np.uint64(near[q])
+            total += first[one + np.uint64(1)] - first[one]
+        if total >= enough:
+            bound = min(bound, length + blur)
+    m = np.int64(m)
+    if bound > lengths[-1]:
+        m, total = _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, lengths[-1], near, apart)
+    return m, total
+
+
+@njit(cache=True, nogil=True)
+def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, listed, near, apart):
+    """Go on with the pixels further than `listed`, in squares of tiles around the one at x, y."""
+    rows, columns = tiles.shape
+    here, there = y >> _SHIFT, x >> _SHIFT
+    for ring in range(max(rows, columns)):
+        if ring and ((ring - 1) * SIDE + 1) ** 2 > bound:
+            break
+        for row in range(max(here - ring, 0), min(here + ring + 1, rows)):
+            # all tiles of the first and last row of a square, and two of the others
+            step = 1 if abs(row - here) == ring else 2 * ring
+            for column in range(there - ring, there + ring + 1, step):
+                if not 0 <= column < columns or tiles[row, column] == 0:
+                    continue
+                for q in blocks[tiles[row, column]]:
+                    if q < 0:
+                        continue
+                    d = (np.int64(place[q, 0]) - x) ** 2 + (np.int64(place[q, 1]) - y) ** 2
+                    if not listed < d <= bound:
+                        continue
+                    slot = m
+                    while slot > 0 and apart[slot - 1] > d:
+                        apart[slot], near[slot] = apart[slot - 1], near[slot - 1]
+                        slot -= 1
+                    apart[slot], near[slot] = d, q
+                    m += 1
+                    total += first[q + 1] - first[q]
+                    if total >= enough:
+                        bound = min(bound, _distance_of(enough, first, near, apart) + blur)
+                        while apart[m - 1] > bound:
+                            m -= 1
+                            total -= first[near[m] + 1] - first[near[m]]
+    return m, total
+
+
+@njit(cache=True, nogil=True)
+def _distance_of(enough, first, near, apart):
+    """Squared distance up to which pixels have `enough` events together."""
+    have = q = 0
+    while True:
+        have += first[near[q] + 1] - first[near[q]]
+        if have >= enough:
+            return apart[q]
+        q += 1
