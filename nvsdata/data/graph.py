@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from operator import index as whole_number
+from typing import TYPE_CHECKING, Any, Self
 
 import torch
 
 from nvsdata.data.pseudo import Pseudo, Reach, pseudo
+from nvsdata.data.pyg import fields_of, is_pyg
+from nvsdata.data.pytree import pytree_node
 from nvsdata.data.recording import misplaced
 from nvsdata.kernels import graph as kernel
 
+if TYPE_CHECKING:
+    from torch_geometric.data import Batch, Data
 
+
+@pytree_node
 @dataclass(frozen=True, eq=False)
 class Graph:
     """A directed graph of events (thesis 4.2.1).
@@ -67,20 +74,31 @@ class Graph:
         """The same edges between nodes at `pos` float32 [N, 2]; pseudo-coordinates follow (CPU only)."""
         return replace(self, pos=pos, edge_attr=pseudo(pos, self.t, self.edge_index, self.reach, self.pseudo))
 
-    def to_pyg(self) -> Any:
-        """A `torch_geometric.data.Data` of the same tensors, those of a batch included; needs the extra `pyg`."""
-        try:
-            from torch_geometric.data import Data
-        except ImportError as error:
-            raise ImportError("to_pyg needs PyTorch Geometric: pip install 'nvsdata[pyg]'") from error
-        keys = ("x", "pos", "t", "edge_index", "edge_attr", "y", "batch", "ptr")
-        given = {key: value for key in keys if (value := getattr(self, key, None)) is not None}
-        return Data(**given)
+    @classmethod
+    def from_pyg(cls, data: Data) -> Self:
+        """The graph that a `torch_geometric.data.Data` holds, or the batch in a `Batch` (`GraphBatch.from_pyg`).
+
+        - `data`: with `x` [N, F], `pos` [N, 2] (pixels) and `edge_index` [2, E], in any order; the other fields are
+          taken if they are there, such as `data.reach = (5.0, 5.0)`. Without `t` all times are 0; without
+          `edge_attr` pseudo-coordinates are computed from `pos` and `reach`
+
+        ValueError that names the fields that are missing or of another shape.
+        """
+        found = fields_of(data, [field.name for field in fields(cls)])
+        if "edge_attr" in found:
+            return cls(**found)
+        return cls(**found, edge_attr=found["pos"][:0]).moved(found["pos"])
+
+    def to_pyg(self) -> Data:
+        """A `torch_geometric.data.Data` of the same fields, but those that are None; needs the extra `pyg`."""
+        values = {field.name: getattr(self, field.name) for field in fields(Graph)}
+        return _torch_geometric().Data(**{name: value for name, value in values.items() if value is not None})
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.num_nodes} nodes, {self.num_edges} edges)"
 
 
+@pytree_node
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GraphBatch(Graph):
     """B graphs in one: nodes concatenated, node numbers in edges shifted to match.
@@ -135,9 +153,56 @@ class GraphBatch(Graph):
         )
 
     @classmethod
-    def of(cls, graph: Graph) -> GraphBatch:
-        """The graph as a batch of one; a batch is returned as it is."""
-        return graph if isinstance(graph, GraphBatch) else cls.from_graphs([graph.to("cpu")]).to(graph.x.device)
+    def of(cls, graph: Graph | Data) -> GraphBatch:
+        """The graph as a batch of one; a batch is returned as it is; those of PyTorch Geometric by `from_pyg`."""
+        if isinstance(graph, GraphBatch):
+            return graph
+        if isinstance(graph, Graph):
+            return cls.from_graphs([graph.to("cpu")]).to(graph.x.device)
+        if is_pyg(graph):
+            return cls.from_pyg(graph)
+        raise misplaced("a graph, or a batch of graphs", graph)
+
+    def __getitem__(self, number: int) -> Graph:
+        """Graph number `number`; negative ones count from the end. IndexError if there is no such graph."""
+        b = whole_number(number)
+        if not -self.num_graphs <= b < self.num_graphs:
+            raise IndexError(f"no graph {b} in a batch of {self.num_graphs}")
+        b %= self.num_graphs
+        return self._graph(b, (self._graph_of_edges() == b).nonzero().squeeze(1))
+
+    def to_graphs(self) -> list[Graph]:
+        """The graphs of the batch. `sensor_size` is that of the batch; a label `y` is a number again."""
+        graph = self._graph_of_edges()
+        counts = torch.bincount(graph, minlength=self.num_graphs).tolist()
+        each = torch.split(torch.argsort(graph, stable=True), counts)
+        return [self._graph(b, edges) for b, edges in enumerate(each)]
+
+    def _graph_of_edges(self) -> torch.Tensor:
+        """The number of the graph that each edge belongs to, int64 [E]."""
+        return self.batch[self.edge_index[1]]
+
+    def _graph(self, b: int, edges: torch.Tensor) -> Graph:
+        """Graph b, whose edges have the numbers `edges`."""
+        start, stop = self.ptr[b : b + 2].tolist()
+        values = {field.name: getattr(self, field.name) for field in fields(Graph)}
+        values |= {name: values[name][start:stop] for name in ("x", "pos", "t")}
+        values |= {"edge_index": self.edge_index[:, edges] - start, "edge_attr": self.edge_attr[edges]}
+        if self.y is not None:
+            values["y"] = self.y[b].item() if self.y.ndim == 1 else self.y[b]
+        return Graph(**values)
+
+    def to_pyg(self) -> Batch:
+        """A `torch_geometric.data.Batch` with the fields of `Graph.to_pyg` and `volumes`; needs the extra `pyg`.
+
+        Its `to_data_list()` gives the graphs; there, as usual in PyTorch Geometric, `y` is a tensor [1].
+        """
+        kind = _torch_geometric().Batch
+        labels = [None] * self.num_graphs if self.y is None else torch.split(self.y, 1)
+        graphs = [replace(graph, y=y) for graph, y in zip(self.to_graphs(), labels, strict=True)]
+        batch = kind.from_data_list([graph.to_pyg() for graph in graphs])
+        batch.volumes = self.volumes
+        return batch
 
     def __repr__(self) -> str:
         return f"GraphBatch({self.num_graphs} graphs, {self.num_nodes} nodes, {self.num_edges} edges)"
@@ -155,6 +220,14 @@ def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torc
         return source, target, u
     order = torch.argsort(target, stable=True)
     return source[order], target[order], u[order]
+
+
+def _torch_geometric() -> Any:
+    try:
+        import torch_geometric.data
+    except ImportError as error:
+        raise ImportError("to_pyg needs PyTorch Geometric: pip install 'nvsdata[pyg]'") from error
+    return torch_geometric.data
 
 
 def sequence_of(graphs: Any) -> list[Graph]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from threading import get_ident
@@ -53,8 +53,10 @@ def save(
     - `metrics`: such as the accuracy, stored as JSON (default None)
     - `data`: what it was trained on, stored as JSON (default None)
 
-    ValueError for a network that isn't registered or is fused, and a transform that isn't registered or whose repr
-    doesn't build it.
+    Of a convolution of your own (see `RGCNN`) the file has the name and the weights; `load` must be given it again.
+
+    ValueError for a network that isn't registered or is fused, a transform that isn't registered or whose repr
+    doesn't build it, and a convolution without a name (a lambda).
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
@@ -64,7 +66,7 @@ def save(
     header = {
         "version": VERSION,
         "network": kind,
-        "settings": settings,
+        "settings": _without_classes(settings or {}),
         "classes": list(classes),
         "transform": _checked(transform),
         "metrics": dict(metrics or {}),
@@ -77,15 +79,23 @@ def save(
     return where
 
 
-def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") -> Trained:
+def load(
+    path: str | os.PathLike[str],
+    *,
+    device: str | torch.device = "cpu",
+    convolution: Callable[[int, int], nn.Module] | None = None,
+) -> Trained:
     """Read a network that `save` wrote.
 
     - `path`: of the file, or a bare name as for `save`
     - `device`: where to put the network (default "cpu")
+    - `convolution`: the class or function of your own that the network was built with; the file has only its name,
+      since reading a file runs no code (default None)
 
     Returns a `Trained`, in evaluation mode. FileNotFoundError if there is no such file. FormatError for a file that
     is something else, truncated, altered or of another version, names a network or transform that isn't registered,
-    or has weights that don't fit the network.
+    needs a `convolution` that isn't the one given, or has weights that don't fit the network. ValueError for a
+    `convolution` that the file doesn't need.
     """
     where = _place(path)
     if not where.is_file():
@@ -103,8 +113,9 @@ def load(path: str | os.PathLike[str], *, device: str | torch.device = "cpu") ->
     header = _header(where, kept["nvsdata"])
     if kept.get("sha256") != _digest(kept["nvsdata"], state):
         raise FormatError(where, "fails its checksum: it was damaged or altered")
+    settings = _with_convolution(where, header.settings, convolution)
     try:
-        model = _network(header.network, header.settings, state)
+        model = _network(header.network, settings, state)
     except Exception as error:  # any error of a constructor with invalid settings
         raise FormatError(where, f"doesn't fit the network {header.network!r}: {line_of(error)}") from None
     try:
@@ -176,6 +187,32 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
     if odd := sorted(name for name in expected.keys() | given.keys() if expected.get(name) != given.get(name)):
         raise ValueError(f"{len(odd)} weights are missing or of another size, first {odd[0]!r:.100}")
     return model
+
+
+def _without_classes(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as JSON: a convolution of the user's own by its name, {"name": "module:class"}."""
+    given = settings.get("convolution")
+    if not callable(given):
+        return dict(settings)
+    name = getattr(given, "__qualname__", "<nameless>")
+    if name.endswith(">"):
+        raise ValueError(f"a network with the convolution {given!r} can't be saved: make it a class, or a function")
+    return {**settings, "convolution": {"name": f"{given.__module__}:{name}"}}
+
+
+def _with_convolution(where: Path, settings: dict[str, Any], given: Any) -> dict[str, Any]:
+    """The settings with the convolution that the file names; the module isn't compared, as scripts are __main__."""
+    saved = settings.get("convolution")
+    if not (isinstance(saved, dict) and isinstance(saved.get("name"), str)):
+        if given is not None:
+            raise ValueError(f"{where} has no convolution of your own, but convolution={given!r} was given")
+        return settings
+    module, _, name = saved["name"].partition(":")
+    if getattr(given, "__qualname__", None) != name:
+        what = f"was saved with the convolution {name!r:.100} of the module {module!r:.100}"
+        instead = "" if given is None else f", not with {given!r}"
+        raise FormatError(where, f"{what}{instead}: import it, and load by models.load(path, convolution={name:.100})")
+    return {**settings, "convolution": given}
 
 
 def _tuples(value: Any) -> Any:

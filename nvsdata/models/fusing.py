@@ -25,12 +25,13 @@ def fused(model: Network) -> Network:
 
     Each block of B-spline convolutions becomes a single convolution, normalized by the running statistics. The hat
     functions of a kernel add up to 1 everywhere, so a shortcut of kernel size 1 is a matrix added to that of each
-    cell. Blocks of other convolutions and 3D CNNs stay as they are. The copy can be neither trained nor saved.
+    cell. Blocks of other convolutions and 3D CNNs stay as
+    they are. The copy can be neither trained nor saved.
     """
     model = deepcopy(model)
     for parent in list(model.modules()):
         for name, block in parent.named_children():
-            if isinstance(block, ResidualBlock):
+            if isinstance(block, ResidualBlock) and isinstance(block.conv, SplineConv):
                 _fold(block.conv, block.norm)
                 _fold(block.shortcut, block.shortcut_norm)
                 _add(block.conv, block.shortcut)

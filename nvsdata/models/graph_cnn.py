@@ -7,8 +7,9 @@ shows how dense its neighborhood is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import torch
 from torch import nn
@@ -22,28 +23,42 @@ from nvsdata.models.pool import GraphPool
 from nvsdata.models.registry import register_network
 from nvsdata.models.spline import SplineConv, add_self_loops
 
+if TYPE_CHECKING:
+    from torch_geometric.data import Data
+
 Size = tuple[int, int]
+Convolution = str | Callable[[int, int], nn.Module]
+
+
+def convolution_layer(
+    convolution: Convolution, in_channels: int, out_channels: int, kernel_size: int, dim: int
+) -> nn.Module:
+    """The layer that a `convolution` of `RGCNN` or `GCNN` stands for. ValueError if it stands for none."""
+    if convolution == "spline":
+        return SplineConv(in_channels, out_channels, kernel_size=kernel_size, dim=dim, root_weight=True)
+    if isinstance(convolution, str) and convolution in CONVOLUTIONS:
+        return CONVOLUTIONS[convolution](in_channels, out_channels, kernel_size, dim)
+    if isinstance(convolution, str) or not callable(convolution):
+        names = ("spline", *CONVOLUTIONS)
+        raise ValueError(f"convolution must be one of {names}, or a class of your own, not {convolution!r}")
+    layer = convolution(in_channels, out_channels)
+    if not isinstance(layer, nn.Module):
+        raise ValueError(f"convolution must give a torch.nn.Module, not {layer!r:.100}")
+    return layer
 
 
 class ConvBlock(nn.Module):
     """Graph convolution and batch normalization (thesis eqs. 4.6, 4.7), without the activation that follows.
 
-    `convolution` is "spline" or one of `conv.CONVOLUTIONS`, which handle the node itself in their own way.
+    `convolution` is "spline", or another of `GCNN`; those handle the node itself in their own way.
     """
 
     def __init__(
-        self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2, convolution: str = "spline"
+        self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2, convolution: Convolution = "spline"
     ) -> None:
         super().__init__()
         self.loops = convolution == "spline"
-        if self.loops:
-            self.conv: nn.Module = SplineConv(
-                in_channels, out_channels, kernel_size=kernel_size, dim=dim, root_weight=True
-            )
-        elif convolution in CONVOLUTIONS:
-            self.conv = CONVOLUTIONS[convolution](in_channels, out_channels, kernel_size, dim)
-        else:
-            raise ValueError(f"convolution must be one of {('spline', *CONVOLUTIONS)}, not {convolution!r}")
+        self.conv = convolution_layer(convolution, in_channels, out_channels, kernel_size, dim)
         self.norm = BatchNorm(out_channels)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
@@ -59,9 +74,12 @@ class ResidualBlock(nn.Module):
     normalization starts at 0, so the network starts as the plain one and learns to use its shortcuts.
     """
 
-    def __init__(self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2) -> None:
+    def __init__(
+        self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2, convolution: Convolution = "spline"
+    ) -> None:
         super().__init__()
-        self.conv = SplineConv(in_channels, out_channels, kernel_size=kernel_size, dim=dim, root_weight=True)
+        self.loops = convolution == "spline"
+        self.conv = convolution_layer(convolution, in_channels, out_channels, kernel_size, dim)
         self.norm = BatchNorm(out_channels)
         self.shortcut = SplineConv(in_channels, out_channels, kernel_size=1, dim=dim, root_weight=True)
         self.shortcut_norm = BatchNorm(out_channels)
@@ -70,7 +88,8 @@ class ResidualBlock(nn.Module):
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
         edges = add_self_loops(batch)
-        x = self.norm(self.conv(batch.x, *edges)).add_(self.shortcut_norm(self.shortcut(batch.x, *edges)))
+        x = self.norm(self.conv(batch.x, *(edges if self.loops else (batch.edge_index, batch.edge_attr))))
+        x = x.add_(self.shortcut_norm(self.shortcut(batch.x, *edges)))
         return replace(batch, x=x)
 
 
@@ -100,9 +119,9 @@ def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int, dim: int
         raise ValueError(f"graphs of a sensor of {given}, but the network is for {expected}")
     if batch.x.shape[1] != in_channels:
         raise ValueError(f"nodes have {batch.x.shape[1]} features, but the network takes {in_channels}")
-    if (given := batch.edge_attr.shape[1]) != dim:
-        what = f"edges have {given} pseudo-coordinates ({batch.pseudo!r})"
-        raise ValueError(f"{what}, but the network takes {dim}: build it with dim={given}")
+    if (axes := batch.edge_attr.shape[1]) != dim:
+        what = f"edges have {axes} pseudo-coordinates ({batch.pseudo!r})"
+        raise ValueError(f"{what}, but the network takes {dim}: build it with dim={axes}")
 
 
 class _GraphCNN(nn.Module):
@@ -122,23 +141,20 @@ class _GraphCNN(nn.Module):
         in_channels: int = 1,
         dim: int = 2,
         dropout: float = 0.5,
-        convolution: str = "spline",
+        convolution: Convolution = "spline",
     ) -> None:
         super().__init__()
-        if self.residual and convolution != "spline":
-            raise ValueError(f"residual blocks take B-spline convolutions only, not {convolution!r}")
         check_pairs(channels, clusters)
         self.sensor_size, self.in_channels, self.dim = sensor_size, in_channels, dim
         layers: list[nn.Module] = []
         previous = in_channels
         for depth, (width, cluster) in enumerate(zip(channels, clusters, strict=True)):
-            residual = self.residual and depth > 0
-            block = (
-                ResidualBlock(previous, width, kernel_size, dim)
-                if residual
-                else ConvBlock(previous, width, kernel_size, dim, convolution)
-            )
-            layers += [block, GraphPool(cluster, sensor_size), Activation()]
+            block = ResidualBlock if self.residual and depth > 0 else ConvBlock
+            layers += [
+                block(previous, width, kernel_size, dim, convolution),
+                GraphPool(cluster, sensor_size),
+                Activation(),
+            ]
             previous = width
         self.features = nn.Sequential(*layers)
         self.cluster, self.grid = clusters[-1], grid_shape(sensor_size, clusters[-1])
@@ -146,10 +162,10 @@ class _GraphCNN(nn.Module):
         self.dropout = Dropout(dropout)
         self.classify = nn.Linear(hidden, num_classes)
 
-    def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
+    def forward(self, graphs: Graph | Data) -> torch.Tensor:
         """Class scores (logits) [B, num_classes] of a batch of graphs, or of one graph (B = 1).
 
-        ValueError for graphs of a larger sensor, or with another number of features.
+        ValueError for graphs of a larger sensor, or with another number of features; TypeError for no graphs.
         """
         batch = GraphBatch.of(graphs)
         check_input(batch, self.sensor_size, self.in_channels, self.dim)
@@ -177,9 +193,13 @@ class RGCNN(_GraphCNN):
     - `in_channels`: features per node (default 1)
     - `dim`: pseudo-coordinates per edge, 2 (default), or 3 with time
     - `dropout`: probability before the last layer (default 0.5)
-    - `convolution`: must be "spline"
+    - `convolution`: "spline" (default); "gcn", "cheb", "monet" or "gin" for comparison (thesis Table 4.8, of `GCNN`);
+      or your own: a class, or a function, of (in_channels, out_channels) that gives a module. Its
+      `forward(x, edge_index, edge_attr)` takes [N, in_channels], int64 [2, E] (source, target) without self-loops and
+      pseudo-coordinates [E, 2], and gives [N, out_channels]. Shortcuts of residual blocks are B-splines always
 
-    Takes a `Graph` or `GraphBatch` with `x` [N, in_channels], gives class scores (logits) [B, num_classes].
+    Takes a `Graph` or `GraphBatch`, or PyTorch Geometric's `Data` or `Batch` (see `Graph.from_pyg`), with `x`
+    [N, in_channels]; gives class scores (logits) [B, num_classes].
     ValueError for settings that don't fit together, graphs of a larger sensor, or another number of features.
     """
 
@@ -190,9 +210,7 @@ class RGCNN(_GraphCNN):
 class GCNN(_GraphCNN):
     """The plain counterpart of `RGCNN`: a convolution with ReLU in place of each residual block.
 
-    - `convolution`: "spline" (default), or another one for comparison (thesis Table 4.8): "gcn", "cheb", "monet" or
-      "gin"
-    - other parameters, input, output and errors: those of `RGCNN`
+    - parameters, input, output and errors: those of `RGCNN`
     """
 
     residual = False

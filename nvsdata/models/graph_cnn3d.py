@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import torch
 from torch import nn
@@ -14,6 +14,9 @@ from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.pool import GraphPool
 from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import temporal_network
+
+if TYPE_CHECKING:
+    from torch_geometric.data import Data
 
 
 @register_network("rgcnn3d")
@@ -32,9 +35,9 @@ class RGCNN3D(nn.Module):
     - `in_channels`: features per node (default 1)
     - `dim`: pseudo-coordinates per edge, 2 (default), or 3 with time
 
-    Takes a `GraphBatch` with `volumes` = S, as `collate` makes from sequences of S graphs, and `x` [N, in_channels];
-    gives class scores (logits) [B, num_classes]. ValueError for settings that don't fit together, graphs of a larger
-    sensor, or another number of features.
+    Takes a `GraphBatch` with `volumes` = S, as `collate` makes from sequences of S graphs, and `x` [N, in_channels],
+    or PyTorch Geometric's `Batch` with `volumes`; gives class scores (logits) [B, num_classes]. ValueError for settings
+    that don't fit together, graphs of a larger sensor, or another number of features.
     """
 
     def __init__(
@@ -62,14 +65,14 @@ class RGCNN3D(nn.Module):
         self.temporal, width = temporal_network(temporal, previous)
         self.classify = nn.Linear(width, num_classes)
 
-    def features(self, graphs: Graph | GraphBatch) -> torch.Tensor:
+    def features(self, graphs: Graph | Data) -> torch.Tensor:
         """Output of the last pooling: [B, C, T', H', W']."""
         batch = GraphBatch.of(graphs)
         check_input(batch, self.sensor_size, self.in_channels, self.dim)
         maps: torch.Tensor = self.temporal(self.grid(self.spatial(batch)))
         return maps
 
-    def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
+    def forward(self, graphs: Graph | Data) -> torch.Tensor:
         """Class scores (logits) [B, num_classes] of B sequences of S graphs.
 
         ValueError for graphs of a larger sensor, or with another number of features.

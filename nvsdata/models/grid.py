@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import torch
 from torch import nn
 
 from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.grid import check_cluster, grid_shape, to_grid
+
+if TYPE_CHECKING:
+    from torch_geometric.data import Data
 
 
 class Graph2Grid(nn.Module):
@@ -26,7 +31,7 @@ class Graph2Grid(nn.Module):
         self.cluster = cluster
         self.grid = grid_shape(sensor_size, cluster)
 
-    def forward(self, graphs: Graph | GraphBatch) -> torch.Tensor:
+    def forward(self, graphs: Graph | Data) -> torch.Tensor:
         """Frames [B, C, S, H, W]; a single graph is a batch of one sequence with one graph."""
         batch = GraphBatch.of(graphs)
         return to_grid(batch.x, batch.pos, batch.batch, batch.num_graphs, batch.volumes, self.cluster, self.grid)

@@ -13,7 +13,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from nvsdata.kernels.spline import spline_shares
 from nvsdata.models.conv import ChebConv, GCNConv, GINConv, GMMConv
-from nvsdata.models.graph_cnn import GCNN, RGCNN
+from nvsdata.models.graph_cnn import GCNN, RGCNN, ConvBlock, ResidualBlock
 from nvsdata.models.spline import SplineConv
 
 BASES = 4  # (m + 1)^d for degree m = 1 in d = 2 dimensions
@@ -109,22 +109,25 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
     layers = []
     for name, module in units.items():
         flops, parameters = counted[name]
-        if isinstance(module, AS_THEY_ARE):
+        if not isinstance(module, WITH_FORMULA):
             flops = sum(by_module.get(f"{type(model).__name__}.{name}", {}).values())
         layers.append(Layer(name, type(module).__name__, flops, parameters))
     weights = sum(p.numel() for p in model.parameters())
     return Complexity(tuple(layers), counter.get_total_flops() + sums[0], weights)
 
 
+WITH_FORMULA = (SplineConv, nn.Conv2d, nn.Conv3d, nn.Linear)
 AS_THEY_ARE = (GCNConv, ChebConv, GMMConv, GINConv, nn.LSTM)
 
 
 def _units(model: nn.Module) -> dict[str, nn.Module]:
     """The layers that are counted, by name."""
     units: dict[str, nn.Module] = {}
+    # a user's own convolution is one layer, whatever it consists of
+    convolutions = {block.conv for block in model.modules() if isinstance(block, ConvBlock | ResidualBlock)}
     for name, module in model.named_modules():
         within = any(name.startswith(unit + ".") for unit in units)
-        if not within and isinstance(module, (SplineConv, nn.Conv2d, nn.Conv3d, nn.Linear, *AS_THEY_ARE)):
+        if not within and (module in convolutions or isinstance(module, (*WITH_FORMULA, *AS_THEY_ARE))):
             units[name] = module
     return units
 

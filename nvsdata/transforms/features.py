@@ -49,8 +49,8 @@ def merge_pixels(sample: Events | Recording, times: Sequence[Time] = ()) -> Grap
     found = {"first": ends[:, 0], "last": ends[:, 1], "mean": mean}
     x = np.concatenate((counts, *(_share(found[time], events)[:, None] for time in times)), 1)
     none = torch.empty((2, 0), dtype=torch.int64)
-    x, pos, t = map(torch.from_numpy, (x, pos, mean - events.start))
-    return Graph(x, pos, t, none, torch.empty(0, 2), None, events.sensor_size)
+    made = [torch.from_numpy(array) for array in (x, pos, mean - events.start)]
+    return Graph(made[0], made[1], made[2], none, torch.empty(0, 2), None, events.sensor_size)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
+from graphs import same
+from hypothesis import given
+from hypothesis import strategies as st
 
 import nvsdata
-from nvsdata import Events, GraphBatch
+from nvsdata import Events, GraphBatch, models
 from nvsdata.transforms import radius_graph
 
 
@@ -57,14 +62,48 @@ def test_collate_of_other_samples():
         nvsdata.collate([])
 
 
-def test_to_pyg():
-    pytest.importorskip("torch_geometric")
-    g = graph()
-    data = g.to_pyg()
-    assert torch.equal(data.edge_index, g.edge_index)
-    assert torch.equal(data.pos, g.pos)
-    assert data.num_nodes == 5
-    assert torch.equal(GraphBatch.of(g).to_pyg().batch, torch.zeros(5, dtype=torch.int64))
+@given(
+    st.lists(st.integers(0, 12), min_size=1, max_size=6),
+    st.booleans(),
+    st.sampled_from([None, (34, 34)]),
+    st.floats(1, 9),
+)
+def test_a_batch_gives_its_graphs_back(sizes, labeled, sensor_size, radius):
+    graphs = [
+        replace(graph(n, radius), y=i % 3 if labeled else None, sensor_size=sensor_size) for i, n in enumerate(sizes)
+    ]
+    batch = GraphBatch.from_graphs(graphs)
+    assert all(map(same, graphs, batch.to_graphs()))
+    for i in range(-len(graphs), len(graphs)):
+        same(graphs[i], batch[i])
+    same(GraphBatch.from_graphs(batch.to_graphs()), batch)
+
+
+def test_graphs_of_a_batch_whose_edges_are_in_any_order():
+    batch = GraphBatch.from_graphs([graph(5), graph(3), graph(4)])
+    order = torch.randperm(batch.num_edges)
+    mixed = replace(batch, edge_index=batch.edge_index[:, order], edge_attr=batch.edge_attr[order])
+    for one, other, expected in zip(
+        mixed.to_graphs(), map(mixed.__getitem__, range(3)), batch.to_graphs(), strict=True
+    ):
+        same(one, other)
+        assert sorted(one.edge_index.T.tolist()) == sorted(expected.edge_index.T.tolist())
+
+
+def test_graphs_that_a_batch_does_not_have():
+    batch = GraphBatch.of(graph())
+    for number in (1, -2):
+        with pytest.raises(IndexError, match=f"no graph {number} in a batch of 1"):
+            batch[number]
+    with pytest.raises(TypeError):
+        batch[0:1]
+    assert len(list(batch)) == 1
+
+
+@pytest.mark.parametrize("other", [torch.ones(2, 1), [graph()], None])
+def test_networks_say_what_they_take(other):
+    with pytest.raises(TypeError, match="it takes a graph, or a batch of graphs, but was given"):
+        models.rgcnn("n-mnist")(other)
 
 
 def test_moving_to_a_device_keeps_all():

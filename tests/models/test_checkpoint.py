@@ -1,3 +1,4 @@
+import functools
 import json
 
 import numpy as np
@@ -229,3 +230,34 @@ def test_no_code_of_a_transform_is_run(trained, text):
     rewritten(path, network="rgcnn", transform=text)
     with pytest.raises(FormatError, match=r"transform|repr"):
         models.load(path)
+
+
+class Own(models.conv.GINConv):
+    pass
+
+
+def own(in_channels, out_channels):
+    return Own(in_channels, out_channels)
+
+
+@pytest.mark.parametrize("convolution", [Own, own])
+def test_a_convolution_of_ones_own_is_asked_for_by_name(convolution, tmp_path):
+    model = models.RGCNN(3, convolution=convolution).eval()
+    path = models.save(model, tmp_path / "own.safetensors", transform=PIPELINE)
+    name = convolution.__qualname__
+    with pytest.raises(FormatError, match=rf"convolution '{name}' of the module '{__name__}'.*convolution={name}\)"):
+        models.load(path)
+    with pytest.raises(FormatError, match=r"saved with the convolution .*, not with .*GCNConv"):
+        models.load(path, convolution=models.conv.GCNConv)
+    loaded = models.load(path, convolution=convolution)
+    assert loaded.model.settings == model.settings
+    graph = PIPELINE(events())
+    torch.testing.assert_close(loaded.model(graph), model(graph), rtol=0, atol=0)
+
+
+def test_convolutions_that_cannot_be_asked_for_by_name(trained, tmp_path):
+    for nameless in (lambda a, b: Own(a, b), functools.partial(Own)):
+        with pytest.raises(ValueError, match="can't be saved: make it a class, or a function"):
+            models.save(models.GCNN(3, convolution=nameless), tmp_path / "a.safetensors")
+    with pytest.raises(ValueError, match="has no convolution of your own"):
+        models.load(trained[1], convolution=Own)

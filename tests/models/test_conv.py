@@ -145,5 +145,48 @@ def tiny_batch():
 def test_unknown_convolutions():
     with pytest.raises(ValueError, match="convolution must be one of"):
         models.gcnn("n-mnist", convolution="gat")
-    with pytest.raises(ValueError, match="residual blocks take B-spline"):
-        models.RGCNN(10, convolution="gcn")
+    with pytest.raises(ValueError, match=r"convolution must be one of \('spline', .*, or a class of your own, not 3"):
+        models.RGCNN(10, convolution=3)
+    with pytest.raises(ValueError, match=r"convolution must give a torch\.nn\.Module, not 8"):
+        models.RGCNN(10, convolution=lambda a, b: 8)
+
+
+class Offsets(torch.nn.Module):
+    """A convolution of one's own: the mean over neighbors of features and pseudo-coordinates."""
+
+    def __init__(self, in_channels, out_channels):
+        super().__init__()
+        self.linear = torch.nn.Linear(in_channels + 2, out_channels)
+
+    def forward(self, x, edge_index, edge_attr):
+        assert (edge_index[0] != edge_index[1]).all()
+        assert edge_attr.shape == (edge_index.shape[1], 2)
+        source, target = edge_index
+        heard = torch.zeros(len(x), x.shape[1] + 2).index_add_(0, target, torch.cat((x[source], edge_attr), 1))
+        return self.linear(heard / torch.bincount(target, minlength=len(x)).clamp(min=1).unsqueeze(1))
+
+
+@pytest.mark.parametrize("build", [models.RGCNN, models.GCNN])
+@pytest.mark.parametrize("convolution", [Offsets, lambda a, b: Offsets(a, b), "gcn"])
+def test_networks_take_a_convolution_of_ones_own(build, convolution, tiny_batch):
+    network = build(4, convolution=convolution)
+    kind = GCNConv if convolution == "gcn" else Offsets
+    assert sum(isinstance(module, kind) for module in network.modules()) == 3
+    batch, targets = tiny_batch
+    torch.nn.functional.cross_entropy(network(batch), targets).backward()
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())
+
+
+def test_a_layer_of_pytorch_geometric_is_a_convolution(tiny_batch):
+    pyg = pytest.importorskip("torch_geometric.nn")
+    network = models.RGCNN(4, convolution=lambda a, b: pyg.GATConv(a, b, edge_dim=2))
+    assert network(tiny_batch[0]).shape == (3, 4)
+
+
+def test_a_convolution_of_ones_own_counts_as_one_layer(tiny_batch):
+    counted = models.complexity(models.RGCNN(4, convolution=Offsets), tiny_batch[0])
+    layers = {layer.name: layer for layer in counted.layers}
+    assert layers["features.0.conv"].kind == "Offsets"
+    # one product of [90, 3] and [3, 32]
+    assert (layers["features.0.conv"].flops, layers["features.0.conv"].parameters) == (2 * 90 * 3 * 32, 4 * 32)
+    assert "features.0.conv.linear" not in layers

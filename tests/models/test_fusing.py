@@ -33,6 +33,7 @@ NETWORKS = {
     "gcnn": lambda: models.GCNN(5),
     "kernel of one cell": lambda: models.RGCNN(5, kernel_size=1),
     "other convolution": lambda: models.GCNN(5, convolution="cheb"),
+    "residual of another": lambda: models.RGCNN(5, convolution="gin"),
     "rgcnn3d": lambda: models.RGCNN3D(5, sensor_size=(34, 34), channels=(8, 16), clusters=((2, 2), (4, 4))),
 }
 

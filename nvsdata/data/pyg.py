@@ -1,0 +1,108 @@
+"""Graphs of PyTorch Geometric: the fields of a `Graph` in a `Data` or `Batch`.
+
+Nothing here imports torch_geometric: whoever has such an object has imported it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Collection
+from typing import Any
+
+import torch
+
+NEEDED = ("x", "pos", "edge_index")
+
+
+def is_pyg(sample: object) -> bool:
+    """Whether `sample` is a `torch_geometric.data.Data` or `Batch`."""
+    kind = getattr(sys.modules.get("torch_geometric.data"), "Data", ())
+    return isinstance(sample, kind)
+
+
+def fields_of(data: Any, names: Collection[str]) -> dict[str, Any]:
+    """The fields of a `Graph` or `GraphBatch` that `data` has, checked, in the types and the order that graphs have.
+
+    - `data`: a `Data` or `Batch`
+    - `names`: all fields; if `batch` is one of them, `batch` and `ptr` are made, else `data` must be a single graph
+
+    Edges are grouped by target, `t` is 0 if there are no times. Fields that are missing have no entry. ValueError
+    for fields that are missing but necessary, of other shapes, or that contradict each other.
+    """
+    found = {name: data[name] for name in names if name in data and data[name] is not None}
+    if lacking := [name for name in NEEDED if name not in found]:
+        kind = type(data).__name__
+        raise ValueError(f"a graph needs {', '.join(NEEDED)}; this {kind} lacks {' and '.join(lacking)}")
+    if getattr(data, "batch", None) is not None and "batch" not in names:
+        raise ValueError(f"this {type(data).__name__} is a batch of graphs, which GraphBatch.from_pyg takes")
+    found |= _settings(found)
+    found |= _nodes(found) | _edges(found)
+    if "batch" in names:
+        found |= _membership(data, found)
+    return found
+
+
+def _settings(found: dict[str, Any]) -> dict[str, Any]:
+    """What isn't a tensor: PyG's batches have a list of it, with an entry for each graph."""
+    settings: dict[str, Any] = {}
+    for name in found.keys() - {*NEEDED, "t", "edge_attr", "y", "batch", "ptr"}:
+        value = found[name]
+        if isinstance(value, torch.Tensor):
+            raise ValueError(f"{name} must be numbers or words, not a tensor {list(value.shape)}")
+        each = value if isinstance(value, list) and value and isinstance(value[0], tuple | list | str) else [value]
+        each = [tuple(one) if isinstance(one, list) else one for one in each]
+        if name == "sensor_size":
+            each = [(max(int(w) for w, _ in each), max(int(h) for _, h in each))]
+        if len(set(each)) > 1:
+            raise ValueError(f"graphs of different {name} in one batch: {sorted(set(each))}")
+        settings[name] = each[0]
+    return settings
+
+
+def _nodes(found: dict[str, Any]) -> dict[str, torch.Tensor]:
+    x, pos = found["x"], found["pos"]
+    if x.ndim != 2 or pos.shape != (x.shape[0], 2):
+        shapes = f"{list(x.shape)} and {list(pos.shape)}"
+        raise ValueError(f"x and pos must be [N, F] and [N, 2] (pixels; times belong in t), not {shapes}")
+    t = found.get("t", torch.zeros(x.shape[0], dtype=torch.int64, device=x.device))
+    if t.shape != x.shape[:1] or t.is_floating_point():
+        raise ValueError(f"t must be whole µs, [{x.shape[0]}], not {t.dtype} {list(t.shape)}")
+    return {"x": x if x.is_floating_point() else x.float(), "pos": pos.float(), "t": t.long()}
+
+
+def _edges(found: dict[str, Any]) -> dict[str, torch.Tensor]:
+    """Edges grouped by target, and their attributes, if there are any."""
+    edges, nodes = found["edge_index"], found["x"].shape[0]
+    if edges.ndim != 2 or edges.shape[0] != 2 or edges.is_floating_point():
+        raise ValueError(f"edge_index must be int64 [2, E], not {edges.dtype} {list(edges.shape)}")
+    edges = edges.long().contiguous()
+    if edges.numel() and not 0 <= int(edges.min()) <= int(edges.max()) < nodes:
+        raise ValueError(f"edge_index names nodes from {edges.min()} to {edges.max()}; there are {nodes}")
+    u = found.get("edge_attr")
+    wanted = [edges.shape[1], len(found.get("reach", "xy"))]
+    if u is not None and list(u.shape) != wanted:
+        without = "without edge_attr they are computed from pos"
+        raise ValueError(f"edge_attr must be pseudo-coordinates {wanted}, not {list(u.shape)}; {without}")
+    target = edges[1]
+    if (target[1:] < target[:-1]).any():
+        order = torch.argsort(target, stable=True)
+        edges, u = edges[:, order], None if u is None else u[order]
+    return {"edge_index": edges} if u is None else {"edge_index": edges, "edge_attr": u}
+
+
+def _membership(data: Any, found: dict[str, Any]) -> dict[str, Any]:
+    """`batch` and `ptr`, and `y` as a tensor; a `Data` without `batch` is a batch of one."""
+    x, edges = found["x"], found["edge_index"]
+    if "batch" not in found:
+        batch = torch.zeros(x.shape[0], dtype=torch.int64, device=x.device)
+        y = found.get("y")
+        labels = {} if y is None or isinstance(y, torch.Tensor) else {"y": torch.as_tensor([y], device=x.device)}
+        return {"batch": batch, "ptr": torch.tensor([0, x.shape[0]], device=x.device), **labels}
+    batch = found["batch"].long()
+    if batch.shape != x.shape[:1] or (batch[1:] < batch[:-1]).any() or (batch[:1] < 0).any():
+        raise ValueError(f"batch must be the rising numbers of the nodes' graphs, [{x.shape[0]}]")
+    if (batch[edges[0]] != batch[edges[1]]).any():
+        raise ValueError("edge_index has edges from one graph to another")
+    highest = int(batch[-1]) + 1 if batch.numel() else 0
+    sizes = torch.bincount(batch, minlength=max(highest, int(getattr(data, "num_graphs", 0) or 0)))
+    return {"batch": batch, "ptr": torch.cat((sizes.new_zeros(1), sizes.cumsum(0)))}

@@ -1,0 +1,51 @@
+"""Data classes of tensors as torch's pytrees: `torch.export`, `torch.func` and `tree_map` see their tensors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import torch
+from torch.utils._pytree import GetAttrKey, KeyEntry, register_pytree_node
+
+Kind = TypeVar("Kind", bound=type)
+# names of the leaves; names and values of the other fields
+Context = tuple[tuple[str, ...], tuple[tuple[str, Any], ...]]
+
+
+def pytree_node(kind: Kind) -> Kind:
+    """Class decorator for a data class: fields that hold tensors are leaves, all others are its context.
+
+    `torch.export.save` stores the context as JSON. A network that was exported takes objects of equal context.
+    """
+
+    def flatten(value: Any) -> tuple[list[Any], Context]:
+        given = {field.name: getattr(value, field.name) for field in fields(kind)}
+        leaves = {name: held for name, held in given.items() if isinstance(held, torch.Tensor)}
+        return list(leaves.values()), (tuple(leaves), tuple(item for item in given.items() if item[0] not in leaves))
+
+    def unflatten(leaves: Iterable[Any], context: Context) -> Any:
+        return kind(**dict(zip(context[0], leaves, strict=True)), **dict(context[1]))
+
+    def with_keys(value: Any) -> tuple[list[tuple[KeyEntry, Any]], Context]:
+        leaves, context = flatten(value)
+        return [(GetAttrKey(name), leaf) for name, leaf in zip(context[0], leaves, strict=True)], context
+
+    register_pytree_node(
+        kind,
+        flatten,
+        unflatten,
+        serialized_type_name=f"{kind.__module__}.{kind.__qualname__}",
+        to_dumpable_context=lambda context: context,
+        from_dumpable_context=_tuples,
+        flatten_with_keys_fn=with_keys,
+    )
+    # an exported network's example inputs are pickled; these classes hold nothing but data
+    torch.serialization.add_safe_globals([kind])
+    return kind
+
+
+def _tuples(value: Any) -> Any:
+    """Turn JSON's lists back into tuples."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
