@@ -57,7 +57,7 @@ def example(tmp_path, monkeypatch):
 
 
 def test_there_is_an_example_of_each():
-    assert list(EXAMPLES) == ["dataset", "format", "transform", "network", "camera", "emulator"]
+    assert list(EXAMPLES) == ["dataset", "format", "transform", "network", "convolution", "camera", "emulator"]
 
 
 def test_a_dataset(example, tmp_path, capsys):
@@ -132,6 +132,16 @@ def test_a_network(example, tmp_path):
     del NETWORKS._known["wider"]
     with pytest.raises(FormatError, match=r"of a network 'wider', which isn't registered here"):
         models.load(tmp_path / "b.safetensors")
+
+
+def test_a_convolution(example, tmp_path):
+    names = example("convolution")
+    kinds = [type(module) for module in names["trained"].model.modules()]
+    assert kinds.count(names["Offsets"]) == 3
+    graph = T.RadiusGraph()(trees.some(3))
+    torch.testing.assert_close(names["trained"].model(graph), names["model"].eval()(graph), rtol=0, atol=0)
+    with pytest.raises(FormatError, match=r"with the convolution 'Offsets' of the module 'example': import it"):
+        models.load(tmp_path / "offsets.safetensors")
 
 
 def test_a_camera(example, tmp_path):
