@@ -68,11 +68,12 @@ class GraphPool(nn.Module):
 
 
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
-    """Largest distance along x and y between the centers of two clusters with an edge between them.
+    """What the end of an axis of the pseudo-coordinates stands for after pooling.
 
-    A pixel is at most (side - 1) / 2 away from the center of its cluster, and an edge is at most `reach` long.
+    Centers of neighboring clusters are a cluster's side apart, and no less than edges were long before: 90% of the
+    edges of pooled graphs are shorter, and the longest reach 1.5 times as far (N-MNIST, davis240).
     """
-    return reach[0] + cluster[0] - 1, reach[1] + cluster[1] - 1, *reach[2:]
+    return max(reach[0], cluster[0]), max(reach[1], cluster[1]), *reach[2:]
 
 
 class Structure(NamedTuple):
