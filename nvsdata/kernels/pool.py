@@ -119,6 +119,26 @@ def max_rows(features, cluster, count):
 
 
 @njit(cache=True, nogil=True)
+def mean_rows(features, cluster, count):
+    """Mean of each channel over each cluster. O(N · C + M · C).
+
+    Returns float [M, C], and how many nodes each cluster has, in the type of the features [M].
+    """
+    channels = features.shape[1]
+    mean = np.zeros((count, channels), features.dtype)
+    members = np.zeros(count, features.dtype)
+    for i in range(cluster.size):
+        m = cluster[i]
+        members[m] += 1
+        for c in range(channels):
+            mean[m, c] += features[i, c]
+    for m in range(count):
+        for c in range(channels):
+            mean[m, c] /= members[m]
+    return mean, members
+
+
+@njit(cache=True, nogil=True)
 def max_rows_back(gradient, where, nodes):
     """Gradient of `max_rows`: what arrives at a cluster goes to the node that gave the maximum."""
     channels = gradient.shape[1]

@@ -14,7 +14,7 @@ from nvsdata.models import reference
 from nvsdata.models.checkpoint import load, save
 from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.fusing import fused
-from nvsdata.models.graph_cnn import GCNN, RGCNN
+from nvsdata.models.graph_cnn import GCNN, RGCNN, Pooling
 from nvsdata.models.graph_cnn3d import RGCNN3D
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.norm import BatchNorm
@@ -92,39 +92,45 @@ CONFIGURATIONS_3D: dict[str, dict[str, Any]] = {
 
 
 def rgcnn3d(
-    name: str, temporal: Literal["plain", "inception", "residual"] = "residual", num_classes: int | None = None
+    name: str,
+    temporal: Literal["plain", "inception", "residual"] = "residual",
+    num_classes: int | None = None,
+    *,
+    pooling: Pooling = "max",
 ) -> RGCNN3D:
     """The thesis's network for sequences of graphs, configured for a dataset (thesis 5.3.1); see `RGCNN3D`.
 
     - `name`: "dvs128-gesture", "ucf101-dvs" or "hmdb51-dvs"
     - `temporal`: the 3D CNN: "plain", "inception" or "residual" (default)
     - `num_classes`: replaces the dataset's number of classes (default None)
+    - `pooling`: "max" (default) or "average" of a cluster's features
 
-    ValueError for an unknown `name` or `temporal`.
+    ValueError for an unknown `name`, `temporal` or `pooling`.
     """
-    return RGCNN3D(temporal=temporal, **_configuration(CONFIGURATIONS_3D, name, num_classes))
+    return RGCNN3D(temporal=temporal, **_configuration(CONFIGURATIONS_3D, name, num_classes), pooling=pooling)
 
 
-def rgcnn(name: str, num_classes: int | None = None) -> RGCNN:
+def rgcnn(name: str, num_classes: int | None = None, *, pooling: Pooling = "max") -> RGCNN:
     """The thesis's residual graph CNN, configured for a dataset (thesis 4.4.2); see `RGCNN`.
 
     - `name`: "n-mnist", "mnist-dvs", "cifar10-dvs", "n-cars", "n-caltech101" or "asl-dvs"
     - `num_classes`: replaces the dataset's number of classes, for other data of the same sensor (default None)
+    - `pooling`: "max" (default) or "average" of a cluster's features
 
-    ValueError for an unknown name.
+    ValueError for an unknown name or pooling.
     """
-    return RGCNN(**_configuration(CONFIGURATIONS, name, num_classes))
+    return RGCNN(**_configuration(CONFIGURATIONS, name, num_classes), pooling=pooling)
 
 
-def gcnn(name: str, num_classes: int | None = None, *, convolution: str = "spline") -> GCNN:
+def gcnn(name: str, num_classes: int | None = None, *, convolution: str = "spline", pooling: Pooling = "max") -> GCNN:
     """The thesis's plain graph CNN, configured for a dataset; see `GCNN`.
 
-    - `name`, `num_classes`: see `rgcnn`
+    - `name`, `num_classes`, `pooling`: see `rgcnn`
     - `convolution`: see `GCNN` (default "spline")
 
-    ValueError for an unknown name or convolution.
+    ValueError for an unknown name, convolution or pooling.
     """
-    return GCNN(**_configuration(CONFIGURATIONS, name, num_classes), convolution=convolution)
+    return GCNN(**_configuration(CONFIGURATIONS, name, num_classes), convolution=convolution, pooling=pooling)
 
 
 def _configuration(known: dict[str, dict[str, Any]], name: str, num_classes: int | None) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import torch
 from torch import nn
@@ -45,6 +45,9 @@ def convolution_layer(
     if not isinstance(layer, nn.Module):
         raise ValueError(f"convolution must give a torch.nn.Module, not {layer!r:.100}")
     return layer
+
+
+Pooling = Literal["max", "average"]
 
 
 class ConvBlock(nn.Module):
@@ -94,14 +97,20 @@ class ResidualBlock(nn.Module):
 
 
 class Activation(nn.Module):
-    """ReLU on the features of a batch.
-
-    It comes after the pooling: maximum and ReLU can be swapped, and there are fewer nodes after pooling.
-    """
+    """ReLU on the features of a batch."""
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with negative values in `x` set to 0."""
         return replace(batch, x=torch.relu(batch.x))
+
+
+def activated_pool(cluster: Size, sensor_size: Size, pooling: Pooling) -> list[nn.Module]:
+    """The activation of a block and the pooling after it (eqs. 4.6, 4.9), as two layers.
+
+    Maximum and ReLU can be swapped, and there are fewer nodes after pooling; of an average the order matters.
+    """
+    pool, activation = GraphPool(cluster, sensor_size, pooling), Activation()
+    return [pool, activation] if pooling == "max" else [activation, pool]
 
 
 def check_pairs(channels: Sequence[int], clusters: Sequence[Size]) -> None:
@@ -142,6 +151,7 @@ class _GraphCNN(nn.Module):
         dim: int = 2,
         dropout: float = 0.5,
         convolution: Convolution = "spline",
+        pooling: Pooling = "max",
     ) -> None:
         super().__init__()
         check_pairs(channels, clusters)
@@ -150,11 +160,8 @@ class _GraphCNN(nn.Module):
         previous = in_channels
         for depth, (width, cluster) in enumerate(zip(channels, clusters, strict=True)):
             block = ResidualBlock if self.residual and depth > 0 else ConvBlock
-            layers += [
-                block(previous, width, kernel_size, dim, convolution),
-                GraphPool(cluster, sensor_size),
-                Activation(),
-            ]
+            layers.append(block(previous, width, kernel_size, dim, convolution))
+            layers += activated_pool(cluster, sensor_size, pooling)
             previous = width
         self.features = nn.Sequential(*layers)
         self.cluster, self.grid = clusters[-1], grid_shape(sensor_size, clusters[-1])
@@ -196,7 +203,9 @@ class RGCNN(_GraphCNN):
     - `convolution`: "spline" (default); "gcn", "cheb", "monet" or "gin" for comparison (thesis Table 4.8, of `GCNN`);
       or your own: a class, or a function, of (in_channels, out_channels) that gives a module. Its
       `forward(x, edge_index, edge_attr)` takes [N, in_channels], int64 [2, E] (source, target) without self-loops and
-      pseudo-coordinates [E, 2], and gives [N, out_channels]. Shortcuts of residual blocks are B-splines always
+      pseudo-coordinates [E, dim], and gives [N, out_channels]. Shortcuts of residual blocks are B-splines always
+    - `pooling`: "max" (default; MaxP, as in all of the thesis's networks) or "average" (AvgP) of a cluster's features
+      (eq. 4.9)
 
     Takes a `Graph` or `GraphBatch`, or PyTorch Geometric's `Data` or `Batch` (see `Graph.from_pyg`), with `x`
     [N, in_channels]; gives class scores (logits) [B, num_classes].

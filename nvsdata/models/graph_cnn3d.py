@@ -9,9 +9,8 @@ import torch
 from torch import nn
 
 from nvsdata.data.graph import Graph, GraphBatch
-from nvsdata.models.graph_cnn import Activation, ResidualBlock, Size, check_input, check_pairs
+from nvsdata.models.graph_cnn import Pooling, ResidualBlock, Size, activated_pool, check_input, check_pairs
 from nvsdata.models.grid import Graph2Grid
-from nvsdata.models.pool import GraphPool
 from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import temporal_network
 
@@ -34,6 +33,7 @@ class RGCNN3D(nn.Module):
     - `kernel_size`: of the B-spline kernels, along each axis (default 5)
     - `in_channels`: features per node (default 1)
     - `dim`: pseudo-coordinates per edge, 2 (default), or 3 with time
+    - `pooling`: of a cluster's features, "max" (default) or "average" (eq. 4.9)
 
     Takes a `GraphBatch` with `volumes` = S, as `collate` makes from sequences of S graphs, and `x` [N, in_channels],
     or PyTorch Geometric's `Batch` with `volumes`; gives class scores (logits) [B, num_classes]. ValueError for settings
@@ -51,6 +51,7 @@ class RGCNN3D(nn.Module):
         kernel_size: int = 5,
         in_channels: int = 1,
         dim: int = 2,
+        pooling: Pooling = "max",
     ) -> None:
         super().__init__()
         check_pairs(channels, clusters)
@@ -58,7 +59,8 @@ class RGCNN3D(nn.Module):
         layers: list[nn.Module] = []
         previous = in_channels
         for width, cluster in zip(channels, clusters, strict=True):
-            layers += [ResidualBlock(previous, width, kernel_size, dim), GraphPool(cluster, sensor_size), Activation()]
+            layers.append(ResidualBlock(previous, width, kernel_size, dim))
+            layers += activated_pool(cluster, sensor_size, pooling)
             previous = width
         self.spatial = nn.Sequential(*layers)
         self.grid = Graph2Grid(clusters[-1], sensor_size)

@@ -19,7 +19,7 @@ class GraphPool(nn.Module):
 
     - `cluster`: (width, height) of a cluster in pixels
     - `sensor_size`: (width, height) in pixels
-    - `mode`: "max" (default) or "mean" of the features
+    - `mode`: "max" (default) or "average" of the features
 
     Takes and gives a `GraphBatch`. The new node lies at the floor of the mean position of its nodes (eq. 4.8), and
     its features are their maximum or mean (eq. 4.9); its `t` is their mean time, rounded down. There is one edge from
@@ -29,12 +29,12 @@ class GraphPool(nn.Module):
     """
 
     def __init__(
-        self, cluster: tuple[int, int], sensor_size: tuple[int, int], mode: Literal["max", "mean"] = "max"
+        self, cluster: tuple[int, int], sensor_size: tuple[int, int], mode: Literal["max", "average"] = "max"
     ) -> None:
         super().__init__()
         check_cluster(cluster)
-        if mode not in ("max", "mean"):
-            raise ValueError(f"mode must be 'max' or 'mean', not {mode!r}")
+        if mode not in ("max", "average"):
+            raise ValueError(f"pooling mode must be 'max' or 'average', not {mode!r}")
         self.cluster, self.mode = cluster, mode
         self.grid = grid_shape(sensor_size, cluster)
 
@@ -44,12 +44,12 @@ class GraphPool(nn.Module):
         structure = clusters_numba if on_cpu else clusters_torch
         cluster, pos, t, graph, ptr, edges = structure(batch, self.cluster, self.grid)
         count = pos.shape[0]
-        if self.mode == "mean":
-            x = mean_rows(batch.x, cluster, count)
-        elif on_cpu:
-            x = _MaxRows.apply(batch.x, cluster, count)  # type: ignore[no-untyped-call]
+        if on_cpu:
+            function = _MaxRows if self.mode == "max" else _MeanRows
+            x = function.apply(batch.x, cluster, count)  # type: ignore[no-untyped-call]
         else:
-            x = max_rows_torch(batch.x, cluster, count)
+            reduce = max_rows_torch if self.mode == "max" else mean_rows_torch
+            x = reduce(batch.x, cluster, count)
         reach = coarse_reach(batch.reach, self.cluster)
         return replace(
             batch,
@@ -101,7 +101,7 @@ def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int,
     occupied, index = torch.unique(batch.batch * total + cells(batch.pos, cluster, grid), return_inverse=True)
     count = occupied.numel()
     # float64: sums of whole pixels must be exact for the floor to be
-    pos = mean_rows(batch.pos.double(), index, count).floor().float()
+    pos = mean_rows_torch(batch.pos.double(), index, count).floor().float()
     times = batch.t.new_zeros(count).index_add_(0, index, batch.t)
     t = torch.div(times, torch.bincount(index, minlength=count), rounding_mode="floor")
     graph = occupied // total
@@ -113,8 +113,8 @@ def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int,
     return Structure(index, pos, t, graph, ptr, edges)
 
 
-def mean_rows(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
-    """Mean of `x` [N, C] over clusters: [M, C]."""
+def mean_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+    """Mean of `x` [N, C] over clusters, on any device: [M, C]."""
     members = torch.bincount(cluster, minlength=count).to(x.dtype).unsqueeze(1)
     return x.new_zeros(count, x.shape[1]).index_add(0, cluster, x) / members
 
@@ -148,3 +148,18 @@ class _MaxRows(torch.autograd.Function):
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         back = kernel.max_rows_back(gradient.contiguous().numpy(), ctx.where, ctx.nodes)
         return torch.from_numpy(back), None, None
+
+
+class _MeanRows(torch.autograd.Function):
+    """`mean_rows_torch` by numba, on the CPU."""
+
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
+        mean, members = kernel.mean_rows(x.detach().contiguous().numpy(), cluster.numpy(), count)
+        ctx.save_for_backward(cluster, torch.from_numpy(members))
+        return torch.from_numpy(mean)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
+        cluster, members = ctx.saved_tensors
+        return (gradient / members.unsqueeze(1))[cluster], None, None

@@ -31,6 +31,7 @@ def graphs(count, volumes=None):
 
 CASES = {
     "rgcnn": lambda: (models.RGCNN(3, **SMALL), graphs(4)),
+    "average": lambda: (models.RGCNN(3, **SMALL, pooling="average"), graphs(4)),
     "rgcnn3d": lambda: (models.RGCNN3D(3, **SMALL, temporal="plain"), graphs(2, 4)),
     **{name: lambda name=name: (models.GCNN(3, **SMALL, convolution=name), graphs(4)) for name in models.CONVOLUTIONS},
     "pointnet": lambda: (PointNet(3), torch.rand(3, 64, 4, dtype=torch.float64)),

@@ -31,6 +31,7 @@ def batch(sensor_size=(34, 34), graphs=4, volumes=1):
 NETWORKS = {
     "rgcnn": lambda: models.RGCNN(5),
     "gcnn": lambda: models.GCNN(5),
+    "average": lambda: models.RGCNN(5, pooling="average"),
     "kernel of one cell": lambda: models.RGCNN(5, kernel_size=1),
     "other convolution": lambda: models.GCNN(5, convolution="cheb"),
     "residual of another": lambda: models.RGCNN(5, convolution="gin"),

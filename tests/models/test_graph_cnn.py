@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -126,3 +128,37 @@ def test_sixteen_recordings_can_be_learnt_by_heart():
     assert loss.item() < 0.05
     model.eval()
     assert (model(batch).argmax(1) == targets).all()
+
+
+@pytest.mark.parametrize("pooling", ["max", "average"])
+def test_nodes_are_activated_then_pooled(pooling):
+    """Eqs. 4.6 and 4.9, node by node; an average of what is left of ReLU isn't ReLU of the average."""
+    model = models.GCNN(3, channels=(4,), clusters=((7, 7),), hidden=6, dropout=0.0, pooling=pooling).double().eval()
+    batch = GraphBatch.of(graph(3))
+    batch = replace(batch, x=batch.x.double())
+    with torch.no_grad():
+        heard = torch.relu(model.features[0](batch).x)
+        expected = torch.zeros(5 * 5, 4, dtype=torch.float64)
+        cell = [int(y // 7) * 5 + int(x // 7) for x, y in batch.pos.tolist()]
+        for place in set(cell):
+            members = heard[[i for i, c in enumerate(cell) if c == place]]
+            expected[place] = members.amax(0) if pooling == "max" else members.sum(0) / len(members)
+        scores = model.classify(torch.relu(model.hidden(expected.view(1, -1))))
+        assert torch.allclose(model(batch), scores, rtol=1e-9)
+
+
+def test_pooling_is_a_setting_that_is_kept(tmp_path):
+    batch = GraphBatch.of(graph(3))
+    for build in (models.rgcnn, models.gcnn):
+        model = build("n-mnist", pooling="average").eval()
+        found = models.load(models.save(model, tmp_path / "a.safetensors")).model
+        assert found.settings["pooling"] == "average"
+        with torch.no_grad():
+            assert torch.equal(found(batch), model(batch))
+            # the weights are those of a network that takes the maximum, the scores aren't
+            other = build("n-mnist")
+            other.load_state_dict(model.state_dict())
+            assert not torch.allclose(other.eval()(batch), model(batch))
+    assert models.rgcnn3d("ucf101-dvs", "plain", pooling="average").settings["pooling"] == "average"
+    with pytest.raises(ValueError, match="must be 'max' or 'average', not 'median'"):
+        models.rgcnn("n-mnist", pooling="median")

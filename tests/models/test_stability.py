@@ -58,7 +58,7 @@ def test_bfloat16_stays_near():
     assert ((scores - expected).abs().max() / expected.abs().max()).item() < 0.03
 
 
-@pytest.mark.parametrize("mode", ["max", "mean"])
+@pytest.mark.parametrize("mode", ["max", "average"])
 def test_pooling_has_the_gradients_of_its_definition(mode):
     batch = GraphBatch.from_graphs(graphs(2, 20))
     pool = GraphPool((4, 4), (34, 34), mode)
@@ -66,11 +66,13 @@ def test_pooling_has_the_gradients_of_its_definition(mode):
     assert gradcheck(lambda values: pool(replace(batch, x=values)).x, (x,))
 
 
+@pytest.mark.parametrize("pooling", ["max", "average"])
 @pytest.mark.parametrize("build", [models.RGCNN, models.GCNN])
-def test_the_whole_network_has_the_gradients_of_its_definition(build):
+def test_the_whole_network_has_the_gradients_of_its_definition(build, pooling):
     batch = doubled(GraphBatch.from_graphs(graphs(2, 15)))
     batch = replace(batch, x=torch.randn(30, 1, dtype=torch.float64))
-    model = build(3, channels=(3, 4), clusters=((4, 4), (17, 17)), hidden=5, kernel_size=3, dropout=0.0).double().eval()
+    layers = {"channels": (3, 4), "clusters": ((4, 4), (17, 17)), "hidden": 5, "kernel_size": 3}
+    model = build(3, **layers, dropout=0.0, pooling=pooling).double().eval()
     # away from the kinks of ReLU and maximum, which equal activations would be at
     for p in model.parameters():
         torch.nn.init.normal_(p, std=0.5)
