@@ -61,13 +61,18 @@ class RandomWindow:
 
 @dataclass(frozen=True)
 class Volumes:
-    """`count` windows, one at a random place in each of `count` equal parts of the recording (thesis 5.2.1).
+    """`count` windows that don't overlap, one at a random place in each of `count` equal parts (thesis 5.2.1).
 
     - `count`: number of windows (default 8); the thesis's S, 8 or 16
     - `duration`: of each in µs (default 33,333); the thesis's T_vol, 1/30 s
 
-    Takes `Events` or a `Recording`, of which only these windows are decoded; gives a list of `Events`. If a part is
-    shorter than the window, the window starts where the part does. ValueError for settings that aren't positive.
+    The thesis asks for T_vol < T / S, where T is the time from the first event to the last. A recording for which
+    `count` windows are too long has no choice of places: they are spread evenly from its beginning to its end, and
+    neighbors overlap by the same time, to 1 µs. So it is with Table 5.1's 8 windows of 1/30 s in 0.25 s. If the
+    recording is shorter than one window, each of them is the whole recording.
+
+    Takes `Events` or a `Recording`, of which only these windows are decoded; gives a list of `Events` in order of time.
+    ValueError for settings that aren't positive.
     """
 
     count: int = 8
@@ -82,14 +87,19 @@ class Volumes:
 
 
 def volumes(sample: Events | Recording, count: int = 8, duration: int = T_VOL) -> list[Events]:
-    """A window from each of `count` equal parts of the recording; see `Volumes`."""
+    """Windows spread over the recording, which overlap only if they don't fit; see `Volumes`."""
     first, last = _span(sample)
-    edges = [first + (last + 1 - first) * n // count for n in range(count + 1)]
-    windows = []
-    for start, stop in pairwise(edges):
-        at = start + place(max(stop - start - duration, 0) + 1)
-        windows.append(_cut(sample, at, at + duration))
-    return windows
+    starts = _apart(last + 1 - first, count, duration)
+    return [_cut(sample, first + start, first + start + duration) for start in starts]
+
+
+def _apart(total: int, count: int, duration: int) -> list[int]:
+    """Where `count` windows of `duration` begin, in `total` µs: at random if they fit, else at equal distances."""
+    if count * duration > total:
+        gaps = max(count - 1, 1)
+        return [max(total - duration, 0) * n // gaps for n in range(count)]
+    edges = [total * n // count for n in range(count + 1)]
+    return [start + place(stop - start - duration + 1) for start, stop in pairwise(edges)]
 
 
 def window(sample: Events | Recording, start: int, stop: int) -> Events:

@@ -10,6 +10,7 @@ from strategies import events
 import nvsdata
 from nvsdata import Events
 from nvsdata import transforms as T
+from nvsdata.datasets import SeededDataset
 
 
 def steady(n=1000, gap=1000, start=0):
@@ -31,11 +32,74 @@ def test_volumes_lie_in_the_parts_of_the_recording():
     assert len(starts) > 300
 
 
-def test_short_recordings_give_windows_at_the_beginning_of_each_part():
-    ev = steady(10)
-    windows = T.volumes(ev, 4, 33_333)
-    assert [window.start for window in windows] == [0, 2250, 4500, 6750]
+@given(st.integers(1, 400), st.integers(1, 12), st.integers(1, 120), st.integers(0, 2**61))
+def test_windows_overlap_only_where_they_do_not_fit(total, count, duration, first):
+    """An event a µs: the windows show which of them were taken, and how often."""
+    t = np.arange(total) + first
+    ev = Events(t, np.zeros(total, int), np.zeros(total, int), np.zeros(total, int), (1, 1))
+    windows = T.volumes(ev, count, duration)
+    starts = [window.start - first for window in windows]
+    assert len(windows) == count
+    assert starts == sorted(starts)
+    taken = np.zeros(total, int)
+    for start, window in zip(starts, windows, strict=True):
+        # whole windows, unless the recording is shorter than one
+        assert len(window) == min(duration, total)
+        taken[start : start + duration] += 1
+        assert window.t.tolist() == t[start : start + duration].tolist()
+    if count * duration <= total:
+        assert taken.max() == 1
+        for n, start in enumerate(starts):
+            assert total * n / count - 1 < start
+            assert start + duration <= total * (n + 1) / count
+    else:
+        # nothing is left out between the first and the last event, and all overlaps are equal
+        assert taken.min() >= 1
+        apart = np.diff(starts)
+        assert count == 1 or np.ptp(apart) <= 1
+
+
+@given(st.integers(0, 3), st.integers(0, 99))
+def test_windows_in_the_parts_take_every_place(n, slack):
+    """Any window within a part may be drawn, and none else."""
+    count, duration = 4, 3
+    total = 4 * (duration + slack % 4)
+    ev = steady(total, 1)
+    found = {T.volumes(ev, count, duration)[n].start for _ in range(120)}
+    part = total // count
+    assert found == set(range(n * part, (n + 1) * part - duration + 1))
+
+
+def test_recordings_that_are_too_short():
+    # the setting of Table 5.1: 8 windows of 1/30 s in 0.25 s
+    windows = T.volumes(steady(251), 8)
+    assert [window.start for window in windows] == [(250_001 - 33_333) * n // 7 for n in range(8)]
+    assert windows[-1].t[-1] == 250_000
+    assert [window.start for window in T.volumes(steady(10), 4, 33_333)] == [0, 0, 0, 0]
+    assert [len(window) for window in T.volumes(steady(10), 1, 33_333)] == [10]
     assert [len(window) for window in T.volumes(Events.empty((4, 4)), 3)] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("total", [1000, 100, 10])
+def test_windows_depend_on_seed_epoch_and_sample_alone(total, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        nvsdata.write(steady(total), tmp_path / name / "0.h5")
+    transform = T.Compose([T.Volumes(8), T.Each(Starts())])
+    dataset = SeededDataset(nvsdata.EventFolder(tmp_path, transform=transform), 7)
+    drawn = {(epoch, n): dataset[epoch, n][0] for epoch in range(3) for n in range(2)}
+    torch.manual_seed(5)
+    for key in reversed(list(drawn)):
+        assert dataset[key][0] == drawn[key]
+    # a second draws otherwise only where there is a choice
+    assert (drawn[0, 0] != drawn[1, 0]) == (total == 1000)
+
+
+class Starts:
+    """Where a window begins."""
+
+    def __call__(self, window):
+        return window.start
 
 
 def test_only_the_windows_are_decoded(tmp_path, monkeypatch):
