@@ -1,188 +1,286 @@
-"""Number of operations and weights of a network, by the thesis's formulas and as executed (thesis 4.4.4, 5.3.1)."""
+"""Number of operations and weights of a network: by the thesis's formulas (4.4.4, 5.3.1), and really done."""
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import nn
-from torch.utils.flop_counter import FlopCounterMode
 
-from nvsdata.kernels.spline import spline_shares
+from nvsdata.data.graph import GraphBatch
 from nvsdata.models.conv import ChebConv, GCNConv, GINConv, GMMConv
-from nvsdata.models.graph_cnn import GCNN, RGCNN, ConvBlock, ResidualBlock
-from nvsdata.models.spline import SplineConv
+from nvsdata.models.counting import Counting
+from nvsdata.models.graph_cnn import GCNN, RGCNN
+from nvsdata.models.pool import GraphPool
+from nvsdata.models.spline import DENSE, SplineConv
 
-BASES = 4  # (m + 1)^d for degree m = 1 in d = 2 dimensions
+CONVOLUTIONS = nn.Conv1d, nn.Conv2d, nn.Conv3d
+# layers, whatever they are made of
+LAYERS = SplineConv, GCNConv, ChebConv, GMMConv, GINConv, GraphPool, nn.RNNBase
+# operations on a value of the state at each step, beside products: sums and products of gates, and their functions
+GATES = {"LSTM": 9, "GRU": 8, "RNN_TANH": 1, "RNN_RELU": 0}
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer: its name and class, and its FLOPs and number of parameters by the thesis's formulas."""
+    """A layer that does something or has weights.
+
+    - `name`: in the network, "" for the network itself; `kind`: its class
+    - `flops`, `parameters`: by the thesis's formulas; None if it has none for this kind of layer
+    - `executed`: FLOPs that were really done; `weights`: parameters that there really are
+    """
 
     name: str
     kind: str
-    flops: int
-    parameters: int
+    flops: int | None
+    executed: int
+    parameters: int | None
+    weights: int
 
 
 @dataclass(frozen=True)
 class Complexity:
-    """Result of `complexity`. `str()` is a table.
+    """Result of `complexity`. `str()` is a table: the thesis's formulas, and beside them what was really done.
 
-    - `layers`: by the thesis's formulas
-    - `executed`: FLOPs of all matrix products, convolutions and B-spline sums that were executed; an addition and a
-      multiplication count as two
+    - `layers`: those that do something or have weights; last the network itself
+    - `uncounted`: what did something that can't be counted, as "layer (class): operation"; empty if `executed` is all
     - `weights`: number of all parameters of the network
     """
 
     layers: tuple[Layer, ...]
-    executed: int
+    uncounted: tuple[str, ...]
     weights: int
 
     @property
     def flops(self) -> int:
-        """FLOPs of all layers by the thesis's formulas."""
-        return sum(layer.flops for layer in self.layers)
+        """FLOPs by the thesis's formulas, of the layers that they are for."""
+        return sum(layer.flops or 0 for layer in self.layers)
+
+    @property
+    def executed(self) -> int:
+        """FLOPs that were really done; a multiply-add counts as two."""
+        return sum(layer.executed for layer in self.layers)
 
     @property
     def parameters(self) -> int:
-        """Parameters of all layers by the thesis's formulas."""
-        return sum(layer.parameters for layer in self.layers)
+        """Parameters by the thesis's formulas, of the layers that they are for."""
+        return sum(layer.parameters or 0 for layer in self.layers)
 
     @property
     def size(self) -> float:
-        """MiB of `parameters` as float32: the sizes in thesis Tables 4.4 and 4.5 and, for graph networks, 4.10."""
+        """MiB of `parameters` as float32, the unit of graph networks' sizes in thesis Tables 4.4, 4.5 and 4.10."""
         return self.parameters * 4 / 2**20
 
     def __str__(self) -> str:
         wide = max([len(layer.name) for layer in self.layers] + [8])
-        rows = [f"{'layer':{wide}}  {'class':14} {'MFLOPs':>12} {'parameters':>12}"]
-        rows += [
-            f"{layer.name:{wide}}  {layer.kind:14} {layer.flops / 1e6:12.3f} {layer.parameters:12,}"
-            for layer in self.layers
-        ]
-        rows.append(f"{'formulas':{wide}}  {'':14} {self.flops / 1e6:12.3f} {self.parameters:12,}  {self.size:.2f} MiB")
-        rows.append(f"{'executed':{wide}}  {'':14} {self.executed / 1e6:12.3f} {self.weights:12,}")
+        kinds = max([len(layer.kind) for layer in self.layers] + [14])
+        columns = "".join(f" {title:>12}" for title in ("MFLOPs", "executed", "parameters", "weights"))
+        rows = [f"{'layer':{wide}}  {'class':{kinds}}{columns}"]
+        for layer in self.layers:
+            flops = "-" if layer.flops is None else f"{layer.flops / 1e6:.3f}"
+            parameters = "-" if layer.parameters is None else f"{layer.parameters:,}"
+            rows.append(
+                f"{layer.name:{wide}}  {layer.kind:{kinds}} {flops:>12} {layer.executed / 1e6:12.3f}"
+                f" {parameters:>12} {layer.weights:12,}"
+            )
+        rows.append(
+            f"{'all':{wide}}  {'':{kinds}} {self.flops / 1e6:12.3f} {self.executed / 1e6:12.3f}"
+            f" {self.parameters:12,} {self.weights:12,}"
+        )
+        rows += [f"not counted: {what}" for what in self.uncounted]
         return "\n".join(rows)
 
 
 def complexity(model: nn.Module, sample: Any) -> Complexity:
-    """Operations and parameters of a network, by the thesis's formulas and as executed.
+    """Operations and parameters of a network, by the thesis's formulas and as really done.
 
     - `model`: any network; it is run once in evaluation mode and left as it was
-    - `sample`: an input of the network; a batch counts as a whole
+    - `sample`: an input of the network, on its device; a batch counts as a whole
 
-    The formulas: a convolution takes 2 HWT (C_in K^d + 1) C_out FLOPs, with HWT output positions (eq. 4.11, and its
-    extension to three dimensions); a graph convolution follows eq. (4.12) with the graph's own edges; a fully
-    connected layer takes (2I - 1) O. Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers
-    (C_in + 1) C_out; in the first fully connected layer of a graph network C_in counts channels, not channels times
-    cells. Batch normalization, root weights and everything else that the formulas don't mention count only in
-    `weights` and `executed`. Layers without a formula in the thesis (other graph convolutions, LSTM) count as executed.
+    The thesis's formulas count the product of a multiply-add and its sum as two: a convolution takes
+    2 HWT (C_in K^d + 1) C_out FLOPs, with HWT output positions (eq. 4.11, and its extension to three dimensions); a
+    B-spline convolution follows eq. (4.12) with the graph's own edges; a fully connected layer takes (2I - 1) O.
+    Convolutions have (C_in K^d + 1) C_out parameters, fully connected layers (C_in + 1) C_out; in the first fully
+    connected layer of a graph network C_in counts channels, not channels times cells. There is no formula for
+    anything else (root weights, normalization, pooling, other graph convolutions, LSTM).
+
+    Really done is what `Counting` and this module's rules count, in the same unit: of a B-spline convolution every
+    pair of an edge, or self-loop, and a kernel cell that has a share of it, and the products of the cells that occur;
+    of convolutions also products with the zeros around an image. What does something that isn't known is named in
+    `uncounted`: operations of torch without a rule, and modules whose work torch doesn't see.
     """
-    counted: dict[str, list[int]] = {}
-    sums = [0]
-    hooks = []
-    units = _units(model)
-    for name, module in units.items():
-        counted[name] = [0, _parameters(model, name, module)]
-
-        def note(module: nn.Module, inputs: Any, output: Any, name: str = name) -> None:
-            counted[name][0] += _flops(module, inputs, output)
-            if isinstance(module, SplineConv):
-                sums[0] += 2 * _entries(module, *inputs) * module.in_channels
-
-        hooks.append(module.register_forward_hook(note))
-    training = model.training
-    model.eval()
-    try:
-        with FlopCounterMode(display=False, custom_mapping=MORE) as counter, torch.no_grad():
-            model(sample)
-    finally:
-        model.train(training)
-        for hook in hooks:
-            hook.remove()
-    by_module = counter.get_flop_counts()
+    counting, units = Counting(), _units(model)
+    formulas: dict[str, list[int]] = {}
+    with _in_evaluation(model), _watched(units, counting, formulas), torch.no_grad(), counting:
+        model(sample)
     layers = []
-    for name, module in units.items():
-        flops, parameters = counted[name]
-        if not isinstance(module, WITH_FORMULA):
-            flops = sum(by_module.get(f"{type(model).__name__}.{name}", {}).values())
-        layers.append(Layer(name, type(module).__name__, flops, parameters))
-    weights = sum(p.numel() for p in model.parameters())
-    return Complexity(tuple(layers), counter.get_total_flops() + sums[0], weights)
-
-
-WITH_FORMULA = (SplineConv, nn.Conv2d, nn.Conv3d, nn.Linear)
-AS_THEY_ARE = (GCNConv, ChebConv, GMMConv, GINConv, nn.LSTM)
+    # what the network does itself comes last
+    for name, module in sorted(units.items(), key=lambda unit: unit[0] == ""):
+        own = isinstance(module, LAYERS)
+        weights = sum(p.numel() for p in module.parameters(recurse=own))
+        if weights or counting.flops[name] or _parameters(model, name, module) is not None:
+            flops = sum(formulas[name]) if name in formulas else None
+            parameters = _parameters(model, name, module)
+            layers.append(Layer(name, type(module).__name__, flops, counting.flops[name], parameters, weights))
+    uncounted = tuple(f"{name} ({type(units[name]).__name__}): {what}" for name, what in sorted(counting.unknown))
+    return Complexity(tuple(layers), uncounted, sum(p.numel() for p in model.parameters()))
 
 
 def _units(model: nn.Module) -> dict[str, nn.Module]:
-    """The layers that are counted, by name."""
+    """All modules by name, but for those within one of `LAYERS`."""
     units: dict[str, nn.Module] = {}
-    # a user's own convolution is one layer, whatever it consists of
-    convolutions = {block.conv for block in model.modules() if isinstance(block, ConvBlock | ResidualBlock)}
+    inside = "\0"
     for name, module in model.named_modules():
-        within = any(name.startswith(unit + ".") for unit in units)
-        if not within and (module in convolutions or isinstance(module, (*WITH_FORMULA, *AS_THEY_ARE))):
+        if not name.startswith(inside):
             units[name] = module
+            inside = (f"{name}." if name else "") if isinstance(module, LAYERS) else inside
     return units
 
 
-def _parameters(model: nn.Module, name: str, module: nn.Module) -> int:
+@contextmanager
+def _in_evaluation(model: nn.Module) -> Iterator[None]:
+    modes = [(module, module.training) for module in model.modules()]
+    model.eval()
+    try:
+        yield
+    finally:
+        for module, training in modes:
+            module.training = training
+
+
+@contextmanager
+def _watched(units: dict[str, nn.Module], counting: Counting, formulas: dict[str, list[int]]) -> Iterator[None]:
+    """Tell `counting` which layer runs, and collect what the thesis's formulas give for each."""
+
+    def before(name: str) -> Callable[..., None]:
+        return lambda module, inputs: counting.where.append(None if isinstance(module, tuple(RULES)) else name)
+
+    def after(name: str, begun: dict[str, int]) -> Callable[..., None]:
+        def note(module: nn.Module, arguments: Any, options: Any, output: Any) -> None:
+            inputs = inspect.signature(module.forward).bind(*arguments, **options).args
+            counting.where.pop()
+            for kind, rule in {**RULES, **KERNELS}.items():
+                if isinstance(module, kind):
+                    counting.flops[name] += int(rule(module, inputs, output))
+            flops = _flops(module, inputs, output)
+            if flops is not None:
+                formulas.setdefault(name, []).append(flops)
+            seen, begun[name] = counting.seen[name] - begun.get(name, 0), counting.seen[name]
+            if not seen and not isinstance(module, tuple(RULES)) and _out_of_sight(module, inputs, output):
+                counting.unknown[name, "nothing that torch sees"] += 1
+
+        return note
+
+    begun: dict[str, int] = {}
+    hooks = []
+    for name, module in units.items():
+        hooks.append(module.register_forward_pre_hook(before(name)))
+        hooks.append(module.register_forward_hook(after(name, begun), with_kwargs=True))
+    try:
+        yield
+    finally:
+        for hook in hooks:
+            hook.remove()
+
+
+def _out_of_sight(module: nn.Module, inputs: Any, output: Any) -> bool:
+    """Whether a module without parts gave new values although torch did nothing."""
+    if next(module.children(), None) is not None or not isinstance(output, torch.Tensor) or output.is_meta:
+        return False
+    given = {x.untyped_storage().data_ptr() for x in inputs if isinstance(x, torch.Tensor)}
+    return output.untyped_storage().data_ptr() not in given
+
+
+def _parameters(model: nn.Module, name: str, module: nn.Module) -> int | None:
     if isinstance(module, SplineConv):
-        return (module.in_channels * module.kernel_size**2 + 1) * module.out_channels
-    if isinstance(module, nn.Conv2d | nn.Conv3d):
+        cells, channels, out = module.weight.shape
+        return int((channels * cells + 1) * out)
+    if isinstance(module, CONVOLUTIONS):
         return (module.in_channels // module.groups * math.prod(module.kernel_size) + 1) * module.out_channels
     if isinstance(module, nn.Linear):
         channels = module.in_features
         if isinstance(model, GCNN | RGCNN) and name == "hidden":
-            # in Table 4.4, 512 channels enter FC(1024) at all depths, even where the last layer gives 256
-            channels = max(channels // (model.grid[0] * model.grid[1]), module.out_features // 2)
+            channels //= math.prod(model.grid)
         return (channels + 1) * module.out_features
-    return sum(p.numel() for p in module.parameters())
+    return None
 
 
-def _flops(module: nn.Module, inputs: Any, output: Any) -> int:
+def _flops(module: nn.Module, inputs: Any, output: Any) -> int | None:
     if isinstance(module, SplineConv):
-        edges, nodes = _edges(inputs[1]), inputs[0].shape[0]
-        per_edge = BASES * (3 * module.in_channels * module.out_channels + 7 * 2)
+        x, edge_index, u = inputs
+        # self-loops, which networks add, are no edges of the graph
+        edges, nodes = int((edge_index[0] != edge_index[1]).sum()), x.shape[0]
+        bases = 2 ** u.shape[1]  # (m + 1)^d for degree m = 1
+        per_edge = bases * (3 * module.in_channels * module.out_channels + 7 * u.shape[1])
         return int(edges * per_edge + (edges + nodes) * module.out_channels)
-    if isinstance(module, nn.Conv2d | nn.Conv3d):
+    if isinstance(module, CONVOLUTIONS):
         places = output.numel() // module.out_channels
         inner = module.in_channels // module.groups * math.prod(module.kernel_size) + 1
         return int(2 * places * inner * module.out_channels)
     if isinstance(module, nn.Linear):
         return int(output.numel()) * (2 * module.in_features - 1)
-    return 0
+    return None
 
 
-def _edges(edge_index: torch.Tensor) -> int:
-    """Number of the graph's own edges, without the self-loops that networks add."""
-    return int((edge_index[0] != edge_index[1]).sum())
+def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
+    """What numba does for a B-spline convolution on the CPU: shares, sums over neighbors, rows of products added."""
+    x, edge_index, u = inputs
+    if x.device.type != "cpu":
+        return 0
+    (edges, axes), (cells, channels, out) = u.shape, module.weight.shape
+    # the kernels find cells in float64
+    cell, share = _touched(u.detach().to(x.dtype).double().numpy(), module.kernel_size)
+    entries = int(share.sum())
+    # along each axis a position in the kernel and two shares; of each entry their product, and a mean's quotient
+    bases = edges * 3 * axes * (cells > 1) + entries * axes
+    rows = 0
+    if cells > 1 and cells * channels > DENSE:
+        node = np.broadcast_to(edge_index[1].numpy()[:, None], cell.shape)
+        rows = len(np.unique(node[share] * cells + cell[share].astype(np.int64)))
+    return int(bases + 2 * entries * channels + rows * out)
 
 
-def _entries(module: SplineConv, x: torch.Tensor, edge_index: torch.Tensor, u: torch.Tensor) -> int:
-    """Number of (edge, cell) pairs that contribute to the sums."""
-    arrays = edge_index[0].cpu().numpy(), edge_index[1].cpu().numpy(), u.cpu().numpy()
-    return len(spline_shares(*arrays, module.kernel_size, x.shape[0])[0])
+def _touched(u: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """The 2^d cells around each edge's pseudo-coordinates [E, d], and which of them have a share: two of [E, 2^d]."""
+    at = np.clip(u, 0, 1) * (size - 1)
+    lower = np.minimum(np.floor(at), max(size - 2, 0))
+    cell, share = np.zeros((len(u), 1)), np.ones((len(u), 1), bool)
+    for axis in range(u.shape[1]):
+        upper = at[:, axis] - lower[:, axis]
+        near = (lower[:, axis, None] + (0, 1)) * size**axis
+        there = np.stack((1 - upper, upper), 1) > 0
+        shape = len(u), 2 ** (axis + 1)
+        cell = (cell[:, :, None] + near[:, None]).reshape(shape)
+        share = (share[:, :, None] & there[:, None]).reshape(shape)
+    return cell, share
 
 
-def _product(_: Any, a: Any, b: Any, *args: Any, **options: Any) -> int:
-    return 2 * int(a[0]) * int(a[1]) * int(b[1])
+def _pooling(module: GraphPool, inputs: Any, output: GraphBatch) -> int:
+    """Means of positions, pseudo-coordinates, and of an average its sums and quotients."""
+    (given,) = inputs
+    axes = given.pos.shape[1]
+    positions = axes * (given.num_nodes + output.num_nodes) + 2 * axes * output.num_edges
+    features = given.x.numel() + output.x.numel() if module.mode == "average" else 0
+    return int(positions + features)
 
 
-def _lstm(x: Any, *arguments: Any, **options: Any) -> int:
-    # [T, B, in] and weights [4 h, in], [4 h, h]
-    (time, batch, _), into, again = x, arguments[0], arguments[1]
-    return 2 * int(time) * int(batch) * int(into[0]) * (int(into[1]) + int(again[1]))
+def _recurrent(module: nn.RNNBase, inputs: Any, output: Any) -> int:
+    """Products of all weights at each step of each sequence, and what is done with the gates."""
+    x = inputs[0]
+    steps = x.data.shape[0] if isinstance(x, nn.utils.rnn.PackedSequence) else x.numel() // module.input_size
+    products = sum(2 * p.numel() for p in module.parameters() if p.ndim == 2)
+    states = module.num_layers * (2 if module.bidirectional else 1) * module.hidden_size
+    total: int = steps * (products + GATES[module.mode] * states)
+    return total
 
 
-# operations that torch's counter leaves out
-MORE: dict[Any, Callable[..., int]] = {
-    torch.ops.aten.addmm_: _product,
-    torch.ops.aten.mkldnn_rnn_layer: _lstm,
-}
+# what numba does beside what torch does, which is watched
+KERNELS: dict[type[nn.Module], Callable[[Any, Any, Any], int]] = {SplineConv: _aggregation}
+# layers that aren't watched: they are computed in other ways on other devices
+RULES: dict[type[nn.Module], Callable[[Any, Any, Any], int]] = {GraphPool: _pooling, nn.RNNBase: _recurrent}

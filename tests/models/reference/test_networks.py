@@ -103,6 +103,7 @@ def test_they_learn_and_a_sample_does_not_depend_on_its_batch(build, shape):
         together, alone = model(x), torch.cat([model(one.unsqueeze(0)) for one in x])
     assert together.shape == (3, 3)
     assert torch.allclose(together, alone, rtol=1e-6, atol=1e-6)
+    assert complexity(model, x).uncounted == ()
 
 
 def test_wrong_inputs_are_refused():
