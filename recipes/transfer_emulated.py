@@ -26,11 +26,11 @@ from nvsdata import transforms as T
 from nvsdata.common.files import put
 from nvsdata.datasets import DATASETS
 from nvsdata.training import Team, Trainer, TrainTestSplit, accuracies, loader, run, sgd, team
+from nvsdata.transforms.defaults import SCALES
 
 KINDS = ("real", "emulated")
 SIZE = 24
 SMALLER_SIDE = 30  # of 240x180 and of 320x240 alike
-SCALES = (0.5, 0.667, 0.833, 1.0)
 
 
 def main() -> None:

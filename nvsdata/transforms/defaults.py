@@ -9,3 +9,4 @@ BETA = TIME_SCALE**2
 LITERAL_BETA = 0.5e-5
 T_VOL = 33_333  # duration of a volume in µs, 1/30 s (5.3.1)
 PSEUDO: Pseudo = "signed"  # the author's code; the text (4.2.1) has "abs"
+SCALES = (0.5, 0.667, 0.833, 1.0)  # of multi-scale crops (3.5.1)

@@ -1,13 +1,19 @@
 """The recipes of chapters 3 and 5, run as a user would, on look-alikes of the datasets."""
 
+import functools
 import json
+import runpy
 
 import numpy as np
 import pytest
+import torch
 import trees
+from clips import moving_square, write_video
+from places import RECIPES
 
 import nvsdata
 from nvsdata import models
+from nvsdata.training import sgd
 from nvsdata.training.actions import Actions
 
 
@@ -130,3 +136,63 @@ def test_transfer_from_emulated_to_real(run, tmp_path):
     assert trained.classes[0] == "BaseballPitch"
     recordings = sorted((tmp_path / "real").rglob("*.aedat"))[:2]
     assert set(trained.predict(recordings, windows=2)) <= set(trained.classes)
+
+
+@pytest.fixture
+def letters(tmp_path, monkeypatch):
+    """A video of each of two letters, and the same as recordings; VGG-16 is made slim."""
+    for n, letter in enumerate("ab"):
+        video = write_video(tmp_path / "videos" / letter / "0.avi", moving_square(10, seed=n))
+        for kind in ("real", "emulated"):
+            (tmp_path / kind / letter).mkdir(parents=True)
+            nvsdata.write(nvsdata.PIX2NVS().emulate(video), tmp_path / kind / letter / "0.h5")
+    monkeypatch.setattr(models.reference, "VGG", functools.partial(models.reference.VGG, hidden=16))
+    return tmp_path
+
+
+def test_letters_are_learnt_from_videos_and_emulated(run, letters):
+    common = ("--real", letters / "real", "--out", letters / "out", "--iterations", 1, "--votes", 1, "--device", "cpu")
+    out = run("sign_language.py", *common, "--emulated", letters / "emulated", "--videos", letters / "videos")
+    table = json.loads((letters / "out" / "table.json").read_text())
+    assert list(table) == ["gray videos", "emulated"]
+    assert all(f"{share:.2%}" in out for share in table.values())
+    trained = models.load(letters / "out" / "emulated" / "model.safetensors")
+    settings = trained.model.settings
+    assert (settings["layers"], settings["in_channels"], settings["dropout"]) == (16, 3, 0.8)
+    assert "MedianDenoise" in repr(trained.transform)
+    assert trained.predict(next((letters / "real").rglob("*.h5"))) in trained.classes == ("a", "b")
+    with pytest.raises(SystemExit, match="nothing to train on"):
+        run("sign_language.py", *common)
+    (letters / "emulated" / "b").rename(letters / "emulated" / "c")
+    with pytest.raises(SystemExit, match=r"has the classes \['a', 'b'\], not \['a', 'c'\]"):
+        run("sign_language.py", *common, "--emulated", letters / "emulated")
+
+
+def test_weights_of_torchvision_are_taken_over(letters, monkeypatch):
+    monkeypatch.syspath_prepend(RECIPES)
+    recipe = runpy.run_path(str(RECIPES / "sign_language.py"))
+    model = models.reference.VGG(2, layers=16, in_channels=3)
+    theirs = {
+        name.replace("maps.", "features.").replace("classify.", "classifier."): torch.rand_like(value)
+        for name, value in model.state_dict().items()
+    }
+    # of 1,000 classes
+    theirs |= {"classifier.6.weight": torch.rand(1000, 16), "classifier.6.bias": torch.rand(1000)}
+    torch.save(theirs, letters / "vgg16.pth")
+    last = model.classify[6].weight.clone()
+    recipe["start_from"](model, letters / "vgg16.pth")
+    assert torch.equal(model.maps[0].weight, theirs["features.0.weight"])
+    assert torch.equal(model.classify[3].bias, theirs["classifier.3.bias"])
+    assert torch.equal(model.classify[6].weight, last)
+    del theirs["features.0.bias"]
+    torch.save(theirs, letters / "vgg16.pth")
+    with pytest.raises(ValueError, match="doesn't have the weights of torchvision's vgg16"):
+        recipe["start_from"](model, letters / "vgg16.pth")
+
+
+def test_only_the_layers_that_are_named_decay():
+    model = models.reference.MotionVector3D(2, frames=8, size=8, hidden=4)
+    optimizer, _ = sgd(model, 0.1, 2, 4, decay=0.5, decayed=[model.classify[0]])
+    decays = {p: group["weight_decay"] for group in optimizer.param_groups for p in group["params"]}
+    held = set(model.classify[0].parameters())
+    assert {p: 0.5 if p in held else 0.0 for p in model.parameters()} == decays

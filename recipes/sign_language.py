@@ -1,0 +1,157 @@
+"""Train on gray videos or emulated recordings and test on real ones: Table 3.5 (thesis section 3.5.2).
+
+    nvsdata convert-videos LETTERS --out LETTERS-emulated --size 240x180
+    python recipes/sign_language.py --real LETTERS-DVS --emulated LETTERS-emulated --videos LETTERS --out runs/signs
+
+Each folder has a folder of recordings, or videos, for each letter; all of them are trained or tested on. Three
+consecutive frames take the place of red, green and blue in VGG-16: of summed polarity over 1 / --fps s, or of the video
+in gray. A camera's frames are denoised by the median of 2x2 pixels. The smaller side is scaled to 256; multi-scale
+crops of 224x224, flipped at random. Gradient descent with momentum from 0.001, tenfold less after each third of 15,000
+iterations; dropout of 0.8 and a weight decay of 0.005 in the first two fully connected layers. Tested on 5 random
+triples of frames of each recording, by their most active square.
+
+The thesis begins with weights trained on ImageNet, which aren't part of nvsdata: --weights reads those of torchvision's
+vgg16. Without them the training begins at random. OUT receives the trainings' logs and checkpoints, and `table.json`;
+--resume goes on with a run that was stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from flags import add_run
+from torch.utils.data import Dataset
+
+from nvsdata import EventFolder, models
+from nvsdata import transforms as T
+from nvsdata.common.files import put
+from nvsdata.training import Team, Trainer, accuracies, data_of, loader, run, sgd, team
+from nvsdata.transforms.defaults import SCALES
+from nvsdata.video.folder import videos_in
+from nvsdata.video.frames import frames_of
+
+SIZE, SMALLER_SIDE, FRAMES = 224, 256, 3
+
+
+def main() -> None:
+    args = arguments()
+    if not (args.videos or args.emulated):
+        raise SystemExit("nothing to train on: give --emulated, --videos or both")
+    with team(args.device) as here, here.claiming(args.out):
+        test_set = EventFolder(args.real, transform=seen(args))
+        table = {}
+        if args.videos:
+            gray = GrayVideos(args.videos, T.Compose([T.RandomTemporalCrop(FRAMES), *augmented()]))
+            data = gray.data | {"test_hash": test_set.split_hash, "seed": args.seed}
+            table["gray videos"] = accuracy(args, gray, data, test_set, args.out / "gray", here)
+        if args.emulated:
+            emulated = EventFolder(args.emulated, transform=T.Compose([*triples(args), *augmented()]))
+            data = data_of(emulated, test_set, args.seed)
+            table["emulated"] = accuracy(args, emulated, data, test_set, args.out / "emulated", here)
+        here.print("trained on, tested on real recordings:")
+        here.print("\n".join(f"{source:12}{share:8.2%}" for source, share in table.items()))
+        if here.rank == 0:
+            put(args.out / "table.json", json.dumps(table, indent=1).encode())
+
+
+def accuracy(
+    args: argparse.Namespace, train_set: Any, data: dict[str, Any], test_set: EventFolder, out: Path, here: Team
+) -> float:
+    """Train VGG-16, and give the share of real recordings that it names right."""
+    if train_set.classes != test_set.classes:
+        raise SystemExit(f"{args.real} has the classes {test_set.classes}, not {train_set.classes}")
+    torch.manual_seed(args.seed)
+    epochs = max(1, -(-args.iterations // -(-len(train_set) // args.batch)))
+    model = models.reference.VGG(len(test_set.classes), layers=16, in_channels=FRAMES, dropout=0.8)
+    if args.weights:
+        start_from(model, args.weights)
+    model = model.to(here.device)
+    full = [layer for layer in model.classify if isinstance(layer, torch.nn.Linear)]
+    optimizer, schedule = sgd(model, args.rate, max(1, round(epochs / 3)), epochs, decay=5e-3, decayed=full[:2])
+    options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
+    trainer = Trainer(model, optimizer, schedule, out, data=data, **options)
+    here.print(f"{out.name}: {len(train_set)} to train on, epochs {trainer.done + 1} to {epochs}")
+    metrics = trainer.fit(train_set, lambda epoch: {})
+    batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes)
+    share = accuracies(model, batches, args.votes, here)[1]
+    trainer.publish(test_set.classes, test_set.transform, metrics | {"test_accuracy_votes": share})
+    return share
+
+
+def start_from(model: models.reference.VGG, path: Path) -> None:
+    """Take over the weights of torchvision's vgg16 but for the last layer; ValueError if they don't fit."""
+    given = torch.load(path, map_location="cpu", weights_only=True)
+    # torchvision's names; its layers are the same, in the same order
+    renamed = {
+        name.replace("features.", "maps.", 1).replace("classifier.", "classify.", 1): value
+        for name, value in given.items()
+        if not name.startswith("classifier.6.")
+    }
+    wanted = {n: v.shape for n, v in model.state_dict().items() if not n.startswith("classify.6.")}
+    if {name: value.shape for name, value in renamed.items()} != wanted:
+        raise ValueError(f"{path} doesn't have the weights of torchvision's vgg16")
+    model.load_state_dict(renamed, strict=False)
+
+
+class GrayVideos(Dataset[tuple[Any, int]]):
+    """Videos below a folder for each class: all frames in gray, float32 [frames, H, W], and the class."""
+
+    def __init__(self, root: Path, transform: Any) -> None:
+        found = videos_in(root, root)
+        self.paths, self.transform = [video.path for video in found], transform
+        self.classes = sorted({path.parent.name for path in self.paths})
+        names = "\n".join(video.name for video in found)
+        self.data = {"dataset": "videos", "hash": hashlib.sha256(names.encode()).hexdigest()[:16]}
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __getitem__(self, index: int) -> tuple[Any, int]:
+        path = self.paths[index]
+        pictures = [frame.pixels for frame in frames_of(path, color=False)]
+        gray = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) if p.ndim == 3 else p for p in pictures]
+        frames = torch.from_numpy(np.stack(gray).astype(np.float32))
+        return self.transform(frames), self.classes.index(path.parent.name)
+
+
+def triples(args: argparse.Namespace) -> list[Any]:
+    """From a recording to three consecutive frames [3, H, W], at a random place."""
+    return [T.ToFrames(args.fps), T.RandomTemporalCrop(FRAMES)]
+
+
+def augmented() -> list[Any]:
+    """From three frames to the network's input [3, 224, 224], in training."""
+    return [T.Resize(SMALLER_SIDE), T.RandomCrop(SIZE, SCALES), T.RandomHorizontalFlip(), T.Normalize()]
+
+
+def seen(args: argparse.Namespace) -> T.Compose:
+    """From a real recording to the network's input [3, 224, 224]."""
+    return T.Compose([*triples(args), T.MedianDenoise(), T.Resize(SMALLER_SIDE), T.MotionCrop(SIZE), T.Normalize()])
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("--real", required=True, type=Path, help="recordings of a camera")
+    add("--emulated", type=Path, help="emulated recordings")
+    add("--videos", type=Path, help="videos, trained on in gray")
+    add("--out", required=True, type=Path, help="where logs, checkpoints and the table go")
+    add("--weights", type=Path, help="of torchvision's vgg16 on ImageNet (default: random ones)")
+    add("--fps", type=float, default=30.0, help="frames per second (default 30)")
+    add("--iterations", type=int, default=15_000)
+    add("--rate", type=float, default=1e-3, help="learning rate at the start (default 0.001)")
+    add("--batch", type=int, default=32)
+    add("--votes", type=int, default=5, help="triples of frames of a recording that vote (default 5)")
+    add_run(parser)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    run(main)
