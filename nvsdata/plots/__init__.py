@@ -1,8 +1,21 @@
-"""Pictures of results, drawn with OpenCV: events, contact sheets, curves."""
+"""Pictures of results, drawn with OpenCV: events, contact sheets, curves, how a classifier does."""
 
+from nvsdata.plots.calibration import reliability
 from nvsdata.plots.charts import curves
+from nvsdata.plots.classes import class_bars, confusion
 from nvsdata.plots.drawing import save
 from nvsdata.plots.events import event_image
-from nvsdata.plots.sheets import contact_sheet
+from nvsdata.plots.sheets import captioned_sheet, contact_sheet
+from nvsdata.plots.steps import marked
 
-__all__ = ["contact_sheet", "curves", "event_image", "save"]
+__all__ = [
+    "captioned_sheet",
+    "class_bars",
+    "confusion",
+    "contact_sheet",
+    "curves",
+    "event_image",
+    "marked",
+    "reliability",
+    "save",
+]

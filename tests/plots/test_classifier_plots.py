@@ -1,0 +1,81 @@
+"""What is drawn of classifiers: everything is there, within the picture, and nothing fails at odd sizes."""
+
+import numpy as np
+import pytest
+
+from nvsdata import metrics, plots
+from nvsdata.plots import drawing
+
+
+def is_picture(picture):
+    return picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, 101, 300])
+def test_confusion_shades_right_and_wrong(count):
+    counts = np.diag(np.full(count, 3))
+    counts[0, -1] += 1
+    picture = plots.confusion(counts, [f"class {i}" for i in range(count)], "title")
+    assert is_picture(picture)
+    assert max(picture.shape) < 2000
+    blue, red = picture[..., 0].astype(int) - picture[..., 2], picture[..., 2].astype(int) - picture[..., 0]
+    assert (blue > 100).sum() > count
+    # the legend alone has some
+    none = plots.confusion(np.diag(np.full(count, 3)), [f"class {i}" for i in range(count)], "title")
+    reds = (none[..., 2].astype(int) - none[..., 0] > 5).sum()
+    assert ((red > 5).sum() > reds) == (count > 1)
+
+
+def test_a_class_without_recordings_is_no_error():
+    assert is_picture(plots.confusion(np.array([[0, 0], [1, 2]]), ["a", "b"], "title"))
+    share = np.array([np.nan, 0.5])
+    assert is_picture(plots.class_bars(["a", "b"], np.array([0, 2]), [("x", share), ("y", share)], "title"))
+
+
+def test_bars_are_as_long_as_accuracies_and_worst_first():
+    share = np.array([0.75, 0.25, 0.5])
+    picture = plots.class_bars(["a", "b", "c"], np.array([4, 4, 4]), [("x", share)], "title")
+    bar = (picture == drawing.OFF).all(2)[60:]
+    lengths = bar.sum(1)
+    kept = [int(row) for row in lengths[np.r_[True, np.diff(lengths) != 0]] if row > 100]
+    assert kept == pytest.approx([121, 241, 361])
+
+
+def test_no_more_than_120_bars():
+    share = np.linspace(0, 1, 500)
+    picture = plots.class_bars([str(i) for i in range(500)], np.ones(500, int), [("x", share)], "title")
+    assert picture.shape[0] < 1800
+
+
+def test_reliability_has_a_panel_for_each():
+    bins = metrics.calibration([0.1, 0.6, 0.9, 0.9], [0, 1, 1, 0])
+    one, two = plots.reliability([("a", bins)]), plots.reliability([("a", bins), ("b", bins)])
+    assert two.shape[1] == 2 * one.shape[1]
+    assert ((one == drawing.OFF).all(2).sum()) > 1000
+
+
+@pytest.mark.parametrize("values", [[0.5], [0.0, 1.0], [1.0, 1.0, 1.0], [0.3] * 40])
+def test_marked_values_lie_within(values):
+    picture = plots.marked(values, [str(i) for i in range(len(values))], "title", "x")
+    rows, columns = np.nonzero((picture == drawing.OFF).all(2))
+    assert len(rows) > 30
+    assert 50 < rows.min() < rows.max() < 370
+    assert 80 < columns.min() < columns.max() < 670
+
+
+def test_a_captioned_sheet_shows_images_of_all_sizes_whole():
+    tiles = [(np.full((h, w, 3), 7, np.uint8), ("true: a", "predicted: " + "long" * 20)) for h, w in SIZES]
+    sheet = plots.captioned_sheet(tiles, columns=3, side=100)
+    # each keeps its proportions
+    wanted = sum((100 // max(h, w) or 100 / max(h, w)) ** 2 * h * w for h, w in SIZES)
+    assert (sheet == 7).all(2).sum() == pytest.approx(wanted, rel=0.02)
+
+
+SIZES = ((34, 34), (180, 240), (100, 50), (720, 1280))
+
+
+def test_long_words_are_cut():
+    assert drawing.shortened("short", 200) == "short"
+    cut = drawing.shortened("a name that goes on and on", 60)
+    assert cut.endswith("..")
+    assert drawing.width_of(cut) <= 60
