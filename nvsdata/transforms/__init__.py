@@ -47,6 +47,7 @@ from nvsdata.transforms.image import (
     normalize,
     resize,
 )
+from nvsdata.transforms.lengths import longest_window, window_length, with_window_length
 from nvsdata.transforms.parse import from_repr
 from nvsdata.transforms.point_sets import Points, points
 from nvsdata.transforms.registry import TRANSFORMS, register_transform
@@ -98,6 +99,7 @@ __all__ = [
     "from_repr",
     "graph2grid",
     "knn_graph",
+    "longest_window",
     "median_denoise",
     "merge_pixels",
     "motion_crop",
@@ -116,6 +118,8 @@ __all__ = [
     "volume",
     "volumes",
     "window",
+    "window_length",
+    "with_window_length",
 ]
 
 for _kind in [thing for thing in list(globals().values()) if isinstance(thing, type)]:

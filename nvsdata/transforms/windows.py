@@ -58,6 +58,11 @@ class RandomWindow:
     def __call__(self, sample: Events | Recording) -> Events:
         return random_window(sample, self.duration, within=self.within)
 
+    def longest(self, sample: Events | Recording) -> int:
+        """The longest duration that isn't cut off at the sample's end, in µs."""
+        first, last = _span(sample)
+        return last + 1 - first
+
 
 @dataclass(frozen=True)
 class Volumes:
@@ -84,6 +89,11 @@ class Volumes:
 
     def __call__(self, sample: Events | Recording) -> list[Events]:
         return volumes(sample, self.count, self.duration)
+
+    def longest(self, sample: Events | Recording) -> int:
+        """The longest duration that stays within a part of the sample, in µs; at least 1."""
+        first, last = _span(sample)
+        return max((last + 1 - first) // self.count, 1)
 
 
 def volumes(sample: Events | Recording, count: int = 8, duration: int = T_VOL) -> list[Events]:
