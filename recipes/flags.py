@@ -29,6 +29,12 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     add("--resume", action="store_true", help="continue from what is in OUT")
 
 
+def add_tensorboard(parser: argparse.ArgumentParser) -> None:
+    """Where a training is watched."""
+    told = "write the log for TensorBoard, too, to OUT/tensorboard (needs nvsdata[tensorboard])"
+    parser.add_argument("--tensorboard", action="store_true", help=told)
+
+
 def add_actions(parser: argparse.ArgumentParser) -> None:
     """What to train by the protocol `Actions`."""
     add = parser.add_argument

@@ -14,18 +14,19 @@ S = 8, 16 for 16.
 other hand is another gesture.
 
 OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
-`nvsdata.models.load`. --resume continues a stopped run, with the same results as without the stop.
+`nvsdata.models.load`, `report.json` and pictures of it (accuracy per class, confusion, calibration, accuracy by votes
+and by window length, mistakes). --resume continues a stopped run, with the same results as without the stop.
 """
 
 from __future__ import annotations
 
 import argparse
-from functools import partial
+from functools import cache, partial
 
 import torch
-from flags import actions_of, add_actions, add_data, run_of
+from flags import actions_of, add_actions, add_data, add_tensorboard, run_of
 
-from nvsdata.training import TrainTestSplit, accuracies, loader, run, team
+from nvsdata.training import TrainTestSplit, Votes, accuracies, loader, run, team, to_tensorboard, votes, write_report
 
 
 def main() -> None:
@@ -33,23 +34,30 @@ def main() -> None:
     protocol = actions_of(args, flip=args.dataset != "dvs128-gesture")
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
+        see = to_tensorboard(args.out, here) if args.tensorboard else None
         halves = TrainTestSplit(args.dataset, args.root, fold=args.fold, seed=args.seed, errors=args.errors)
         train_set = halves.train(protocol.pipeline(training=True))
         test_set = halves.test(protocol.pipeline(training=False))
         known = {"sensor_size": halves.sensor_size, "classes": len(halves.classes), "data": halves.data}
         trainer = protocol.trainer(args.out, team=here, **known, **run_of(args))
+        if see:
+            trainer.watch(see)
         load = partial(loader, test_set, trainer.batch, here, seed=args.seed)
         test_batches = load()
+
+        @cache
+        def last_votes() -> Votes:
+            return votes(trainer.model, load(last=args.votes), args.votes, here)
 
         def evaluate(epoch: int) -> dict[str, float]:
             if epoch < args.epochs:
                 return {"test_accuracy": accuracies(trainer.model, test_batches, 1, here)[0]}
-            single, votes = accuracies(trainer.model, load(last=args.votes), args.votes, here)
-            return {"test_accuracy": single, "test_accuracy_votes": votes}
+            return {"test_accuracy": last_votes().single, "test_accuracy_votes": last_votes().together}
 
         here.print(f"{len(train_set)} recordings to train on, {len(test_set)} to test on, epochs {trainer.done + 1} on")
         metrics = trainer.fit(train_set, evaluate)
-        trainer.publish(halves.classes, protocol.pipeline(training=False), metrics)
+        trainer.publish(halves.classes, test_set.transform, metrics)
+        write_report(trainer, halves.test, test_set.transform, last_votes(), halves.classes)
 
 
 def arguments() -> argparse.Namespace:
@@ -59,6 +67,7 @@ def arguments() -> argparse.Namespace:
     add("--fold", type=int, help="the dataset's split (default 1 of UCF101-DVS and HMDB51-DVS)")
     add("--votes", type=int, default=5, help="random draws per recording that vote at the end (default 5)")
     add_actions(parser)
+    add_tensorboard(parser)
     return parser.parse_args()
 
 

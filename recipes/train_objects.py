@@ -10,21 +10,22 @@ the ablations of Tables 4.1 to 4.5, --convolution that of Table 4.8. --network a
 networks of 4.4.4, on event images of --image-size pixels (Table 4.6), by gradient descent.
 
 OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
-`nvsdata.models.load`. --resume continues a stopped run, with the same results as without the stop.
+`nvsdata.models.load`, `report.json` and pictures of it (accuracy per class, confusion, calibration, accuracy by votes
+and by window length, mistakes). --resume continues a stopped run, with the same results as without the stop.
 """
 
 from __future__ import annotations
 
 import argparse
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import torch
-from flags import add_data, add_run, run_of
+from flags import add_data, add_run, add_tensorboard, run_of
 from torch.utils.data import ConcatDataset
 
 from nvsdata import models
-from nvsdata.training import TrainTestSplit, accuracies, loader, run, team
+from nvsdata.training import TrainTestSplit, Votes, accuracies, loader, run, team, to_tensorboard, votes, write_report
 from nvsdata.training.objects import BATCH, EPOCHS, LEAST_STEPS, NETWORKS, Objects
 
 # rounds of the last evaluation if the test set has fewer than FEW recordings
@@ -37,11 +38,14 @@ def main() -> None:
     protocol = Objects(**{name: getattr(args, name) for name in settings})
     torch.manual_seed(args.seed)
     with team(args.device) as here, here.claiming(args.out):
+        see = to_tensorboard(args.out, here) if args.tensorboard else None
         halves = TrainTestSplit(args.dataset, args.root, seed=args.seed, errors=args.errors)
         train_set = halves.train(protocol.pipeline(training=True))
         known = {"sensor_size": halves.sensor_size, "classes": len(halves.classes), "data": halves.data}
         trainer = protocol.trainer(args.out, recordings=len(train_set), team=here, **known, **run_of(args))
         model = trainer.model
+        if see:
+            trainer.watch(see)
 
         def test_on(low: float = 0.0, high: float = 1.0) -> Any:
             return halves.test(protocol.pipeline(training=False, within=(low, high)))
@@ -49,21 +53,27 @@ def main() -> None:
         load = partial(loader, batch=args.batch, team=here, seed=args.seed)
         test_batches = load(test_on())
 
+        # accuracies on a small test set would be so by chance: it is gone through again, with other windows
+        rounds = ROUNDS if len(test_on()) < FEW else 1
+
+        @cache
+        def last_votes() -> Votes:
+            # voters spread over the recording know more than voters that may stand together
+            shares = [test_on(v / args.votes, (v + 1) / args.votes) for v in range(args.votes)]
+            return votes(model, load(ConcatDataset(shares), last=rounds), args.votes, here, rounds)
+
         def evaluate(epoch: int) -> dict[str, float]:
             if epoch < trainer.epochs:
                 return {"test_accuracy": accuracies(model, test_batches, 1, here)[0]}
-            # one round on a small test set depends much on chance, so it is repeated with other windows
-            rounds = ROUNDS if len(test_on()) < FEW else 1
             single = accuracies(model, load(test_on(), last=rounds * args.votes), args.votes, here, rounds)[0]
-            # voters spread over the recording see more of it than voters that may be close together
-            shares = [test_on(v / args.votes, (v + 1) / args.votes) for v in range(args.votes)]
-            votes = accuracies(model, load(ConcatDataset(shares), last=rounds), args.votes, here, rounds)[1]
-            return {"test_accuracy": single, "test_accuracy_votes": votes}
+            return {"test_accuracy": single, "test_accuracy_votes": last_votes().together}
 
         sizes = f"{len(train_set)} recordings to train on, {len(test_on())} to test on"
         here.print(f"{sizes}, epochs {trainer.done + 1} to {trainer.epochs}")
         metrics = trainer.fit(train_set, evaluate)
-        trainer.publish(halves.classes, protocol.pipeline(training=False), metrics)
+        pipeline = protocol.pipeline(training=False)
+        trainer.publish(halves.classes, pipeline, metrics)
+        write_report(trainer, halves.test, pipeline, last_votes(), halves.classes)
 
 
 def arguments() -> argparse.Namespace:
@@ -82,6 +92,7 @@ def arguments() -> argparse.Namespace:
     add("--kernel-size", type=int, default=5, help="cells of a kernel along each axis (default 5; Table 4.5)")
     add("--image-size", type=int, default=224, help="side of event images in pixels (default 224; Table 4.6)")
     add_run(parser)
+    add_tensorboard(parser)
     return parser.parse_args()
 
 

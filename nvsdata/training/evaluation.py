@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -31,23 +32,53 @@ def predict(
     return torch.cat([given for given, _ in pairs]), torch.cat([targets for _, targets in pairs])
 
 
-def accuracies(
+def share_right(scores: torch.Tensor, targets: torch.Tensor) -> float:
+    """Share of scores [..., num_classes] that are highest for the true classes, of a shape that goes with [...]."""
+    # NaN names no class, although argmax gives one
+    right = (scores.argmax(-1) == targets) & ~scores.isnan().any(-1)
+    return right.double().mean().item()
+
+
+@dataclass(frozen=True)
+class Votes:
+    """What a network says of windows of recordings.
+
+    - `voters`: log-probabilities [rounds, windows, N, num_classes]; the windows of a round vote together; see `vote`
+    - `targets`: true classes [N]
+    """
+
+    voters: torch.Tensor
+    targets: torch.Tensor
+
+    @property
+    def single(self) -> float:
+        """Accuracy of one window, the mean over all."""
+        return share_right(self.voters, self.targets)
+
+    @property
+    def together(self) -> float:
+        """Accuracy of the votes, the mean over all rounds."""
+        return share_right(vote(self.voters, 1), self.targets)
+
+
+def votes(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
-) -> tuple[float, float]:
-    """Accuracy of one window (mean over all), and of the windows of a recording together; see `voting.vote`.
+) -> Votes:
+    """What a model says of each window of each recording.
 
     - `model`: gives scores [B, num_classes]
     - `batches`: every recording once, then again, and so on, `rounds` times `windows` times
     - `windows`: how many vote together
-    - `rounds`: votes per recording, over which accuracy is the mean (default 1)
+    - `rounds`: votes per recording (default 1)
     """
     scores, targets = predict(model, batches, team)
-    voters = scores.view(rounds, windows, -1, scores.shape[1])
-    wanted = targets.chunk(rounds * windows)[0]
+    voters = scores.log_softmax(1).view(rounds, windows, -1, scores.shape[1])
+    return Votes(voters, targets.chunk(rounds * windows)[0])
 
-    def share(named: torch.Tensor) -> float:
-        # NaN names no class, although argmax gives one
-        right = (named.argmax(-1) == wanted) & ~named.isnan().any(-1)
-        return right.double().mean().item()
 
-    return share(voters), share(vote(voters, 1))
+def accuracies(
+    model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
+) -> tuple[float, float]:
+    """Accuracy of one window (mean over all), and of the windows of a recording together; see `votes`."""
+    given = votes(model, batches, windows, team, rounds)
+    return given.single, given.together

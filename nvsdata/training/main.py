@@ -20,7 +20,7 @@ def run(main: Callable[[], None], hint: str = "--resume continues from the last 
     except KeyboardInterrupt as error:
         print(f"{end_of(error)}: {hint}", file=sys.stderr)
         sys.exit(exit_code(error))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, ImportError) as error:
         text = str(error)
         # a loader's worker sends its traceback, whose last line tells
         if text.startswith("Caught "):

@@ -62,6 +62,7 @@ class Trainer:
         self.out, self.epochs, self.batch, self.seed, self.team = out, epochs, batch, seed, team
         self.data = data
         self.lines: list[dict[str, Any]] = []
+        self._watchers: list[Callable[[dict[str, Any]], None]] = []
         out.mkdir(parents=True, exist_ok=True)
         if resume and (out / runs.CHECKPOINT).exists():
             self._restore(runs.Checkpoint.read(out, team.device))
@@ -116,6 +117,13 @@ class Trainer:
             self._save(line)
         return self.lines[-1] if self.lines else {}
 
+    def watch(self, see: Callable[[dict[str, Any]], None]) -> None:
+        """Call `see` with the line of each epoch, in the first process: with those so far now, then as they end."""
+        if self.team.rank == 0:
+            for line in self.lines:
+                see(line)
+        self._watchers.append(see)
+
     def publish(self, classes: list[str], transform: Any, metrics: dict[str, Any]) -> None:
         """Keep the network in `out/model.safetensors`, for `models.load`."""
         if self.team.rank == 0:
@@ -166,3 +174,5 @@ class Trainer:
         states = {name: part.state_dict() for name, part in self.parts.items()}
         runs.Checkpoint(epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, **states).write(self.out)
         self.team.print(json.dumps(line))
+        for see in self._watchers:
+            see(line)

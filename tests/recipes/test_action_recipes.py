@@ -59,6 +59,10 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
     assert trained.data["dataset"] == "dvs128-gesture"
     test = nvsdata.DVS128Gesture(gestures, "test")
     assert trained.predict(test.recording(0)) in trained.classes == tuple(test.classes)
+    report = json.loads((tmp_path / "a" / "report.json").read_text())
+    assert report["accuracy"]["vote"] == log[-1]["test_accuracy_votes"]
+    assert "33333" in report["accuracy_by_window_us"]
+    assert (tmp_path / "a" / "confusion.png").stat().st_size > 1000
     # right and left are different gestures
     assert "Flip" not in repr(trained.transform)
 
@@ -77,6 +81,9 @@ def test_reference_networks_are_trained(run, gestures, tmp_path, network):
     common = ("--dataset", "dvs128-gesture", "--root", gestures, "--out", tmp_path / "out", "--epochs", 1, "--votes", 1)
     run("train_actions.py", *common, "--network", network, "--events", 64, "--batch", 3, "--device", "cpu")
     assert len(lines(tmp_path / "out")) == 1
+    # points are of whole recordings
+    lengths = json.loads((tmp_path / "out" / "report.json").read_text())["accuracy_by_window_us"]
+    assert (len(lengths) > 1) == (network != "pointnet") == (tmp_path / "out" / "lengths.png").exists()
 
 
 def test_scenes_are_left_out_one_by_one(run, tmp_path):

@@ -28,6 +28,9 @@ def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path)
     for one, two in zip(logs[1], logs[2], strict=True):
         assert two["loss"] == pytest.approx(one["loss"], rel=1e-4)
         assert two["train_accuracy"] == one["train_accuracy"]
+    one, two = (json.loads((tmp_path / c / "report.json").read_text()) for c in ("1", "2"))
+    assert one.keys() == two.keys()
+    assert one["accuracy_by_window_us"].keys() == two["accuracy_by_window_us"].keys()
     one, two = (torch.load(tmp_path / c / "checkpoint.pt", weights_only=True)["model"] for c in ("1", "2"))
     # Adam steps by the sign of a gradient where that is all but zero, so a few weights may go another way
     for name in one:

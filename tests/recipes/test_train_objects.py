@@ -2,6 +2,7 @@ import json
 import subprocess
 import sys
 
+import cv2
 import pytest
 import torch
 from places import RECIPES
@@ -39,6 +40,44 @@ def test_trains_resumes_exactly_and_votes(run, fake_nmnist, tmp_path):
     run("train_objects.py", *common, "--out", tmp_path / "killed", "--resume")
     assert timeless(lines(tmp_path / "killed")) == timeless(log)
     assert not list((tmp_path / "whole").glob(".*"))
+    # nothing of a report is left to chance
+    assert report(tmp_path / "whole") == report(tmp_path / "killed")
+
+
+def report(out):
+    return json.loads((out / "report.json").read_text())
+
+
+PICTURES = {"confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "mistakes.png"}
+
+
+def test_a_training_ends_with_a_report(run, fake_nmnist, tmp_path):
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path, "--epochs", 1, "--votes", 3)
+    common = (*common, "--device", "cpu")
+    assert "6 pictures" in run("train_objects.py", *common)
+    found = report(tmp_path)
+    assert (found["recordings"], found["windows"], found["rounds"]) == (20, 3, 5)
+    assert found["accuracy"]["vote"] == lines(tmp_path)[-1]["test_accuracy_votes"]
+    assert list(found["classes"]) == [str(digit) for digit in range(10)]
+    assert len(found["accuracy_by_votes"]) == 3
+    assert "30000" in found["accuracy_by_window_us"]
+    # an untrained network errs; each mistake names a file
+    assert found["mistakes"]
+    assert all((fake_nmnist / mistake["recording"]).is_file() for mistake in found["mistakes"])
+    shown = {path.name: cv2.imread(str(path)) for path in tmp_path.glob("*.png")}
+    assert shown.keys() == PICTURES
+    assert all(picture is not None for picture in shown.values())
+    # a single window is no vote: its picture goes, and a run that is done writes its report again
+    run("train_objects.py", *common, "--resume", "--votes", 1)
+    assert {path.name for path in tmp_path.glob("*.png")} == PICTURES - {"votes.png"}
+    assert report(tmp_path)["windows"] == 1
+
+
+def test_without_tensorboard_the_extra_is_named(run, fake_nmnist, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path)
+    with pytest.raises(SystemExit, match=r"train_objects.py: .*pip install 'nvsdata\[tensorboard\]'"):
+        run("train_objects.py", *common, "--tensorboard")
 
 
 # os._exit in place of the second checkpoint, as a power cut would

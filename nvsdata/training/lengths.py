@@ -1,0 +1,51 @@
+"""Accuracy of a trained network against the length of the windows that it is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from torch.utils.data import ConcatDataset
+
+from nvsdata import transforms as T
+from nvsdata.training.data import loader
+from nvsdata.training.evaluation import predict, share_right
+from nvsdata.training.trainer import Trainer
+
+FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the length that the network was trained with
+WINDOWS = 1_000  # of each length, so that a report costs little whatever the dataset
+MOST_DRAWS = 5  # of a recording, where there are fewer recordings than that
+MEASURED = 8  # recordings
+
+
+def accuracy_by_length(trainer: Trainer, test: Callable[[Any], Any], transform: Any) -> dict[int, float]:
+    """Accuracy of one window, by its length in µs; nothing for a transform that cuts no windows.
+
+    - `trainer`: whose network, seed, batch and processes are used
+    - `test`: gives the dataset to test on, with a transform
+    - `transform`: makes the network's input
+
+    A quarter to four times the transform's own length; longer ones than recordings have room for are replaced by the
+    longest for which they have, or by the own one. Of each length about 1,000 windows, of recordings spread over the
+    dataset, the same at every call.
+    """
+    own = T.window_length(transform)
+    if own is None:
+        return {}
+    measured = _spread(test(partial(T.longest_window, transform)), MEASURED)
+    longest = max(own, *(measured[i][0] for i in range(len(measured))))
+    lengths = sorted({max(1, min(round(own * factor), longest)) for factor in FACTORS})
+    parts = [_spread(test(T.with_window_length(transform, length)), WINDOWS) for length in lengths]
+    draws = min(MOST_DRAWS, -(-WINDOWS // len(parts[0])))
+    batches = loader(ConcatDataset(parts), trainer.batch, trainer.team, seed=trainer.seed, last=draws)
+    scores, targets = predict(trainer.model, batches, trainer.team)
+    by_length = scores.view(draws, len(lengths), -1, scores.shape[1])
+    wanted = targets.view(draws, len(lengths), -1)
+    return {length: share_right(by_length[:, i], wanted[:, i]) for i, length in enumerate(lengths)}
+
+
+def _spread(dataset: Any, most: int) -> Any:
+    """At most `most` of a dataset's samples, evenly spread over it."""
+    count = min(most, len(dataset))
+    return dataset.subset(i * len(dataset) // count for i in range(count))

@@ -1,0 +1,137 @@
+"""The numbers that a training came to, from what its network said of test recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nvsdata import metrics
+from nvsdata.training.evaluation import Votes
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The numbers of a classifier, of one window (first) and of the windows together (second).
+
+    - `accuracy`: over all
+    - `classes`: accuracy of each class [num_classes]; `counts`: recordings of each
+    - `calibration`: of each
+    - `confusion`: of the windows together [num_classes, num_classes]
+    - `by_votes`: accuracy if 1, 2, ... windows vote
+    - `size`: (rounds, windows, recordings)
+    """
+
+    accuracy: tuple[float, float]
+    classes: tuple[np.ndarray, np.ndarray]
+    counts: np.ndarray
+    calibration: tuple[metrics.Calibration, metrics.Calibration]
+    confusion: np.ndarray
+    by_votes: np.ndarray
+    size: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A recording that a vote took for another class.
+
+    - `index`: of the recording
+    - `true`: its class
+    - `named`: the class that it was taken for; -1 for none, where scores are NaN
+    - `confidence`: the vote's probability of that class
+    - `wrong`: share of the votes on this recording that are wrong
+    """
+
+    index: int
+    true: int
+    named: int
+    confidence: float
+    wrong: float
+
+
+def summarized(votes: Votes) -> Summary:
+    """The numbers of a network's votes. The confidence of a vote is that of its mean log-probabilities."""
+    voters, targets = votes.voters.numpy(), votes.targets.numpy()
+    rounds, windows, recordings, classes = voters.shape
+    named, wanted, sure = [], [], []
+    for scores in (voters, voters.mean(1)):
+        verdicts, confidence = metrics.verdicts(scores)
+        named.append(verdicts.ravel())
+        sure.append(confidence.ravel())
+        wanted.append(np.broadcast_to(targets, verdicts.shape).ravel())
+    one, all_ = (metrics.class_accuracies(n, w, classes) for n, w in zip(named, wanted, strict=True))
+    first, second = (metrics.calibration(s, n == w) for s, n, w in zip(sure, named, wanted, strict=True))
+    return Summary(
+        accuracy=(votes.single, votes.together),
+        classes=(one, all_),
+        counts=np.bincount(targets, minlength=classes),
+        calibration=(first, second),
+        confusion=metrics.confusion_matrix(named[1], wanted[1], classes),
+        by_votes=metrics.accuracy_by_votes(voters, targets),
+        size=(rounds, windows, recordings),
+    )
+
+
+def mistakes_of(votes: Votes) -> list[Mistake]:
+    """Recordings that at least one vote took for another class, by the most confident such vote, highest first."""
+    named, confidence = metrics.verdicts(votes.voters.mean(1).numpy())
+    targets = votes.targets.numpy()
+    wrong = named != targets
+    worst = np.where(wrong, confidence, -1.0).argmax(0)
+    found = [
+        Mistake(i, int(targets[i]), int(named[worst[i], i]), float(confidence[worst[i], i]), float(wrong[:, i].mean()))
+        for i in np.flatnonzero(wrong.any(0)).tolist()
+    ]
+    return sorted(found, key=lambda mistake: -mistake.confidence)
+
+
+def as_json(
+    summary: Summary,
+    mistakes: Sequence[Mistake],
+    by_length: dict[int, float],
+    samples: Sequence[Any],
+    classes: Sequence[str],
+) -> dict[str, Any]:
+    """All numbers, classes by name; what there is none of is None. `samples` are the dataset's."""
+    rounds, windows, recordings = summary.size
+    one, together = (dict(zip(classes, values.tolist(), strict=True)) for values in summary.classes)
+    counts = dict(zip(classes, summary.counts.tolist(), strict=True))
+    return {
+        "recordings": recordings,
+        "windows": windows,
+        "rounds": rounds,
+        "accuracy": {"window": summary.accuracy[0], "vote": summary.accuracy[1]},
+        "classes": {
+            name: {"recordings": counts[name], "window": _number(one[name]), "vote": _number(together[name])}
+            for name in classes
+        },
+        "confusion": {
+            true: {classes[named]: int(row[named]) for named in np.flatnonzero(row).tolist()}
+            for true, row in zip(classes, summary.confusion, strict=True)
+        },
+        "calibration": dict(zip(("window", "vote"), map(_bins, summary.calibration), strict=True)),
+        "accuracy_by_votes": {str(k): share for k, share in enumerate(summary.by_votes.tolist(), 1)},
+        "accuracy_by_window_us": {str(length): share for length, share in by_length.items()},
+        "mistakes": [
+            {
+                "recording": samples[mistake.index].name,
+                "part_us": samples[mistake.index].window,
+                "true": classes[mistake.true],
+                "predicted": None if mistake.named < 0 else classes[mistake.named],
+                "confidence": mistake.confidence,
+                "wrong_votes": mistake.wrong,
+            }
+            for mistake in mistakes
+        ],
+    }
+
+
+def _bins(found: metrics.Calibration) -> dict[str, Any]:
+    means = {name: list(map(_number, getattr(found, name).tolist())) for name in ("confidence", "accuracy")}
+    return {"expected_calibration_error": found.error, "count": found.counts.tolist(), **means}
+
+
+def _number(value: float) -> float | None:
+    return None if np.isnan(value) else value
