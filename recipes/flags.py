@@ -29,10 +29,12 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     add("--resume", action="store_true", help="continue from what is in OUT")
 
 
-def add_tensorboard(parser: argparse.ArgumentParser) -> None:
-    """Where a training is watched."""
+def add_shown(parser: argparse.ArgumentParser) -> None:
+    """What a training shows of itself."""
+    add = parser.add_argument
     told = "write the log for TensorBoard, too, to OUT/tensorboard (needs nvsdata[tensorboard])"
-    parser.add_argument("--tensorboard", action="store_true", help=told)
+    add("--tensorboard", action="store_true", help=told)
+    add("--no-report", action="store_true", help="end without report.json and its pictures")
 
 
 def add_actions(parser: argparse.ArgumentParser) -> None:

@@ -24,7 +24,7 @@ import argparse
 from functools import cache, partial
 
 import torch
-from flags import actions_of, add_actions, add_data, add_tensorboard, run_of
+from flags import actions_of, add_actions, add_data, add_shown, run_of
 
 from nvsdata.training import TrainTestSplit, Votes, accuracies, loader, run, team, to_tensorboard, votes, write_report
 
@@ -57,7 +57,8 @@ def main() -> None:
         here.print(f"{len(train_set)} recordings to train on, {len(test_set)} to test on, epochs {trainer.done + 1} on")
         metrics = trainer.fit(train_set, evaluate)
         trainer.publish(halves.classes, test_set.transform, metrics)
-        write_report(trainer, halves.test, test_set.transform, last_votes(), halves.classes)
+        if not args.no_report:
+            write_report(trainer, halves.test, test_set.transform, last_votes(), halves.classes)
 
 
 def arguments() -> argparse.Namespace:
@@ -67,7 +68,7 @@ def arguments() -> argparse.Namespace:
     add("--fold", type=int, help="the dataset's split (default 1 of UCF101-DVS and HMDB51-DVS)")
     add("--votes", type=int, default=5, help="random draws per recording that vote at the end (default 5)")
     add_actions(parser)
-    add_tensorboard(parser)
+    add_shown(parser)
     return parser.parse_args()
 
 

@@ -21,7 +21,7 @@ from functools import cache, partial
 from typing import Any
 
 import torch
-from flags import add_data, add_run, add_tensorboard, run_of
+from flags import add_data, add_run, add_shown, run_of
 from torch.utils.data import ConcatDataset
 
 from nvsdata import models
@@ -73,7 +73,8 @@ def main() -> None:
         metrics = trainer.fit(train_set, evaluate)
         pipeline = protocol.pipeline(training=False)
         trainer.publish(halves.classes, pipeline, metrics)
-        write_report(trainer, halves.test, pipeline, last_votes(), halves.classes)
+        if not args.no_report:
+            write_report(trainer, halves.test, pipeline, last_votes(), halves.classes)
 
 
 def arguments() -> argparse.Namespace:
@@ -92,7 +93,7 @@ def arguments() -> argparse.Namespace:
     add("--kernel-size", type=int, default=5, help="cells of a kernel along each axis (default 5; Table 4.5)")
     add("--image-size", type=int, default=224, help="side of event images in pixels (default 224; Table 4.6)")
     add_run(parser)
-    add_tensorboard(parser)
+    add_shown(parser)
     return parser.parse_args()
 
 

@@ -105,8 +105,18 @@ def test_a_folder_without_splits_is_split(run, fake_nmnist, tmp_path):
 def test_a_damaged_file_does_not_end_a_training(run, fake_nmnist, tmp_path):
     (fake_nmnist / "Train/3/00002.bin").write_bytes(b"abc")
     common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path / "out", "--epochs", 1)
-    run("train_objects.py", *common, "--device", "cpu", "--errors", "skip")
+    run("train_objects.py", *common, "--device", "cpu", "--errors", "skip", "--no-report")
     assert [line["damaged"] for line in lines(tmp_path / "out")] == [1]
+    assert not {path.name for path in (tmp_path / "out").iterdir()} & (PICTURES | {"report.json"})
+
+
+@pytest.mark.filterwarnings("ignore:.*takes its place")
+def test_a_damaged_recording_to_test_on_is_replaced_in_a_report_too(run, fake_nmnist, tmp_path):
+    (fake_nmnist / "Test/3/00002.bin").write_bytes(b"abc")
+    common = ("--dataset", "n-mnist", "--root", fake_nmnist, "--out", tmp_path / "out", "--epochs", 1, "--votes", 2)
+    run("train_objects.py", *common, "--device", "cpu", "--errors", "skip")
+    # the next recording, of another class, takes its place
+    assert [report(tmp_path / "out")["classes"][digit]["recordings"] for digit in "34"] == [1, 3]
 
 
 def test_a_wrong_root_is_said_plainly(run, tmp_path):
