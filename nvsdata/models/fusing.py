@@ -10,9 +10,9 @@ import torch
 from torch import nn
 
 from nvsdata.data.graph import GraphBatch
-from nvsdata.models.graph_cnn import ConvBlock, ResidualBlock
+from nvsdata.models.graph_cnn import ConvBlock, Kernel, ResidualBlock
 from nvsdata.models.norm import BatchNorm
-from nvsdata.models.spline import SplineConv, add_self_loops
+from nvsdata.models.spline import SplineConv
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -35,10 +35,10 @@ def fused(model: Network) -> Network:
                 _fold(block.conv, block.norm)
                 _fold(block.shortcut, block.shortcut_norm)
                 _add(block.conv, block.shortcut)
-                setattr(parent, name, _Block(block.conv))
+                setattr(parent, name, _Block(block.conv, block.kernel))
             elif isinstance(block, ConvBlock) and isinstance(block.conv, SplineConv):
                 _fold(block.conv, block.norm)
-                setattr(parent, name, _Block(block.conv))
+                setattr(parent, name, _Block(block.conv, block.kernel))
     # `save` recognizes networks by it
     model.kind = None  # type: ignore[assignment]
     return model.eval().requires_grad_(False)
@@ -47,13 +47,12 @@ def fused(model: Network) -> Network:
 class _Block(nn.Module):
     """A block reduced to its convolution."""
 
-    def __init__(self, conv: SplineConv) -> None:
+    def __init__(self, conv: SplineConv, kernel: Kernel) -> None:
         super().__init__()
-        self.conv = conv
+        self.conv, self.kernel = conv, kernel
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
-        edges = add_self_loops(batch)
-        return replace(batch, x=self.conv(batch.x, *edges))
+        return replace(batch, x=self.conv(batch.x, *self.kernel.edges(batch, self.conv)))
 
 
 def _fold(conv: SplineConv, norm: BatchNorm) -> None:
@@ -69,11 +68,11 @@ def _fold(conv: SplineConv, norm: BatchNorm) -> None:
 
 
 def _add(conv: SplineConv, shortcut: SplineConv) -> None:
-    """Add a shortcut's weights to a convolution, so that it gives the sum of both; both have root weights."""
+    """Add a shortcut's weights to a convolution, so that it gives the sum of both."""
     assert conv.bias is not None
     assert shortcut.bias is not None
-    assert conv.root is not None
-    assert shortcut.root is not None
     conv.weight.add_(shortcut.weight)
     conv.bias.add_(shortcut.bias)
-    conv.root.add_(shortcut.root)
+    if conv.root is not None:
+        assert shortcut.root is not None
+        conv.root.add_(shortcut.root)

@@ -8,7 +8,7 @@ shows how dense its neighborhood is.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import torch
@@ -30,69 +30,80 @@ Size = tuple[int, int]
 Convolution = str | Callable[[int, int], nn.Module]
 
 
-def convolution_layer(
-    convolution: Convolution, in_channels: int, out_channels: int, kernel_size: int, dim: int
-) -> nn.Module:
-    """The layer that a `convolution` of `RGCNN` or `GCNN` stands for. ValueError if it stands for none."""
-    if convolution == "spline":
-        return SplineConv(in_channels, out_channels, kernel_size=kernel_size, dim=dim, root_weight=True)
-    if isinstance(convolution, str) and convolution in CONVOLUTIONS:
-        return CONVOLUTIONS[convolution](in_channels, out_channels, kernel_size, dim)
-    if isinstance(convolution, str) or not callable(convolution):
-        names = ("spline", *CONVOLUTIONS)
-        raise ValueError(f"convolution must be one of {names}, or a class of your own, not {convolution!r}")
-    layer = convolution(in_channels, out_channels)
-    if not isinstance(layer, nn.Module):
-        raise ValueError(f"convolution must give a torch.nn.Module, not {layer!r:.100}")
-    return layer
+@dataclass(frozen=True)
+class Kernel:
+    """How the convolutions of a network are made; see `RGCNN` for each setting."""
+
+    size: int = 5
+    dim: int = 2
+    convolution: Convolution = "spline"
+    loops: bool = True
+    root_weight: bool = True
+
+    def layer(self, in_channels: int, out_channels: int) -> nn.Module:
+        """A convolution. ValueError if `convolution` stands for none."""
+        made = self.convolution
+        if made == "spline":
+            return self.spline(in_channels, out_channels, self.size)
+        if isinstance(made, str) and made in CONVOLUTIONS:
+            return CONVOLUTIONS[made](in_channels, out_channels, self.size, self.dim)
+        if isinstance(made, str) or not callable(made):
+            names = ("spline", *CONVOLUTIONS)
+            raise ValueError(f"convolution must be one of {names}, or a class of your own, not {made!r}")
+        layer = made(in_channels, out_channels)
+        if not isinstance(layer, nn.Module):
+            raise ValueError(f"convolution must give a torch.nn.Module, not {layer!r:.100}")
+        return layer
+
+    def spline(self, in_channels: int, out_channels: int, size: int) -> SplineConv:
+        """A B-spline convolution of another kernel size."""
+        return SplineConv(in_channels, out_channels, kernel_size=size, dim=self.dim, root_weight=self.root_weight)
+
+    def edges(self, batch: GraphBatch, convolution: nn.Module) -> tuple[torch.Tensor, torch.Tensor]:
+        """The edges, and pseudo-coordinates, that a convolution gets: others than B-splines handle nodes themselves."""
+        if self.loops and isinstance(convolution, SplineConv):
+            return add_self_loops(batch)
+        return batch.edge_index, batch.edge_attr
 
 
 Pooling = Literal["max", "average"]
 
 
 class ConvBlock(nn.Module):
-    """Graph convolution and batch normalization (thesis eqs. 4.6, 4.7), without the activation that follows.
+    """Graph convolution and batch normalization (thesis eqs. 4.6, 4.7), without the activation that follows."""
 
-    `convolution` is "spline", or another of `GCNN`; those handle the node itself in their own way.
-    """
-
-    def __init__(
-        self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2, convolution: Convolution = "spline"
-    ) -> None:
+    def __init__(self, in_channels: int, out_channels: int, kernel: Kernel) -> None:
         super().__init__()
-        self.loops = convolution == "spline"
-        self.conv = convolution_layer(convolution, in_channels, out_channels, kernel_size, dim)
+        self.kernel = kernel
+        self.conv = kernel.layer(in_channels, out_channels)
         self.norm = BatchNorm(out_channels)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
-        edges = add_self_loops(batch) if self.loops else (batch.edge_index, batch.edge_attr)
-        return replace(batch, x=self.norm(self.conv(batch.x, *edges)))
+        return replace(batch, x=self.norm(self.conv(batch.x, *self.kernel.edges(batch, self.conv))))
 
 
 class ResidualBlock(nn.Module):
     """Res_g (thesis 4.2.5), without the activation that follows.
 
-    The sum of a convolution and a shortcut of kernel size 1, each normalized. The scale of the shortcut's
-    normalization starts at 0, so the network starts as the plain one and learns to use its shortcuts.
+    The sum of a convolution and a shortcut of kernel size 1, each normalized; `shortcut_start` is the scale that the
+    shortcut's normalization starts with.
     """
 
-    def __init__(
-        self, in_channels: int, out_channels: int, kernel_size: int, dim: int = 2, convolution: Convolution = "spline"
-    ) -> None:
+    def __init__(self, in_channels: int, out_channels: int, kernel: Kernel, shortcut_start: float = 0.0) -> None:
         super().__init__()
-        self.loops = convolution == "spline"
-        self.conv = convolution_layer(convolution, in_channels, out_channels, kernel_size, dim)
+        self.kernel = kernel
+        self.conv = kernel.layer(in_channels, out_channels)
         self.norm = BatchNorm(out_channels)
-        self.shortcut = SplineConv(in_channels, out_channels, kernel_size=1, dim=dim, root_weight=True)
+        self.shortcut = kernel.spline(in_channels, out_channels, 1)
         self.shortcut_norm = BatchNorm(out_channels)
-        nn.init.zeros_(self.shortcut_norm.weight)
+        nn.init.constant_(self.shortcut_norm.weight, shortcut_start)
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """The same graphs with `x` [N, out_channels]."""
-        edges = add_self_loops(batch)
-        x = self.norm(self.conv(batch.x, *(edges if self.loops else (batch.edge_index, batch.edge_attr))))
-        x = x.add_(self.shortcut_norm(self.shortcut(batch.x, *edges)))
+        edges = self.kernel.edges(batch, self.shortcut)
+        own = edges if isinstance(self.conv, SplineConv) else self.kernel.edges(batch, self.conv)
+        x = self.norm(self.conv(batch.x, *own)).add_(self.shortcut_norm(self.shortcut(batch.x, *edges)))
         return replace(batch, x=x)
 
 
@@ -152,15 +163,21 @@ class _GraphCNN(nn.Module):
         dropout: float = 0.5,
         convolution: Convolution = "spline",
         pooling: Pooling = "max",
+        loops: bool = True,
+        root_weight: bool = True,
+        shortcut_start: float = 0.0,
     ) -> None:
         super().__init__()
         check_pairs(channels, clusters)
+        kernel = Kernel(kernel_size, dim, convolution, loops, root_weight)
         self.sensor_size, self.in_channels, self.dim = sensor_size, in_channels, dim
         layers: list[nn.Module] = []
         previous = in_channels
         for depth, (width, cluster) in enumerate(zip(channels, clusters, strict=True)):
-            block = ResidualBlock if self.residual and depth > 0 else ConvBlock
-            layers.append(block(previous, width, kernel_size, dim, convolution))
+            if self.residual and depth > 0:
+                layers.append(ResidualBlock(previous, width, kernel, shortcut_start))
+            else:
+                layers.append(ConvBlock(previous, width, kernel))
             layers += activated_pool(cluster, sensor_size, pooling)
             previous = width
         self.features = nn.Sequential(*layers)
@@ -206,6 +223,10 @@ class RGCNN(_GraphCNN):
       pseudo-coordinates [E, dim], and gives [N, out_channels]. Shortcuts of residual blocks are B-splines always
     - `pooling`: "max" (default; MaxP, as in all of the thesis's networks) or "average" (AvgP) of a cluster's features
       (eq. 4.9)
+    - `loops`: whether a node is one of its own neighbors in B-spline convolutions (default True)
+    - `root_weight`: whether B-spline convolutions add a node's own features by a matrix of their own (default True)
+    - `shortcut_start`: scale that a shortcut's normalization starts with (default 0.0: the network starts as the plain
+      one and learns to use its shortcuts)
 
     Takes a `Graph` or `GraphBatch`, or PyTorch Geometric's `Data` or `Batch` (see `Graph.from_pyg`), with `x`
     [N, in_channels]; gives class scores (logits) [B, num_classes].

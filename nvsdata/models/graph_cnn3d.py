@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from nvsdata.data.graph import Graph, GraphBatch
-from nvsdata.models.graph_cnn import Pooling, ResidualBlock, Size, activated_pool, check_input, check_pairs
+from nvsdata.models.graph_cnn import Kernel, Pooling, ResidualBlock, Size, activated_pool, check_input, check_pairs
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import temporal_network
@@ -59,7 +59,7 @@ class RGCNN3D(nn.Module):
         layers: list[nn.Module] = []
         previous = in_channels
         for width, cluster in zip(channels, clusters, strict=True):
-            layers.append(ResidualBlock(previous, width, kernel_size, dim))
+            layers.append(ResidualBlock(previous, width, Kernel(kernel_size, dim)))
             layers += activated_pool(cluster, sensor_size, pooling)
             previous = width
         self.spatial = nn.Sequential(*layers)
