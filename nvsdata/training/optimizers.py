@@ -1,12 +1,15 @@
-"""Optimizers with their schedules, as the thesis has them."""
+"""Optimizers with their schedules, which step once per epoch: the thesis's, and a cycle."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import nn
+
+RISE = 0.3  # share of the epochs in which the rate of a cycle rises
 
 
 def sgd(
@@ -30,3 +33,16 @@ def adam(model: nn.Module, epochs: int, milestones: tuple[int, int]) -> tuple[to
     optimizer = torch.optim.Adam(model.parameters(), lr=1e-3, fused=True)
     at = [round(epochs * milestone / 150) for milestone in milestones]
     return optimizer, torch.optim.lr_scheduler.MultiStepLR(optimizer, at)
+
+
+def one_cycle(model: nn.Module, epochs: int, rate: float = 3e-3) -> tuple[torch.optim.Optimizer, Any]:
+    """Adam with a rate that rises to `rate` over 30% of `epochs`, then falls to almost 0 (Smith and Topin 2019)."""
+
+    def share(epoch: int) -> float:
+        done = min((epoch + 0.5) / epochs, 1.0)
+        if done < RISE:
+            return 0.04 + 0.96 * (1 - math.cos(math.pi * done / RISE)) / 2
+        return (1 + math.cos(math.pi * (done - RISE) / (1 - RISE))) / 2
+
+    optimizer = torch.optim.Adam(model.parameters(), lr=rate, fused=True)
+    return optimizer, torch.optim.lr_scheduler.LambdaLR(optimizer, share)

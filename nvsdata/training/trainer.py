@@ -39,6 +39,7 @@ class Trainer:
     - `batch`: samples per step, over all processes
     - `team`: the processes that train together
     - `seed`: of shuffling, transforms and dropout (default 0)
+    - `smoothing`: share of a target's probability that goes to all classes alike (default 0.0)
     - `resume`: go on from the checkpoint, if there is one (default False)
 
     Raises ValueError for a checkpoint of another run or of other data, FormatError for a damaged one.
@@ -56,8 +57,10 @@ class Trainer:
         batch: int,
         team: Team,
         seed: int = 0,
+        smoothing: float = 0.0,
         resume: bool = False,
     ) -> None:
+        self.smoothing = smoothing
         self.model, self.optimizer, self.schedule = model, optimizer, schedule
         self.out, self.epochs, self.batch, self.seed, self.team = out, epochs, batch, seed, team
         self.data = data
@@ -139,7 +142,7 @@ class Trainer:
             inputs, targets = next(batches)
             inputs, targets = inputs.to(device), targets.to(device)
             scores = model(inputs)
-            loss = cross_entropy(scores, targets, reduction="sum")
+            loss = cross_entropy(scores, targets, reduction="sum", label_smoothing=self.smoothing)
             # gradients are averaged over the processes: of a sum, times their number, over the whole batch
             count = all_reduce_sum(torch.tensor(float(len(targets)), device=device))
             self.optimizer.zero_grad()

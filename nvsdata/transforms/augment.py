@@ -22,6 +22,7 @@ from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import uniform
 
 Graphs = TypeVar("Graphs", Graph, Sequence[Graph])
+Sample = TypeVar("Sample", Graph, Events)
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,13 @@ class RandomScale:
 
 @dataclass(frozen=True)
 class RandomFlip:
-    """Mirror a graph with probability `p`.
+    """Mirror a graph, or events, with probability `p`.
 
     - `axis`: 0 (default) swaps left and right, 1 top and bottom
     - `p`: probability (default 0.5)
 
-    Takes and gives a `Graph`, or a list of graphs, which are mirrored together. ValueError for settings out of
-    range, and graphs without `sensor_size`.
+    Takes and gives a `Graph`, a list of graphs, which are mirrored together, or `Events`. ValueError for settings out
+    of range, and graphs without `sensor_size`.
     """
 
     axis: int = 0
@@ -69,9 +70,12 @@ class RandomFlip:
             raise ValueError(f"axis must be 0 or 1, not {self.axis}")
         probability("p", self.p)
 
-    def __call__(self, graphs: Graphs) -> Graphs:
-        mirrored: Graphs = alike(graphs, lambda graph: flip(graph, self.axis)) if uniform(0, 1) < self.p else graphs
-        return mirrored
+    def __call__(self, sample: Any) -> Any:
+        if uniform(0, 1) >= self.p:
+            return sample
+        if isinstance(sample, Events):
+            return flip(sample, self.axis)
+        return alike(sample, lambda graph: flip(graph, self.axis))
 
 
 @dataclass(frozen=True)
@@ -179,14 +183,20 @@ def scale(graph: Graph, factor: float) -> Graph:
     return graph.moved((graph.pos - center) * factor + center)
 
 
-def flip(graph: Graph, axis: int) -> Graph:
-    """Mirror positions along `axis`: 0 maps x to width - 1 - x, 1 maps y to height - 1 - y.
+def flip(sample: Sample, axis: int) -> Sample:
+    """Mirror a graph's nodes, or events, along `axis`: 0 maps x to width - 1 - x, 1 maps y to height - 1 - y.
 
     ValueError for a graph without `sensor_size`.
     """
-    pos = graph.pos.clone()
-    pos[:, axis] = 2 * _center(graph)[axis] - pos[:, axis]
-    return graph.moved(pos)
+    if isinstance(sample, Events):
+        t, x, y, p = sample.columns
+        width, height = sample.sensor_size
+        if axis == 0:
+            return sample.of(Columns(t, (width - 1 - x).astype(np.int16), y, p))
+        return sample.of(Columns(t, x, (height - 1 - y).astype(np.int16), p))
+    pos = sample.pos.clone()
+    pos[:, axis] = 2 * _center(sample)[axis] - pos[:, axis]
+    return sample.moved(pos)
 
 
 def rotate(graph: Graph, degrees: float) -> Graph:

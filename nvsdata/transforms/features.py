@@ -58,6 +58,7 @@ class Age:
     """When a node's event occurred, as a share of the window: a feature for `NodeFeatures`."""
 
     deterministic: ClassVar[bool] = True
+    channels: ClassVar[int] = 1
 
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
         """float32 [N, 1], from 0 to 1."""
@@ -80,6 +81,11 @@ class Patch:
     def __post_init__(self) -> None:
         _check_size(self.size)
 
+    @property
+    def channels(self) -> int:
+        """Number of features."""
+        return 2 * self.size**2
+
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
         """float32 [N, 2 size²]."""
         return torch.from_numpy(np.log1p(_counts(events, nodes, self.size)).reshape(nodes.num_nodes, -1))
@@ -96,6 +102,7 @@ class PatchMean:
 
     size: int = 5
     deterministic: ClassVar[bool] = True
+    channels: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
         _check_size(self.size)

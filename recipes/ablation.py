@@ -1,0 +1,197 @@
+"""Which settings of graphs, networks and training decide about accuracy, on recordings of objects.
+
+    python recipes/ablation.py --root N-MNIST --out runs/ablation
+    python recipes/ablation.py --root N-MNIST --out runs/ablation --only k pseudo --seeds 0 --epochs 40 --jobs 2
+
+Each group changes one setting of the defaults of `train_objects.py`, all else being equal; with --seeds, each choice is
+trained once per seed. A fifth of each class is held back, the same for all. OUT/runs.jsonl gets a JSON line per run:
+accuracy of one window and of the vote of five, ms per window from file to class on one core, and minutes of training.
+A run that is stopped continues with what is missing. Each group becomes a table and a chart; OUT/front-window_ms.png
+and OUT/front-minutes.png show the settings that none surpasses in accuracy at their cost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import mean
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import torch
+from torch.utils.data import ConcatDataset
+
+from nvsdata import plots
+from nvsdata.common.files import Journal
+from nvsdata.common.tables import aligned
+from nvsdata.data.batching import collate
+from nvsdata.datasets import DATASETS
+from nvsdata.training import Team, TrainTestSplit, loader, run, votes
+from nvsdata.training.objects import BATCH, Objects
+from nvsdata.transforms.defaults import LITERAL_BETA
+
+VOTES, ROUNDS = 5, 5
+THESIS = {"k": 8, "max_degree": 32, "pseudo": "abs", "features": (), "schedule": "steps", "smoothing": 0.0}
+GROUPS: dict[str, dict[str, dict[str, Any]]] = {
+    "default": {"default": {}},
+    "k": {f"k = {k}": {"k": k} for k in (1, 2, 4, 8)},
+    "metric": {"the author's": {}, "literal": {"beta": LITERAL_BETA}},
+    "radius": {f"R = {radius}": {"radius": float(radius)} for radius in (2, 3, 4, 5)},
+    "degree": {f"D_max = {degree}": {"max_degree": degree} for degree in (4, 8, 16, 32)},
+    "pseudo": {kind: {"pseudo": kind} for kind in ("abs", "signed", "signed-time")},
+    "kernel": {f"{size} x {size}": {"kernel_size": size} for size in (3, 5, 7)},
+    "features": {
+        "polarity": {"features": ()},
+        "age": {"features": ("age",)},
+        **{name: {"features": (name,)} for name in ("mean5", "patch3", "patch5", "patch7")},
+    },
+    "node itself": {
+        "loops and root weight": {},
+        "loops": {"root_weight": False},
+        "root weight": {"loops": False},
+        "neither": {"loops": False, "root_weight": False},
+    },
+    "shortcut": {"starts at 0": {}, "starts at 1": {"shortcut_start": 1.0}, "none (G-CNN)": {"network": "gcnn"}},
+    "width": {f"width x {width}": {"width": width} for width in (0.5, 1.0, 1.5)},
+    "augmentation": {"augmented": {}, "as recorded": {"augment": False}},
+    "schedule": {
+        "one cycle": {},
+        "steps": {"schedule": "steps"},
+        "no smoothing": {"smoothing": 0.0},
+    },
+    "convolution": {
+        "spline": {"network": "gcnn"},
+        **{name: {"network": "gcnn", "convolution": name} for name in ("gin", "gcn", "cheb", "monet")},
+        "RG-CNN": {},
+    },
+    "thesis": {
+        "the thesis's settings": THESIS,
+        "and its literal metric": {**THESIS, "beta": LITERAL_BETA},
+        "k = 8 alone": {"k": 8},
+    },
+}
+
+
+def main() -> None:
+    args = arguments()
+    args.out.mkdir(parents=True, exist_ok=True)
+    fixed = {"dataset": args.dataset, "epochs": args.epochs, "batch": BATCH}
+    with Journal(args.out / "runs.jsonl", {"nvsdata-ablation": 1, **fixed}) as journal:
+        if {name: journal.head.get(name) for name in fixed} != fixed:
+            raise ValueError(f"{journal.path} has runs of other settings than {fixed}: choose another folder")
+        done = {(line["settings"], line["seed"]) for line in journal.lines}
+        wanted = {
+            (named(changes), seed): changes
+            for seed in args.seeds
+            for group in args.only
+            for changes in GROUPS[group].values()
+        }
+        waiting = [(changes, seed) for (name, seed), changes in wanted.items() if (name, seed) not in done]
+        print(f"{len(wanted) - len(waiting)} runs are there, {len(waiting)} are left")
+        pool = ProcessPoolExecutor(args.jobs, get_context("spawn"))
+        work = partial(trained, args.dataset, args.root, args.epochs)
+        try:
+            for future in as_completed([pool.submit(work, changes, seed) for changes, seed in waiting]):
+                journal.add(line := future.result())
+                journal.lines.append(line)
+                print(json.dumps(line), flush=True)
+        finally:
+            pool.shutdown(cancel_futures=True)
+        show(args.out, args.only, journal.lines)
+
+
+def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
+    """One run, and its line."""
+    torch.set_num_threads(1)
+    here = Team(torch.device("cpu"))
+    protocol = replace(Objects(dataset), **changes)
+    halves = TrainTestSplit(dataset, root)
+    torch.manual_seed(seed)
+    train_set = halves.train(protocol.pipeline(training=True))
+    known = {"sensor_size": halves.sensor_size, "classes": len(halves.classes), "data": halves.data}
+    with TemporaryDirectory() as folder:
+        trainer = protocol.trainer(
+            Path(folder), recordings=len(train_set), team=here, epochs=epochs, seed=seed, **known
+        )
+        began = time.perf_counter()
+        last = trainer.fit(train_set, lambda epoch: {})
+        minutes = (time.perf_counter() - began) / 60
+    # voters are spread over the recording
+    shares = [halves.test(protocol.pipeline(training=False, within=(v / VOTES, (v + 1) / VOTES))) for v in range(VOTES)]
+    found = votes(trainer.model, loader(ConcatDataset(shares), BATCH, here, last=ROUNDS), VOTES, here, ROUNDS)
+    return {
+        "settings": named(changes),
+        "seed": seed,
+        "one": round(found.single, 4),
+        "five": round(found.together, 4),
+        "minutes": round(minutes, 2),
+        "window_ms": round(window_ms(trainer.model, halves.test(protocol.pipeline(training=False))), 3),
+        "loss": round(last["loss"], 4),
+    }
+
+
+def named(changes: dict[str, Any]) -> str:
+    """Settings that differ from the defaults, in words."""
+    return ", ".join(f"{name} {value}" for name, value in sorted(changes.items())) or "default"
+
+
+@torch.no_grad()
+def window_ms(model: torch.nn.Module, test_set: Any) -> float:
+    """Time from a recording's window to its class on one core: the median over windows of 100 recordings."""
+    model.eval()
+    times = []
+    for index in range(min(100, len(test_set))):
+        began = time.process_time()
+        batch, _ = collate([test_set[index]])
+        model(batch)
+        times.append(time.process_time() - began)
+    return 1e3 * sorted(times)[len(times) // 2]
+
+
+def show(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
+    """Print a table per group, draw its chart, and draw the front of all runs."""
+    runs: dict[str, dict[str, float]] = {}
+    for settings in dict.fromkeys(line["settings"] for line in lines):
+        there = [line for line in lines if line["settings"] == settings]
+        runs[settings] = {name: mean(line[name] for line in there) for name in FIGURES} | {"seeds": len(there)}
+    for group in groups:
+        found = {label: runs[named(c)] for label, c in GROUPS[group].items() if named(c) in runs}
+        rows = [
+            [label, *(f"{values[name]:.3f}" for name in FIGURES), str(values["seeds"])]
+            for label, values in found.items()
+        ]
+        print(f"\n{aligned([[group, *FIGURES.values(), 'seeds'], *rows])}")
+        if len(found) > 1:
+            values = [run["five"] for run in found.values()]
+            picture = plots.marked(values, list(found), f"{group}: accuracy of five windows' vote", "")
+            plots.save(picture, out / f"{group.replace(' ', '-')}.png")
+    for cost, xlabel in (("window_ms", "ms per window"), ("minutes", "minutes of training")):
+        points = [(run[cost], run["one"]) for run in runs.values()]
+        picture = plots.tradeoff(points, list(runs), "accuracy and its cost", xlabel, "accuracy of one window")
+        plots.save(picture, out / f"front-{cost}.png")
+
+
+FIGURES = {"one": "one", "five": "five", "window_ms": "ms", "minutes": "minutes"}
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("--dataset", choices=sorted(DATASETS), default="n-mnist", help="default n-mnist")
+    add("--root", required=True, type=Path, help="folder or packed store of the recordings")
+    add("--out", required=True, type=Path, help="folder for runs.jsonl and charts")
+    add("--only", nargs="+", choices=GROUPS, default=list(GROUPS), metavar="GROUP", help=f"of {', '.join(GROUPS)}")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], help="default 0 1 2")
+    add("--epochs", type=int, default=80, help="of each run (default 80)")
+    add("--jobs", type=int, default=1, help="runs at once, of one core each (default 1)")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    run(main)
