@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import torch
 from torch import nn
@@ -130,18 +130,23 @@ def check_pairs(channels: Sequence[int], clusters: Sequence[Size]) -> None:
         raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
 
 
-def check_input(batch: GraphBatch, sensor_size: Size, in_channels: int, dim: int) -> None:
-    """ValueError for graphs of a larger sensor than the network's, or of other numbers of features or dimensions."""
+def input_of(network: Any, graphs: Graph | Data) -> GraphBatch:
+    """Graphs as a batch, with features of the network's precision.
+
+    ValueError for graphs of a larger sensor than the network's, or of other numbers of features or dimensions.
+    """
+    batch, sensor_size = GraphBatch.of(graphs), network.sensor_size
     if batch.sensor_size is not None and (
         batch.sensor_size[0] > sensor_size[0] or batch.sensor_size[1] > sensor_size[1]
     ):
         given, expected = ("x".join(map(str, size)) for size in (batch.sensor_size, sensor_size))
         raise ValueError(f"graphs of a sensor of {given}, but the network is for {expected}")
-    if batch.x.shape[1] != in_channels:
-        raise ValueError(f"nodes have {batch.x.shape[1]} features, but the network takes {in_channels}")
-    if (axes := batch.edge_attr.shape[1]) != dim:
+    if batch.x.shape[1] != network.in_channels:
+        raise ValueError(f"nodes have {batch.x.shape[1]} features, but the network takes {network.in_channels}")
+    if (axes := batch.edge_attr.shape[1]) != network.dim:
         what = f"edges have {axes} pseudo-coordinates ({batch.pseudo!r})"
-        raise ValueError(f"{what}, but the network takes {dim}: build it with dim={axes}")
+        raise ValueError(f"{what}, but the network takes {network.dim}: build it with dim={axes}")
+    return replace(batch, x=batch.x.to(network.classify.weight.dtype))
 
 
 class _GraphCNN(nn.Module):
@@ -191,9 +196,7 @@ class _GraphCNN(nn.Module):
 
         ValueError for graphs of a larger sensor, or with another number of features; TypeError for no graphs.
         """
-        batch = GraphBatch.of(graphs)
-        check_input(batch, self.sensor_size, self.in_channels, self.dim)
-        batch = self.features(batch)
+        batch = self.features(input_of(self, graphs))
         # one weight per cell and channel (eq. 4.10); a cell without a node adds nothing
         total = self.grid[0] * self.grid[1]
         place = batch.batch * total + cells(batch.pos, self.cluster, self.grid)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import torch
 from torch import nn
 
-from nvsdata.data.graph import Graph, GraphBatch
-from nvsdata.models.graph_cnn import Kernel, Pooling, ResidualBlock, Size, activated_pool, check_input, check_pairs
+from nvsdata.data.graph import Graph
+from nvsdata.models.graph_cnn import Kernel, Pooling, ResidualBlock, Size, activated_pool, check_pairs, input_of
 from nvsdata.models.grid import Graph2Grid
 from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import temporal_network
@@ -69,9 +69,7 @@ class RGCNN3D(nn.Module):
 
     def features(self, graphs: Graph | Data) -> torch.Tensor:
         """Output of the last pooling: [B, C, T', H', W']."""
-        batch = GraphBatch.of(graphs)
-        check_input(batch, self.sensor_size, self.in_channels, self.dim)
-        maps: torch.Tensor = self.temporal(self.grid(self.spatial(batch)))
+        maps: torch.Tensor = self.temporal(self.grid(self.spatial(input_of(self, graphs))))
         return maps
 
     def forward(self, graphs: Graph | Data) -> torch.Tensor:

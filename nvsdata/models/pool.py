@@ -7,11 +7,13 @@ from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import nn
+from torch.autograd.function import once_differentiable
 
 from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.grid import cells, check_cluster, grid_shape
 from nvsdata.data.pseudo import Reach, pseudo
 from nvsdata.kernels import pool as kernel
+from nvsdata.models.spline import has_kernels
 
 
 class GraphPool(nn.Module):
@@ -40,11 +42,10 @@ class GraphPool(nn.Module):
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """Pool a batch; graphs without nodes remain without nodes."""
-        on_cpu = batch.x.device.type == "cpu"
-        structure = clusters_numba if on_cpu else clusters_torch
+        structure = clusters_numba if batch.pos.device.type == "cpu" else clusters_torch
         cluster, pos, t, graph, ptr, edges = structure(batch, self.cluster, self.grid)
         count = pos.shape[0]
-        if on_cpu:
+        if has_kernels(batch.x):
             function = _MaxRows if self.mode == "max" else _MeanRows
             x = function.apply(batch.x, cluster, count)  # type: ignore[no-untyped-call]
         else:
@@ -145,6 +146,7 @@ class _MaxRows(torch.autograd.Function):
         return torch.from_numpy(best)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         back = kernel.max_rows_back(gradient.contiguous().numpy(), ctx.where, ctx.nodes)
         return torch.from_numpy(back), None, None
@@ -160,6 +162,7 @@ class _MeanRows(torch.autograd.Function):
         return torch.from_numpy(mean)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         cluster, members = ctx.saved_tensors
         return (gradient / members.unsqueeze(1))[cluster], None, None

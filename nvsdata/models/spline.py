@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 from torch import nn
+from torch.autograd.function import once_differentiable
 
 from nvsdata.common.validation import at_least
 from nvsdata.data.graph import GraphBatch, grouped
@@ -106,13 +107,18 @@ def spline_conv(
     kernel_size: int,
 ) -> torch.Tensor:
     """`out` [N, out_channels] plus the sum of `SplineConv`: in place by numba on the CPU, by torch elsewhere."""
-    if x.device.type != "cpu":
+    if not has_kernels(x):
         return spline_conv_torch(out, x, edge_index, edge_attr, weight, kernel_size)
     dense = kernel_size == 1 or weight.shape[0] * x.shape[1] <= DENSE
     function = _DenseSplineConv if dense else _SparseSplineConv
     u = edge_attr.detach().to(x.dtype)
     summed: torch.Tensor = function.apply(out, x, edge_index, u, weight, kernel_size)  # type: ignore[no-untyped-call]
     return summed
+
+
+def has_kernels(x: torch.Tensor) -> bool:
+    """Whether numba's kernels take a tensor: on the CPU, of single or double precision. Torch's paths take any."""
+    return x.device.type == "cpu" and x.dtype in (torch.float32, torch.float64)
 
 
 def spline_conv_torch(
@@ -169,6 +175,7 @@ class _DenseSplineConv(torch.autograd.Function):
         return out.addmm_(sums, weight.reshape(-1, weight.shape[2]))
 
     @staticmethod
+    @once_differentiable  # or a second derivative would be wrong without a word
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight = ctx.saved_tensors
         row, of, share = ctx.shares
@@ -213,6 +220,7 @@ class _SparseSplineConv(torch.autograd.Function):
         return out
 
     @staticmethod
+    @once_differentiable  # or a second derivative would be wrong without a word
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight = ctx.saved_tensors
         starts, row_node, entry_row, entry_source, share = ctx.plan
