@@ -175,7 +175,7 @@ class _DenseSplineConv(torch.autograd.Function):
         return out.addmm_(sums, weight.reshape(-1, weight.shape[2]))
 
     @staticmethod
-    @once_differentiable  # or a second derivative would be wrong without a word
+    @once_differentiable  # or a second derivative would be wrong, silently
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight = ctx.saved_tensors
         row, of, share = ctx.shares
@@ -220,7 +220,7 @@ class _SparseSplineConv(torch.autograd.Function):
         return out
 
     @staticmethod
-    @once_differentiable  # or a second derivative would be wrong without a word
+    @once_differentiable  # or a second derivative would be wrong, silently
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         sums, weight = ctx.saved_tensors
         starts, row_node, entry_row, entry_source, share = ctx.plan
