@@ -9,4 +9,5 @@ BETA = TIME_SCALE**2
 LITERAL_BETA = 0.5e-5
 T_VOL = 33_333  # duration of a volume in µs, 1/30 s (5.3.1)
 PSEUDO: Pseudo = "signed"  # the author's code; the text (4.2.1) has "abs"
+REACH_T = 15_000  # µs between the ends of an edge that few edges in windows of 30 ms exceed
 SCALES = (0.5, 0.667, 0.833, 1.0)  # of multi-scale crops (3.5.1)
