@@ -141,12 +141,13 @@ def spline_conv_torch(
     degree = torch.bincount(target, minlength=nodes)
     gathered = wide[source] / degree[target].unsqueeze(1)
     sums = wide.new_zeros(nodes * cells, x.shape[1])
-    stride = kernel_size ** torch.arange(v.shape[1], device=x.device)
     for corner in itertools.product(range(min(kernel_size, 2)), repeat=v.shape[1]):
-        above = torch.tensor(corner, device=x.device)
-        share = torch.where(above > 0, upper, 1 - upper).prod(1)
-        cell = ((lower + above) * stride).sum(1)
-        sums = sums.index_add(0, target * cells + cell, share.unsqueeze(1) * gathered)
+        row, share = target * cells, torch.ones_like(upper[:, 0])
+        # number by number, because a tensor of the corner would have to be copied to the device
+        for axis, above in enumerate(corner):
+            row = row + (lower[:, axis] + above) * kernel_size**axis
+            share = share * (upper[:, axis] if above else 1 - upper[:, axis])
+        sums = sums.index_add(0, row, share.unsqueeze(1) * gathered)
     return torch.addmm(out, sums.view(nodes, cells * x.shape[1]).to(out.dtype), weight.reshape(-1, weight.shape[2]))
 
 
