@@ -29,8 +29,12 @@ def test_a_radius_graph(tmp_path):
     assert graph.x.flatten().tolist() == [1, -1, 1]
     assert graph.pos.tolist() == [[0, 0], [2, 1], [127, 127]]
     assert graph.edge_index.tolist() == [[1, 0], [0, 1]]
+    assert torch.allclose(graph.edge_attr, torch.tensor([[5 / 6, 2 / 3], [1 / 6, 1 / 3]]))
+    assert (graph.y, graph.sensor_size, graph.pseudo) == (7, (128, 128), "signed")
+    (graph,) = read_author_graphs(path, pseudo="abs")
     assert torch.allclose(graph.edge_attr, torch.tensor([[2 / 3, 1 / 3]] * 2))
-    assert (graph.y, graph.sensor_size) == (7, (128, 128))
+    with pytest.raises(ValueError, match="reach has 2 numbers, which doesn't fit pseudo 'signed-time'"):
+        read_author_graphs(path, pseudo="signed-time")
 
 
 def test_a_sequence_of_nearest_neighbors(tmp_path):
@@ -45,6 +49,7 @@ def test_a_sequence_of_nearest_neighbors(tmp_path):
     first, second = read_author_graphs(released(tmp_path / "a.mat", graph=graphs, No=2))
     assert first.pos.tolist() == [[0, 0], [2, 1], [239, 179]]
     assert first.edge_index.tolist() == [[1, 0, 0], [0, 1, 2]]
+    assert torch.allclose(first.edge_attr, torch.tensor([[5 / 8, 9 / 16], [3 / 8, 7 / 16], [0, 0]]))
     assert first.sensor_size == second.sensor_size == (240, 180)
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nvsdata import Graph, GraphBatch, models
-from nvsdata.data.graph import pseudo
+from nvsdata.data.pseudo import pseudo
 
 pyg = pytest.importorskip("torch_geometric.data")
 
@@ -65,9 +65,15 @@ def test_what_is_missing_is_computed():
     assert found.t.tolist() == [0] * 60
     assert (found.edge_index[1].diff() >= 0).all()
     assert sorted(found.edge_index.T.tolist()) == sorted(g.edge_index.T.tolist())
-    assert torch.equal(found.edge_attr, pseudo(g.pos, found.edge_index, (3.0, 3.0)))
+    assert found.pseudo == "abs"
+    assert torch.equal(found.edge_attr, pseudo(g.pos, found.t, found.edge_index, (3.0, 3.0), "abs"))
     wider = Graph.from_pyg(conventional(g, reach=(6.0, 6.0)))
     assert torch.allclose(wider.edge_attr * 2, found.edge_attr)
+    signed = Graph.from_pyg(conventional(g, pseudo="signed"))
+    assert torch.equal(signed.edge_attr, pseudo(g.pos, found.t, found.edge_index, (3.0, 3.0), "signed"))
+    reach = (3.0, 3.0, 100.0)
+    timed = Graph.from_pyg(conventional(g, pseudo="signed-time", reach=reach, t=g.t))
+    assert torch.equal(timed.edge_attr, pseudo(g.pos, g.t, found.edge_index, reach, "signed-time"))
 
 
 def test_edge_attributes_follow_their_edges():
@@ -75,7 +81,7 @@ def test_edge_attributes_follow_their_edges():
     order = torch.randperm(g.num_edges)
     data = pyg.Data(x=g.x, pos=g.pos, edge_index=g.edge_index[:, order], edge_attr=g.edge_attr[order])
     found = Graph.from_pyg(data)
-    assert torch.equal(found.edge_attr, pseudo(g.pos, found.edge_index, g.reach))
+    assert torch.equal(found.edge_attr, pseudo(g.pos, g.t, found.edge_index, g.reach, g.pseudo))
 
 
 NETWORKS = {
@@ -99,8 +105,8 @@ def test_every_network_of_graphs_takes_them(name):
     if name != "rgcnn3d":
         # one graph is no sequence
         torch.testing.assert_close(model(graphs[0].to_pyg()), model(graphs[0]), rtol=0, atol=0)
-        torch.testing.assert_close(model(conventional(graphs[0])), model(graphs[0]), **close)
-    theirs = pyg.Batch.from_data_list([conventional(g) for g in graphs])
+        torch.testing.assert_close(model(conventional(graphs[0], pseudo="signed")), model(graphs[0]), **close)
+    theirs = pyg.Batch.from_data_list([conventional(g, pseudo="signed") for g in graphs])
     theirs.volumes = ours.volumes
     torch.testing.assert_close(model(theirs), model(ours), **close)
 

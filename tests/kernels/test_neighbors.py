@@ -1,48 +1,122 @@
+import math
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import events
 
 from nvsdata import Events
-from nvsdata.kernels import neighbors
-from nvsdata.transforms import radius_graph
+from nvsdata.kernels.neighbors import near_edges
+from nvsdata.kernels.sweep import pairs_in_time
+from nvsdata.transforms import knn_graph, radius_graph
+from nvsdata.transforms.defaults import BETA, LITERAL_BETA
+
+PIXELS, SWEEP = 0, 10**12  # `sweep_below` that forces one of the two ways
 
 
-def slow_edges(ev, radius, alpha, beta, max_degree):
-    """Edges by comparing everything with everything (eq. 4.2); nearest by distance, then index."""
-    found = set()
-    for i in range(len(ev)):
+def slow_edges(t, x, y, radius, alpha, beta, k):
+    """Every event compared with every other (eq. 4.2), in float64; equals by time, then order, then the earlier."""
+    t, x, y = t.tolist(), x.tolist(), y.tolist()
+    found = []
+    for i in range(len(t)):
         near = []
-        for j in range(len(ev)):
-            dx, dy, dt = (float(int(c[i]) - int(c[j])) for c in (ev.x, ev.y, ev.t))
+        for j in range(len(t)):
+            dx, dy, dt = float(x[j] - x[i]), float(y[j] - y[i]), float(t[j] - t[i])
             d = alpha * (dx * dx + dy * dy) + beta * (dt * dt)
             if j != i and d <= radius * radius:
-                near.append((d, j))
-        found |= {(j, i) for _, j in sorted(near)[:max_degree]}
+                near.append((d, abs(dt), abs(j - i), j))
+        found += [(j, i) for j in sorted(place[-1] for place in sorted(near)[:k])]
     return found
+
+
+def listed(edges):
+    assert edges.dtype == np.int64
+    return list(zip(*edges.tolist(), strict=True))
+
+
+@st.composite
+def points(draw, max_size=60):
+    """Times, x and y, many of them equal: all at one pixel, at one time, far apart in either, or late."""
+    n = draw(st.integers(0, max_size))
+    random = np.random.default_rng(draw(st.integers(0, 2**32)))
+    gap = draw(st.sampled_from((0, 1, 20, 2_000, 10**6, 10**9)))
+    t = np.cumsum(random.integers(0, gap + 1, n))
+    t += draw(st.sampled_from((0, -(10**15), 2**62 - 1 - 60 * 10**9, -(2**62) + 1)))
+    x, y = (
+        (random.integers(0, draw(st.sampled_from((1, 3, 12, 34, 300))), n) * step + far).astype(np.int16)
+        for step, far in ((draw(st.sampled_from((1, 1, 100))), draw(st.sampled_from((0, 2_000)))) for _ in range(2))
+    )
+    return t, x, y
+
+
+metrics = st.tuples(
+    st.sampled_from((0.5, 1.0, 2.9, 3.0, 7.5, 40.0, 30_000.0, math.inf)),
+    st.sampled_from((1.0, 1.0, 0.3, 4.0, 1e-12, 1e-300, 0.0)),
+    st.sampled_from((0.0, BETA, LITERAL_BETA, 1e-3, 1.0, 1e12)),
+    st.sampled_from((1, 2, 3, 8, 32, 1_000)),
+).filter(lambda given: given[0] < math.inf or given[1] > 0)
+
+
+@pytest.mark.parametrize("way", [PIXELS, SWEEP], ids=["pixels", "sweep"])
+@settings(max_examples=400)
+@given(place=points(), metric=metrics)
+def test_edges_are_those_of_brute_force(way, place, metric):
+    assert listed(near_edges(*place, *metric, way)) == slow_edges(*place, *metric)
+
+
+# all distances are sums of whole numbers, many of them exactly the radius's
+whole = st.tuples(st.sampled_from((1.0, 2.0, 5.0)), st.just(1.0), st.sampled_from((0.0, 1.0, 4.0)), st.integers(1, 9))
+
+
+@pytest.mark.parametrize("way", [PIXELS, SWEEP], ids=["pixels", "sweep"])
+@settings(max_examples=200)
+@given(n=st.integers(2, 80), seed=st.integers(0, 2**32), side=st.integers(1, 6), metric=whole)
+def test_equals_are_told_apart_by_time_and_order(way, n, seed, side, metric):
+    random = np.random.default_rng(seed)
+    t = np.sort(random.integers(0, 6, n))
+    x, y = random.integers(0, side, (2, n)).astype(np.int16)
+    assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
+
+
+@pytest.mark.parametrize("k", [1, 8, 32])
+@pytest.mark.parametrize("beta", [BETA, 1e-9, LITERAL_BETA])
+def test_both_ways_agree_on_busy_scenes(beta, k):
+    random = np.random.default_rng(k)
+    n = 4_000
+    t = np.sort(random.integers(0, 30_000, n)) + 1_600_000_000_000_000
+    x, y = (np.concatenate([random.integers(0, side, n // 2), random.integers(0, 20, n // 2)]) for side in (240, 180))
+    metric = x.astype(np.int16), y.astype(np.int16), 3.0, 1.0, beta, k
+    pixels, sweep, either = (near_edges(t, *metric, *way) for way in ((PIXELS,), (SWEEP,), ()))
+    assert np.array_equal(pixels, sweep)
+    assert np.array_equal(pixels, either)
+
+
+def test_corners_of_the_largest_sensor():
+    x = np.array([0, 32_767, 0, 32_767, 0, 32_766], np.int16)
+    y = np.array([0, 0, 32_767, 32_767, 3, 32_767], np.int16)
+    t = np.arange(6)
+    for metric in ((3.0, 1.0, BETA, 32), (math.inf, 1.0, 0.0, 2), (32_767.0, 1.0, BETA, 9), (32_767.0, 1.0, 0.0, 9)):
+        expected = slow_edges(t, x, y, *metric)
+        assert listed(near_edges(t, x, y, *metric, PIXELS)) == expected
+        assert listed(near_edges(t, x, y, *metric, SWEEP)) == expected
+
+
+def test_times_at_both_ends_of_their_range():
+    t = np.array([1 - 2**62, 2 - 2**62, 0, 2**62 - 2, 2**62 - 1])
+    x = np.array([5, 5, 6, 5, 5], np.int16)
+    for metric in ((3.0, 1.0, 0.0, 2), (3.0, 1.0, BETA, 2), (3.0, 1.0, 1e-40, 2), (math.inf, 1.0, 1.0, 3)):
+        for way in (PIXELS, SWEEP):
+            assert listed(near_edges(t, x, x, *metric, way)) == slow_edges(t, x, x, *metric)
+
+
+def test_pairs_in_time_are_counted():
+    assert pairs_in_time(np.array([0, 0, 3, 4, 10]), 3) == 1 + 2 + 1
+    assert pairs_in_time(np.zeros(0, np.int64), 3) == 0
 
 
 def edges(graph):
     return set(zip(*graph.edge_index.tolist(), strict=True))
-
-
-settings = st.fixed_dictionaries(
-    {
-        "radius": st.sampled_from((0.5, 1.0, 2.9, 3.0, 7.5)),
-        "alpha": st.sampled_from((0.0, 0.3, 1.0, 4.0)),
-        "beta": st.sampled_from((0.0, 0.5e-5, 1.0)),
-        "max_degree": st.sampled_from((1, 3, 32)),
-    }
-)
-
-
-@pytest.mark.parametrize("sweep", [0, 10**9], ids=["cells", "sweep"])
-@given(ev=events(max_size=60, gap=1_500), options=settings)
-def test_edges_are_those_of_brute_force(sweep, ev, options):
-    order = ("radius", "alpha", "beta", "max_degree")
-    pairs = neighbors.radius_edges(ev.t, ev.x, ev.y, *(options[name] for name in order), sweep)
-    assert set(zip(*pairs.tolist(), strict=True)) == slow_edges(ev, **options)
 
 
 @given(events(max_size=60), st.sampled_from((0, -(10**15), 1_600_000_000_000_000, 2**62 - 200_000)))
@@ -54,7 +128,7 @@ def test_a_time_offset_changes_nothing(ev, offset):
 
 @given(events(max_size=60, gap=400), st.randoms(use_true_random=False))
 def test_the_order_of_events_changes_nothing(ev, random):
-    # a cap that cuts between simultaneous sources at one distance goes by index, so none here
+    # a cap that cuts between simultaneous sources at one distance goes by order, so none here
     order = list(range(len(ev)))
     random.shuffle(order)
     shuffled = Events(ev.t[order], ev.x[order], ev.y[order], ev.p[order], ev.sensor_size)
@@ -74,21 +148,27 @@ def test_edges_are_grouped_by_target_and_sorted(ev):
     assert (np.diff(keys) > 0).all()
 
 
-def test_a_crowd_at_one_pixel_keeps_the_nearest():
-    n = 2_000
-    ev = Events(np.arange(n), np.full(n, 5), np.full(n, 5), np.zeros(n, int), (10, 10))
-    graph = radius_graph(ev, max_degree=32)
-    assert graph.num_edges == 32 * n
-    assert (np.abs(np.diff(graph.edge_index.numpy(), axis=0)) <= 32).all()
+@pytest.mark.parametrize("gap", [0, 1])
+def test_a_crowd_at_one_pixel_keeps_the_nearest(gap):
+    n = 50_000
+    ev = Events(np.arange(n) * gap, np.full(n, 5), np.full(n, 5), np.zeros(n, int), (10, 10))
+    for graph in (radius_graph(ev, max_degree=32), radius_graph(ev, beta=LITERAL_BETA), knn_graph(ev, 32)):
+        source, target = graph.edge_index.numpy()
+        # 16 before and 16 after, or the first and the last 32 at the ends
+        assert np.bincount(target).tolist() == [32] * n
+        first = np.clip(np.arange(n) - 16, 0, n - 33)
+        expected = first[:, None] + np.arange(33)
+        assert np.array_equal(source, expected[expected != np.arange(n)[:, None]])
 
 
-def test_dense_scenes_agree_with_a_tree():
+@pytest.mark.parametrize("beta", [BETA, LITERAL_BETA])
+def test_dense_scenes_agree_with_a_tree(beta):
     from scipy.spatial import cKDTree
 
     rng = np.random.default_rng(1)
     n = 20_000
     ev = Events(np.sort(rng.integers(0, 30_000, n)), rng.integers(0, 240, n), rng.integers(0, 180, n), np.zeros(n, int))
-    points = np.stack([ev.x, ev.y, ev.t * np.sqrt(0.5e-5)], 1)
+    points = np.stack([ev.x, ev.y, ev.t * np.sqrt(beta)], 1)
     pairs = cKDTree(points).query_pairs(3.0)
     both = {*pairs, *((b, a) for a, b in pairs)}
-    assert edges(radius_graph(ev, max_degree=500)) == both
+    assert edges(radius_graph(ev, beta=beta, max_degree=500)) == both

@@ -6,7 +6,7 @@ import torch
 from lookalikes import saccade
 
 import nvsdata
-from nvsdata import Events, Graph, GraphBatch, models
+from nvsdata import Events, GraphBatch, models
 from nvsdata import transforms as T
 
 
@@ -56,14 +56,13 @@ def test_the_order_of_nodes_does_not_matter():
     place = torch.argsort(order)
     edges = place[g.edge_index]
     by_target = torch.argsort(edges[1], stable=True)
-    shuffled = Graph(
+    shuffled = replace(
+        g,
         x=g.x[order],
         pos=g.pos[order],
         t=g.t[order],
         edge_index=edges[:, by_target],
         edge_attr=g.edge_attr[by_target],
-        sensor_size=g.sensor_size,
-        reach=g.reach,
     )
     model = models.rgcnn("n-mnist").eval()
     assert torch.allclose(model(g), model(shuffled), atol=1e-5)

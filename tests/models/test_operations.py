@@ -71,13 +71,14 @@ class Lone(nn.Module):
 
 def test_what_is_executed_is_what_the_convolution_does():
     batch = GraphBatch.of(graph())
-    # offsets of two pixels out of three: u = (2/3, 0) lies between the cells 2 and 3 of 5 along x
+    # offsets of two pixels out of three: u = (1/2 ± 1/3, 1/2) lies between two of 5 cells along x, on one along y
     entries = 6 * 2
     bases = 6 * 2 * 3 + entries * 2
     assert complexity(Lone(1, 4), batch).executed == bases + 2 * entries + 2 * 5 * 25 * 4
     batch = replace(batch, x=torch.rand(5, 16))
-    # with many channels, only (node, cell) pairs that occur: 2 a node that has neighbors; each pair's product is added
-    rows = 4 * 2
+    # with many channels, only (node, cell) pairs that occur: 2 for each side on which a node has a neighbor; each
+    # pair's product is added
+    rows = 2 + 4 + 4 + 2
     assert complexity(Lone(16, 4), batch).executed == bases + 2 * entries * 16 + 2 * rows * 16 * 4 + rows * 4
     # a kernel of one cell: a quotient for each edge, no shares
     batch = replace(batch, x=torch.rand(5, 3))
@@ -112,7 +113,7 @@ def test_a_graph_network_adds_up():
     counted = complexity(model, graph())
     layers = {layer.name: layer for layer in counted.layers}
     assert list(layers) == ["features.0.conv", "features.0.norm", "features.2", "hidden", "classify", ""]
-    # 6 edges of two cells, and 5 loops in the corner of the kernel; the root's product, and all 25 cells of each node
+    # 6 edges of two cells, and 5 loops in the middle of the kernel; the root's product, and all 25 cells of each node
     shares = 11 * 6 + (12 + 5) * 2 + 2 * (12 + 5)
     assert layers["features.0.conv"].executed == shares + 2 * 5 * 1 * 32 + 2 * 5 * 25 * 32
     assert layers["features.0.norm"].executed == 2 * 5 * 32

@@ -4,6 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nvsdata import Graph, GraphBatch
 from nvsdata.models import SplineConv
 from nvsdata.models import spline as module
 
@@ -29,11 +30,11 @@ def slow_spline_conv(x, edge_index, u, weight, size, bias=None, root=None):
     return out if bias is None else out + bias.detach().double().numpy()
 
 
-def random_case(seed, channels=(3, 4), nodes=12, edges=40, dtype=torch.float64, grid=None):
+def random_case(seed, channels=(3, 4), nodes=12, edges=40, dtype=torch.float64, grid=None, dim=2):
     generator = torch.Generator().manual_seed(seed)
     x = torch.randn(nodes, channels[0], generator=generator, dtype=dtype)
     edge_index = torch.randint(nodes, (2, edges), generator=generator)
-    u = torch.rand(edges, 2, generator=generator, dtype=dtype)
+    u = torch.rand(edges, dim, generator=generator, dtype=dtype)
     if grid:
         u = (u * grid).round() / grid
     return x, edge_index, u
@@ -116,16 +117,23 @@ def test_no_edges(path, nodes):
     assert (x.grad == 0).all()
 
 
+# where a node is, as seen from itself
+CENTERS = {"abs": (0.0, 0.0), "signed": (0.5, 0.5), "signed-time": (0.5, 0.5, 0.5)}
+
+
+@pytest.mark.parametrize("kind", CENTERS)
 @given(seed=st.integers(0, 10**6), nodes=st.integers(0, 9), edges=st.integers(0, 30))
-def test_self_loops_join_every_node_to_itself(seed, nodes, edges):
+def test_self_loops_join_every_node_to_itself(kind, seed, nodes, edges):
     edges = edges if nodes else 0
-    _, edge_index, u = random_case(seed, nodes=max(nodes, 1), edges=edges)
-    index, attributes = module.add_self_loops(edge_index, u, nodes)
+    x, edge_index, u = random_case(seed, nodes=max(nodes, 1), edges=edges, dim=len(CENTERS[kind]))
+    x = x[:nodes]
+    graph = Graph(x, x[:, :2], torch.zeros(nodes, dtype=torch.int64), edge_index, u, pseudo=kind)
+    index, attributes = module.add_self_loops(GraphBatch.of(graph))
 
     def listed(index, u):
         return sorted(zip(*index.tolist(), map(tuple, u.tolist()), strict=True))
 
-    loops = [(i, i, (0.0, 0.0)) for i in range(nodes)]
+    loops = [(i, i, CENTERS[kind]) for i in range(nodes)]
     assert listed(index, attributes) == sorted(listed(edge_index, u) + loops)
     assert (index[1].diff() >= 0).all()
 

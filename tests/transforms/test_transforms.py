@@ -9,6 +9,7 @@ import nvsdata
 from nvsdata import Events
 from nvsdata import transforms as T
 from nvsdata.data.recording import Recording
+from nvsdata.transforms.defaults import BETA, LITERAL_BETA
 
 
 def sweep(n=500, offset=0):
@@ -22,13 +23,15 @@ ALL = [
     T.NonUniformSample(8),
     T.DropEvents(0.3),
     T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2),
-    T.RadiusGraph(radius=3, alpha=1, beta=0.5e-5, max_degree=32),
+    T.RadiusGraph(radius=3, alpha=1, beta=LITERAL_BETA, max_degree=32, pseudo="signed-time", reach_t=5_000),
+    T.NodeFeatures(T.Compose([T.MergePixels(("first", "mean")), T.KNNGraph()]), [T.Age(), T.Patch(3), T.PatchMean(7)]),
+    T.MergePixels(times=("last",)),
     T.RandomScale(),
     T.RandomFlip(0),
     T.RandomRotate(),
     T.RandomTranslate(),
     T.Volumes(count=8, duration=33_333),
-    T.Each(T.KNNGraph(alpha=1, beta=1e-5, reach=5)),
+    T.Each(T.KNNGraph(k=2, reach=5, pseudo="abs", reach_t=9_000)),
     T.Graph2Grid(cluster=(8, 6)),
     T.ToFrames(fps=25, factor=8),
     T.RandomTemporalCrop(160),
@@ -60,7 +63,16 @@ def test_settings_cannot_be_changed():
         (lambda: T.NonUniformSample(k=8, beta=-1), "beta must not be negative"),
         (lambda: T.DropEvents(1.5), "between 0 and 1"),
         (lambda: T.RadiusGraph(radius=float("nan")), "radius must be positive"),
-        (lambda: T.RadiusGraph(max_degree=0), "max_degree must be positive"),
+        (lambda: T.RadiusGraph(max_degree=0), "max_degree must be a whole number of at least 1, not 0"),
+        (lambda: T.RadiusGraph(max_degree=1.5), "max_degree must be a whole number of at least 1, not 1.5"),
+        (
+            lambda: T.RadiusGraph(pseudo="polar"),
+            "pseudo must be one of .*, not 'polar'",
+        ),
+        (lambda: T.RadiusGraph(reach_t=0), "reach_t must be positive, not 0"),
+        (lambda: T.MergePixels(("middle",)), r"times must be of \('first', 'last', 'mean'\), not 'middle'"),
+        (lambda: T.Patch(4), "size must be odd, and at most 17, not 4"),
+        (lambda: T.PatchMean(19), "size must be odd, and at most 17, not 19"),
         (lambda: T.RandomFlip(2), "axis must be 0 or 1"),
         (lambda: T.RandomScale(1.0, 0.5), "at least low"),
         (lambda: T.RandomRotate(-1), "degrees must not be negative"),
@@ -151,13 +163,13 @@ def slow_boxes(ev, k, wx, wt):
     return done
 
 
-@given(events(max_size=300), st.integers(1, 20))
-def test_one_event_comes_from_each_box(ev, k):
+@given(events(max_size=300), st.integers(1, 20), st.sampled_from([None, 0.0, LITERAL_BETA, 1.0]))
+def test_one_event_comes_from_each_box(ev, k, beta):
     _, first = np.unique(ev.to_structured(), return_index=True)
     ev = ev[np.sort(first)]
-    sampled = T.nonuniform_sample(ev, k)
+    sampled = T.nonuniform_sample(ev, k) if beta is None else T.nonuniform_sample(ev, k, beta=beta)
     pool = [tuple(int(c[i]) for c in sampled.columns) for i in range(len(sampled))]
-    boxes = slow_boxes(ev, k, 1.0, np.sqrt(0.5e-5))
+    boxes = slow_boxes(ev, k, 1.0, np.sqrt(BETA if beta is None else beta))
     assert len(sampled) == len(boxes)
     for box in boxes:
         members = {tuple(int(c[i]) for c in ev.columns) for i in box}
@@ -192,34 +204,50 @@ def test_drop_keeps_the_share_it_says():
     assert T.drop(sweep(), 0.0) == sweep()
 
 
-def graph():
-    return T.radius_graph(sweep(60))
+def graph(kind="signed"):
+    return T.radius_graph(sweep(60), pseudo=kind)
 
 
-def test_flip_mirrors_and_undoes_itself():
-    g = graph()
+KINDS = ("abs", "signed", "signed-time")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_flip_mirrors_and_undoes_itself(kind):
+    g = graph(kind)
     assert torch.equal(T.flip(g, 0).pos[:, 0], 33 - g.pos[:, 0])
     assert torch.equal(T.flip(T.flip(g, 1), 1).pos, g.pos)
-    assert torch.equal(T.flip(g, 0).edge_attr, g.edge_attr)
+    for axis in (0, 1):
+        mirrored = g.edge_attr.clone()
+        if kind != "abs":
+            mirrored[:, axis] = 1 - mirrored[:, axis]
+        assert torch.allclose(T.flip(g, axis).edge_attr, mirrored, atol=1e-6)
 
 
-def test_a_quarter_turn_swaps_the_axes():
-    g = graph()
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_quarter_turn_swaps_the_axes(kind):
+    g = graph(kind)
     turned = T.rotate(g, 90)
     assert torch.allclose(turned.pos[:, 0], 33 - g.pos[:, 1], atol=1e-4)
-    assert torch.allclose(turned.edge_attr, g.edge_attr.flip(1), atol=1e-5)
+    across, along, *time = g.edge_attr.T
+    expected = [along if kind == "abs" else 1 - along, across, *time]
+    assert torch.allclose(turned.edge_attr, torch.stack(expected, 1), atol=1e-5)
 
 
-def test_scaling_scales_pseudo_coordinates_and_keeps_the_center():
-    g = graph()
+@pytest.mark.parametrize("kind", KINDS)
+def test_scaling_scales_pseudo_coordinates_and_keeps_the_center(kind):
+    g = graph(kind)
     small = T.scale(g, 0.5)
-    assert torch.allclose(small.edge_attr, g.edge_attr / 2)
+    middle = 0.0 if kind == "abs" else 0.5
+    assert torch.allclose(small.edge_attr[:, :2] - middle, (g.edge_attr[:, :2] - middle) / 2)
+    assert torch.equal(small.edge_attr[:, 2:], g.edge_attr[:, 2:])
     assert torch.allclose((small.pos - 16.5) * 2, g.pos - 16.5)
-    assert T.scale(g, 5).edge_attr.max() <= 1
+    assert T.scale(g, 5).edge_attr.max() == 1
+    assert T.scale(g, 5).edge_attr.min() == 0
 
 
-def test_shift_moves_nodes_and_nothing_else():
-    g = graph()
+@pytest.mark.parametrize("kind", KINDS)
+def test_shift_moves_nodes_and_nothing_else(kind):
+    g = graph(kind)
     moved = T.shift(g, 1.5, -2)
     assert torch.allclose(moved.pos, g.pos + torch.tensor([1.5, -2.0]))
     assert torch.allclose(moved.edge_attr, g.edge_attr)

@@ -118,20 +118,19 @@ def test_only_the_windows_are_decoded(tmp_path, monkeypatch):
     assert 0 < sum(len(window) for window in windows) == sum(read) <= 8 * 101
 
 
-@given(events(max_size=60, width=20, height=20), st.sampled_from([0.0, 0.5e-5, 1e-3]))
-def test_each_event_hears_its_nearest(ev, beta):
-    graph = T.knn_graph(ev, beta=beta, reach=4)
-    n = len(ev)
-    assert graph.num_edges == (n if n > 1 else 0)
-    if n < 2:
-        return
-    x, y, t = (column.astype(float) for column in (ev.x, ev.y, ev.t - ev.start))
-    far = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 + beta * (t[:, None] - t) ** 2
-    np.fill_diagonal(far, np.inf)
-    assert graph.edge_index[1].tolist() == list(range(n))
-    assert graph.edge_index[0].tolist() == far.argmin(1).tolist()
-    offset = (graph.pos[graph.edge_index[0]] - graph.pos[graph.edge_index[1]]).abs()
-    assert torch.equal(graph.edge_attr, (offset / 4).clamp(max=1))
+@given(events(max_size=60, width=20, height=20), st.sampled_from([1, 2, 5, 100]))
+def test_each_event_hears_its_nearest(ev, k):
+    graph = T.knn_graph(ev, k, reach=4)
+    expected = []
+    for i, (x, y, t) in enumerate(zip(ev.x.tolist(), ev.y.tolist(), ev.t.tolist(), strict=True)):
+        others = [j for j in range(len(ev)) if j != i]
+        # nearest in space; of equals in time, then in order
+        others.sort(key=lambda j: ((ev.x[j] - x) ** 2 + (ev.y[j] - y) ** 2, abs(ev.t[j] - t), abs(j - i), j))
+        expected += [(j, i) for j in sorted(others[:k])]
+    assert list(zip(*graph.edge_index.tolist(), strict=True)) == expected
+    offset = graph.pos[graph.edge_index[0]] - graph.pos[graph.edge_index[1]]
+    assert torch.equal(graph.edge_attr, (offset / 8 + 0.5).clamp(0, 1))
+    assert torch.equal(T.knn_graph(ev, k, reach=4, pseudo="abs").edge_attr, (offset / 4).abs().clamp(max=1))
 
 
 def test_nearest_does_not_depend_on_an_offset_in_time():
@@ -176,7 +175,8 @@ def test_what_has_no_grid():
     for build, says in (
         (lambda: T.Graph2Grid((0, 1)), "cluster must be"),
         (lambda: T.Volumes(0), "count must be positive"),
-        (lambda: T.KNNGraph(alpha=0), "alpha must be positive"),
+        (lambda: T.KNNGraph(k=0), "k must be a whole number of at least 1, not 0"),
+        (lambda: T.KNNGraph(reach=0), "reach must be positive"),
     ):
         with pytest.raises(ValueError, match=says):
             build()
