@@ -34,9 +34,7 @@ class MergePixels:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        for time in self.times:
-            if time not in get_args(Time):
-                raise ValueError(f"times must be of {get_args(Time)}, not {time!r}")
+        _check_times(self.times)
 
     def __call__(self, sample: Events | Recording) -> Graph:
         return merge_pixels(sample, self.times)
@@ -44,6 +42,7 @@ class MergePixels:
 
 def merge_pixels(sample: Events | Recording, times: Sequence[Time] = ()) -> Graph:
     """Graph without edges, of a node per pixel that has events; see `MergePixels`."""
+    _check_times(times)
     events = as_events(sample)
     pos, mean, ends, counts = merged_pixels(*events.columns)
     found = {"first": ends[:, 0], "last": ends[:, 1], "mean": mean}
@@ -126,7 +125,8 @@ class NodeFeatures:
       a tensor float32 [N, F]
 
     Takes `Events` or a `Recording`, gives the graph with the features after those it had. TypeError for features that
-    aren't callable, ValueError for one that gives another number of rows than there are nodes.
+    aren't callable, and a transform that gives no graph; ValueError for a feature that gives another number of rows
+    than there are nodes.
     """
 
     graph: Callable[[Any], Graph]
@@ -140,7 +140,9 @@ class NodeFeatures:
     def __call__(self, sample: Events | Recording) -> Graph:
         events = as_events(sample)
         graph = self.graph(events)
-        found = [feature(events, graph) for feature in self.features]
+        if not isinstance(graph, Graph):
+            raise TypeError(f"{self.graph!r} gives {type(graph).__name__}, not a Graph")
+        found = [torch.as_tensor(feature(events, graph), dtype=graph.x.dtype) for feature in self.features]
         for feature, values in zip(self.features, found, strict=True):
             if values.dim() != 2 or len(values) != graph.num_nodes:
                 shape = tuple(values.shape)
@@ -154,6 +156,12 @@ class NodeFeatures:
         return type(self) is NodeFeatures and all(getattr(part, "deterministic", False) for part in parts)
 
 
+def _check_times(times: Sequence[str]) -> None:
+    for time in times:
+        if time not in get_args(Time):
+            raise ValueError(f"times must be of {get_args(Time)}, not {time!r}")
+
+
 def _check_size(size: int) -> None:
     if not (size % 2 == 1 and 1 <= size <= LARGEST):
         raise ValueError(f"size must be odd, and at most {LARGEST}, not {size}")
@@ -161,7 +169,7 @@ def _check_size(size: int) -> None:
 
 def _counts(events: Events, nodes: Graph, size: int) -> np.ndarray:
     _, x, y, p = events.columns
-    return np.asarray(patch_counts(x, y, p, nodes.pos.numpy(), size))
+    return np.asarray(patch_counts(x, y, p, nodes.pos.numpy(), int(size)))
 
 
 def _share(t: np.ndarray, events: Events) -> np.ndarray:

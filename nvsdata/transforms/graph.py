@@ -9,14 +9,16 @@ from typing import ClassVar
 import numpy as np
 import torch
 
-from nvsdata.common.validation import at_least, not_negative, positive, whole
+from nvsdata.common.validation import not_negative, positive, whole
 from nvsdata.data.events import Events
-from nvsdata.data.graph import Graph
+from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.pseudo import Pseudo, Reach, check_pseudo, pseudo
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, as_events, misplaced
 from nvsdata.kernels.graph import event_graph
 from nvsdata.kernels.neighbors import near_edges
 from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
+
+FURTHEST = 32_767  # pixels between nodes, as between events
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ def knn_graph(
     reach_t: int = REACH_T,
 ) -> Graph:
     """Graph with one node per event and edges from its `k` nearest; see `KNNGraph`."""
-    at_least("k", k, 1)
+    whole("k", k, 1)
+    positive("reach", reach)
     return _joined(sample, math.inf, 1.0, 0.0, k, _reach(reach, reach, reach_t, pseudo), pseudo)
 
 
@@ -130,6 +133,8 @@ def radius_graph(
 
     Time differences are computed in int64, so any time offset gives the same graph.
     """
+    positive("radius", radius)
+    whole("max_degree", max_degree, 1)
     sample = sample if isinstance(sample, Graph) else as_events(sample)
     # with alpha = 0 only the sensor itself bounds the graph in space
     side = radius / math.sqrt(alpha) if alpha > 0 else 0.0
@@ -144,7 +149,8 @@ def _reach(wide: float, high: float, reach_t: int, kind: Pseudo) -> Reach:
 def _joined(
     sample: Events | Recording | Graph, radius: float, alpha: float, beta: float, k: int, reach: Reach, kind: Pseudo
 ) -> Graph:
-    metric = float(radius), float(alpha), float(beta), k
+    check_pseudo(kind)
+    metric = float(radius), float(alpha), float(beta), int(k)
     if isinstance(sample, Graph):
         return _joined_again(sample, metric, reach, kind)
     events = as_events(sample)
@@ -155,8 +161,16 @@ def _joined(
 
 def _joined_again(graph: Graph, metric: tuple[float, float, float, int], reach: Reach, kind: Pseudo) -> Graph:
     """The same nodes with new edges between them; nodes are taken to lie at the nearest whole pixels."""
+    if isinstance(graph, GraphBatch):
+        raise misplaced("Events, a Recording or a single graph", graph)
     order = np.argsort(graph.t.numpy(), kind="stable")
-    x, y = np.rint(graph.pos.numpy()[order].T).astype(np.int32)
+    places = np.rint(graph.pos.numpy()[order])
+    with np.errstate(invalid="ignore"):
+        # from 0 on, as the kernel needs them
+        places -= places.min(0, initial=np.inf)
+    if not (places <= FURTHEST).all():
+        raise ValueError(f"nodes must be at finite positions, at most {FURTHEST} pixels apart along an axis")
+    x, y = places.T.astype(np.int32)
     edges = near_edges(graph.t.numpy()[order], x, y, *metric)
     source, target = order[edges]
     # by target again, if the nodes weren't in order of time
