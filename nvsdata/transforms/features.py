@@ -87,7 +87,9 @@ class Patch:
 
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
         """float32 [N, 2 size²]."""
-        return torch.from_numpy(np.log1p(_counts(events, nodes, self.size)).reshape(nodes.num_nodes, -1))
+        return torch.from_numpy(
+            np.log1p(_counts(events, nodes, self.size)).reshape(nodes.num_nodes, 2 * int(self.size) ** 2)
+        )
 
 
 @dataclass(frozen=True)
