@@ -18,11 +18,11 @@ def learnt(model):
     return model.double().eval()
 
 
-def batch(sensor_size=(34, 34), graphs=4, volumes=1):
+def batch(sensor_size=(34, 34), graphs=4, volumes=1, **options):
     def one(seed):
         generator = torch.Generator().manual_seed(seed)
         x, y = (torch.randint(0, side, (150,), generator=generator).numpy() for side in sensor_size)
-        return T.radius_graph(Events(torch.arange(150).numpy() * 50, x, y, (x + y) % 2, sensor_size))
+        return T.radius_graph(Events(torch.arange(150).numpy() * 50, x, y, (x + y) % 2, sensor_size), **options)
 
     made = GraphBatch.from_graphs([one(seed) for seed in range(graphs)], volumes=volumes)
     return made.__class__(**{**vars(made), "x": made.x.double()})
@@ -49,6 +49,15 @@ def test_a_fused_network_gives_the_same_scores(name):
     assert expected.std() > 1e-3
     assert torch.allclose(scores, expected, rtol=1e-9, atol=1e-9)
     assert all(torch.equal(value, before[key]) for key, value in model.state_dict().items())
+
+
+@pytest.mark.parametrize("kind", ["abs", "signed", "signed-time"])
+def test_a_fused_network_takes_every_kind_of_pseudo_coordinates(kind):
+    model = learnt(models.RGCNN(5, dim=3 if kind == "signed-time" else 2))
+    graphs = batch(pseudo=kind, reach_t=5_000)
+    with torch.no_grad():
+        expected, scores = model(graphs), models.fused(model)(graphs)
+    assert torch.allclose(scores, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_it_computes_less():

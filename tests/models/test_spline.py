@@ -1,7 +1,9 @@
+import itertools
+
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nvsdata import Graph, GraphBatch
@@ -15,16 +17,16 @@ def hat(k, u, size):
 
 
 def slow_spline_conv(x, edge_index, u, weight, size, bias=None, root=None):
-    """Equation 4.6, term by term, in float64 and without the activation."""
+    """Equation 4.6 in any number of dimensions: all cells, term by term, in float64 and without the activation."""
     x, u, weight = (a.detach().double().numpy() for a in (x, u, weight))
     out = np.zeros((len(x), weight.shape[2]))
     for i in range(len(x)):
         incoming = [e for e in range(edge_index.shape[1]) if edge_index[1, e] == i]
         for e in incoming:
-            for py in range(size):
-                for px in range(size):
-                    basis = hat(px, u[e, 0], size) * hat(py, u[e, 1], size)
-                    out[i] += basis * (x[edge_index[0, e]] @ weight[px + size * py]) / len(incoming)
+            for knots in itertools.product(range(size), repeat=u.shape[1]):
+                basis = np.prod([hat(k, v, size) for k, v in zip(knots, u[e], strict=True)])
+                cell = sum(k * size**axis for axis, k in enumerate(knots))
+                out[i] += basis * (x[edge_index[0, e]] @ weight[cell]) / len(incoming)
     if root is not None:
         out += x @ root.detach().double().numpy()
     return out if bias is None else out + bias.detach().double().numpy()
@@ -57,26 +59,36 @@ def path(request, monkeypatch):
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-4)])
 @pytest.mark.parametrize("size", [1, 2, 3, 5])
 @pytest.mark.parametrize("grid", [None, 4])
-def test_forward_is_equation_4_6(path, dtype, tolerance, size, grid):
-    x, edge_index, u = random_case(1, dtype=dtype, grid=grid)
-    conv = SplineConv(3, 4, kernel_size=size, root_weight=True).to(dtype)
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_forward_is_equation_4_6(path, dtype, tolerance, size, grid, dim):
+    x, edge_index, u = random_case(1, dtype=dtype, grid=grid, dim=dim)
+    conv = SplineConv(3, 4, kernel_size=size, dim=dim, root_weight=True).to(dtype)
+    assert conv.weight.shape == (size**dim, 3, 4)
     torch.nn.init.normal_(conv.bias)
     expected = slow_spline_conv(x, edge_index, u, conv.weight, size, conv.bias, conv.root)
     assert relative_error(conv(x, edge_index, u), expected) < tolerance
 
 
-@given(seed=st.integers(0, 10**6), nodes=st.integers(1, 15), edges=st.integers(0, 60), channels=st.integers(1, 9))
-def test_any_graph_in_any_edge_order(seed, nodes, edges, channels):
-    x, edge_index, u = random_case(seed, (channels, 3), nodes, edges, grid=seed % 7)
-    conv = SplineConv(channels, 3, kernel_size=5, bias=False).double()
-    expected = slow_spline_conv(x, edge_index, u, conv.weight, 5)
+@pytest.mark.parametrize(("dim", "size"), [(2, 5), (2, 7), (3, 3), (3, 4)])
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6), nodes=st.integers(1, 15), edges=st.integers(0, 40), channels=st.integers(1, 9))
+def test_any_graph_in_any_edge_order(path, dim, size, seed, nodes, edges, channels):
+    # beyond 0 and 1 pseudo-coordinates count as the ends
+    x, edge_index, u = random_case(seed, (channels, 3), nodes, edges, grid=seed % 7, dim=dim)
+    conv = SplineConv(channels, 3, kernel_size=size, dim=dim, bias=False).double()
+    expected = slow_spline_conv(x, edge_index, u, conv.weight, size)
     assert np.allclose(conv(x, edge_index, u).detach().numpy(), expected, atol=1e-12)
+    stretched = 3 * u - 1
+    expected = slow_spline_conv(x, edge_index, stretched.clamp(0, 1), conv.weight, size)
+    assert np.allclose(conv(x, edge_index, stretched).detach().numpy(), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("size", [1, 3])
-def test_gradients_are_those_of_finite_differences(path, size):
-    x, edge_index, u = random_case(2, nodes=6, edges=15)
-    conv = SplineConv(3, 4, kernel_size=size, root_weight=True).double()
+@pytest.mark.parametrize("grid", [None, 2])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_gradients_are_those_of_finite_differences(path, size, grid, dim):
+    x, edge_index, u = random_case(2, (2, 2), nodes=5, edges=12, grid=grid, dim=dim)
+    conv = SplineConv(2, 2, kernel_size=size, dim=dim, root_weight=True).double()
     inputs = (x.requires_grad_(), conv.weight, conv.root, conv.bias)
 
     def function(x, *_):
@@ -86,9 +98,10 @@ def test_gradients_are_those_of_finite_differences(path, size):
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-4)])
-def test_gradients_agree_with_plain_torch(dtype, tolerance):
-    x, edge_index, u = random_case(3, (16, 32), 50, 300, dtype)
-    weight = torch.randn(25, 16, 32, dtype=dtype)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_gradients_agree_with_plain_torch(dtype, tolerance, dim):
+    x, edge_index, u = random_case(3, (16, 32), 50, 300, dtype, dim=dim)
+    weight = torch.randn(5**dim, 16, 32, dtype=dtype)
     upstream = torch.randn(50, 32, dtype=dtype)
     gradients = []
     for function in (module.spline_conv, module.spline_conv_torch):
@@ -97,6 +110,26 @@ def test_gradients_agree_with_plain_torch(dtype, tolerance):
         gradients.append((a.grad, w.grad))
     for ours, theirs in zip(*gradients, strict=True):
         assert relative_error(ours, theirs.numpy()) < tolerance
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_each_cell_has_its_place(path, dim):
+    """An edge at a knot touches that cell only, with the whole share."""
+    size = 3
+    conv = SplineConv(1, 1, kernel_size=size, dim=dim, bias=False).double()
+    conv.weight.data = torch.arange(size**dim, dtype=torch.float64).view(-1, 1, 1)
+    knots = torch.tensor(list(itertools.product(range(size), repeat=dim)))
+    edges = torch.tensor([[0] * len(knots), range(1, 1 + len(knots))])
+    out = conv(torch.ones(1 + len(knots), 1, dtype=torch.float64), edges, knots / (size - 1.0))
+    assert out[1:, 0].tolist() == (knots * size ** torch.arange(dim)).sum(1).tolist()
+
+
+@pytest.mark.parametrize("given", [1, 2, 3, 4])
+def test_edges_of_another_dimension_are_refused(path, given):
+    dim = 2 if given != 2 else 3
+    conv = SplineConv(1, 2, dim=dim)
+    with pytest.raises(ValueError, match=f"edges have {given} pseudo-coordinates, but the convolution takes {dim}"):
+        conv(torch.ones(3, 1), torch.tensor([[0], [1]]), torch.full((1, given), 0.5))
 
 
 def test_a_node_without_neighbors_gets_zero(path):
@@ -151,3 +184,5 @@ def test_impossible_edges_are_refused(edge, u, message, channels):
 def test_sizes_below_one_are_refused():
     with pytest.raises(ValueError, match="kernel_size must be at least 1, not 0"):
         SplineConv(1, 1, kernel_size=0)
+    with pytest.raises(ValueError, match="dim must be at least 1, not 0"):
+        SplineConv(1, 1, dim=0)
