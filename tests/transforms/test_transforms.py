@@ -223,6 +223,18 @@ def test_flip_mirrors_and_undoes_itself(kind):
         assert torch.allclose(T.flip(g, axis).edge_attr, mirrored, atol=1e-6)
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@given(ev=events(max_size=60))
+def test_events_are_mirrored_as_graphs_are(axis, ev):
+    join = T.RadiusGraph(max_degree=100)
+    mirrored = T.RandomFlip(axis, p=1)(ev)
+    assert torch.equal(join(mirrored).pos, T.flip(join(ev), axis).pos)
+    assert torch.equal(join(mirrored).edge_index, join(ev).edge_index)
+    assert mirrored.sensor_size == ev.sensor_size
+    assert T.flip(mirrored, axis) == ev
+    assert T.RandomFlip(axis, p=0)(ev) == ev
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_quarter_turn_swaps_the_axes(kind):
     g = graph(kind)
@@ -283,8 +295,9 @@ def test_steps_in_the_wrong_order_are_named():
         "in step 2 of the pipeline, RandomWindow(duration=1000, within=(0.0, 1.0)), given Graph"
     ]
     for transform in (T.RandomScale(), T.RandomRotate(), T.RandomTranslate(), T.RandomFlip(p=1), T.Graph2Grid()):
-        with pytest.raises(TypeError, match="takes a graph, or a list of graphs, but was given Events"):
-            transform(ev)
+        if not isinstance(transform, T.RandomFlip):
+            with pytest.raises(TypeError, match="takes a graph, or a list of graphs, but was given Events"):
+                transform(ev)
         with pytest.raises(TypeError, match="but was given a list of Events"):
             transform([ev])
     of_events = (T.NonUniformSample(), T.RadiusGraph(), T.DropEvents(), T.RandomAffine(), T.ToFrames(), T.Points())
