@@ -16,6 +16,8 @@ import argparse
 import json
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
@@ -101,6 +103,8 @@ def main() -> None:
                 journal.add(line := future.result())
                 journal.lines.append(line)
                 print(json.dumps(line), flush=True)
+        except BrokenProcessPool:
+            raise OSError("a process that trained was killed (out of memory?); run again to continue") from None
         finally:
             pool.shutdown(cancel_futures=True)
         show(args.out, args.only, journal.lines)
@@ -115,7 +119,7 @@ def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed
     torch.manual_seed(seed)
     train_set = halves.train(protocol.pipeline(training=True))
     known = {"sensor_size": halves.sensor_size, "classes": len(halves.classes), "data": halves.data}
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, redirect_stdout(None):
         trainer = protocol.trainer(
             Path(folder), recordings=len(train_set), team=here, epochs=epochs, seed=seed, **known
         )
