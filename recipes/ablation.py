@@ -15,11 +15,13 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
+from itertools import starmap
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import mean
@@ -96,18 +98,26 @@ def main() -> None:
         }
         waiting = [(changes, seed) for (name, seed), changes in wanted.items() if (name, seed) not in done]
         print(f"{len(wanted) - len(waiting)} runs are there, {len(waiting)} are left")
-        pool = ProcessPoolExecutor(args.jobs, get_context("spawn"))
-        work = partial(trained, args.dataset, args.root, args.epochs)
-        try:
-            for future in as_completed([pool.submit(work, changes, seed) for changes, seed in waiting]):
-                journal.add(line := future.result())
-                journal.lines.append(line)
-                print(json.dumps(line), flush=True)
-        except BrokenProcessPool:
-            raise OSError("a process that trained was killed (out of memory?); run again to continue") from None
-        finally:
-            pool.shutdown(cancel_futures=True)
+        for line in results(partial(trained, args.dataset, args.root, args.epochs), waiting, args.jobs):
+            journal.add(line)
+            journal.lines.append(line)
+            print(json.dumps(line), flush=True)
         show(args.out, args.only, journal.lines)
+
+
+def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
+    """The lines of runs, as they are done."""
+    if jobs == 1:
+        yield from starmap(work, waiting)
+        return
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"))
+    try:
+        for future in as_completed([pool.submit(work, *run) for run in waiting]):
+            yield future.result()
+    except BrokenProcessPool:
+        raise OSError("a process that trained was killed (out of memory?); run again to continue") from None
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -198,4 +208,4 @@ def arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    run(main)
+    run(main, "run again to continue")

@@ -7,7 +7,7 @@ from nvsdata.plots.drawing import save
 from nvsdata.plots.events import event_image
 from nvsdata.plots.sheets import captioned_sheet, contact_sheet
 from nvsdata.plots.steps import marked
-from nvsdata.plots.tradeoff import front, tradeoff
+from nvsdata.plots.tradeoffs import front, tradeoff
 
 __all__ = [
     "captioned_sheet",

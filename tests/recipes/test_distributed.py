@@ -32,6 +32,7 @@ def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path)
     assert one.keys() == two.keys()
     assert one["accuracy_by_window_us"].keys() == two["accuracy_by_window_us"].keys()
     one, two = (torch.load(tmp_path / c / "checkpoint.pt", weights_only=True)["model"] for c in ("1", "2"))
+    rate = logs[1][0]["learning_rate"]
     # Adam steps by the sign of a gradient where that is all but zero, so a few weights may go another way
     for name in one:
-        assert torch.allclose(one[name], two[name], atol=2e-3), name
+        assert torch.allclose(one[name], two[name], atol=2 * rate), name
