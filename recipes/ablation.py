@@ -91,7 +91,7 @@ def main() -> None:
             raise ValueError(f"{journal.path} has runs of other settings than {fixed}: choose another folder")
         done = {(line["settings"], line["seed"]) for line in journal.lines}
         wanted = {
-            (named(changes), seed): changes
+            (named(args.dataset, changes), seed): changes
             for seed in args.seeds
             for group in args.only
             for changes in GROUPS[group].values()
@@ -102,7 +102,7 @@ def main() -> None:
             journal.add(line)
             journal.lines.append(line)
             print(json.dumps(line), flush=True)
-        show(args.out, args.only, journal.lines)
+        show(args.dataset, args.out, args.only, journal.lines)
 
 
 def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
@@ -140,7 +140,7 @@ def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed
     shares = [halves.test(protocol.pipeline(training=False, within=(v / VOTES, (v + 1) / VOTES))) for v in range(VOTES)]
     found = votes(trainer.model, loader(ConcatDataset(shares), BATCH, here, last=ROUNDS), VOTES, here, ROUNDS)
     return {
-        "settings": named(changes),
+        "settings": named(dataset, changes),
         "seed": seed,
         "one": round(found.single, 4),
         "five": round(found.together, 4),
@@ -150,9 +150,12 @@ def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed
     }
 
 
-def named(changes: dict[str, Any]) -> str:
-    """Settings that differ from the defaults, in words."""
-    return ", ".join(f"{name} {value}" for name, value in sorted(changes.items())) or "default"
+def named(dataset: str, changes: dict[str, Any]) -> str:
+    """Settings that differ from the dataset's defaults, in words."""
+    usual = Objects(dataset)
+    own = vars(usual) | {"k": usual.nodes_from}
+    differ = {name: value for name, value in sorted(changes.items()) if value != own[name]}
+    return ", ".join(f"{name} {value}" for name, value in differ.items()) or "default"
 
 
 @torch.no_grad()
@@ -168,14 +171,14 @@ def window_ms(model: torch.nn.Module, test_set: Any) -> float:
     return 1e3 * sorted(times)[len(times) // 2]
 
 
-def show(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
+def show(dataset: str, out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
     """Print a table per group, draw its chart, and draw the front of all runs."""
     runs: dict[str, dict[str, float]] = {}
     for settings in dict.fromkeys(line["settings"] for line in lines):
         there = [line for line in lines if line["settings"] == settings]
         runs[settings] = {name: mean(line[name] for line in there) for name in FIGURES} | {"seeds": len(there)}
     for group in groups:
-        found = {label: runs[named(c)] for label, c in GROUPS[group].items() if named(c) in runs}
+        found = {label: runs[named(dataset, c)] for label, c in GROUPS[group].items() if named(dataset, c) in runs}
         rows = [
             [label, *(f"{values[name]:.3f}" for name in FIGURES), str(values["seeds"])]
             for label, values in found.items()

@@ -89,6 +89,11 @@ class Objects:
         if unknown := set(self.features) - FEATURES.keys():
             raise ValueError(f"features must be of {tuple(FEATURES)}, not {', '.join(sorted(unknown))}")
 
+    @property
+    def nodes_from(self) -> int:
+        """Most events per box of the sampling, of which one becomes a node: `k`, or what the dataset's events allow."""
+        return self.k or (1 if self.dataset == SMALL else 8)
+
     def pipeline(self, *, training: bool, within: tuple[float, float] = (0.0, 1.0)) -> T.Compose:
         """From a recording to what the network takes, augmented for training.
 
@@ -99,8 +104,7 @@ class Objects:
             scaled, size = T.Resize(round(self.image_size * 256 / 224)), self.image_size
             crops: list[Any] = [T.RandomCrop(size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(size)]
             return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
-        k = self.k or (1 if self.dataset == SMALL else 8)
-        sample: list[Any] = [T.NonUniformSample(k)] if k > 1 else []
+        sample: list[Any] = [T.NonUniformSample(self.nodes_from)] if self.nodes_from > 1 else []
         graph: Any = T.RadiusGraph(self.radius, self.alpha, self.beta, self.max_degree, self.pseudo)
         changes = training and self.augment
         if not self.features and self.dataset not in DIGITS:
