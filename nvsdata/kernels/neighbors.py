@@ -10,6 +10,7 @@ from nvsdata.kernels.sweep import ascend, comes_before, pairs_in_time, swept
 
 SWEEP = 48  # mean number of events near in time up to which testing all of them is fastest
 SORTED_AT_ONCE = 64  # from so many events on, sorting pays
+ROUNDING = 1e-12  # by how much more than a rounded bound is searched
 
 
 @njit(cache=True, nogil=True)
@@ -28,7 +29,7 @@ def near_edges(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     degree = np.zeros(n, np.int32)
     source = np.empty((n, k), np.int32)
     if alpha > 0 and beta > 0 and limit / beta < 1e36 and limit / alpha < 1e8:
-        reach = np.int64(np.sqrt(limit / beta)) + 1
+        reach = np.int64(np.sqrt(limit / beta * (1 + ROUNDING))) + 1
         if pairs_in_time(t, reach) <= sweep_below * n:
             swept(t, x, y, limit, alpha, beta, reach, np.int64(np.sqrt(limit / alpha)) + 1, degree, source)
             return _edges(degree, source)
@@ -41,15 +42,15 @@ def _by_pixels(t, x, y, limit, alpha, beta, k, degree, source):
     """Fill the lists of sources: the pixels near a pixel are found once for all of its events, nearest first."""
     n = t.size
     span = np.float64(t[n - 1] - t[0]) if n else 0.0
-    slack = beta * span * span
+    # rounded like a distance, because at exactly the radius a bit decides
+    slack = beta * (span * span)
     # without alpha all events are at one place
     here = np.int64(alpha > 0)
     order, first, place, tiles, blocks = by_pixel(x * here, y * here)
     furthest, blur = np.int64(0), np.int64(0)
     if alpha > 0:
-        # a little more than the bound, because it is rounded
-        furthest = np.int64(min(np.floor(limit / alpha * (1 + 1e-12)), np.float64(FAR)))
-        blur = np.int64(min(np.floor(slack / alpha), np.float64(FAR)))
+        furthest = np.int64(min(np.floor(limit / alpha * (1 + ROUNDING)), np.float64(FAR)))
+        blur = np.int64(min(np.floor(slack / alpha * (1 + ROUNDING)), np.float64(FAR)))
     offsets, begins, lengths = offsets_within(min(furthest, np.int64(TABLE * TABLE)))
     pixels = first.size - 1
     near, apart = np.empty(pixels + 1, np.int32), np.empty(pixels + 1, np.int64)
@@ -75,9 +76,11 @@ def _within_time(pixel, m, limit, alpha, beta, slack, t, order, first, near, apa
     """Keep the near pixels of which some event is near in time, too: how many, their events, and whether all are."""
     kept, total, sure = 0, 0, True
     for q in range(m):
-        left = limit - alpha * apart[q]
-        if left < slack:
-            if left < 0 or not _any_within(np.sqrt(left / beta) + 1, pixel, near[q], t, order, first):
+        if alpha * apart[q] + slack > limit:
+            left = limit - alpha * apart[q]
+            if left < 0:
+                continue
+            if not _any_within(np.sqrt((left + limit * ROUNDING) / beta) + 1, pixel, near[q], t, order, first):
                 continue
             sure = False
         near[kept], apart[kept] = near[q], apart[q]

@@ -45,7 +45,7 @@ def points(draw, max_size=60):
     t += draw(st.sampled_from((0, -(10**15), 2**62 - 1 - 60 * 10**9, -(2**62) + 1)))
     x, y = (
         (random.integers(0, draw(st.sampled_from((1, 3, 12, 34, 300))), n) * step + far).astype(np.int16)
-        for step, far in ((draw(st.sampled_from((1, 1, 100))), draw(st.sampled_from((0, 2_000)))) for _ in range(2))
+        for step, far in ((draw(st.sampled_from((1, 1, 30))), draw(st.sampled_from((0, 2_000)))) for _ in range(2))
     )
     return t, x, y
 
@@ -79,6 +79,48 @@ def test_equals_are_told_apart_by_time_and_order(way, n, seed, side, metric):
     assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
 
 
+# weights, and times whose squares they make whole numbers, but for rounding
+steps = st.sampled_from(((BETA, 200_000), (LITERAL_BETA, 1_000), (1e-3, 10), (0.1, 1), (0.3, 1), (1.7e-3, 10)))
+
+
+@pytest.mark.parametrize("way", [PIXELS, SWEEP], ids=["pixels", "sweep"])
+@settings(max_examples=600)
+@given(
+    seed=st.integers(0, 2**32),
+    n=st.integers(2, 24),
+    step=steps,
+    alpha=st.sampled_from((1.0, 1.0, 0.1, 0.3, 1.7, 1 / 3)),
+    apart=st.tuples(st.integers(0, 20), st.sampled_from((0, 1, 4))),
+    k=st.sampled_from((1, 3, 32)),
+)
+def test_a_bit_decides_at_exactly_the_radius(way, seed, n, step, alpha, apart, k):
+    random = np.random.default_rng(seed)
+    beta, gap = step
+    t = np.cumsum(random.integers(0, 3, n)) * gap
+    x, y = random.integers(0, random.choice([1, 2, 4, 8]), (2, n)).astype(np.int16)
+    metric = math.sqrt(alpha * apart[0] + beta * gap**2 * apart[1]), alpha, beta, k
+    assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
+
+
+@pytest.mark.parametrize("way", [PIXELS, SWEEP], ids=["pixels", "sweep"])
+@pytest.mark.parametrize(
+    ("t", "x", "metric"),
+    [
+        # 4 (0.5e-5)² 200,000² is a bit more than 2², 1.7 * 13 a bit less than the radius's square
+        ((0, 400_000), (1, 1), (2.0, 1.0, BETA, 3)),
+        ((0, 0), (0, 3), (4.701063709417263, 1.7, 0.0, 1)),
+        # the radius in space, and a time that makes no difference to it, but is not 0
+        ((0, 10**6), (0, 3), (3.0, 1.0, 1e-29, 1)),
+        ((0, 10**6), (0, 3), (3.0, 1.0, 1e-27, 1)),
+        ((0, 1881437544779541224), (1, 1), (0.12738500170148095, 1.0, 4.5841305985456874e-39, 1)),
+    ],
+)
+def test_roundings_that_were_wrong_or_may_become_so(way, t, x, metric):
+    t, x = np.array(t), np.array(x, np.int16)
+    y = np.array((0, 2 if metric[1] == 1.7 else 0), np.int16)
+    assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
+
+
 @pytest.mark.parametrize("k", [1, 8, 32])
 @pytest.mark.parametrize("beta", [BETA, 1e-9, LITERAL_BETA])
 def test_both_ways_agree_on_busy_scenes(beta, k):
@@ -92,14 +134,29 @@ def test_both_ways_agree_on_busy_scenes(beta, k):
     assert np.array_equal(pixels, either)
 
 
+@pytest.mark.parametrize("columns", [1, 2, 3, 5])
+@pytest.mark.parametrize("k", [1, 8, 100, 150, 299])
+def test_crowds_at_few_pixels(columns, k):
+    random = np.random.default_rng(k)
+    t = np.sort(random.integers(0, 3_000, 300))
+    x, y = random.integers(0, columns, 300).astype(np.int16), np.zeros(300, np.int16)
+    for metric in ((math.inf, 1.0, 0.0, k), (3.0, 1.0, BETA, k), (3.0, 1.0, LITERAL_BETA, k)):
+        expected = slow_edges(t, x, y, *metric)
+        assert listed(near_edges(t, x, y, *metric, PIXELS)) == expected
+        assert listed(near_edges(t, x, y, *metric, SWEEP)) == expected
+
+
 def test_corners_of_the_largest_sensor():
     x = np.array([0, 32_767, 0, 32_767, 0, 32_766], np.int16)
     y = np.array([0, 0, 32_767, 32_767, 3, 32_767], np.int16)
     t = np.arange(6)
-    for metric in ((3.0, 1.0, BETA, 32), (math.inf, 1.0, 0.0, 2), (32_767.0, 1.0, BETA, 9), (32_767.0, 1.0, 0.0, 9)):
-        expected = slow_edges(t, x, y, *metric)
-        assert listed(near_edges(t, x, y, *metric, PIXELS)) == expected
-        assert listed(near_edges(t, x, y, *metric, SWEEP)) == expected
+    for metric in ((3.0, 1.0, BETA, 32), (math.inf, 1.0, 0.0, 2)):
+        for way in (PIXELS, SWEEP):
+            assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
+    # all on one side
+    for metric in ((32_767.0, 1.0, BETA, 9), (32_767.0, 1.0, 0.0, 3), (32_766.0, 1.0, 0.0, 9)):
+        for way in (PIXELS, SWEEP):
+            assert listed(near_edges(t, x, t.astype(np.int16), *metric, way)) == slow_edges(t, x, t, *metric)
 
 
 def test_times_at_both_ends_of_their_range():
