@@ -80,7 +80,8 @@ class Graph:
 
         - `data`: with `x` [N, F], `pos` [N, 2] (pixels) and `edge_index` [2, E], in any order; the other fields are
           taken if they are there, such as `data.reach = (5.0, 5.0)`. Without `t` all times are 0; without
-          `edge_attr` pseudo-coordinates are computed from `pos` and `reach`
+          `edge_attr` pseudo-coordinates are computed from `pos` and `reach`. Without `pseudo` they are, or become,
+          "signed", as those of `torch_geometric.transforms.Cartesian`
 
         ValueError that names the fields that are missing or of another shape.
         """

@@ -11,6 +11,8 @@ from typing import Any
 
 import torch
 
+from nvsdata.data.pseudo import check_pseudo
+
 NEEDED = ("x", "pos", "edge_index")
 
 
@@ -56,6 +58,9 @@ def _settings(found: dict[str, Any]) -> dict[str, Any]:
         if len(set(each)) > 1:
             raise ValueError(f"graphs of different {name} in one batch: {sorted(set(each))}")
         settings[name] = each[0]
+    # as `torch_geometric.transforms.Cartesian` gives them
+    settings.setdefault("pseudo", "signed-time" if len(settings.get("reach", "xy")) == 3 else "signed")
+    check_pseudo(settings["pseudo"])
     return settings
 
 
@@ -87,7 +92,7 @@ def _edges(found: dict[str, Any]) -> dict[str, torch.Tensor]:
     if (target[1:] < target[:-1]).any():
         order = torch.argsort(target, stable=True)
         edges, u = edges[:, order], None if u is None else u[order]
-    return {"edge_index": edges} if u is None else {"edge_index": edges, "edge_attr": u}
+    return {"edge_index": edges} if u is None else {"edge_index": edges, "edge_attr": u.float()}
 
 
 def _membership(data: Any, found: dict[str, Any]) -> dict[str, Any]:

@@ -198,7 +198,7 @@ def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, a
                 at[q] += 1
             base = alpha * apart[q]
             if have == k and base > distance[worst]:
-                continue
+                break
             before, after = np.int64(at[q]) - 1, np.int64(at[q])
             while before >= start or after < end:
                 if after < end and order[after] == i:

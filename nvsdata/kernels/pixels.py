@@ -129,6 +129,7 @@ def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, li
     for ring in range(max(rows, columns)):
         if ring and ((ring - 1) * SIDE + 1) ** 2 > bound:
             break
+        before = m
         for row in range(max(here - ring, 0), min(here + ring + 1, rows)):
             # all tiles of the first and last row of a square, and two of the others
             step = 1 if abs(row - here) == ring else 2 * ring
@@ -139,21 +140,36 @@ def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, li
                     if q < 0:
                         continue
                     d = (np.int64(place[q, 0]) - x) ** 2 + (np.int64(place[q, 1]) - y) ** 2
-                    if not listed < d <= bound:
-                        continue
-                    slot = m
-                    while slot > 0 and apart[slot - 1] > d:
-                        apart[slot], near[slot] = apart[slot - 1], near[slot - 1]
-                        slot -= 1
-                    apart[slot], near[slot] = d, q
-                    m += 1
-                    total += first[q + 1] - first[q]
-                    if total >= enough:
-                        bound = min(bound, _distance_of(enough, first, near, apart) + blur)
-                        while apart[m - 1] > bound:
-                            m -= 1
-                            total -= first[near[m] + 1] - first[near[m]]
+                    if listed < d <= bound:
+                        near[m], apart[m] = q, d
+                        m += 1
+                        total += first[q + 1] - first[q]
+        if m == before:
+            continue
+        _sort(near, apart, before, m)
+        if total >= enough:
+            bound = min(bound, _distance_of(enough, first, near, apart) + blur)
+            while apart[m - 1] > bound:
+                m -= 1
+                total -= first[near[m] + 1] - first[near[m]]
     return m, total
+
+
+@njit(cache=True, nogil=True)
+def _sort(near, apart, ordered, m):
+    """Sort the first `m` pixels by distance, of which the first `ordered` are in order."""
+    if m - ordered <= 8:
+        for k in range(ordered, m):
+            q, d, slot = near[k], apart[k], k
+            while slot > 0 and apart[slot - 1] > d:
+                apart[slot], near[slot] = apart[slot - 1], near[slot - 1]
+                slot -= 1
+            apart[slot], near[slot] = d, q
+        return
+    order = np.argsort(apart[:m], kind="mergesort")
+    pixels, distances = near[:m].copy(), apart[:m].copy()
+    for k in range(m):
+        near[k], apart[k] = pixels[order[k]], distances[order[k]]
 
 
 @njit(cache=True, nogil=True)

@@ -122,6 +122,8 @@ def load(
         transform = None if header.transform is None else from_repr(header.transform)
     except Exception as error:  # any error of a constructor, too
         raise FormatError(where, f"has a transform that can't be built: {line_of(error)}") from None
+    if transform is not None and repr(transform) != header.transform:
+        raise FormatError(where, f"its transform lacks settings that this version has: {header.transform:.300}")
     if transform is not None and not callable(transform):
         raise FormatError(where, f"doesn't contain a transform, but {header.transform!r:.200}")
     model = model.to_empty(device=device)

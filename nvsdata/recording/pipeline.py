@@ -112,8 +112,9 @@ class CameraReader(Thread):
         except Exception as error:  # somebody else's camera may raise anything
             self.ended, self.gone = f"the camera failed ({type(error).__name__}: {error})", True
         finally:
-            self.camera.end_reading()
+            # the thread that takes blocks waits for this, whatever the camera does
             self._read_out.end()
+            self.camera.end_reading()
 
     def _read(self) -> None:
         began = heard = time.monotonic()

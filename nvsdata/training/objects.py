@@ -10,6 +10,7 @@ from torch import nn
 
 from nvsdata import models
 from nvsdata import transforms as T
+from nvsdata.common.validation import positive, probability, whole
 from nvsdata.data.pseudo import Pseudo
 from nvsdata.training.optimizers import adam, one_cycle, sgd
 from nvsdata.training.processes import Team
@@ -41,7 +42,7 @@ class Objects:
 
     - `dataset`: its name; digits (n-mnist, mnist-dvs) aren't mirrored
     - `network`: one of `NETWORKS`
-    - `convolution`: of gcnn (Table 4.8), "spline" or one of `models.CONVOLUTIONS`
+    - `convolution`: of gcnn (Table 4.8) or rgcnn, "spline" or one of `models.CONVOLUTIONS`
     - `window`: µs of a recording per sample, at a random place (Table 4.3)
     - `k`: most events per box of the non-uniform sampling, 1 for no sampling (Table 4.1); None: 1 for n-mnist, else 8
     - `radius`, `alpha`, `beta`, `max_degree`, `pseudo`: of the graph; see `RadiusGraph` (Table 4.2)
@@ -84,6 +85,14 @@ class Objects:
     def __post_init__(self) -> None:
         if self.network not in NETWORKS:
             raise ValueError(f"network must be one of {NETWORKS}, not {self.network!r}")
+        for name, least in (("k", 1), ("window", 1), ("kernel_size", 1), ("image_size", 1)):
+            if getattr(self, name) is not None:
+                whole(name, getattr(self, name), least)
+        positive("width", self.width)
+        probability("smoothing", self.smoothing)
+        self._graph()
+        if self.convolution not in ("spline", *models.CONVOLUTIONS):
+            raise ValueError(f"convolution must be one of {('spline', *models.CONVOLUTIONS)}, not {self.convolution!r}")
         if self.schedule not in SCHEDULES:
             raise ValueError(f"schedule must be one of {SCHEDULES}, not {self.schedule!r}")
         if unknown := set(self.features) - FEATURES.keys():
@@ -105,7 +114,7 @@ class Objects:
             crops: list[Any] = [T.RandomCrop(size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(size)]
             return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
         sample: list[Any] = [T.NonUniformSample(self.nodes_from)] if self.nodes_from > 1 else []
-        graph: Any = T.RadiusGraph(self.radius, self.alpha, self.beta, self.max_degree, self.pseudo)
+        graph: Any = self._graph()
         changes = training and self.augment
         if not self.features and self.dataset not in DIGITS:
             # as in the thesis; features of the events around a node couldn't follow it
@@ -115,6 +124,9 @@ class Objects:
             graph = T.NodeFeatures(T.Compose([*sample, graph]), [FEATURES[name] for name in self.features])
             sample = []
         return T.Compose([window, *(self._changes() if changes else []), *sample, graph])
+
+    def _graph(self) -> T.RadiusGraph:
+        return T.RadiusGraph(self.radius, self.alpha, self.beta, self.max_degree, self.pseudo)
 
     def _changes(self) -> list[Any]:
         """What is done to events in training."""
@@ -142,7 +154,7 @@ class Objects:
             settings |= {"sensor_size": (240, 180), "hidden": 1024} | models.DEPTHS[self.depth]
         settings["channels"] = tuple(round(channels * self.width) for channels in settings["channels"])
         if self.network == "rgcnn":
-            return models.RGCNN(**settings, shortcut_start=self.shortcut_start)
+            return models.RGCNN(**settings, convolution=self.convolution, shortcut_start=self.shortcut_start)
         return models.GCNN(**settings, convolution=self.convolution)
 
     def optimization(self, model: nn.Module, epochs: int, steps: int) -> tuple[Any, Any]:
@@ -180,4 +192,6 @@ class Objects:
         optimizer, schedule = self.optimization(model, epochs, steps)
         smoothing = 0.0 if self.network in IMAGE_NETWORKS else self.smoothing
         options: dict[str, Any] = {"batch": batch, "team": team, "seed": seed, "smoothing": smoothing, "resume": resume}
+        # a run that goes on must have the same settings
+        data = data | {"protocol": repr(self), "batch": batch}
         return Trainer(model, optimizer, schedule, out, data=data, epochs=epochs, **options)

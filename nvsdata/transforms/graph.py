@@ -62,15 +62,12 @@ class RadiusGraph:
         positive("reach_t", self.reach_t)
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
-        return radius_graph(
-            sample,
-            self.radius,
-            alpha=self.alpha,
-            beta=self.beta,
-            max_degree=self.max_degree,
-            pseudo=self.pseudo,
-            reach_t=self.reach_t,
-        )
+        sample = sample if isinstance(sample, Graph) else as_events(sample)
+        # with alpha = 0 only the sensor itself bounds the graph in space
+        side = self.radius / math.sqrt(self.alpha) if self.alpha > 0 else 0.0
+        wide, high = (side, side) if side else sample.sensor_size or (1, 1)
+        metric = float(self.radius), float(self.alpha), float(self.beta), int(self.max_degree)
+        return _joined(sample, metric, _reach(wide, high, self.reach_t, self.pseudo), self.pseudo)
 
 
 @dataclass(frozen=True)
@@ -102,7 +99,8 @@ class KNNGraph:
         positive("reach_t", self.reach_t)
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
-        return knn_graph(sample, self.k, reach=self.reach, pseudo=self.pseudo, reach_t=self.reach_t)
+        metric = math.inf, 1.0, 0.0, int(self.k)
+        return _joined(sample, metric, _reach(self.reach, self.reach, self.reach_t, self.pseudo), self.pseudo)
 
 
 def knn_graph(
@@ -114,9 +112,7 @@ def knn_graph(
     reach_t: int = REACH_T,
 ) -> Graph:
     """Graph with one node per event and edges from its `k` nearest; see `KNNGraph`."""
-    whole("k", k, 1)
-    positive("reach", reach)
-    return _joined(sample, math.inf, 1.0, 0.0, k, _reach(reach, reach, reach_t, pseudo), pseudo)
+    return KNNGraph(k, reach, pseudo, reach_t)(sample)
 
 
 def radius_graph(
@@ -133,24 +129,17 @@ def radius_graph(
 
     Time differences are computed in int64, so any time offset gives the same graph.
     """
-    positive("radius", radius)
-    whole("max_degree", max_degree, 1)
-    sample = sample if isinstance(sample, Graph) else as_events(sample)
-    # with alpha = 0 only the sensor itself bounds the graph in space
-    side = radius / math.sqrt(alpha) if alpha > 0 else 0.0
-    wide, high = (side, side) if side else sample.sensor_size or (1, 1)
-    return _joined(sample, radius, alpha, beta, max_degree, _reach(wide, high, reach_t, pseudo), pseudo)
+    return RadiusGraph(radius, alpha, beta, max_degree, pseudo, reach_t)(sample)
 
 
 def _reach(wide: float, high: float, reach_t: int, kind: Pseudo) -> Reach:
     return (float(wide), float(high), float(reach_t)) if kind == "signed-time" else (float(wide), float(high))
 
 
-def _joined(
-    sample: Events | Recording | Graph, radius: float, alpha: float, beta: float, k: int, reach: Reach, kind: Pseudo
-) -> Graph:
-    check_pseudo(kind)
-    metric = float(radius), float(alpha), float(beta), int(k)
+Metric = tuple[float, float, float, int]  # radius, alpha, beta and D_max
+
+
+def _joined(sample: Events | Recording | Graph, metric: Metric, reach: Reach, kind: Pseudo) -> Graph:
     if isinstance(sample, Graph):
         return _joined_again(sample, metric, reach, kind)
     events = as_events(sample)
@@ -159,7 +148,7 @@ def _joined(
     return Graph(x, pos, t, edge_index, edge_attr, None, events.sensor_size, reach, kind)
 
 
-def _joined_again(graph: Graph, metric: tuple[float, float, float, int], reach: Reach, kind: Pseudo) -> Graph:
+def _joined_again(graph: Graph, metric: Metric, reach: Reach, kind: Pseudo) -> Graph:
     """The same nodes with new edges between them; nodes are taken to lie at the nearest whole pixels."""
     if isinstance(graph, GraphBatch):
         raise misplaced("Events, a Recording or a single graph", graph)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from nvsdata.common.validation import not_negative, positive, probability
+from nvsdata.common.validation import not_negative, probability, whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
@@ -24,7 +24,7 @@ class NonUniformSample:
 
     - `k`: most events in a box (default 8); 1 keeps all events
     - `alpha`: weight of squared pixels (default 1.0)
-    - `beta`: weight of squared µs (default 0.5e-5)
+    - `beta`: weight of squared µs (default (0.5e-5)²; see `RadiusGraph`)
 
     Takes `Events` or a `Recording`, gives `Events`. ValueError for settings out of range.
     """
@@ -34,7 +34,7 @@ class NonUniformSample:
     beta: float = BETA
 
     def __post_init__(self) -> None:
-        positive("k", self.k)
+        whole("k", self.k, 1)
         not_negative("alpha", self.alpha)
         not_negative("beta", self.beta)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
-from nvsdata.common.validation import microseconds, positive, whole_microseconds
+from nvsdata.common.validation import microseconds, whole, whole_microseconds
 from nvsdata.data.events import Events, check_window
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.defaults import T_VOL
@@ -84,7 +84,7 @@ class Volumes:
     duration: int = T_VOL
 
     def __post_init__(self) -> None:
-        positive("count", self.count)
+        whole("count", self.count, 1)
         microseconds("duration", self.duration)
 
     def __call__(self, sample: Events | Recording) -> list[Events]:

@@ -118,7 +118,7 @@ class FolderRun:
         """Keep the line of a video that is done, or that failed."""
         self._manifest.add(line)
         self.report.count(line, self._done)
-        seconds = time.monotonic() - self._started
+        seconds = max(time.monotonic() - self._started, 1e-3)
         self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)
         self.bar.update()
 
