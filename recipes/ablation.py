@@ -144,7 +144,7 @@ def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed
         "seed": seed,
         "one": round(found.single, 4),
         "five": round(found.together, 4),
-        "minutes": round(minutes, 2),
+        "minutes": round(minutes, 4),
         "window_ms": round(window_ms(trainer.model, halves.test(protocol.pipeline(training=False))), 3),
         "loss": round(last["loss"], 4),
     }

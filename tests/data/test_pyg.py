@@ -65,12 +65,14 @@ def test_what_is_missing_is_computed():
     assert found.t.tolist() == [0] * 60
     assert (found.edge_index[1].diff() >= 0).all()
     assert sorted(found.edge_index.T.tolist()) == sorted(g.edge_index.T.tolist())
-    assert found.pseudo == "abs"
-    assert torch.equal(found.edge_attr, pseudo(g.pos, found.t, found.edge_index, (3.0, 3.0), "abs"))
+    assert found.pseudo == "signed"
+    assert torch.equal(found.edge_attr, pseudo(g.pos, found.t, found.edge_index, (3.0, 3.0), "signed"))
     wider = Graph.from_pyg(conventional(g, reach=(6.0, 6.0)))
-    assert torch.allclose(wider.edge_attr * 2, found.edge_attr)
-    signed = Graph.from_pyg(conventional(g, pseudo="signed"))
-    assert torch.equal(signed.edge_attr, pseudo(g.pos, found.t, found.edge_index, (3.0, 3.0), "signed"))
+    assert torch.allclose((wider.edge_attr - 0.5) * 2, found.edge_attr - 0.5, atol=1e-6)
+    absolute = Graph.from_pyg(conventional(g, pseudo="abs"))
+    assert torch.equal(absolute.edge_attr, pseudo(g.pos, found.t, found.edge_index, (3.0, 3.0), "abs"))
+    with pytest.raises(ValueError, match="pseudo must be one of"):
+        Graph.from_pyg(conventional(g, pseudo="foo"))
     reach = (3.0, 3.0, 100.0)
     timed = Graph.from_pyg(conventional(g, pseudo="signed-time", reach=reach, t=g.t))
     assert torch.equal(timed.edge_attr, pseudo(g.pos, g.t, found.edge_index, reach, "signed-time"))

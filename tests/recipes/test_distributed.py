@@ -35,4 +35,6 @@ def test_two_processes_give_the_same_training_as_one(run, fake_nmnist, tmp_path)
     rate = logs[1][0]["learning_rate"]
     # Adam steps by the sign of a gradient where that is all but zero, so a few weights may go another way
     for name in one:
-        assert torch.allclose(one[name], two[name], atol=2 * rate), name
+        # nothing but rounding is left of the gradient of a bias before a normalization: each of 3 steps may differ
+        steps = 3 if name.endswith("conv.bias") else 1
+        assert torch.allclose(one[name], two[name], atol=2 * steps * rate), name

@@ -174,7 +174,8 @@ def test_what_has_no_grid():
         T.graph2grid(type(graph)(*(getattr(graph, k) for k in ("x", "pos", "t", "edge_index", "edge_attr"))))
     for build, says in (
         (lambda: T.Graph2Grid((0, 1)), "cluster must be"),
-        (lambda: T.Volumes(0), "count must be positive"),
+        (lambda: T.Volumes(0), "count must be a whole number of at least 1, not 0"),
+        (lambda: T.Volumes(2.5), "count must be a whole number of at least 1, not 2.5"),
         (lambda: T.KNNGraph(k=0), "k must be a whole number of at least 1, not 0"),
         (lambda: T.KNNGraph(reach=0), "reach must be positive"),
     ):
