@@ -83,7 +83,11 @@ def slow_patch(ev, pos, size):
     return counts
 
 
-@given(events(max_size=60, width=20, height=12), st.sampled_from((1, 3, 5, 7, 17)), st.sampled_from((0.0, 0.4, 0.6, -0.7, 1e4)))
+@given(
+    events(max_size=60, width=20, height=12),
+    st.sampled_from((1, 3, 5, 7, 17)),
+    st.sampled_from((0.0, 0.4, 0.6, -0.7, 1e4)),
+)
 def test_patches_count_the_events_around_a_node(ev, size, shift):
     nodes = T.radius_graph(ev)
     # after an augmentation nodes lie between pixels, or beyond the sensor
