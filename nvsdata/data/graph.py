@@ -212,6 +212,8 @@ class GraphBatch(Graph):
 def grouped(edge_index: torch.Tensor, u: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Source, target and pseudo-coordinates, grouped by target (CPU). ValueError for invalid edges."""
     source, target, u = edge_index[0].contiguous(), edge_index[1].contiguous(), u.detach().contiguous()
+    if len(u) != len(source):
+        raise ValueError(f"edge_attr has {len(u)} rows for {len(source)} edges")
     code = kernel.check_edges(source.numpy(), target.numpy(), u.numpy(), nodes)
     if code == kernel.NO_SUCH_NODE:
         raise ValueError(f"edge_index names nodes from {edge_index.min()} to {edge_index.max()}; there are {nodes}")

@@ -181,6 +181,13 @@ def test_impossible_edges_are_refused(edge, u, message, channels):
         SplineConv(channels, 2)(torch.ones(3, channels), torch.tensor([[0], [edge]]), torch.tensor([[u, 0.5]]))
 
 
+@pytest.mark.parametrize("channels", [1, 32])
+@pytest.mark.parametrize("rows", [1, 3])
+def test_pseudo_coordinates_of_other_edges_are_refused(rows, channels):
+    with pytest.raises(ValueError, match=f"edge_attr has {rows} rows for 2 edges"):
+        SplineConv(channels, 2)(torch.ones(3, channels), torch.tensor([[0, 1], [1, 2]]), torch.rand(rows, 2))
+
+
 def test_sizes_below_one_are_refused():
     with pytest.raises(ValueError, match="kernel_size must be at least 1, not 0"):
         SplineConv(1, 1, kernel_size=0)
