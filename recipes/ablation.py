@@ -85,10 +85,12 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
 def main() -> None:
     args = arguments()
     args.out.mkdir(parents=True, exist_ok=True)
-    fixed = {"dataset": args.dataset, "epochs": args.epochs, "batch": BATCH}
+    data = TrainTestSplit(args.dataset, args.root).data
+    fixed = {"epochs": args.epochs, "batch": BATCH, "defaults": repr(Objects(args.dataset)), "hash": data["hash"]}
     with Journal(args.out / "runs.jsonl", {"nvsdata-ablation": 1, **fixed}) as journal:
         if {name: journal.head.get(name) for name in fixed} != fixed:
-            raise ValueError(f"{journal.path} has runs of other settings than {fixed}: choose another folder")
+            differs = [name for name, value in fixed.items() if journal.head.get(name) != value]
+            raise ValueError(f"{journal.path} has runs of other {', '.join(differs)}: choose another folder")
         done = {(line["settings"], line["seed"]) for line in journal.lines}
         wanted = {
             (named(args.dataset, changes), seed): changes
