@@ -102,23 +102,37 @@ def test_a_bit_decides_at_exactly_the_radius(way, seed, n, step, alpha, apart, k
     assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
 
 
+ROUNDED = {
+    # 4 (0.5e-5)² 200,000² is a bit more than 2²
+    "time a bit more than the radius": ((0, 400_000), (1, 1), (1, 1), (2.0, 1.0, BETA, 3)),
+    "space a bit less than the radius": ((0, 0), (0, 3), (0, 2), (4.701063709417263, 1.7, 0.0, 1)),
+    # distances of exactly 3 in space, and times too small to change them, at two pixels or with a late third
+    "a time that adds nothing": ((0, 10**6), (0, 3), (0, 0), (3.0, 1.0, 1e-29, 1)),
+    "a time that adds too much": ((0, 10**6), (0, 3), (0, 0), (3.0, 1.0, 1e-27, 1)),
+    "one of several that adds nothing": ((0, 10**6, 10**15), (0, 3, 9), (0, 0, 0), (3.0, 1.0, 1e-29, 1)),
+    "a long time a bit too long": (
+        (0, 1881437544779541224),
+        (1, 1),
+        (1, 1),
+        (0.12738500170148095, 1.0, 4.5841305985456874e-39, 1),
+    ),
+    "a long time, just near enough": (
+        (0, 702257809059030935),
+        (1, 1),
+        (1, 1),
+        (4.6349788948065145, 1.0, 4.356145401693061e-35, 1),
+    ),
+    # 4 plus a bit less than 1 is 5, like the pixel at 5, which is nearer in time
+    "a time that makes up for space": ((0, 0, 1), (0, 2, 2), (0, 1, 0), (3.0, 1.0, np.nextafter(1.0, 0), 1)),
+}
+
+
 @pytest.mark.parametrize("way", [PIXELS, SWEEP], ids=["pixels", "sweep"])
-@pytest.mark.parametrize(
-    ("t", "x", "metric"),
-    [
-        # 4 (0.5e-5)² 200,000² is a bit more than 2², 1.7 * 13 a bit less than the radius's square
-        ((0, 400_000), (1, 1), (2.0, 1.0, BETA, 3)),
-        ((0, 0), (0, 3), (4.701063709417263, 1.7, 0.0, 1)),
-        # the radius in space, and a time that makes no difference to it, but is not 0
-        ((0, 10**6), (0, 3), (3.0, 1.0, 1e-29, 1)),
-        ((0, 10**6), (0, 3), (3.0, 1.0, 1e-27, 1)),
-        ((0, 1881437544779541224), (1, 1), (0.12738500170148095, 1.0, 4.5841305985456874e-39, 1)),
-    ],
-)
-def test_roundings_that_were_wrong_or_may_become_so(way, t, x, metric):
-    t, x = np.array(t), np.array(x, np.int16)
-    y = np.array((0, 2 if metric[1] == 1.7 else 0), np.int16)
-    assert listed(near_edges(t, x, y, *metric, way)) == slow_edges(t, x, y, *metric)
+@pytest.mark.parametrize("name", ROUNDED)
+def test_bounds_are_rounded_like_distances(way, name):
+    t, x, y, metric = ROUNDED[name]
+    place = np.array(t), np.array(x, np.int16), np.array(y, np.int16)
+    assert listed(near_edges(*place, *metric, way)) == slow_edges(*place, *metric)
 
 
 @pytest.mark.parametrize("k", [1, 8, 32])
