@@ -58,8 +58,8 @@ class RandomFlip:
     - `axis`: 0 (default) swaps left and right, 1 top and bottom
     - `p`: probability (default 0.5)
 
-    Takes and gives a `Graph`, a list of graphs, which are mirrored together, or `Events`. ValueError for settings out
-    of range, and graphs without `sensor_size`.
+    Takes and gives a `Graph`, a list of graphs, which are mirrored together, or `Events` (or a `Recording`). ValueError
+    for settings out of range, and graphs without `sensor_size`.
     """
 
     axis: int = 0
@@ -73,8 +73,8 @@ class RandomFlip:
     def __call__(self, sample: Any) -> Any:
         if uniform(0, 1) >= self.p:
             return sample
-        if isinstance(sample, Events):
-            return flip(sample, self.axis)
+        if isinstance(sample, Events | Recording):
+            return flip(as_events(sample), self.axis)
         return alike(sample, lambda graph: flip(graph, self.axis))
 
 
