@@ -18,7 +18,8 @@ def near_edges(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     """Edges to each event from its `k` nearest others within `radius`: int64 [2, E], sorted by (target, source).
 
     The squared distance is alpha (dx² + dy²) + beta dt²; of equals the one nearer in time is nearer, then the one
-    nearer in order, then the earlier one. `t` int64 must not decrease; `radius` may be infinite if alpha > 0.
+    of smaller index, as in the author's released graphs. `t` int64 must not decrease; `radius` may be infinite if
+    alpha > 0.
 
     O(N (pixels within the distance of the k-th + k)), however many events a pixel has; O(N k) memory. If on average
     fewer than `sweep_below` events are near in time, those are tested instead.
@@ -129,14 +130,15 @@ def _by_rings(pixel, m, total, k, t, order, first, near, apart, whole, last, deg
     wholes = _collect(0, q, order, first, near, whole)
     lasts = _collect(q, stop, order, first, near, last)
     left = np.uint64(min(left, np.int64(lasts)))
-    one = np.uint64(1)
+    one, own = np.uint64(1), q == 0
     chosen = np.uint64(0)
     for e in range(np.uint64(first[pixel]), np.uint64(first[pixel + 1])):
         i = order[e]
         node = np.uint64(i)
-        while chosen + left < lasts and _is_nearer(t, i, last[chosen + left], last[chosen]):
+        while left and chosen + left < lasts and _is_no_further(t[last[chosen + left]], t[last[chosen]], t[i]):
             chosen += one
-        n, a, b, end = np.uint64(0), np.uint64(0), chosen, chosen + left
+        b, pause, skipped, end = _smallest_first(chosen, left, lasts, last, t, i, own)
+        n, a = np.uint64(0), np.uint64(0)
         # two ascending lists merged, without the event itself
         while a < wholes or b < end:
             if b == end or (a < wholes and whole[a] < last[b]):
@@ -145,10 +147,67 @@ def _by_rings(pixel, m, total, k, t, order, first, near, apart, whole, last, deg
             else:
                 j = last[b]
                 b += one
+                if b == pause:
+                    b = skipped
             if j != i:
                 source[node, n] = j
                 n += one
         degree[node] = n
+
+
+@njit(cache=True, nogil=True)
+def _is_no_further(later, earlier, time):
+    """Whether the later of two times is nearer to `time`, or the same as the earlier one: then either will do."""
+    return later == earlier or abs(later - time) < abs(earlier - time)
+
+
+@njit(cache=True, nogil=True)
+def _smallest_first(chosen, left, lasts, last, t, i, own):
+    """Of equally near events those of smallest index, where `left` events from `chosen` on are nearest to event `i`.
+
+    Returns the places to take: from the first number up to the second, and from the third up to the fourth. `own` says
+    whether `i` is among the events.
+    """
+    end = chosen + left
+    nothing = np.uint64(0)
+    if left == 0 or ((chosen == 0 or t[last[chosen - np.uint64(1)]] != t[last[chosen]]) and not own):
+        return chosen, nothing, nothing, end
+    # only the first of the chosen may have equals before them
+    begin, stop = _run(last, lasts, t, chosen)
+    count = min(stop, end) - chosen
+    if own and t[last[chosen]] == t[i]:
+        # one of them is `i` itself, or stands for it
+        others = count - np.uint64(1)
+        count = others + np.uint64(others > 0 and last[begin + others - np.uint64(1)] >= i)
+    if begin + count == chosen + min(stop, end) - chosen:
+        return begin, nothing, nothing, end
+    if min(stop, end) == end:
+        return begin, nothing, nothing, begin + count
+    if count == 0:
+        return min(stop, end), nothing, nothing, end
+    return begin, begin + count, min(stop, end), end
+
+
+@njit(cache=True, nogil=True)
+def _run(last, lasts, t, at):
+    """First place of the events that have the time of the one at `at`, and the place after them. O(log N)."""
+    time, one = t[last[at]], np.uint64(1)
+    low, high = np.uint64(0), at
+    while low < high:
+        middle = (low + high) >> one
+        if t[last[middle]] < time:
+            low = middle + one
+        else:
+            high = middle
+    begin = low
+    low, high = at, lasts
+    while low < high:
+        middle = (low + high) >> one
+        if t[last[middle]] <= time:
+            low = middle + one
+        else:
+            high = middle
+    return begin, low
 
 
 @njit(cache=True, nogil=True)
@@ -177,10 +236,16 @@ def _collect(q, stop, order, first, near, out):
 
 
 @njit(cache=True, nogil=True)
-def _is_nearer(t, i, a, b):
-    """Whether event `a` is nearer to `i` than `b` is, in time and then in order."""
-    to_a, to_b = abs(t[a] - t[i]), abs(t[b] - t[i])
-    return to_a < to_b or (to_a == to_b and abs(a - i) < abs(b - i))
+def _earlier_run(t, order, start, last):
+    """First place from `start` on of the events that have the time of the one at `last`. O(log N)."""
+    time, low, high = t[order[last]], start, last
+    while low < high:
+        middle = (low + high) // 2
+        if t[order[middle]] < time:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @njit(cache=True, nogil=True)
@@ -199,14 +264,19 @@ def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, a
             base = alpha * apart[q]
             if have == k and base > distance[worst]:
                 break
-            before, after = np.int64(at[q]) - 1, np.int64(at[q])
-            while before >= start or after < end:
+            last, after = np.int64(at[q]) - 1, np.int64(at[q])
+            # earlier events by runs of equal times, each from its smallest index on
+            before = _earlier_run(t, order, start, last) if last >= start else last
+            while last >= start or after < end:
                 if after < end and order[after] == i:
                     after += 1
                     continue
-                if after == end or (before >= start and not _is_nearer(t, i, order[after], order[before])):
+                if after == end or (last >= start and t[i] - t[order[before]] <= t[order[after]] - t[i]):
                     j = order[before]
-                    before -= 1
+                    before += 1
+                    if before > last:
+                        last = _earlier_run(t, order, start, last) - 1
+                        before = _earlier_run(t, order, start, last) if last >= start else last
                 else:
                     j = order[after]
                     after += 1
@@ -217,7 +287,7 @@ def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, a
                 if have < k:
                     slot = have
                     have += 1
-                elif comes_before(d, dt, j, distance[worst], gap[worst], found[worst], i):
+                elif comes_before(d, dt, j, distance[worst], gap[worst], found[worst]):
                     slot = worst
                 else:
                     break
@@ -225,7 +295,7 @@ def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, a
                 if have == k:
                     worst = 0
                     for s in range(1, k):
-                        if comes_before(distance[worst], gap[worst], found[worst], distance[s], gap[s], found[s], i):
+                        if comes_before(distance[worst], gap[worst], found[worst], distance[s], gap[s], found[s]):
                             worst = s
         ascend(source, np.uint64(i), have)
         degree[i] = have

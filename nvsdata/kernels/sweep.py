@@ -42,14 +42,12 @@ def swept(t, x, y, limit, alpha, beta, reach, side, degree, source):
 
 
 @njit(cache=True, nogil=True)
-def comes_before(d, dt, j, other_d, other_dt, other, i):
-    """Whether one source of event `i` is nearer than another: by distance, time, order, and then the earlier one."""
+def comes_before(d, dt, j, other_d, other_dt, other):
+    """Whether one source of an event is nearer than another: by distance, then time, then index."""
     if d != other_d:
         return d < other_d
     if dt != other_dt:
         return dt < other_dt
-    if abs(j - i) != abs(other - i):
-        return abs(j - i) < abs(other - i)
     return j < other
 
 
@@ -121,7 +119,7 @@ def _furthest(t, x, y, target, source, alpha, beta):
 def _is_nearer(t, x, y, i, j, other, alpha, beta):
     """Whether event `j` is nearer to `i` than another is."""
     d, other_d = _distance(t, x, y, i, j, alpha, beta), _distance(t, x, y, i, other, alpha, beta)
-    return comes_before(d, abs(t[j] - t[i]), j, other_d, abs(t[other] - t[i]), other, np.int64(i))
+    return comes_before(d, abs(t[j] - t[i]), j, other_d, abs(t[other] - t[i]), other)
 
 
 @njit(cache=True, nogil=True)

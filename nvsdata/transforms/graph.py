@@ -27,7 +27,7 @@ class RadiusGraph:
 
     Two events are connected, in both directions, if sqrt(alpha (dx² + dy²) + beta dt²) <= radius, with dx and dy in
     pixels and dt in µs. Each node keeps the edges from its `max_degree` nearest neighbors: by this distance, of
-    equals by time, then by order.
+    equals by time, then by index.
 
     - `radius`: largest distance (default 3.0)
     - `alpha`: weight of squared pixels (default 1.0)
@@ -74,7 +74,8 @@ class RadiusGraph:
 class KNNGraph:
     """Nearest-neighbor graph of events (thesis 5.3.1): each event is the target of `k` edges.
 
-    Their sources are the other events that are nearest in space; of equals those nearer in time, then in order. An
+    Their sources are the other events that are nearest in space; of equals those nearer in time, then those of smaller
+    index. An
     event has fewer only if there are no more than `k` events.
 
     - `k`: neighbors of an event (default 1)

@@ -124,8 +124,8 @@ def test_each_event_hears_its_nearest(ev, k):
     expected = []
     for i, (x, y, t) in enumerate(zip(ev.x.tolist(), ev.y.tolist(), ev.t.tolist(), strict=True)):
         others = [j for j in range(len(ev)) if j != i]
-        # nearest in space; of equals in time, then in order
-        others.sort(key=lambda j: ((ev.x[j] - x) ** 2 + (ev.y[j] - y) ** 2, abs(ev.t[j] - t), abs(j - i), j))
+        # nearest in space; of equals in time, then the one of smaller index
+        others.sort(key=lambda j: ((ev.x[j] - x) ** 2 + (ev.y[j] - y) ** 2, abs(ev.t[j] - t), j))
         expected += [(j, i) for j in sorted(others[:k])]
     assert list(zip(*graph.edge_index.tolist(), strict=True)) == expected
     offset = graph.pos[graph.edge_index[0]] - graph.pos[graph.edge_index[1]]
