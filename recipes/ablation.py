@@ -32,6 +32,7 @@ import torch
 from torch.utils.data import ConcatDataset
 
 from nvsdata import plots
+from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
 from nvsdata.common.tables import aligned
 from nvsdata.data.batching import collate
@@ -207,8 +208,8 @@ def arguments() -> argparse.Namespace:
     add("--out", required=True, type=Path, help="folder for runs.jsonl and charts")
     add("--only", nargs="+", choices=GROUPS, default=list(GROUPS), metavar="GROUP", help=f"of {', '.join(GROUPS)}")
     add("--seeds", nargs="+", type=int, default=[0, 1, 2], help="default 0 1 2")
-    add("--epochs", type=int, default=80, help="of each run (default 80)")
-    add("--jobs", type=int, default=1, help="runs at once, of one core each (default 1)")
+    add("--epochs", type=at_least_1, default=80, help="of each run (default 80)")
+    add("--jobs", type=at_least_1, default=1, help="runs at once, of one core each (default 1)")
     return parser.parse_args()
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from nvsdata import models
+from nvsdata.commands.options import at_least_1
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.damage import ERRORS
 from nvsdata.training import actions
@@ -43,10 +44,15 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
     add("--network", choices=actions.NETWORKS, default="rgcnn3d", help="default rgcnn3d")
     add("--temporal", choices=models.TEMPORAL, default="residual", help="3D CNN of rgcnn3d (default residual)")
     add("--graphs", type=int, choices=(8, 16), default=8, help="S: graphs or frames per sample (default 8)")
-    add("--duration", type=int, help="µs used of each recording, at a random place (default: all)")
-    add("--events", type=int, default=1024, help="events per sample for pointnet, pointnet++ and lstm (default 1024)")
-    add("--epochs", type=int, default=actions.EPOCHS, help=f"default {actions.EPOCHS}")
-    add("--batch", type=int, help="samples per step, over all processes (default 32 for 8 graphs, 16 for 16)")
+    add("--duration", type=at_least_1, help="µs used of each recording, at a random place (default: all)")
+    add(
+        "--events",
+        type=at_least_1,
+        default=1024,
+        help="events per sample for pointnet, pointnet++ and lstm (default 1024)",
+    )
+    add("--epochs", type=at_least_1, default=actions.EPOCHS, help=f"default {actions.EPOCHS}")
+    add("--batch", type=at_least_1, help="samples per step, over all processes (default 32 for 8 graphs, 16 for 16)")
     add_run(parser)
 
 

@@ -21,6 +21,7 @@ from typing import Any
 import torch
 from flags import actions_of, add_actions, run_of
 
+from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
 from nvsdata.datasets import YUPENNDVS
 from nvsdata.training import Team, data_of, loader, predict, run, team
@@ -90,7 +91,7 @@ def arguments() -> argparse.Namespace:
     add("--root", required=True, type=Path, help="YUPENN-DVS, or a store made from it by `nvsdata pack`")
     add("--out", required=True, type=Path, help="folder for logs and checkpoints")
     add("--folds", type=int, nargs=2, metavar=("FIRST", "LAST"), help="recordings to leave out (default: each)")
-    add("--votes", type=int, default=1, help="random draws of the left-out recording that vote (default 1)")
+    add("--votes", type=at_least_1, default=1, help="random draws of the left-out recording that vote (default 1)")
     add_actions(parser)
     return parser.parse_args()
 

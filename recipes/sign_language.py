@@ -31,6 +31,7 @@ from torch.utils.data import Dataset
 
 from nvsdata import EventFolder, models
 from nvsdata import transforms as T
+from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
 from nvsdata.training import Team, Trainer, accuracies, data_of, loader, run, sgd, team
 from nvsdata.transforms.defaults import SCALES
@@ -145,10 +146,10 @@ def arguments() -> argparse.Namespace:
     add("--out", required=True, type=Path, help="where logs, checkpoints and the table go")
     add("--weights", type=Path, help="of torchvision's vgg16 on ImageNet (default: random ones)")
     add("--fps", type=float, default=30.0, help="frames per second (default 30)")
-    add("--iterations", type=int, default=15_000)
+    add("--iterations", type=at_least_1, default=15_000)
     add("--rate", type=float, default=1e-3, help="learning rate at the start (default 0.001)")
-    add("--batch", type=int, default=32)
-    add("--votes", type=int, default=5, help="triples of frames of a recording that vote (default 5)")
+    add("--batch", type=at_least_1, default=32)
+    add("--votes", type=at_least_1, default=5, help="triples of frames of a recording that vote (default 5)")
     add_run(parser)
     return parser.parse_args()
 

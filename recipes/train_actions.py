@@ -26,6 +26,7 @@ from functools import cache, partial
 import torch
 from flags import actions_of, add_actions, add_data, add_shown, run_of
 
+from nvsdata.commands.options import at_least_1
 from nvsdata.training import TrainTestSplit, Votes, accuracies, loader, run, team, to_tensorboard, votes, write_report
 
 
@@ -66,7 +67,7 @@ def arguments() -> argparse.Namespace:
     add_data(parser)
     add = parser.add_argument
     add("--fold", type=int, help="the dataset's split (default 1 of UCF101-DVS and HMDB51-DVS)")
-    add("--votes", type=int, default=5, help="random draws per recording that vote at the end (default 5)")
+    add("--votes", type=at_least_1, default=5, help="random draws per recording that vote at the end (default 5)")
     add_actions(parser)
     add_shown(parser)
     return parser.parse_args()

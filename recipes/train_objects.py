@@ -27,6 +27,7 @@ from flags import add_data, add_run, add_shown, run_of
 from torch.utils.data import ConcatDataset
 
 from nvsdata import models
+from nvsdata.commands.options import at_least_1
 from nvsdata.data.pseudo import Pseudo
 from nvsdata.training import TrainTestSplit, Votes, accuracies, loader, run, team, to_tensorboard, votes, write_report
 from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWORKS, SCHEDULES, Objects
@@ -87,17 +88,17 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_data(parser)
     add = parser.add_argument
-    add("--epochs", type=int, help=f"default: {EPOCHS}, or {LEAST_STEPS} steps if that is more")
-    add("--batch", type=int, default=BATCH, help=f"samples per step, over all processes (default {BATCH})")
-    add("--window", type=int, default=30_000, help="length of a window in µs (default 30000; Table 4.3)")
-    add("--votes", type=int, default=5, help="windows per recording that vote at the end (default 5)")
+    add("--epochs", type=at_least_1, help=f"default: {EPOCHS}, or {LEAST_STEPS} steps if that is more")
+    add("--batch", type=at_least_1, default=BATCH, help=f"samples per step, over all processes (default {BATCH})")
+    add("--window", type=at_least_1, default=30_000, help="length of a window in µs (default 30000; Table 4.3)")
+    add("--votes", type=at_least_1, default=5, help="windows per recording that vote at the end (default 5)")
     add("--network", choices=NETWORKS, default="rgcnn", help="default rgcnn")
     add("--convolution", choices=("spline", *models.CONVOLUTIONS), default="spline", help="of gcnn (Table 4.8)")
-    add("--k", type=int, help="events per sampling box, 1 for no sampling (default 8, n-mnist 1; Table 4.1)")
+    add("--k", type=at_least_1, help="events per sampling box, 1 for no sampling (default 8, n-mnist 1; Table 4.1)")
     add("--radius", type=float, default=3.0, help="of the graph, in pixels (default 3; Table 4.2)")
     add("--alpha", type=float, default=1.0, help="weight of squared pixels in the graph's distance (default 1)")
     add("--beta", type=float, default=BETA, help=f"weight of squared µs in it (default {BETA:.2g})")
-    add("--max-degree", type=int, default=8, help="neighbors of a node at most (default 8; thesis: 32)")
+    add("--max-degree", type=at_least_1, default=8, help="neighbors of a node at most (default 8; thesis: 32)")
     add("--pseudo", choices=get_args(Pseudo), default=PSEUDO, help=f"pseudo-coordinates of edges (default {PSEUDO})")
     add(
         "--features",
@@ -109,8 +110,8 @@ def arguments() -> argparse.Namespace:
     add("--schedule", choices=SCHEDULES, default=SCHEDULES[0], help="of the learning rate (default one-cycle)")
     add("--smoothing", type=float, default=0.05, help="share of a target that goes to all classes (default 0.05)")
     add("--depth", type=int, choices=sorted(models.DEPTHS), help="number of convolutions, for 240x180 (Table 4.4)")
-    add("--kernel-size", type=int, default=5, help="cells of a kernel along each axis (default 5; Table 4.5)")
-    add("--image-size", type=int, default=224, help="side of event images in pixels (default 224; Table 4.6)")
+    add("--kernel-size", type=at_least_1, default=5, help="cells of a kernel along each axis (default 5; Table 4.5)")
+    add("--image-size", type=at_least_1, default=224, help="side of event images in pixels (default 224; Table 4.6)")
     add_run(parser)
     add_shown(parser)
     return parser.parse_args()

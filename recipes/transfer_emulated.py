@@ -23,6 +23,7 @@ import torch
 
 from nvsdata import models
 from nvsdata import transforms as T
+from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
 from nvsdata.datasets import DATASETS
 from nvsdata.training import Team, Trainer, TrainTestSplit, accuracies, loader, run, sgd, team
@@ -114,11 +115,11 @@ def arguments() -> argparse.Namespace:
     add("--dataset", choices=sorted(DATASETS), default="ucf50-dvs", help="default ucf50-dvs")
     add("--fold", type=int, help="the dataset's split (default 1)")
     add("--fps", type=float, default=25.0, help="frames per second (default 25, like UCF50's videos)")
-    add("--frames", type=int, default=160, help="frames per volume (default 160)")
-    add("--iterations", type=int, default=50_000)
+    add("--frames", type=at_least_1, default=160, help="frames per volume (default 160)")
+    add("--iterations", type=at_least_1, default=50_000)
     add("--rate", type=float, default=0.01, help="learning rate at the start (default 0.01)")
-    add("--batch", type=int, default=64)
-    add("--votes", type=int, default=5, help="volumes tested per recording (default 5)")
+    add("--batch", type=at_least_1, default=64)
+    add("--votes", type=at_least_1, default=5, help="volumes tested per recording (default 5)")
     add("--seed", type=int, default=0)
     add("--device", help="default: a GPU if there is one, else cpu")
     add("--resume", action="store_true", help="continue from the checkpoints in OUT")

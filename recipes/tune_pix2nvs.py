@@ -13,6 +13,7 @@ from pathlib import Path
 
 import nvsdata
 from nvsdata import metrics, plots
+from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import claimed, put
 from nvsdata.emulation import PRESETS
 from nvsdata.emulation.tuning.objective import Pair, table
@@ -30,9 +31,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("tuning"))
     parser.add_argument("--seconds", type=float, help="compare only the first N seconds")
     parser.add_argument("--offset", type=int, default=0, help="µs to add to the recording's times")
-    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--trials", type=at_least_1, default=100)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=at_least_1, default=1)
     args = parser.parse_args()
 
     pair = Pair(nvsdata.open(args.real), args.video, seconds=args.seconds, offset=args.offset)
