@@ -105,10 +105,10 @@ def test_graphs_that_a_batch_does_not_have():
     assert len(list(batch)) == 1
 
 
-@pytest.mark.parametrize("other", [torch.ones(2, 1), [graph()], None])
+@pytest.mark.parametrize("other", [lambda: torch.ones(2, 1), lambda: [graph()], lambda: None])
 def test_networks_say_what_they_take(other):
     with pytest.raises(TypeError, match="it takes a graph, or a batch of graphs, but was given"):
-        models.rgcnn("n-mnist")(other)
+        models.rgcnn("n-mnist")(other())
 
 
 def test_moving_to_a_device_keeps_all():

@@ -1,4 +1,5 @@
 from copy import deepcopy
+from functools import cache
 
 import pytest
 import torch
@@ -8,7 +9,10 @@ from torch.nn.functional import cross_entropy
 from nvsdata import GraphBatch, models
 from nvsdata.models.spline import SplineConv, spline_conv_torch
 
-BATCH = GraphBatch.from_graphs([scattered(300, seed) for seed in range(8)])
+
+@cache
+def batch():
+    return GraphBatch.from_graphs([scattered(300, seed) for seed in range(8)])
 
 
 def network(pooling="max"):
@@ -18,7 +22,7 @@ def network(pooling="max"):
     model.dropout.p = 0.0
     with torch.no_grad():
         for _ in range(3):
-            model(BATCH)
+            model(batch())
     return model.eval()
 
 
@@ -27,8 +31,8 @@ def network(pooling="max"):
 @pytest.mark.parametrize("pooling", ["max", "average"])
 def test_a_network_of_another_precision_scores_nearly_the_same(dtype, error, pooling):
     model = network(pooling)
-    expected = model(BATCH)
-    scores = deepcopy(model).to(dtype)(BATCH)
+    expected = model(batch())
+    scores = deepcopy(model).to(dtype)(batch())
     assert scores.dtype == dtype
     assert (scores.float() - expected).abs().max() < error * expected.abs().max()
 
@@ -40,7 +44,7 @@ def test_half_precision_can_be_trained(dtype):
     kinds = {}
     for kind in (torch.float32, dtype):
         one = deepcopy(model).to(kind).train()
-        cross_entropy(one(BATCH).float(), targets).backward()
+        cross_entropy(one(batch()).float(), targets).backward()
         kinds[kind] = torch.cat([p.grad.flatten().float() for p in one.parameters()])
     assert kinds[dtype].isfinite().all()
     assert torch.cosine_similarity(kinds[torch.float32], kinds[dtype], 0) > 0.9
