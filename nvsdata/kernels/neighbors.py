@@ -169,45 +169,32 @@ def _smallest_first(chosen, left, lasts, last, t, i, own):
     whether `i` is among the events.
     """
     end = chosen + left
-    nothing = np.uint64(0)
     if left == 0 or ((chosen == 0 or t[last[chosen - np.uint64(1)]] != t[last[chosen]]) and not own):
-        return chosen, nothing, nothing, end
+        return chosen, end, end, end
     # only the first of the chosen may have equals before them
-    begin, stop = _run(last, lasts, t, chosen)
-    count = min(stop, end) - chosen
-    if own and t[last[chosen]] == t[i]:
+    time = t[last[chosen]]
+    begin = _first_at(t, last, np.uint64(0), chosen, time)
+    stop = _first_at(t, last, chosen, end, time + 1)
+    count = stop - chosen
+    if own and time == t[i]:
         # one of them is `i` itself, or stands for it
         others = count - np.uint64(1)
         count = others + np.uint64(others > 0 and last[begin + others - np.uint64(1)] >= i)
-    if begin + count == chosen + min(stop, end) - chosen:
-        return begin, nothing, nothing, end
-    if min(stop, end) == end:
-        return begin, nothing, nothing, begin + count
     if count == 0:
-        return min(stop, end), nothing, nothing, end
-    return begin, begin + count, min(stop, end), end
+        begin = stop
+    return begin, begin + count, stop, end
 
 
 @njit(cache=True, nogil=True)
-def _run(last, lasts, t, at):
-    """First place of the events that have the time of the one at `at`, and the place after them. O(log N)."""
-    time, one = t[last[at]], np.uint64(1)
-    low, high = np.uint64(0), at
+def _first_at(t, order, low, high, time):
+    """First place from `low` up to `high` of an event at `time` or later, `high` if there is none. O(log N)."""
     while low < high:
-        middle = (low + high) >> one
-        if t[last[middle]] < time:
-            low = middle + one
+        middle = (low + high) >> np.uint64(1)
+        if t[order[middle]] < time:
+            low = middle + np.uint64(1)
         else:
             high = middle
-    begin = low
-    low, high = at, lasts
-    while low < high:
-        middle = (low + high) >> one
-        if t[last[middle]] <= time:
-            low = middle + one
-        else:
-            high = middle
-    return begin, low
+    return low
 
 
 @njit(cache=True, nogil=True)
@@ -237,15 +224,8 @@ def _collect(q, stop, order, first, near, out):
 
 @njit(cache=True, nogil=True)
 def _earlier_run(t, order, start, last):
-    """First place from `start` on of the events that have the time of the one at `last`. O(log N)."""
-    time, low, high = t[order[last]], start, last
-    while low < high:
-        middle = (low + high) // 2
-        if t[order[middle]] < time:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    """First place from `start` on of the events that have the time of the one at `last`."""
+    return np.int64(_first_at(t, order, np.uint64(start), np.uint64(last), t[order[last]]))
 
 
 @njit(cache=True, nogil=True)
