@@ -19,6 +19,11 @@ def check_pseudo(kind: str) -> None:
         raise ValueError(f"pseudo must be one of {get_args(Pseudo)}, not {kind!r}")
 
 
+def axes(kind: Pseudo) -> int:
+    """Number of pseudo-coordinates of an edge."""
+    return 3 if kind == "signed-time" else 2
+
+
 def origin(kind: Pseudo) -> float:
     """The pseudo-coordinate, along each axis, of an edge from a node to itself."""
     return 0.0 if kind == "abs" else 0.5
@@ -35,7 +40,7 @@ def pseudo(
       from target to source; "signed-time", the same with dt as a third axis
     """
     check_pseudo(kind)
-    if len(reach) != (3 if kind == "signed-time" else 2):
+    if len(reach) != axes(kind):
         raise ValueError(f"reach has {len(reach)} numbers, which doesn't fit pseudo {kind!r}")
     if pos.device.type == "cpu":
         ends = tuple(map(float, reach))

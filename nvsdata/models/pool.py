@@ -13,7 +13,7 @@ from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.grid import cells, check_cluster, grid_shape
 from nvsdata.data.pseudo import Reach, pseudo
 from nvsdata.kernels import pool as kernel
-from nvsdata.models.spline import has_kernels
+from nvsdata.models.spline import has_kernels, widened
 
 
 class GraphPool(nn.Module):
@@ -116,8 +116,7 @@ def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int,
 
 def mean_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
     """Mean of `x` [N, C] over clusters, on any device: [M, C]."""
-    # in half precision, sums of many values would get lost or overflow
-    wide = x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
+    wide = widened(x)
     members = torch.bincount(cluster, minlength=count).to(wide.dtype).unsqueeze(1)
     return (wide.new_zeros(count, x.shape[1]).index_add(0, cluster, wide) / members).to(x.dtype)
 

@@ -121,6 +121,11 @@ def has_kernels(x: torch.Tensor) -> bool:
     return x.device.type == "cpu" and x.dtype in (torch.float32, torch.float64)
 
 
+def widened(x: torch.Tensor) -> torch.Tensor:
+    """The tensor, or if it is of half precision, in which sums of many values get lost or overflow, as float32."""
+    return x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
+
+
 def spline_conv_torch(
     out: torch.Tensor,
     x: torch.Tensor,
@@ -132,8 +137,7 @@ def spline_conv_torch(
     """`spline_conv` in plain torch, for any device: aggregate per (node, cell), then one matrix product."""
     source, target = edge_index
     nodes, cells = x.shape[0], weight.shape[0]
-    # sums of many small shares would get lost in half precision
-    wide = x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
+    wide = widened(x)
     v = edge_attr.detach().to(wide.dtype).clamp(0, 1) * (kernel_size - 1)
     # NaN has no integer value; it stays in `upper`
     lower = v.nan_to_num(0).floor().clamp(max=max(kernel_size - 2, 0)).long()

@@ -11,7 +11,7 @@ from torch import nn
 from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.common.validation import positive, probability, whole
-from nvsdata.data.pseudo import Pseudo
+from nvsdata.data.pseudo import Pseudo, axes
 from nvsdata.training.optimizers import adam, one_cycle, sgd
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
@@ -146,7 +146,7 @@ class Objects:
             "num_classes": classes,
             "kernel_size": self.kernel_size,
             "in_channels": 1 + sum(FEATURES[name].channels for name in self.features),
-            "dim": 3 if self.pseudo == "signed-time" else 2,
+            "dim": axes(self.pseudo),
             "loops": self.loops,
             "root_weight": self.root_weight,
         }

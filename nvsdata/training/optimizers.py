@@ -19,12 +19,11 @@ def sgd(
 
     The weight decay is that of the layers `decayed`, if there are any, else of all.
     """
-    optimizer = torch.optim.SGD(model.parameters(), lr=rate, momentum=0.9, weight_decay=decay)
-    if decayed:
-        held = {p for layer in decayed for p in layer.parameters()}
-        groups = [{"params": [p for p in model.parameters() if p not in held], "weight_decay": 0.0}]
-        groups += [{"params": [p for p in model.parameters() if p in held]}]
-        optimizer = torch.optim.SGD(groups, lr=rate, momentum=0.9, weight_decay=decay)
+    held = {p for layer in decayed or (model,) for p in layer.parameters()}
+    groups: list[dict[str, Any]] = [{"params": [p for p in model.parameters() if p in held]}]
+    if free := [p for p in model.parameters() if p not in held]:
+        groups.insert(0, {"params": free, "weight_decay": 0.0})
+    optimizer = torch.optim.SGD(groups, lr=rate, momentum=0.9, weight_decay=decay)
     return optimizer, torch.optim.lr_scheduler.MultiStepLR(optimizer, list(range(every, epochs, every)))
 
 

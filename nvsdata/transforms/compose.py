@@ -32,7 +32,7 @@ class Each:
     @property
     def deterministic(self) -> bool:
         """Whether the same sample always gives the same result; a subclass must declare it itself."""
-        return type(self) is Each and _is_deterministic(self.transform)
+        return type(self) is Each and is_deterministic(self.transform)
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,11 +65,12 @@ class Compose:
     @property
     def deterministic(self) -> bool:
         """Whether the same sample always gives the same result; a subclass must declare it itself."""
-        return type(self) is Compose and all(map(_is_deterministic, self.transforms))
+        return type(self) is Compose and all(map(is_deterministic, self.transforms))
 
     def __repr__(self) -> str:
         return f"Compose([{', '.join(map(repr, self.transforms))}])"
 
 
-def _is_deterministic(transform: Callable[[Any], Any]) -> bool:
+def is_deterministic(transform: object) -> bool:
+    """Whether a transform says of itself that the same sample always gives the same result."""
     return bool(getattr(transform, "deterministic", False))

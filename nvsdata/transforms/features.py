@@ -13,6 +13,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.patches import merged_pixels, patch_counts
+from nvsdata.transforms.compose import is_deterministic
 
 Time = Literal["first", "last", "mean"]
 LARGEST = 17  # pixels along a side of a patch
@@ -83,13 +84,12 @@ class Patch:
     @property
     def channels(self) -> int:
         """Number of features."""
-        return 2 * self.size**2
+        return 2 * int(self.size) ** 2
 
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
         """float32 [N, 2 size²]."""
-        return torch.from_numpy(
-            np.log1p(_counts(events, nodes, self.size)).reshape(nodes.num_nodes, 2 * int(self.size) ** 2)
-        )
+        counts = _counts(events, nodes, self.size)
+        return torch.from_numpy(np.log1p(counts).reshape(nodes.num_nodes, self.channels))
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,7 @@ class NodeFeatures:
     @property
     def deterministic(self) -> bool:
         """Whether the same sample always gives the same result; a subclass must declare it itself."""
-        parts = (self.graph, *self.features)
-        return type(self) is NodeFeatures and all(getattr(part, "deterministic", False) for part in parts)
+        return type(self) is NodeFeatures and all(is_deterministic(part) for part in (self.graph, *self.features))
 
 
 def _check_times(times: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ import torch
 from nvsdata.common.validation import not_negative, positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
-from nvsdata.data.pseudo import Pseudo, Reach, check_pseudo, pseudo
+from nvsdata.data.pseudo import Pseudo, Reach, axes, check_pseudo, pseudo
 from nvsdata.data.recording import Recording, as_events, misplaced
 from nvsdata.kernels.graph import event_graph
 from nvsdata.kernels.neighbors import near_edges
@@ -134,7 +134,7 @@ def radius_graph(
 
 
 def _reach(wide: float, high: float, reach_t: int, kind: Pseudo) -> Reach:
-    return (float(wide), float(high), float(reach_t)) if kind == "signed-time" else (float(wide), float(high))
+    return (float(wide), float(high), float(reach_t))[: axes(kind)]
 
 
 Metric = tuple[float, float, float, int]  # radius, alpha, beta and D_max
