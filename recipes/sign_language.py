@@ -77,7 +77,8 @@ def accuracy(
     full = [layer for layer in model.classify if isinstance(layer, torch.nn.Linear)]
     optimizer, schedule = sgd(model, args.rate, max(1, round(epochs / 3)), epochs, decay=5e-3, decayed=full[:2])
     options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-    trainer = Trainer(model, optimizer, schedule, out, data=data, **options)
+    protocol = f"rate {args.rate}, weights {args.weights}, {train_set.transform}"
+    trainer = Trainer(model, optimizer, schedule, out, data=data | {"protocol": protocol}, **options)
     here.print(f"{out.name}: {len(train_set)} to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
     batches = loader(test_set, args.batch, here, seed=args.seed, last=args.votes)

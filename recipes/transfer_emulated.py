@@ -63,7 +63,8 @@ def trained(args: argparse.Namespace, halves: TrainTestSplit, out: Path, here: T
     model = models.reference.MotionVector3D(len(halves.classes), frames=args.frames, size=SIZE).to(here.device)
     optimizer, schedule = sgd(model, args.rate, max(1, round(epochs * 20 / 50)), epochs, decay=5e-4)
     options = {"epochs": epochs, "batch": args.batch, "team": here, "seed": args.seed, "resume": args.resume}
-    trainer = Trainer(model, optimizer, schedule, out, data=halves.data, **options)
+    data = halves.data | {"protocol": repr(train_pipeline(args))}
+    trainer = Trainer(model, optimizer, schedule, out, data=data, **options)
     here.print(f"{out.name}: {len(train_set)} recordings to train on, epochs {trainer.done + 1} to {epochs}")
     metrics = trainer.fit(train_set, lambda epoch: {})
     # the published model uses one crop, because windows of a recording vote

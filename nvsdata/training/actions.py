@@ -115,10 +115,8 @@ class Actions:
         """
         model = self.build(sensor_size, classes).to(team.device)
         optimizer, schedule = self.optimization(model, epochs)
-        batch = batch or self.batch
-        return Trainer(
-            model, optimizer, schedule, out, data=data, epochs=epochs, batch=batch, team=team, seed=seed, resume=resume
-        )
+        options: dict[str, Any] = {"batch": batch or self.batch, "team": team, "seed": seed, "resume": resume}
+        return Trainer(model, optimizer, schedule, out, data=data | {"protocol": repr(self)}, epochs=epochs, **options)
 
     def optimization(self, model: nn.Module, epochs: int) -> tuple[Any, Any]:
         """Optimizer and schedule: Adam, or for 3D CNNs gradient descent from 0.01, tenfold less every 50 epochs.

@@ -192,6 +192,4 @@ class Objects:
         optimizer, schedule = self.optimization(model, epochs, steps)
         smoothing = 0.0 if self.network in IMAGE_NETWORKS else self.smoothing
         options: dict[str, Any] = {"batch": batch, "team": team, "seed": seed, "smoothing": smoothing, "resume": resume}
-        # a run that goes on must have the same settings
-        data = data | {"protocol": repr(self), "batch": batch}
-        return Trainer(model, optimizer, schedule, out, data=data, epochs=epochs, **options)
+        return Trainer(model, optimizer, schedule, out, data=data | {"protocol": repr(self)}, epochs=epochs, **options)

@@ -34,7 +34,8 @@ class Trainer:
     - `model`: the network, on the team's device
     - `optimizer`, `schedule`: the schedule steps once per epoch
     - `out`: the training's folder, which is made
-    - `data`: what is trained on (see `data_of`), kept with checkpoint and network
+    - `data`: what is trained on (see `data_of`), and how; kept with checkpoint and network, together with `batch`
+      and `smoothing`: a run that goes on must have the same
     - `epochs`: how many there are to be in all; `done` says how many there were
     - `batch`: samples per step, over all processes
     - `team`: the processes that train together
@@ -42,7 +43,7 @@ class Trainer:
     - `smoothing`: share of a target's probability that goes to all classes alike (default 0.0)
     - `resume`: go on from the checkpoint, if there is one (default False)
 
-    Raises ValueError for a checkpoint of another run or of other data, FormatError for a damaged one.
+    Raises ValueError for a checkpoint of a run of other data or settings, FormatError for a damaged one.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class Trainer:
         self.smoothing = smoothing
         self.model, self.optimizer, self.schedule = model, optimizer, schedule
         self.out, self.epochs, self.batch, self.seed, self.team = out, epochs, batch, seed, team
-        self.data = data
+        self.data = data | {"batch": batch, "smoothing": smoothing}
         self.lines: list[dict[str, Any]] = []
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
         out.mkdir(parents=True, exist_ok=True)
@@ -71,7 +72,7 @@ class Trainer:
             self._restore(runs.Checkpoint.read(out, team.device))
         if team.rank == 0:
             runs.write_log(out, self.lines)
-        team.print(", ".join(f"{name} {value}" for name, value in data.items()))
+        team.print(", ".join(f"{name} {value}" for name, value in self.data.items()))
 
     @property
     def done(self) -> int:
@@ -160,7 +161,9 @@ class Trainer:
         for name in self.data.keys() | state.data.keys():
             theirs, ours = state.data.get(name), self.data.get(name)
             if theirs != ours:
-                raise ValueError(f"{where} belongs to a run of other data: its {name} is {theirs}, not {ours}")
+                raise ValueError(
+                    f"{where} belongs to another run, whose {name} is {theirs}, not {ours}"
+                )
         try:
             for name, part in self.parts.items():
                 runs.restore(part, getattr(state, name))

@@ -35,22 +35,23 @@ class MergePixels:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        _check_times(self.times)
+        for time in self.times:
+            if time not in get_args(Time):
+                raise ValueError(f"times must be of {get_args(Time)}, not {time!r}")
 
     def __call__(self, sample: Events | Recording) -> Graph:
-        return merge_pixels(sample, self.times)
+        events = as_events(sample)
+        pos, mean, ends, counts = merged_pixels(*events.columns)
+        found = {"first": ends[:, 0], "last": ends[:, 1], "mean": mean}
+        x = np.concatenate((counts, *(_share(found[time], events)[:, None] for time in self.times)), 1)
+        none = torch.empty((2, 0), dtype=torch.int64)
+        made = [torch.from_numpy(array) for array in (x, pos, mean - events.start)]
+        return Graph(made[0], made[1], made[2], none, torch.empty(0, 2), None, events.sensor_size)
 
 
 def merge_pixels(sample: Events | Recording, times: Sequence[Time] = ()) -> Graph:
     """Graph without edges, of a node per pixel that has events; see `MergePixels`."""
-    _check_times(times)
-    events = as_events(sample)
-    pos, mean, ends, counts = merged_pixels(*events.columns)
-    found = {"first": ends[:, 0], "last": ends[:, 1], "mean": mean}
-    x = np.concatenate((counts, *(_share(found[time], events)[:, None] for time in times)), 1)
-    none = torch.empty((2, 0), dtype=torch.int64)
-    made = [torch.from_numpy(array) for array in (x, pos, mean - events.start)]
-    return Graph(made[0], made[1], made[2], none, torch.empty(0, 2), None, events.sensor_size)
+    return MergePixels(tuple(times))(sample)
 
 
 @dataclass(frozen=True)
@@ -155,12 +156,6 @@ class NodeFeatures:
     def deterministic(self) -> bool:
         """Whether the same sample always gives the same result; a subclass must declare it itself."""
         return type(self) is NodeFeatures and all(is_deterministic(part) for part in (self.graph, *self.features))
-
-
-def _check_times(times: Sequence[str]) -> None:
-    for time in times:
-        if time not in get_args(Time):
-            raise ValueError(f"times must be of {get_args(Time)}, not {time!r}")
 
 
 def _check_size(size: int) -> None:

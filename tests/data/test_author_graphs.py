@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import scipy.io
 import torch
+from learning import learn, share_right
 from places import SHARED
-from torch.nn.functional import cross_entropy
 
 from nvsdata import FormatError, GraphBatch, models
 from nvsdata.data.author_graphs import read_author_graphs
@@ -67,18 +67,6 @@ def test_what_is_no_such_file_is_refused(tmp_path):
         read_author_graphs(tmp_path / "e.mat")
 
 
-def overfitted(model, batch, targets, steps):
-    """Share of the training samples that are told right in the end."""
-    optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
-    model.train()
-    for _ in range(steps):
-        loss = cross_entropy(model(batch), targets)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-    return loss.item(), (model.eval()(batch).argmax(1) == targets).double().mean().item()
-
-
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="no released graphs here")
 def test_released_graphs_of_objects_can_be_learnt():
     graphs = [read_author_graphs(path)[0] for path in sorted((FOLDER / "cifar10-dvs").glob("*.mat"))]
@@ -86,9 +74,9 @@ def test_released_graphs_of_objects_can_be_learnt():
     model = models.rgcnn("cifar10-dvs")
     model.dropout.p = 0.0
     targets = torch.tensor([g.y for g in graphs])
-    loss, right = overfitted(model, GraphBatch.from_graphs(graphs), targets, 12)
-    assert right == 1
-    assert loss < 0.1
+    batch = GraphBatch.from_graphs(graphs)
+    assert learn(model, batch, targets, 12)[-1] < 0.1
+    assert share_right(model, batch, targets) == 1
 
 
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="no released graphs here")
@@ -101,6 +89,5 @@ def test_released_graphs_of_actions_can_be_learnt():
     model = models.RGCNN3D(3, in_channels=2, channels=(8, 16, 32), clusters=((4, 3), (12, 9), (48, 36)))
     # the thesis's 3D CNN learns them too, in minutes
     model.temporal, model.classify = residual(32, 32, 32), torch.nn.Linear(32, 3)
-    loss, right = overfitted(model, batch, torch.arange(3), 40)
-    assert right == 1
-    assert loss < 0.1
+    assert learn(model, batch, torch.arange(3), 40)[-1] < 0.1
+    assert share_right(model, batch, torch.arange(3)) == 1

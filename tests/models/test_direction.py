@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from learning import learn, share_right
 
 from nvsdata import Events, GraphBatch, models
 from nvsdata import transforms as T
@@ -115,16 +116,7 @@ TRAINED = {"channels": (8, 12, 16), "clusters": ((2, 2), (4, 4), (8, 8)), "senso
 def test_networks_with_time_can_be_trained(build, convolution):
     model = build(3, dim=3, kernel_size=3, convolution=convolution, dropout=0.0, **TRAINED)
     graphs = [T.radius_graph(stream(seed), pseudo="signed-time") for seed in range(3)]
-    batch, targets = GraphBatch.from_graphs(graphs), torch.arange(3)
-    optimizer = torch.optim.Adam(model.parameters(), lr=1e-2)
-    losses = []
-    for _ in range(12):
-        loss = torch.nn.functional.cross_entropy(model(batch), targets)
-        optimizer.zero_grad()
-        loss.backward()
-        assert all(p.grad is not None and p.grad.isfinite().all() for p in model.parameters())
-        optimizer.step()
-        losses.append(loss.item())
+    losses = learn(model, GraphBatch.from_graphs(graphs), torch.arange(3), 12, rate=1e-2)
     assert losses[-1] < losses[0] / 2
 
 
@@ -138,13 +130,8 @@ def test_a_gesture_is_told_from_its_reverse():
         model = models.RGCNN(2, dim=3 if kind == "signed-time" else 2, kernel_size=3, dropout=0.0, **TRAINED)
         join = T.RadiusGraph(max_degree=500, pseudo=kind)
         batch = GraphBatch.from_graphs([join(ev) for ev in streams])
-        optimizer = torch.optim.Adam(model.parameters(), lr=1e-2)
-        for _ in range(40):
-            loss = torch.nn.functional.cross_entropy(model(batch), targets)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-        right[kind] = (loss.item(), (model(batch).argmax(1) == targets).double().mean().item())
+        loss = learn(model, batch, targets, 40, rate=1e-2)[-1]
+        right[kind] = loss, share_right(model, batch, targets)
     assert right["signed-time"][0] < 0.1
     assert right["signed-time"][1] == 1
     # a pair has the same scores

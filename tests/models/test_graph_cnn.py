@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from learning import learn, share_right
 from lookalikes import saccade
 
 import nvsdata
@@ -118,15 +119,8 @@ def test_sixteen_recordings_can_be_learnt_by_heart():
     samples = [(graph(i % 4, i), i % 4) for i in range(16)]
     batch, targets = nvsdata.collate(samples)
     model = models.RGCNN(4, dropout=0.0)
-    optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
-    for _ in range(60):
-        loss = torch.nn.functional.cross_entropy(model(batch), targets)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-    assert loss.item() < 0.05
-    model.eval()
-    assert (model(batch).argmax(1) == targets).all()
+    assert learn(model, batch, targets, 60)[-1] < 0.05
+    assert share_right(model, batch, targets) == 1
 
 
 @pytest.mark.parametrize("pooling", ["max", "average"])

@@ -72,8 +72,9 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
     assert timeless(lines(tmp_path / "a")) == before
     with pytest.raises(SystemExit, match="belongs to a run of 1 epochs, not 3"):
         run("train_actions.py", *common[:-1], 3, "--out", tmp_path / "a", "--resume")
-    with pytest.raises(SystemExit, match="belongs to another network"):
-        run("train_actions.py", *common, "--network", "pointnet", "--out", tmp_path / "a", "--resume")
+    for other in (("--network", "pointnet"), ("--graphs", 16)):
+        with pytest.raises(SystemExit, match=r"belongs to another run, whose (protocol|batch) is"):
+            run("train_actions.py", *common, *other, "--out", tmp_path / "a", "--resume")
 
 
 @pytest.mark.parametrize("network", ["pointnet", "resnext3d"])

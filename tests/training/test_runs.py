@@ -32,13 +32,14 @@ def _no_processes(monkeypatch):
     monkeypatch.setattr("nvsdata.training.trainer.loader", InTurn)
 
 
-def trainer(out, *, epochs=3, data=DATA, resume=True, width=4, rate=None):
+def trainer(out, *, epochs=3, data=DATA, resume=True, width=4, rate=None, batch=8, smoothing=0.0):
     torch.manual_seed(0)
     model = nn.Sequential(nn.Linear(2, width), models.BatchNorm(width), nn.Linear(width, 2))
     optimizer, schedule = adam(model, epochs, (60, 100))
     if rate:
         optimizer.param_groups[0]["lr"] = rate
-    return Trainer(model, optimizer, schedule, out, data=data, epochs=epochs, batch=8, team=HERE, resume=resume)
+    options = {"epochs": epochs, "batch": batch, "smoothing": smoothing, "team": HERE, "resume": resume}
+    return Trainer(model, optimizer, schedule, out, data=data, **options)
 
 
 def samples(scale=1.0):
@@ -74,7 +75,7 @@ def stopped(out, stop=3):
 def test_the_data_is_kept_and_told_once(tmp_path, capsys):
     fit(tmp_path)
     assert capsys.readouterr().out.count("hash ab, test_hash cd") == 1
-    assert torch.load(tmp_path / CHECKPOINT, weights_only=True)["data"] == DATA
+    assert torch.load(tmp_path / CHECKPOINT, weights_only=True)["data"] == DATA | {"batch": 8, "smoothing": 0.0}
     model = models.RGCNN(2, channels=(2, 2), clusters=((4, 4), (17, 17)))
     where = models.save(model, tmp_path / "model.safetensors", data=DATA)
     assert models.load(where).data == DATA
@@ -103,10 +104,17 @@ def test_hashes_tell_what_is_trained_on(fake_nmnist, tmp_path):
 @pytest.mark.parametrize("name", DATA)
 def test_a_run_on_other_data_is_not_gone_on_with(tmp_path, name):
     stopped(tmp_path)
-    with pytest.raises(ValueError, match=rf"belongs to a run of other data: its {name} is {DATA[name]}, not other"):
+    with pytest.raises(ValueError, match=rf"belongs to another run, whose {name} is {DATA[name]}, not other"):
         trainer(tmp_path, data=DATA | {name: "other"})
     assert len(lines(tmp_path)) == 2
     trainer(tmp_path, data=DATA | {name: "other"}, resume=False)
+
+
+@pytest.mark.parametrize(("name", "was", "other"), [("batch", 8, 4), ("smoothing", 0.0, 0.1)])
+def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path, name, was, other):
+    stopped(tmp_path)
+    with pytest.raises(ValueError, match=f"belongs to another run, whose {name} is {was}, not {other}"):
+        trainer(tmp_path, **{name: other})
 
 
 @pytest.mark.parametrize("left", [b"", b'{"epoch": 1, "lo', b'{"epoch": 9}\n\x00\xff\n', None])
