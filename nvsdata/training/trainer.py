@@ -161,9 +161,7 @@ class Trainer:
         for name in self.data.keys() | state.data.keys():
             theirs, ours = state.data.get(name), self.data.get(name)
             if theirs != ours:
-                raise ValueError(
-                    f"{where} belongs to another run, whose {name} is {theirs}, not {ours}"
-                )
+                raise ValueError(f"{where} belongs to another run, whose {name} is {theirs}, not {ours}")
         try:
             for name, part in self.parts.items():
                 runs.restore(part, getattr(state, name))
