@@ -32,7 +32,7 @@ from typing import Any
 import torch
 from torch.utils.data import ConcatDataset
 
-from nvsdata import plots
+from nvsdata import models, plots
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
 from nvsdata.common.tables import aligned
@@ -43,7 +43,16 @@ from nvsdata.training.objects import BATCH, Objects
 from nvsdata.transforms.defaults import LITERAL_BETA
 
 VOTES, ROUNDS = 5, 5
-THESIS = {"k": 8, "max_degree": 32, "pseudo": "abs", "features": (), "schedule": "steps", "smoothing": 0.0}
+THESIS = {
+    "k": 8,
+    "depth": 3,
+    "dropout": 0.5,
+    "max_degree": 32,
+    "pseudo": "abs",
+    "features": (),
+    "schedule": "steps",
+    "smoothing": 0.0,
+}
 GROUPS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {"default": {}},
     "k": {f"k = {k}": {"k": k} for k in (1, 2, 4, 8)},
@@ -64,6 +73,8 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
         "neither": {"loops": False, "root_weight": False},
     },
     "shortcut": {"starts at 0": {}, "starts at 1": {"shortcut_start": 1.0}, "none (G-CNN)": {"network": "gcnn"}},
+    "depth": {f"{depth} convolutions": {"depth": depth} for depth in models.SMALL_DEPTHS},
+    "dropout": {str(share): {"dropout": share} for share in (0.0, 0.2, 0.5)},
     "width": {f"width x {width}": {"width": width} for width in (0.5, 1.0, 1.5)},
     "augmentation": {"augmented": {}, "as recorded": {"augment": False}},
     "schedule": {
@@ -162,7 +173,7 @@ def core_seconds() -> float:
 def named(dataset: str, changes: dict[str, Any]) -> str:
     """Settings that differ from the dataset's defaults, in words."""
     usual = Objects(dataset)
-    own = vars(usual) | {"k": usual.nodes_from}
+    own = {name: usual.setting(name) for name in vars(usual)}
     differ = {name: value for name, value in sorted(changes.items()) if value != own[name]}
     return ", ".join(f"{name} {value}" for name, value in differ.items()) or "default"
 

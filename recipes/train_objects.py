@@ -34,7 +34,7 @@ from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWO
 from nvsdata.transforms.defaults import BETA, PSEUDO
 
 GRAPH = ("k", "radius", "alpha", "beta", "max_degree", "pseudo", "features")
-NETWORK = ("network", "convolution", "depth", "kernel_size", "image_size")
+NETWORK = ("network", "convolution", "depth", "kernel_size", "dropout", "image_size")
 SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "schedule", "smoothing")
 # rounds of the last evaluation if the test set has fewer than FEW recordings
 ROUNDS, FEW = 5, 1_000
@@ -109,7 +109,8 @@ def arguments() -> argparse.Namespace:
     )
     add("--schedule", choices=SCHEDULES, default=SCHEDULES[0], help="of the learning rate (default one-cycle)")
     add("--smoothing", type=float, default=0.05, help="share of a target that goes to all classes (default 0.05)")
-    add("--depth", type=int, choices=sorted(models.DEPTHS), help="number of convolutions, for 240x180 (Table 4.4)")
+    add("--depth", type=int, help="number of convolutions (default 5 for n-mnist; Table 4.4 for 240x180)")
+    add("--dropout", type=float, help="before the last layer (default 0.2 for n-mnist, else 0.5)")
     add("--kernel-size", type=at_least_1, default=5, help="cells of a kernel along each axis (default 5; Table 4.5)")
     add("--image-size", type=at_least_1, default=224, help="side of event images in pixels (default 224; Table 4.6)")
     add_run(parser)

@@ -34,6 +34,7 @@ __all__ = [
     "NETWORKS",
     "RGCNN",
     "RGCNN3D",
+    "SMALL_DEPTHS",
     "TEMPORAL",
     "BatchNorm",
     "Complexity",
@@ -52,7 +53,13 @@ __all__ = [
     "save",
 ]
 
-_SMALL: dict[str, Any] = {"channels": (32, 64, 128), "clusters": ((2, 2), (4, 4), (7, 7)), "hidden": 128}
+# for 34x34: the thesis's, with 3 convolutions, and deeper ones, which have two at one resolution
+SMALL_DEPTHS: dict[int, dict[str, Any]] = {
+    3: {"channels": (32, 64, 128), "clusters": ((2, 2), (4, 4), (7, 7))},
+    4: {"channels": (32, 64, 64, 128), "clusters": ((2, 2), (2, 2), (4, 4), (7, 7))},
+    5: {"channels": (32, 64, 64, 128, 128), "clusters": ((2, 2), (2, 2), (4, 4), (4, 4), (7, 7))},
+}
+_SMALL: dict[str, Any] = {**SMALL_DEPTHS[3], "hidden": 128}
 _WIDE: dict[str, Any] = {"channels": (64, 128, 256, 512), "hidden": 1024}
 _DVS128: dict[str, Any] = {**_WIDE, "sensor_size": (128, 128), "clusters": ((4, 4), (6, 6), (20, 20), (32, 32))}
 _DAVIS240: dict[str, Any] = {**_WIDE, "sensor_size": (240, 180), "clusters": ((4, 3), (16, 12), (30, 23), (60, 45))}

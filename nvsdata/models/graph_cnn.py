@@ -183,7 +183,9 @@ class _GraphCNN(nn.Module):
                 layers.append(ResidualBlock(previous, width, kernel, shortcut_start))
             else:
                 layers.append(ConvBlock(previous, width, kernel))
-            layers += activated_pool(cluster, sensor_size, pooling)
+            # nodes that are those clusters already would be joined with none
+            pooled = depth > 0 and cluster == clusters[depth - 1]
+            layers += [Activation()] if pooled else activated_pool(cluster, sensor_size, pooling)
             previous = width
         self.features = nn.Sequential(*layers)
         self.cluster, self.grid = clusters[-1], grid_shape(sensor_size, clusters[-1])
@@ -214,7 +216,7 @@ class RGCNN(_GraphCNN):
     - `sensor_size`: (width, height) in pixels (default 34, 34)
     - `channels`: output channels of each of the L + 1 blocks (default 32, 64, 128)
     - `clusters`: (width, height) in pixels of the clusters of each of the L + 1 poolings (default (2, 2), (4, 4),
-      (7, 7))
+      (7, 7)); the same clusters as of the block before stand for a block without pooling
     - `hidden`: width of the hidden fully connected layer (default 128)
     - `kernel_size`: of the B-spline kernels, along each axis (default 5)
     - `in_channels`: features per node (default 1)

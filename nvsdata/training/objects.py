@@ -28,6 +28,8 @@ IMAGE_NETWORKS: dict[str, type[nn.Module]] = {
 NETWORKS = ("rgcnn", "gcnn", *IMAGE_NETWORKS)
 DIGITS = ("n-mnist", "mnist-dvs")
 SMALL = "n-mnist"  # so few events that each is a node
+# settings for it, and for all others
+USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
 SCHEDULES = ("one-cycle", "steps")
 FEATURES: dict[str, Any] = {
     "age": T.Age(),
@@ -47,9 +49,10 @@ class Objects:
     - `k`: most events per box of the non-uniform sampling, 1 for no sampling (Table 4.1); None: 1 for n-mnist, else 8
     - `radius`, `alpha`, `beta`, `max_degree`, `pseudo`: of the graph; see `RadiusGraph` (Table 4.2)
     - `features`: of nodes beside polarity, of `FEATURES`
-    - `depth`: number of convolutions, for 240x180 (Table 4.4); None for the dataset's own network
+    - `depth`: number of convolutions, for 240x180 (Table 4.4) or 34x34; None: 5 for n-mnist, else the dataset's own
     - `kernel_size`: cells of a kernel along an axis (Table 4.5)
     - `width`: factor of the numbers of channels
+    - `dropout`: before the last layer; None: 0.2 for n-mnist, else the thesis's 0.5
     - `loops`, `root_weight`, `shortcut_start`: see `RGCNN`
     - `augment`: whether training samples are changed at random
     - `schedule`: "one-cycle", or "steps" as in the thesis: Adam's rate of 1e-3 is divided by 10 at 60/150 and 110/150
@@ -74,6 +77,7 @@ class Objects:
     depth: int | None = None
     kernel_size: int = 5
     width: float = 1.0
+    dropout: float | None = None
     loops: bool = True
     root_weight: bool = True
     shortcut_start: float = 0.0
@@ -90,6 +94,8 @@ class Objects:
                 whole(name, getattr(self, name), least)
         positive("width", self.width)
         probability("smoothing", self.smoothing)
+        if self.dropout is not None:
+            probability("dropout", self.dropout)
         self._graph()
         if self.convolution not in ("spline", *models.CONVOLUTIONS):
             raise ValueError(f"convolution must be one of {('spline', *models.CONVOLUTIONS)}, not {self.convolution!r}")
@@ -98,10 +104,10 @@ class Objects:
         if unknown := set(self.features) - FEATURES.keys():
             raise ValueError(f"features must be of {tuple(FEATURES)}, not {', '.join(sorted(unknown))}")
 
-    @property
-    def nodes_from(self) -> int:
-        """Most events per box of the sampling, of which one becomes a node: `k`, or what the dataset's events allow."""
-        return self.k or (1 if self.dataset == SMALL else 8)
+    def setting(self, name: str) -> Any:
+        """A setting, or if it is None, what it is for the dataset."""
+        given = getattr(self, name)
+        return given if given is not None or name not in USUAL else USUAL[name][self.dataset != SMALL]
 
     def pipeline(self, *, training: bool, within: tuple[float, float] = (0.0, 1.0)) -> T.Compose:
         """From a recording to what the network takes, augmented for training.
@@ -113,7 +119,7 @@ class Objects:
             scaled, size = T.Resize(round(self.image_size * 256 / 224)), self.image_size
             crops: list[Any] = [T.RandomCrop(size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(size)]
             return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
-        sample: list[Any] = [T.NonUniformSample(self.nodes_from)] if self.nodes_from > 1 else []
+        sample: list[Any] = [T.NonUniformSample(k)] if (k := self.setting("k")) > 1 else []
         graph: Any = self._graph()
         changes = training and self.augment
         if not self.features and self.dataset not in DIGITS:
@@ -132,7 +138,7 @@ class Objects:
         """What is done to events in training."""
         if self.dataset in DIGITS:
             # a digit's mirror image is not a digit
-            return [T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2), T.DropEvents(0.4)]
+            return [T.RandomAffine((0.85, 1.1), degrees=15, shift=2, shear=0.1, stretch=0.1), T.DropEvents(0.4)]
         return [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
@@ -149,13 +155,20 @@ class Objects:
             "dim": axes(self.pseudo),
             "loops": self.loops,
             "root_weight": self.root_weight,
+            "dropout": self.setting("dropout"),
         }
-        if self.depth:
-            settings |= {"sensor_size": (240, 180), "hidden": 1024} | models.DEPTHS[self.depth]
+        if depth := self.setting("depth"):
+            settings |= self._of_depth(depth, side)
         settings["channels"] = tuple(round(channels * self.width) for channels in settings["channels"])
         if self.network == "rgcnn":
             return models.RGCNN(**settings, convolution=self.convolution, shortcut_start=self.shortcut_start)
         return models.GCNN(**settings, convolution=self.convolution)
+
+    def _of_depth(self, depth: int, side: int) -> dict[str, Any]:
+        sizes = models.SMALL_DEPTHS if side <= 34 else models.DEPTHS
+        if depth not in sizes:
+            raise ValueError(f"depth must be one of {tuple(sizes)} for a sensor of {side} pixels, not {depth}")
+        return sizes[depth] if side <= 34 else sizes[depth] | {"sensor_size": (240, 180), "hidden": 1024}
 
     def optimization(self, model: nn.Module, epochs: int, steps: int) -> tuple[Any, Any]:
         """Optimizer and schedule for `epochs` of `steps` steps each: Adam, or for images gradient descent."""

@@ -121,11 +121,13 @@ class RandomTranslate:
 
 @dataclass(frozen=True)
 class RandomAffine:
-    """Scale, rotate and shift events by random amounts; see `affine`.
+    """Slant, stretch, scale, rotate and shift events by random amounts; see `affine`.
 
     - `scale`: (low, high) of the factor (default 0.95, 1.0)
     - `degrees`: largest angle, either way (default 10.0)
     - `shift`: largest shift in pixels along each axis, either way (default 0.0)
+    - `shear`: largest slant, as a share of the height, either way (default 0.0)
+    - `stretch`: largest change of the height, as a share of it, either way (default 0.0)
 
     Takes `Events` or a `Recording`, gives `Events`. ValueError for settings out of range.
     """
@@ -133,11 +135,15 @@ class RandomAffine:
     scale: tuple[float, float] = (0.95, 1.0)
     degrees: float = 10.0
     shift: float = 0.0
+    shear: float = 0.0
+    stretch: float = 0.0
 
     def __post_init__(self) -> None:
         RandomScale(*self.scale)
-        not_negative("degrees", self.degrees)
-        not_negative("shift", self.shift)
+        for name in ("degrees", "shift", "shear"):
+            not_negative(name, getattr(self, name))
+        if not 0 <= self.stretch < 1:
+            raise ValueError(f"stretch must be at least 0 and less than 1, not {self.stretch}")
 
     def __call__(self, sample: Events | Recording) -> Events:
         return affine(
@@ -146,18 +152,28 @@ class RandomAffine:
             uniform(-self.degrees, self.degrees),
             uniform(-self.shift, self.shift),
             uniform(-self.shift, self.shift),
+            uniform(-self.shear, self.shear),
+            uniform(1 - self.stretch, 1 + self.stretch),
         )
 
 
 def affine(
-    sample: Events | Recording, factor: float = 1.0, degrees: float = 0.0, dx: float = 0.0, dy: float = 0.0
+    sample: Events | Recording,
+    factor: float = 1.0,
+    degrees: float = 0.0,
+    dx: float = 0.0,
+    dy: float = 0.0,
+    shear: float = 0.0,
+    stretch: float = 1.0,
 ) -> Events:
-    """Scale and rotate events about the sensor's center, then shift them.
+    """Slant, stretch, scale and rotate events about the sensor's center, in this order, then shift them.
 
     - `sample`: `Events` or a `Recording`
     - `factor`: of the distances from the center (default 1.0)
     - `degrees`: angle from the x axis towards the y axis (default 0.0)
     - `dx`, `dy`: shift in pixels (default 0.0)
+    - `shear`: shift along x per pixel of y (default 0.0)
+    - `stretch`: factor of distances along y (default 1.0)
 
     Coordinates are rounded to the nearest pixel; events that leave the sensor are dropped.
     """
@@ -165,8 +181,8 @@ def affine(
     width, height = events.sensor_size
     cx, cy = (width - 1) / 2, (height - 1) / 2
     c, s = factor * math.cos(math.radians(degrees)), factor * math.sin(math.radians(degrees))
-    x = np.rint(c * (events.x - cx) - s * (events.y - cy) + cx + dx)
-    y = np.rint(s * (events.x - cx) + c * (events.y - cy) + cy + dy)
+    across, down = events.x - cx + shear * (events.y - cy), stretch * (events.y - cy)
+    x, y = np.rint(c * across - s * down + cx + dx), np.rint(s * across + c * down + cy + dy)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])
     return events.of(columns)

@@ -9,6 +9,7 @@ from lookalikes import saccade
 import nvsdata
 from nvsdata import Events, GraphBatch, models
 from nvsdata import transforms as T
+from nvsdata.training.objects import Objects
 
 
 def recording(digit, seed=0, n=300):
@@ -155,3 +156,23 @@ def test_pooling_is_a_setting_that_is_kept(tmp_path):
     assert models.rgcnn3d("ucf101-dvs", "plain", pooling="average").settings["pooling"] == "average"
     with pytest.raises(ValueError, match="must be 'max' or 'average', not 'median'"):
         models.rgcnn("n-mnist", pooling="median")
+
+
+def test_a_block_of_the_same_clusters_does_not_pool():
+    """Pooling to the clusters that nodes are already changes nothing."""
+    deep = models.RGCNN(3, channels=(4, 5, 5), clusters=((4, 4), (4, 4), (7, 7)), hidden=6, dropout=0.0).eval()
+    assert [type(layer).__name__ for layer in deep.features[3:5]] == ["ResidualBlock", "Activation"]
+    batch = GraphBatch.from_graphs([graph(seed) for seed in range(3)])
+    with torch.no_grad():
+        first = deep.features[:5](batch)
+        again = deep.features[1](first)
+        assert torch.equal(first.x, again.x)
+        assert torch.equal(first.pos, again.pos)
+        assert torch.equal(first.edge_index, again.edge_index)
+        assert torch.allclose(first.edge_attr, again.edge_attr, atol=1e-6)
+    with pytest.raises(ValueError, match=r"depth must be one of \(3, 4, 5\) for a sensor of 34 pixels, not 6"):
+        Objects("n-mnist", depth=6).build((34, 34), 10)
+    assert [Objects("n-mnist").build((34, 34), 10).dropout.p, Objects("n-cars").build((120, 100), 2).dropout.p] == [
+        0.2,
+        0.5,
+    ]

@@ -148,7 +148,7 @@ def test_the_flags(run, capsys):
 
 ABLATIONS = {
     "plain": ("--network", "gcnn", "--convolution", "gcn", "--k", 8),
-    "graph": ("--radius", 2, "--kernel-size", 3, "--depth", 2, "--window", 50_000),
+    "graph": ("--radius", 2, "--kernel-size", 3, "--depth", 4, "--window", 50_000),
     "image": ("--network", "resnet50", "--image-size", 32, "--batch", 20),
 }
 
@@ -167,7 +167,7 @@ def test_ablations(run, fake_nmnist, tmp_path, flags):
     elif "--depth" in flags:
         assert "radius=2.0" in text
         assert "duration=50000" in text
-        assert (settings["kernel_size"], settings["channels"]) == (3, (128, 256))
+        assert (settings["kernel_size"], settings["channels"]) == (3, (32, 64, 64, 128))
     else:
         assert "CenterCrop(size=32)" in text
     assert trained.predict(next(fake_nmnist.rglob("*.bin"))) in trained.classes

@@ -22,7 +22,7 @@ ALL = [
     T.RandomWindow(30_000),
     T.NonUniformSample(8),
     T.DropEvents(0.3),
-    T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2),
+    T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2, shear=0.3, stretch=0.2),
     T.RadiusGraph(radius=3, alpha=1, beta=LITERAL_BETA, max_degree=32, pseudo="signed-time", reach_t=5_000),
     T.NodeFeatures(T.Compose([T.MergePixels(("first", "mean")), T.KNNGraph()]), [T.Age(), T.Patch(3), T.PatchMean(7)]),
     T.MergePixels(times=("last",)),
@@ -78,6 +78,8 @@ def test_settings_cannot_be_changed():
         (lambda: T.RandomScale(1.0, 0.5), "at least low"),
         (lambda: T.RandomRotate(-1), "degrees must not be negative"),
         (lambda: T.RandomAffine(scale=(1.1, 0.9)), "at least low"),
+        (lambda: T.RandomAffine(shear=-0.1), "shear"),
+        (lambda: T.RandomAffine(stretch=1), "stretch must be at least 0 and less than 1, not 1"),
     ],
 )
 def test_bad_settings_are_refused(build, message):
@@ -266,15 +268,16 @@ def test_shift_moves_nodes_and_nothing_else(kind):
     assert torch.allclose(moved.edge_attr, g.edge_attr)
 
 
-@given(st.floats(0.5, 2), st.floats(-180, 180), st.floats(-5, 5), st.floats(-5, 5))
-def test_affine_maps_each_event_to_the_nearest_pixel_or_drops_it(factor, degrees, dx, dy):
+@given(st.floats(0.5, 2), st.floats(-180, 180), st.floats(-5, 5), st.floats(-5, 5), st.floats(-1, 1), st.floats(0.5, 2))
+def test_affine_maps_each_event_to_the_nearest_pixel_or_drops_it(factor, degrees, dx, dy, shear, stretch):
     ev = sweep(60)
-    moved = T.affine(ev, factor, degrees, dx, dy)
+    moved = T.affine(ev, factor, degrees, dx, dy, shear, stretch)
     c, s = factor * np.cos(np.radians(degrees)), factor * np.sin(np.radians(degrees))
     expected = []
     for t, x, y, p in zip(*(c.tolist() for c in ev.columns), strict=True):
-        u = np.rint(c * (x - 16.5) - s * (y - 16.5) + 16.5 + dx)
-        v = np.rint(s * (x - 16.5) + c * (y - 16.5) + 16.5 + dy)
+        slanted, high = x - 16.5 + shear * (y - 16.5), stretch * (y - 16.5)
+        u = np.rint(c * slanted - s * high + 16.5 + dx)
+        v = np.rint(s * slanted + c * high + 16.5 + dy)
         if 0 <= u < 34 and 0 <= v < 34:
             expected.append((t, int(u), int(v), p))
     assert list(zip(*(c.tolist() for c in moved.columns), strict=True)) == expected
