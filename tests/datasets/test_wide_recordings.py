@@ -49,11 +49,12 @@ def test_a_store_keeps_every_pixel(folder, tmp_path, compress):
 
 
 @pytest.mark.parametrize("size", [(256, 256), (257, 40), (40, 257), *LARGE])
-def test_a_store_of_one_sensor_has_as_many_bits_as_it_needs(tmp_path, size):
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_store_of_one_sensor_has_as_many_bits_as_it_needs(tmp_path, size, stated):
     ev = corners(size)
     (tmp_path / "events" / "a").mkdir(parents=True)
     nvsdata.write(ev, tmp_path / "events" / "a" / "0.h5")
-    pack(EventFolder(tmp_path / "events", "all"), tmp_path / "a.h5")
+    pack(EventFolder(tmp_path / "events", "all", sensor_size=size if stated else None), tmp_path / "a.h5")
     assert EventFolder(tmp_path / "a.h5", "all").recording(0).read() == ev
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["events/x"].dtype.itemsize == (1 if max(size) == 256 else 2)
