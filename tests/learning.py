@@ -19,6 +19,12 @@ def learn(model, batch, targets, steps, rate=1e-3):
     return losses
 
 
+def on_diagonal(confusion):
+    """Accuracy by a report's confusion matrix, rows of true classes by name."""
+    total = sum(sum(row.values()) for row in confusion.values())
+    return sum(row.get(true, 0) for true, row in confusion.items()) / total
+
+
 def share_right(model, batch, targets):
     """Share of the samples that the model names right, as a network in use."""
     with torch.no_grad():

@@ -115,11 +115,11 @@ def test_nmnist_first_saccade_and_stabilized(home):
     assert NMNIST(root, first_saccade=True).recording(4).read(50_000, 120_000) == whole.window(50_000, 100_000)
     still, _ = NMNIST(root, stabilized=True)[4]
     inside = [
-        (t, round(x - d), round(y - e))
-        for t, x, y, d, e in zip(whole.t, whole.x, whole.y, *_drift(whole.t), strict=True)
+        (t, round(x - d), round(y - e), p)
+        for t, x, y, p, d, e in zip(*whole.columns, *_drift(whole.t), strict=True)
         if 0 <= round(x - d) < 34 and 0 <= round(y - e) < 34
     ]
-    assert list(zip(still.t, still.x, still.y, strict=True)) == inside
+    assert list(zip(*still.columns, strict=True)) == inside
 
 
 def _drift(t):

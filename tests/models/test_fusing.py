@@ -51,6 +51,43 @@ def test_a_fused_network_gives_the_same_scores(name):
     assert all(torch.equal(value, before[key]) for key, value in model.state_dict().items())
 
 
+def normalized_convolution(x, edges, u, conv, norm):
+    """(4.6) without activation, and (4.7) with running statistics, edge by edge; a node is its own neighbor, too."""
+    heard = [[] for _ in x]
+    for (source, target), offset in zip(edges.T.tolist(), u.tolist(), strict=True):
+        heard[target].append((x[source], offset))
+    size = round(len(conv.weight) ** 0.5)
+    knots = [(column, row) for row in range(size) for column in range(size)]
+    rows = []
+    for node, features in enumerate(x):
+        total = torch.zeros(conv.weight.shape[2], dtype=torch.float64)
+        for other, (a, b) in (*heard[node], (features, (0.5, 0.5))):
+            for cell, (column, row) in enumerate(knots):
+                hats = [max(0.0, 1 - abs(v * (size - 1) - k)) if size > 1 else 1.0 for v, k in ((a, column), (b, row))]
+                total += hats[0] * hats[1] * (other @ conv.weight[cell]) / (len(heard[node]) + 1)
+        rows.append(total + features @ conv.root + conv.bias)
+    deviation = (norm.running_var + norm.eps).sqrt()
+    return (torch.stack(rows) - norm.running_mean) / deviation * norm.weight + norm.bias
+
+
+@pytest.mark.parametrize("fuse", [False, True])
+def test_a_block_is_that_of_the_text_fused_or_not(fuse):
+    """4.2.5: a convolution and a shortcut of kernel size 1, each normalized, added up."""
+    graphs = batch(graphs=1, pseudo="signed")
+    whole = learnt(models.RGCNN(5, channels=(3, 4), clusters=((2, 2), (4, 4))))
+    inputs = graphs.__class__(**{**vars(graphs), "x": torch.randn(150, 3, dtype=torch.float64)})
+    block, first = whole.features[3], whole.features[0]
+    edges, u = graphs.edge_index, graphs.edge_attr.double()
+    with torch.no_grad():
+        plain = normalized_convolution(inputs.x, edges, u, block.conv, block.norm)
+        shortcut = normalized_convolution(inputs.x, edges, u, block.shortcut, block.shortcut_norm)
+        begin = normalized_convolution(graphs.x, edges, u, first.conv, first.norm)
+        layers = models.fused(whole).features if fuse else whole.features
+        torch.testing.assert_close(layers[3](inputs).x, plain + shortcut, rtol=1e-6, atol=1e-6)
+        torch.testing.assert_close(layers[0](graphs).x, begin, rtol=1e-6, atol=1e-6)
+    assert shortcut.std() > 0.1
+
+
 @pytest.mark.parametrize("kind", ["abs", "signed", "signed-time"])
 def test_a_fused_network_takes_every_kind_of_pseudo_coordinates(kind):
     model = learnt(models.RGCNN(5, dim=3 if kind == "signed-time" else 2))

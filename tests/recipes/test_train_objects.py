@@ -5,6 +5,7 @@ import sys
 import cv2
 import pytest
 import torch
+from learning import on_diagonal
 from places import RECIPES
 
 from nvsdata import models
@@ -26,8 +27,15 @@ def test_trains_resumes_exactly_and_votes(run, fake_nmnist, tmp_path):
     run("train_objects.py", *common, "--out", tmp_path / "whole")
     log = lines(tmp_path / "whole")
     assert [line["epoch"] for line in log] == [1, 2, 3]
-    assert 0 <= log[-1]["test_accuracy"] <= 1
-    assert 0 <= log[-1]["test_accuracy_votes"] <= 1
+    told = report(tmp_path / "whole")
+    assert (told["rounds"], told["recordings"]) == (5, 20)
+    assert log[-1]["test_accuracy_votes"] == pytest.approx(on_diagonal(told["confusion"]))
+    # mistakes are counted by recording, the shares of classes by true class, of as many recordings each
+    assert log[-1]["test_accuracy_votes"] == pytest.approx(1 - sum(m["wrong_votes"] for m in told["mistakes"]) / 20)
+    for column, share in told["accuracy"].items():
+        assert share == pytest.approx(sum(one[column] for one in told["classes"].values()) / 10)
+    # other windows than the report's: 5 rounds of 2 of each recording
+    assert log[-1]["test_accuracy"] * 200 == pytest.approx(round(log[-1]["test_accuracy"] * 200))
 
     # a run that was killed after writing the second line, before its checkpoint
     state = torch.load(tmp_path / "whole" / "checkpoint.pt", weights_only=True)

@@ -72,14 +72,41 @@ def test_an_unplugged_camera_leaves_what_came(tmp_path):
     assert len(nvsdata.read(tmp_path / "a.h5")) == report.events > 1000
 
 
-def test_a_stalled_camera_ends_the_recording(tmp_path, monkeypatch):
+class Remembered(Outlines):
+    """Remembers the events that the pixels saw, as rows of host times."""
+
+    def __init__(self):
+        super().__init__(rate=100_000)
+        self.rows = []
+
+    def events(self, start, stop):
+        seen = super().events(start, stop)
+        self.rows += zip(*(column.tolist() for column in seen.columns), strict=True)
+        return seen
+
+
+def test_a_stalled_camera_ends_the_recording_and_keeps_what_it_sent(tmp_path, monkeypatch):
     monkeypatch.setattr(Davis, "silence", 0.2)
-    camera = SimulatedDavis(speed=0)
-    with opened(camera) as davis:
-        camera.advance(50_000)
+    reads, began = 0, None
+
+    def moves(camera, call):
+        nonlocal reads, began
+        reads += call == "read"
+        began = camera._began or began
+        # its time stands still otherwise, and at last
+        if call == "read" and reads <= 5:
+            camera.advance(10_000)
+
+    camera = SimulatedDavis(scene=Remembered(), speed=0)
+    with opened(camera, moves) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=30)
     assert "sent nothing" in report.ended
-    nvsdata.read(tmp_path / "a.h5")
+    assert not report.whole
+    events = nvsdata.read(tmp_path / "a.h5")
+    assert len(events) == report.events > 3_000
+    # what came before the reset of its clock isn't part of the recording
+    sent = sorted((t - int(began), *others) for t, *others in camera.scene.rows if t >= int(began))
+    assert sorted(zip(*(column.tolist() for column in events.columns), strict=True)) == sent
 
 
 def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
@@ -88,7 +115,7 @@ def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
         report = record(davis, tmp_path / "a.h5", seconds=0.3)
     assert report.lost > 0
     assert not report.whole
-    nvsdata.read(tmp_path / "a.h5")
+    assert len(nvsdata.read(tmp_path / "a.h5")) == report.events
 
 
 def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path):

@@ -148,7 +148,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
         patch.setattr(Davis, "find", back)
         patch.setattr(batch, "RETRY", 10_000)
         result = recorded(tmp_path / "in", tmp_path / "out", camera, before=pulled, format="aedat2")
-    assert result.done == 1
+    assert (result.done, result.failed) == (1, {})
     assert lines(tmp_path / "out")[-1]["takes"] == 2
     assert "waiting for it" in capsys.readouterr().out
     assert len(nvsdata.read(tmp_path / "out/run/a.aedat")) == lines(tmp_path / "out")[-1]["events"]

@@ -56,18 +56,36 @@ def test_what_does_not_fit_in_whole_numbers_is_refused():
         monitor.show(picture(101, 20))
 
 
-def test_pictures_come_at_the_refresh_nearest_to_their_time():
+@pytest.mark.parametrize("synced", [False, True])
+def test_each_picture_comes_at_the_refresh_nearest_to_its_time(clock, synced):
+    """By a clock of the test's own, so that neither the load of the machine nor the code decides what is late."""
+    clock.synced = synced
     eye = Eye()
     with Monitor(window=(64, 48), look=eye) as monitor:
-        start = host_time() + 50_000
-        due = [start + n * 40_000 for n in range(8)]
-        shown = [monitor.show(picture(8, 8), moment) for moment in due]
+        assert monitor.synced == synced
         period = monitor.refresh
-    assert eye.times == shown
-    # whole refreshes lie between them, and none is early by more than half of one
+        assert period == pytest.approx(clock.PERIOD, abs=50)
+        start = clock() + 5 * period
+        due = [start + n * 3.37 * period for n in range(60)]
+        shown = [monitor.show(picture(8, 8), moment) for moment in due]
+        filled = monitor.fill(9, due[-1] + 4.2 * period)
+    assert eye.times == [*shown, filled]
+    off = np.array([*shown, filled]) - [*due, due[-1] + 4.2 * period]
+    # reading the clock takes 1 µs here
+    assert abs(off).max() < period / 2 + 100
+    assert off.min() < -0.4 * period
+    assert off.max() > 0.4 * period
+    assert abs(off.mean()) < 0.1 * period
+    # whole refreshes lie between them
     gaps = np.diff(shown) / period
-    assert np.abs(gaps - np.rint(gaps)).mean() < 0.3
-    assert min(np.array(shown) - np.array(due)) > -period
+    assert abs(gaps - np.rint(gaps)).max() < 0.02
+
+
+def test_a_picture_whose_time_is_over_comes_at_the_next_refresh(clock):
+    with Monitor(window=(64, 48)) as monitor:
+        for due in (None, clock() - 1e6):
+            before = clock()
+            assert before < monitor.show(picture(8, 8), due) <= before + monitor.refresh + 100
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,30 @@ def test_a_video_between_two_patterns(tmp_path):
     assert done.truncated is None
 
 
+def test_every_picture_is_shown_when_it_is_due(tmp_path, clock):
+    """Each is on the screen within half a refresh of its time in the video, for as long as it lasts there."""
+    seen = []
+    # what is shown says which picture it is
+    video = make_video(tmp_path / "a.avi", frames=20, fps=12.5)
+    with Monitor(window=(80, 60), look=lambda time, picture: seen.append((time, picture.copy()))) as monitor:
+        done = perform(monitor, video)
+        refresh = monitor.refresh
+    shown = dict(seen)
+    assert (done.late, done.skipped, done.frames) == (0, 0, 20)
+    due = done.start + np.arange(20) * 80_000
+    assert np.allclose(done.due, due, atol=1)
+    assert abs(np.array(done.shown) - due).max() < refresh / 2 + 100
+    # the disc moves on by 4 pixels a picture; the first was shown before
+    for n in range(1, 20):
+        red = np.argwhere((shown[done.shown[n]][..., 0] > 150) & (shown[done.shown[n]][..., 2] < 90))
+        assert red[:, 1].mean() == pytest.approx(10 + 4 * n, abs=3) or 10 + 4 * n > 68
+    # flashes: each step lasts so many refreshes, and the last one is over before the video begins, or after its end
+    steps = np.diff(done.flashes[: len(done.flashes) // 2]) / refresh / playback.STEP
+    assert abs(steps - np.rint(steps)).max() < 0.01
+    assert done.start - max(time for time in done.flashes if time < done.start) > playback.SETTLE
+    assert min(time for time in done.flashes if time > done.start) - done.stop > playback.STILL
+
+
 def test_pictures_that_come_too_late_are_skipped_and_counted(tmp_path):
     def slow(moment, picture):
         if picture[0, 0, 0] not in (DIM, BRIGHT):

@@ -1,0 +1,85 @@
+"""A cache keeps what is marked deterministic: each transform is called with different seeds, and must do as it says."""
+
+import numpy as np
+import pytest
+import torch
+from graphs import same, scattered
+
+from nvsdata import Events
+from nvsdata import transforms as T
+from nvsdata.data.graph import Graph
+from nvsdata.transforms.compose import is_deterministic
+
+N = 400
+EVENTS = Events(np.arange(N) * 500, np.arange(N) * 7 % 60, np.arange(N) * 11 % 40, np.arange(N) % 2, (60, 40))
+WINDOWS = [EVENTS.window(0, 9_000), EVENTS.window(50_000, 70_000)]
+GRAPHS = [scattered(20), scattered(30)]
+FRAMES = torch.rand(30, 30, 40, generator=torch.Generator().manual_seed(0))
+EXAMPLES = [
+    (T.Age(), (EVENTS, T.radius_graph(EVENTS))),
+    (T.CenterCrop(9), FRAMES),
+    (T.Compose([T.Window(0, 9_000), T.RadiusGraph()]), EVENTS),
+    (T.Compose([T.Window(0, 9_000), T.NonUniformSample()]), EVENTS),
+    (T.DropEvents(), EVENTS),
+    (T.Each(T.MergePixels()), WINDOWS),
+    (T.Each(T.DropEvents()), WINDOWS),
+    (T.EventImage(), EVENTS),
+    (T.FourCrops(), FRAMES),
+    (T.Graph2Grid((4, 4)), GRAPHS),
+    (T.KNNGraph(), EVENTS),
+    (T.MedianDenoise(), FRAMES),
+    (T.MergePixels(("mean",)), EVENTS),
+    (T.MotionCrop(), FRAMES),
+    (T.NodeFeatures(T.RadiusGraph(), [T.Age()]), EVENTS),
+    (T.NodeFeatures(T.Compose([T.NonUniformSample(), T.RadiusGraph()]), [T.Age()]), EVENTS),
+    (T.NonUniformSample(), EVENTS),
+    (T.Normalize(), FRAMES),
+    (T.Patch(), (EVENTS, T.radius_graph(EVENTS))),
+    (T.PatchMean(), (EVENTS, T.radius_graph(EVENTS))),
+    (T.Points(30), EVENTS),
+    (T.RadiusGraph(), EVENTS),
+    (T.RandomAffine(), EVENTS),
+    (T.RandomCrop(9), FRAMES),
+    (T.RandomFlip(), EVENTS),
+    (T.RandomFlip(1), GRAPHS),
+    (T.RandomHorizontalFlip(), FRAMES),
+    (T.RandomRotate(), GRAPHS),
+    (T.RandomScale(), GRAPHS),
+    (T.RandomTemporalCrop(9), FRAMES),
+    (T.RandomTranslate(), GRAPHS),
+    (T.RandomWindow(), EVENTS),
+    (T.Resize(20), FRAMES),
+    (T.Stacks(), FRAMES),
+    (T.ToFrames(), EVENTS),
+    (T.Volumes(4, 9_000), EVENTS),
+    (T.Window(0, 9_000), EVENTS),
+]
+
+
+def equal(a, b):
+    if isinstance(a, list):
+        return len(a) == len(b) and all(map(equal, a, b))
+    if isinstance(a, Graph):
+        try:
+            return same(a, b)
+        except AssertionError:
+            return False
+    return torch.equal(a, b) if isinstance(a, torch.Tensor) else a == b
+
+
+@pytest.mark.parametrize(("transform", "sample"), EXAMPLES, ids=lambda thing: str(thing) if callable(thing) else "")
+def test_it_depends_on_the_seed_unless_it_says_otherwise(transform, sample):
+    results = []
+    for seed in range(12):
+        torch.manual_seed(seed)
+        np.random.seed(seed)  # noqa: NPY002 - a transform that draws from it must not pass for deterministic
+        results.append(transform(*sample) if isinstance(sample, tuple) else transform(sample))
+    assert all(equal(results[0], result) for result in results) == is_deterministic(transform)
+    torch.manual_seed(0)
+    again = transform(*sample) if isinstance(sample, tuple) else transform(sample)
+    assert equal(results[0], again)
+
+
+def test_every_transform_has_an_example():
+    exported = {thing for name in T.__all__ if isinstance(thing := getattr(T, name), type)}
+    assert exported == {type(transform) for transform, _ in EXAMPLES}

@@ -1,0 +1,154 @@
+"""Every transform on sensors of 346x260 and 1280x720: the last corner is treated like a sensor of its own size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from graphs import same
+from wide import LARGE, corners
+
+from nvsdata import Events, Graph
+from nvsdata import transforms as T
+
+SIDE = 34  # of the last corner, which a small sensor stands for
+SMALL = corners((SIDE, SIDE))
+LAST = torch.tensor([SIDE - 1.0, SIDE - 1.0])
+sizes = pytest.mark.parametrize("size", LARGE, ids=lambda size: "{}x{}".format(*size))
+
+# what doesn't depend on where on the sensor something happens
+ANYWHERE = [
+    T.Window(0, 4_000),
+    T.RandomWindow(4_000),
+    T.Volumes(3, 2_000),
+    T.NonUniformSample(8),
+    T.DropEvents(0.3),
+    T.RadiusGraph(),
+    T.KNNGraph(2),
+    T.MergePixels(("mean",)),
+    T.NodeFeatures(T.RadiusGraph(), [T.Age(), T.Patch(3), T.PatchMean(5)]),
+    T.Compose([T.NonUniformSample(4), T.RadiusGraph(), T.RandomTranslate(5)]),
+    T.Compose([T.Volumes(2, 2_000), T.Each(T.KNNGraph())]),
+    T.EventImage(),
+    T.ToFrames(200),
+    T.Compose([T.RadiusGraph(), T.Graph2Grid()]),
+    T.Compose([T.ToFrames(400), T.RandomTemporalCrop(2)]),
+    T.Compose([T.ToFrames(400), T.Stacks(2)]),
+]
+# what does
+ELSEWHERE = (T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
+IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
+IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
+FEATURES = (T.Age, T.Patch, T.PatchMean)
+WITHIN = (T.Each, T.Graph2Grid, T.NodeFeatures, T.RandomTemporalCrop, T.RandomTranslate, T.Stacks)
+
+
+def in_last_corner(size):
+    x, y = SMALL.x + size[0] - SIDE, SMALL.y + size[1] - SIDE
+    return Events(SMALL.t, x, y, SMALL.p, size)
+
+
+def corner_of(found, size):
+    """What was found in the last corner, as if that were the sensor; nothing may be anywhere else."""
+    if isinstance(found, list):
+        return [corner_of(part, size) for part in found]
+    if isinstance(found, Events):
+        x, y = found.x - (size[0] - SIDE), found.y - (size[1] - SIDE)
+        return Events(found.t, x, y, found.p, (SIDE, SIDE), start=found.start, end=found.stated_end)
+    if isinstance(found, Graph):
+        shift = torch.tensor([size[0] - SIDE, size[1] - SIDE])
+        # a node lies at whole pixels, or where a shift of float32 led it
+        return replace(found, pos=found.pos - shift, sensor_size=(SIDE, SIDE))
+    assert found.shape[-2:] == (size[1], size[0])
+    corner = found[..., -SIDE:, -SIDE:]
+    assert torch.equal(found.abs().sum(dtype=torch.float64), corner.abs().sum(dtype=torch.float64))
+    return corner
+
+
+def agree(a, b):
+    if isinstance(a, list):
+        assert len(a) == len(b)
+        return all(map(agree, a, b))
+    if isinstance(a, Graph):
+        torch.testing.assert_close(a.pos, b.pos, rtol=0, atol=1e-3)
+        torch.testing.assert_close(a.edge_attr, b.edge_attr, rtol=0, atol=1e-3)
+        return same(replace(a, pos=b.pos, edge_attr=b.edge_attr), b)
+    return torch.equal(a, b) if isinstance(a, torch.Tensor) else a == b
+
+
+@sizes
+@pytest.mark.parametrize("transform", ANYWHERE, ids=repr)
+def test_the_last_corner_is_like_a_small_sensor(transform, size):
+    torch.manual_seed(0)
+    expected = transform(SMALL)
+    torch.manual_seed(0)
+    assert agree(corner_of(transform(in_last_corner(size)), size), expected)
+
+
+@sizes
+@pytest.mark.parametrize("axis", [0, 1])
+def test_flips(size, axis):
+    ev = corners(size)
+    columns = [column.astype(int) for column in ev.columns]
+    columns[1 + axis] = size[axis] - 1 - columns[1 + axis]
+    assert T.RandomFlip(axis, p=1)(ev) == Events(*columns, size)
+    graph = T.radius_graph(ev)
+    assert torch.equal(T.RandomFlip(axis, p=1)(graph).pos[:, axis], size[axis] - 1 - graph.pos[:, axis])
+
+
+@sizes
+def test_turns_and_scales_are_about_the_center(size):
+    ev = corners(size)
+    assert T.RandomAffine((1.0, 1.0), 0)(ev) == ev
+    center = torch.tensor([(side - 1) / 2 for side in size])
+    graph = T.radius_graph(ev)
+    torch.testing.assert_close(T.RandomScale(0.5, 0.5)(graph).pos, (graph.pos - center) / 2 + center)
+    turned = T.RandomRotate(10)(graph)
+    torch.testing.assert_close((turned.pos - center).norm(dim=1), (graph.pos - center).norm(dim=1), rtol=0, atol=1e-3)
+    torch.testing.assert_close(T.rotate(graph, 180).pos, 2 * center - graph.pos, rtol=0, atol=1e-3)
+    # by half a turn every event goes to the opposite pixel
+    half = T.affine(ev, degrees=180)
+    assert np.array_equal(half.x, size[0] - 1 - ev.x)
+    assert np.array_equal(half.y, size[1] - 1 - ev.y)
+
+
+@sizes
+def test_points(size):
+    ev = corners(size)
+    points = T.Points(len(ev))(ev).double().numpy()
+    assert np.rint(points[:, 0] * (size[0] - 1)).tolist() == ev.x.tolist()
+    assert np.rint(points[:, 1] * (size[1] - 1)).tolist() == ev.y.tolist()
+
+
+@sizes
+def test_images(size):
+    width, height = size
+    image = T.EventImage()(in_last_corner(size))
+    corner = image[:, -SIDE:, -SIDE:]
+    assert torch.equal(T.MotionCrop(SIDE)(image), corner)
+    four = T.FourCrops(SIDE)(image)
+    assert torch.equal(four[0], corner)
+    assert torch.equal(four[1], corner.flip(-1))
+    assert four[2:].count_nonzero() == 0
+    assert torch.equal(T.RandomHorizontalFlip(1)(image)[:, -SIDE:, :SIDE], corner.flip(-1))
+    small = T.event_image(SMALL)
+    assert torch.equal(T.MedianDenoise()(image)[:, -SIDE:, -SIDE:], T.median_denoise(small))
+    ramp = torch.arange(float(width)) + 10_000 * torch.arange(float(height))[:, None]
+    place = T.CenterCrop(200)(ramp)[0, 0]
+    assert place == (width - 200) // 2 + 10_000 * ((height - 200) // 2)
+    corners_of_crops = torch.stack([T.RandomCrop(200)(ramp)[0, 0] for _ in range(300)])
+    x, y = corners_of_crops % 10_000, corners_of_crops // 10_000
+    for places, room in ((x, width - 200), (y, height - 200)):
+        assert places.min() < 0.05 * room
+        assert 0.95 * room < places.max() <= room
+    resized = T.Resize(130)(ramp)
+    assert resized.shape == (130, round(width * 130 / height))
+    assert resized.mean().item() == pytest.approx(ramp.mean().item(), rel=1e-3)
+    normal = T.Normalize()(image)
+    assert normal.mean().abs() < 1e-4
+    assert normal[0, 0, 0] == normal.min() < 0
+
+
+def test_every_transform_was_there():
+    exported = {thing for name in T.__all__ if isinstance(thing := getattr(T, name), type)}
+    assert exported == {*map(type, ANYWHERE), *ELSEWHERE, *IMAGES, *FEATURES, *WITHIN}
