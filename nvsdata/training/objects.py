@@ -119,7 +119,7 @@ class Objects:
             scaled, size = T.Resize(round(self.image_size * 256 / 224)), self.image_size
             crops: list[Any] = [T.RandomCrop(size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(size)]
             return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
-        sample: list[Any] = [T.NonUniformSample(k)] if (k := self.setting("k")) > 1 else []
+        sample: list[Any] = [T.NonUniformSample(k, self.alpha, self.beta)] if (k := self.setting("k")) > 1 else []
         graph: Any = self._graph()
         changes = training and self.augment
         if not self.features and self.dataset not in DIGITS:
