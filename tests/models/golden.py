@@ -73,9 +73,9 @@ def graph(number: int, sensor_size: tuple[int, int], *, nodes: int = 90, feature
     apart = ((pos[:, None] - pos) ** 2).sum(2) + 1e9 * np.eye(nodes)
     source = np.argsort(apart, axis=1, kind="stable")[:, :3].ravel()
     target = np.repeat(np.arange(nodes), 3)
-    share = np.column_stack((pos[source] - pos[target], t[source] - t[target])) / (4.0, 4.0, 5_000.0)
+    share = np.column_stack((pos[source] - pos[target], t[source] - t[target])) / (4.0, 4.0, 4_096.0)
     u = np.abs(share[:, :2]) if kind == "abs" else (share[:, : 3 if kind == "signed-time" else 2] + 1) / 2
-    reach = (4.0, 4.0, 5_000.0)[: u.shape[1]]
+    reach = (4.0, 4.0, 4_096.0)[: u.shape[1]]
     edges = torch.from_numpy(np.stack((source, target)))
     x, pos, u = (torch.from_numpy(values).float() for values in (x, pos, u.clip(0, 1)))
     return Graph(x, pos, torch.from_numpy(t), edges, u, sensor_size=sensor_size, reach=reach, pseudo=kind)
