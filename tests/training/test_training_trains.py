@@ -233,11 +233,17 @@ class Numbers(Dataset):
 
 
 def test_every_epoch_takes_every_sample_once_in_an_order_and_with_draws_of_its_own(tmp_path):
-    def seen(out, epochs, resume=False):
-        model, taken = torch.nn.Linear(2, 2), []
-        model.register_forward_pre_hook(lambda _, given: taken.append(given[0].clone()))
+    def seen(out, epochs=4, seed=5, resume=False):
+        """Samples of each epoch [epochs, COUNT, 2], and what the network draws for each batch [epochs, 3]."""
+        model, taken, drawn = torch.nn.Linear(2, 2), [], []
+
+        def look(_, given):
+            taken.append(given[0].clone())
+            drawn.append(torch.rand(()))  # as dropout does
+
+        model.register_forward_pre_hook(look)
         optimizer, schedule = adam(model, 4, (60, 110))
-        settings = {"data": {}, "epochs": 4, "batch": BATCH, "team": HERE, "seed": 5, "resume": resume}
+        settings = {"data": {}, "epochs": 4, "batch": BATCH, "team": HERE, "seed": seed, "resume": resume}
 
         def stop(epoch):
             if epoch == epochs and epochs < 4:
@@ -247,16 +253,22 @@ def test_every_epoch_takes_every_sample_once_in_an_order_and_with_draws_of_its_o
         with contextlib.suppress(KeyboardInterrupt):
             Trainer(model, optimizer, schedule, tmp_path / out, **settings).fit(Numbers(), stop)
         assert [len(batch) for batch in taken] == [6, 6, 4] * (len(taken) // 3)
-        return torch.cat(taken).view(-1, COUNT, 2)
+        return torch.cat(taken).view(-1, COUNT, 2), torch.stack(drawn).view(-1, 3)
 
-    whole = seen("whole", 4)
+    whole, drawn = seen("whole")
     orders = whole[..., 0].long().tolist()
     assert len(orders) == 4
     assert all(sorted(one) == list(range(COUNT)) for one in orders)
     assert len({tuple(one) for one in orders}) == 4
-    by_sample = torch.stack([one[one[:, 0].argsort(), 1] for one in whole])
-    assert len(by_sample.unique()) == 4 * COUNT
-    first = seen("stopped", 2)
-    assert torch.equal(first, whole[:2])
+    assert len(whole[..., 1].unique()) == 4 * COUNT
+    assert len(drawn.unique()) == 4 * 3
+    stopped = seen("stopped", 2)
     # the second epoch was stopped before it was kept
-    assert torch.equal(seen("stopped", 4, resume=True), whole[1:])
+    resumed = seen("stopped", resume=True)
+    for of_whole, of_stopped, of_resumed in zip((whole, drawn), stopped, resumed, strict=True):
+        assert torch.equal(of_stopped, of_whole[:2])
+        assert torch.equal(of_resumed, of_whole[1:])
+    others = seen("other seed", 1, seed=6)
+    assert others[0][0, :, 0].tolist() != whole[0, :, 0].tolist()
+    assert not set(others[0][..., 1].flatten().tolist()) & set(whole[..., 1].flatten().tolist())
+    assert not set(others[1].flatten().tolist()) & set(drawn.flatten().tolist())
