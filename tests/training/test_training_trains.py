@@ -272,3 +272,12 @@ def test_every_epoch_takes_every_sample_once_in_an_order_and_with_draws_of_its_o
     assert others[0][0, :, 0].tolist() != whole[0, :, 0].tolist()
     assert not set(others[0][..., 1].flatten().tolist()) & set(whole[..., 1].flatten().tolist())
     assert not set(others[1].flatten().tolist()) & set(drawn.flatten().tolist())
+
+
+@pytest.mark.parametrize(("network", "smoothing"), [("rgcnn", 0.2), ("resnet50", 0.0)])
+def test_a_protocol_s_smoothing_reaches_its_trainer(tmp_path, network, smoothing):
+    """That of images is the thesis's: none."""
+    protocol = Objects("n-mnist", network, smoothing=0.2)
+    known = {"recordings": 640, "sensor_size": (34, 34), "classes": 10, "data": {}}
+    trainer = protocol.trainer(tmp_path, **known, team=HERE, seed=4)
+    assert (trainer.smoothing, trainer.batch, trainer.seed, trainer.epochs) == (smoothing, 64, 4, 500)
