@@ -134,18 +134,21 @@ def event_flips(axis, p):
 
 
 def affine_settings(ev):
-    """Factor, degrees and shift, from all events by least squares; in shares of their ranges."""
-    before = (WIDE.x - 4_000) + 1j * (WIDE.y - 3_000.0)
+    """Factor, degrees, shift, slant and stretch, from all events by least squares; in shares of their ranges."""
+    before = np.stack((WIDE.x - 4_000, WIDE.y - 3_000.0, np.ones(50)), 1)
     after = (ev.x - 4_000) + 1j * (ev.y - 3_000.0)
-    (turn, moved), *_ = np.linalg.lstsq(np.stack((before, np.ones(50)), 1), after, rcond=None)
+    (turn, upright, moved), *_ = np.linalg.lstsq(before + 0j, after, rcond=None)
     degrees = math.degrees(math.atan2(turn.imag, turn.real))
-    return (abs(turn) - 0.5) / 0.7, (degrees + 30) / 60, (moved.real + 50) / 100, (moved.imag + 50) / 100
+    lean = upright / turn  # where a unit of y goes, in the turned and scaled axes
+    shares = (abs(turn) - 0.5) / 0.7, (degrees + 30) / 60, (moved.real + 50) / 100, (moved.imag + 50) / 100
+    return *shares, (lean.real + 0.2) / 0.4, (lean.imag - 0.7) / 0.6
 
 
-def affine(share, turn, right, down):
+def affine(share, turn, right, down, slant, stretch):
     """The events at the nearest pixels; t, p and span as they were."""
     by = (0.5 + 0.7 * share) * np.exp(1j * math.radians(60 * turn - 30))
-    place = by * ((WIDE.x - 4_000) + 1j * (WIDE.y - 3_000.0)) + 100 * (right + 1j * down) - 50 * (1 + 1j)
+    lean = 0.4 * slant - 0.2 + 1j * (0.7 + 0.6 * stretch)
+    place = by * (WIDE.x - 4_000 + lean * (WIDE.y - 3_000.0)) + 100 * (right + 1j * down) - 50 * (1 + 1j)
     columns = WIDE.t, *whole(place.real + 4_000, place.imag + 3_000), WIDE.p
     return Events(*columns, WIDE.sensor_size, start=WIDE.start, end=WIDE.end)
 
@@ -195,7 +198,7 @@ CASES = [
     ),
     *(flips(axis, p) for axis, p in ((0, 0.5), (1, 0.5), (0, 0.2), (1, 0.9))),
     *(event_flips(axis, p) for axis, p in ((0, 0.3), (1, 0.5))),
-    Case(T.RandomAffine((0.5, 1.2), 30, 50), WIDE, affine_settings, (even,) * 4, affine),
+    Case(T.RandomAffine((0.5, 1.2), 30, 50, 0.2, 0.3), WIDE, affine_settings, (even,) * 6, affine),
     Case(
         T.RandomWindow(60),
         DENSE,

@@ -59,9 +59,10 @@ GESTURES = "Res(1, 64) -> MaxP(2, 2) -> Res(64, 128) -> MaxP(4, 4) -> FC(11)"
 ACTIONS = "Res(1, 32) -> MaxP(2, 2) -> Res(32, 64) -> MaxP(4, 3) -> Res(64, 128) -> MaxP(8, 6) -> FC({})"
 
 
-def depth(number):
-    """Output channels and clusters of Table 4.4, and the widths of the full layers."""
-    network = models.GCNN(101, sensor_size=(240, 180), hidden=1024, **models.DEPTHS[number])
+def depth(number, **settings):
+    """Output channels, clusters and hidden layer: of Table 4.4, or of a network for 34x34."""
+    settings = settings or {"sensor_size": (240, 180), "hidden": 1024, **models.DEPTHS[number]}
+    network = models.GCNN(101, **settings)
     pools = [part.cluster for part in network.modules() if isinstance(part, models.GraphPool)]
     widths = [part.conv.weight.shape[2] for part in network.modules() if isinstance(part, ConvBlock)]
     return widths, pools, network.hidden.out_features
@@ -89,6 +90,13 @@ NETWORKS = [
         lambda: depth(6),
         ([64, 128, 256, 512, 512, 512], [(2, 2), (4, 3), (8, 6), (16, 12), (30, 23), (60, 45)], 1024),
     ),
+    ("docs/models.md", lambda: depth(4, **models.SMALL_DEPTHS[4]), ([32, 64, 64, 128], [(2, 2), (4, 4), (7, 7)], 128)),
+    (
+        "docs/models.md: N-MNIST",
+        lambda: depth(5, **models.SMALL_DEPTHS[5]),
+        ([32, 64, 64, 128, 128], [(2, 2), (4, 4), (7, 7)], 128),
+    ),
+    ("4.4.2", lambda: models.SMALL_DEPTHS[3].items() <= models.CONFIGURATIONS["n-mnist"].items(), True),
     ("Table 4.4: no others", lambda: sorted(models.DEPTHS), [2, 3, 4, 5, 6]),
     ("5.3.1", lambda: layers(models.rgcnn3d("dvs128-gesture", "plain")), GESTURES),
     ("5.3.1", lambda: layers(models.rgcnn3d("ucf101-dvs", "plain")), ACTIONS.format(101)),

@@ -81,6 +81,7 @@ def defaults(function):
 
 
 METRIC = "alpha=1.0, beta=2.5000000000000004e-11"  # (0.5e-5)²: docs/models.md
+AFFINE = "RandomAffine(scale=(0.95, 1.0), degrees=10.0, shift=0.0, shear=0.0, stretch=0.0)"
 TRANSFORMS = [
     ("4.4.2: windows of 30 ms", T.RandomWindow, "RandomWindow(duration=30000, within=(0.0, 1.0))"),
     ("4.4.2: k = 8", T.NonUniformSample, f"NonUniformSample(k=8, {METRIC})"),
@@ -95,7 +96,7 @@ TRANSFORMS = [
     ("4.4.2: with probability 0.5", T.RandomFlip, "RandomFlip(axis=0, p=0.5)"),
     ("4.4.2: [0, 10], either way", T.RandomRotate, "RandomRotate(degrees=10.0)"),
     ("ours", T.RandomTranslate, "RandomTranslate(pixels=2.0)"),
-    ("4.4.2, of events: docs/models.md", T.RandomAffine, "RandomAffine(scale=(0.95, 1.0), degrees=10.0, shift=0.0)"),
+    ("4.4.2, of events: docs/models.md", T.RandomAffine, AFFINE),
     ("ours", T.DropEvents, "DropEvents(most=0.3)"),
     ("ours", T.ToFrames, "ToFrames(fps=30.0, factor=1)"),
     ("3.5.1: T = 160", T.RandomTemporalCrop, "RandomTemporalCrop(length=160)"),
@@ -170,14 +171,15 @@ OBJECTS = [
     (
         "docs/models.md: D_max, patch5, augmentation of events",
         pipeline(lambda: Objects("cifar10-dvs")),
-        f"{WINDOW}, RandomAffine(scale=(0.95, 1.0), degrees=10.0, shift=0.0), {FLIPS}, DropEvents(most=0.4), "
+        f"{WINDOW}, {AFFINE}, {FLIPS}, DropEvents(most=0.4), "
         f"NodeFeatures(graph=Compose([{SAMPLE}, {graph(8, 'signed')}]), features=[Patch(size=5)])",
     ),
     *(
         (
             "docs/models.md: augmentation of digits",
             pipeline(lambda name=name: Objects(name)),
-            f"{WINDOW}, RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2), DropEvents(most=0.4), "
+            f"{WINDOW}, RandomAffine(scale=(0.85, 1.1), degrees=15, shift=2, shear=0.1, stretch=0.1), "
+            "DropEvents(most=0.4), "
             f"NodeFeatures(graph=Compose([{sample}{graph(8, 'signed')}]), features=[Patch(size=5)])",
         )
         for name, sample in (("n-mnist", ""), ("mnist-dvs", f"{SAMPLE}, "))

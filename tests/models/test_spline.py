@@ -3,33 +3,13 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from by_hand import hat, slow_spline_conv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nvsdata import Graph, GraphBatch
 from nvsdata.models import SplineConv
 from nvsdata.models import spline as module
-
-
-def hat(k, u, size):
-    """Open B-spline of degree 1: 1 at knot k, 0 at its neighbors, straight between."""
-    return max(0.0, 1.0 - abs(u * (size - 1) - k)) if size > 1 else 1.0
-
-
-def slow_spline_conv(x, edge_index, u, weight, size, bias=None, root=None):
-    """Equation 4.6 in any number of dimensions: all cells, term by term, in float64 and without the activation."""
-    x, u, weight = (a.detach().double().numpy() for a in (x, u, weight))
-    out = np.zeros((len(x), weight.shape[2]))
-    for i in range(len(x)):
-        incoming = [e for e in range(edge_index.shape[1]) if edge_index[1, e] == i]
-        for e in incoming:
-            for knots in itertools.product(range(size), repeat=u.shape[1]):
-                basis = np.prod([hat(k, v, size) for k, v in zip(knots, u[e], strict=True)])
-                cell = sum(k * size**axis for axis, k in enumerate(knots))
-                out[i] += basis * (x[edge_index[0, e]] @ weight[cell]) / len(incoming)
-    if root is not None:
-        out += x @ root.detach().double().numpy()
-    return out if bias is None else out + bias.detach().double().numpy()
 
 
 def random_case(seed, channels=(3, 4), nodes=12, edges=40, dtype=torch.float64, grid=None, dim=2):
