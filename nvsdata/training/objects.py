@@ -18,7 +18,7 @@ from nvsdata.training.trainer import Trainer
 from nvsdata.transforms.defaults import BETA, PSEUDO
 
 EPOCHS, BATCH = 150, 64
-LEAST_STEPS = 5_000  # fewer are too few to converge: a small dataset is passed more often
+LEAST_STEPS = 4_000  # fewer are too few to converge: a small dataset is passed more often
 ITERATIONS = 10_000  # steps after which the rate of image networks is decayed
 IMAGE_NETWORKS: dict[str, type[nn.Module]] = {
     "vgg19": models.reference.VGG,
