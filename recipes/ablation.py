@@ -99,7 +99,7 @@ def main() -> None:
     args = arguments()
     args.out.mkdir(parents=True, exist_ok=True)
     data = TrainTestSplit(args.dataset, args.root).data
-    fixed = {"epochs": args.epochs, "batch": BATCH, "defaults": repr(Objects(args.dataset)), "hash": data["hash"]}
+    fixed = {"epochs": args.epochs, "batch": BATCH, "defaults": repr(settings(args.dataset)), "hash": data["hash"]}
     with Journal(args.out / "runs.jsonl", {"nvsdata-ablation": 1, **fixed}) as journal:
         if {name: journal.head.get(name) for name in fixed} != fixed:
             differs = [name for name, value in fixed.items() if journal.head.get(name) != value]
@@ -170,10 +170,15 @@ def core_seconds() -> float:
     return sum(os.times()[:4])
 
 
+def settings(dataset: str) -> dict[str, Any]:
+    """The defaults for a dataset."""
+    usual = Objects(dataset)
+    return {name: usual.setting(name) for name in vars(usual)}
+
+
 def named(dataset: str, changes: dict[str, Any]) -> str:
     """Settings that differ from the dataset's defaults, in words."""
-    usual = Objects(dataset)
-    own = {name: usual.setting(name) for name in vars(usual)}
+    own = settings(dataset)
     differ = {name: value for name, value in sorted(changes.items()) if value != own[name]}
     return ", ".join(f"{name} {value}" for name, value in differ.items()) or "default"
 

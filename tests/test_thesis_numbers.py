@@ -193,7 +193,7 @@ OBJECTS = [
     # the cosines are ours: 0.04 + 0.96 (1 - cos(pi e / 0.3)) / 2 up to 30%, at the middles e of the epochs
     ("docs/models.md: rises to 3e-3, falls to 0", cycle, pytest.approx((1.209e-4, 3e-3, 45, 1.678e-7), rel=2e-3)),
     ("4.4.2", lambda: (objects.EPOCHS, objects.BATCH), (150, 64)),
-    ("docs/models.md: epochs", lambda: objects.LEAST_STEPS, 5_000),
+    ("docs/models.md: epochs", lambda: objects.LEAST_STEPS, 4_000),
     ("docs/models.md: targets", lambda: Objects("n-mnist").smoothing, 0.05),
     ("4.4.4", lambda: sorted(objects.IMAGE_NETWORKS), ["inception-v4", "resnet50", "vgg19"]),
     (
