@@ -3,9 +3,9 @@
     python tests/mutations/draw.py SESSION --count 200
     python tests/mutations/draw.py SESSION --count 200 --part 1 2
 
-A place in the code is drawn first, then one of the mutations there: operators have ten mutations each, numbers two. Left
-out is what no test can see: type annotations, code for type checkers, decorators that make code faster. The same seed
-draws the same; with --part N OF, only each OF-th of them, for sessions that run side by side in clones.
+A place in the code is drawn first, then one of the mutations there: operators have ten mutations each, numbers two.
+Left out is what no test can see: type annotations, code for type checkers, decorators that make code faster. The same
+seed draws the same; with --part N OF, only each OF-th of them, for sessions that run side by side in clones.
 """
 
 import argparse
