@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import runpy
+import signal
 import sys
 from pathlib import Path
 
@@ -17,6 +18,10 @@ import torch
 from hypothesis import HealthCheck, settings
 from lookalikes import atis_bytes, saccade
 from places import RECIPES, SHARED
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    # as in a shell's background job; some tests send it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile(
     "suite",
