@@ -60,6 +60,7 @@ def test_graphs_are_loaded_as_data():
     assert torch.equal(torch.load(file, weights_only=True).edge_index, graph().edge_index)
 
 
+@pytest.mark.long
 def test_our_networks_are_compiled_in_parts():
     """Between the numba loops, which nothing of torch can look into."""
     torch._dynamo.reset()

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from damage import DVS128, KINDS, damage, disagreement, file_of
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from lookalikes import aedat2_bytes, evt2_bytes, evt3_bytes
 
@@ -29,6 +29,7 @@ def small_pieces(monkeypatch):
 
 @every_kind
 @pytest.mark.filterwarnings("ignore:.*not marked valid")
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32))
 def test_windows_and_span_of_damaged_files_are_those_of_the_whole(tmp_path, small_pieces, kind, seed):
     rng = np.random.default_rng(seed)

@@ -280,4 +280,4 @@ def test_a_protocol_s_smoothing_reaches_its_trainer(tmp_path, network, smoothing
     protocol = Objects("n-mnist", network, smoothing=0.2)
     known = {"recordings": 640, "sensor_size": (34, 34), "classes": 10, "data": {}}
     trainer = protocol.trainer(tmp_path, **known, team=HERE, seed=4)
-    assert (trainer.smoothing, trainer.batch, trainer.seed, trainer.epochs) == (smoothing, 64, 4, 500)
+    assert (trainer.smoothing, trainer.batch, trainer.seed, trainer.epochs) == (smoothing, 64, 4, 400)
