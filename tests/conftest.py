@@ -19,9 +19,11 @@ from hypothesis import HealthCheck, settings
 from lookalikes import atis_bytes, saccade
 from places import RECIPES, SHARED
 
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
-    # as in a shell's background job; some tests send it
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# a shell's background job ignores the one, nohup the other; some tests send them
+for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+    number = getattr(signal, name, None)
+    if number is not None and signal.getsignal(number) == signal.SIG_IGN:
+        signal.signal(number, usual)
 
 settings.register_profile(
     "suite",
