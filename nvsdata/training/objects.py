@@ -165,10 +165,12 @@ class Objects:
         return models.GCNN(**settings, convolution=self.convolution)
 
     def _of_depth(self, depth: int, side: int) -> dict[str, Any]:
-        sizes = models.SMALL_DEPTHS if side <= 34 else models.DEPTHS
+        sizes, common = models.DEPTHS, {"sensor_size": (240, 180), "hidden": 1024}
+        if side <= 34:
+            sizes, common = models.SMALL_DEPTHS, {}
         if depth not in sizes:
             raise ValueError(f"depth must be one of {tuple(sizes)} for a sensor of {side} pixels, not {depth}")
-        return sizes[depth] if side <= 34 else sizes[depth] | {"sensor_size": (240, 180), "hidden": 1024}
+        return common | sizes[depth]
 
     def optimization(self, model: nn.Module, epochs: int, steps: int) -> tuple[Any, Any]:
         """Optimizer and schedule for `epochs` of `steps` steps each: Adam, or for images gradient descent."""

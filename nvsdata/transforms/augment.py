@@ -181,7 +181,8 @@ def affine(
     width, height = events.sensor_size
     cx, cy = (width - 1) / 2, (height - 1) / 2
     c, s = factor * math.cos(math.radians(degrees)), factor * math.sin(math.radians(degrees))
-    across, down = events.x - cx + shear * (events.y - cy), stretch * (events.y - cy)
+    high = events.y - cy
+    across, down = events.x - cx + shear * high, stretch * high
     x, y = np.rint(c * across - s * down + cx + dx), np.rint(s * across + c * down + cy + dy)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])

@@ -75,8 +75,7 @@ class KNNGraph:
     """Nearest-neighbor graph of events (thesis 5.3.1): each event is the target of `k` edges.
 
     Their sources are the other events that are nearest in space; of equals those nearer in time, then those of smaller
-    index. An
-    event has fewer only if there are no more than `k` events.
+    index. An event has fewer only if there are no more than `k` events.
 
     - `k`: neighbors of an event (default 1)
     - `reach`: pixels that the end of an axis of the pseudo-coordinates stands for (default 8.0); longer edges count as

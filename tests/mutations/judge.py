@@ -11,10 +11,10 @@ ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "tests"
 # whose own tests stand elsewhere, or are slow to say what others say at once
 FIRST = {
-    "nvsdata/kernels": ["kernels", "transforms", "models", "formats", "data", "emulation", "metrics"],
-    "nvsdata/commands": ["commands", "recipes"],
-    "nvsdata/training": ["training", "recipes"],
-    "nvsdata/plots": ["plots", "training"],
+    "kernels": ["kernels", "transforms", "models", "formats", "data", "emulation", "metrics"],
+    "commands": ["commands", "recipes"],
+    "training": ["training", "recipes"],
+    "plots": ["plots", "training"],
 }
 
 
@@ -29,10 +29,9 @@ def main() -> int:
 
 
 def rooms(module: str) -> list[Path]:
-    """Folders of tests to run first, the nearest of the tests that mirror the module."""
-    parts = Path(module).parts
-    names = FIRST.get("/".join(parts[:2]), ["/".join(parts[1:end]) for end in range(len(parts) - 1, 1, -1)][-1:])
-    return [TESTS / name for name in names if (TESTS / name).is_dir()]
+    """Folders of tests to run first: those of the module's room."""
+    room = Path(module).parts[1]
+    return [TESTS / name for name in FIRST.get(room, [room]) if (TESTS / name).is_dir()]
 
 
 def is_tests(path: Path) -> bool:
