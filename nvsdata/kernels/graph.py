@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.neighbors import near_edges
+from nvsdata.kernels.neighbors import near_sources
 
 
 @njit(cache=True, nogil=True)
 def event_graph(t, x, y, p, start, radius, alpha, beta, k, reach, signed):
     """Arrays of a graph of events: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges, pseudo-coordinates.
 
-    See `near_edges` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
+    See `near_sources` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
     """
     n = t.size
     feature = np.empty((n, 1), np.float32)
@@ -20,8 +20,25 @@ def event_graph(t, x, y, p, start, radius, alpha, beta, k, reach, signed):
     for i in range(n):
         feature[i, 0] = 2 * np.int32(p[i]) - 1
         pos[i, 0], pos[i, 1] = x[i], y[i]
-    edges = near_edges(t, x, y, radius, alpha, beta, k)
-    return feature, pos, t - start, edges, pseudo_coordinates(pos, t, edges, reach, signed)
+    degree, source = near_sources(t, x, y, radius, alpha, beta, k)
+    edges, u = _edges(degree, source, pos, t, reach, signed)
+    return feature, pos, t - start, edges, u
+
+
+@njit(cache=True, nogil=True)
+def _edges(degree, source, pos, t, reach, signed):
+    """Edges from lists of sources, and their pseudo-coordinates. O(N + E)."""
+    axes, count = len(reach), degree.sum()
+    edges, out = np.empty((2, count), np.int64), np.empty((count, axes), np.float32)
+    wide, high, long = np.float32(reach[0]), np.float32(reach[1]), np.float32(reach[axes - 1])
+    e = np.uint64(0)
+    for i in range(np.uint64(degree.size)):
+        for n in range(np.uint64(degree[i])):
+            j = np.uint64(source[i, n])
+            edges[0, e], edges[1, e] = j, i
+            _place(out, e, pos, t, j, i, wide, high, long, signed)
+            e += np.uint64(1)
+    return edges, out
 
 
 @njit(cache=True, nogil=True)
@@ -39,11 +56,17 @@ def pseudo_coordinates(pos, t, edges, reach, signed):
         if not (0 <= edges[0, e] < nodes and 0 <= edges[1, e] < nodes):
             raise IndexError("edge_index names a node that is not there")
         j, i = np.uint64(edges[0, e]), np.uint64(edges[1, e])
-        out[e, 0] = _share((pos[j, 0] - pos[i, 0]) / wide, signed)
-        out[e, 1] = _share((pos[j, 1] - pos[i, 1]) / high, signed)
-        if axes == 3:
-            out[e, 2] = _share(np.float32(t[j] - t[i]) / long, signed)
+        _place(out, e, pos, t, j, i, wide, high, long, signed)
     return out
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _place(out, e, pos, t, j, i, wide, high, long, signed):
+    """Pseudo-coordinates of the edge `e` from `j` to `i`."""
+    out[e, 0] = _share((pos[j, 0] - pos[i, 0]) / wide, signed)
+    out[e, 1] = _share((pos[j, 1] - pos[i, 1]) / high, signed)
+    if out.shape[1] == 3:
+        out[e, 2] = _share(np.float32(t[j] - t[i]) / long, signed)
 
 
 @njit(cache=True, nogil=True, inline="always")

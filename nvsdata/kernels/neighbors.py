@@ -5,17 +5,30 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.pixels import FAR, TABLE, by_pixel, near_pixels, offsets_within
+from nvsdata.kernels.pixels import FAR, TABLE, by_pixel, flat_map, near_pixels, offsets_within
+from nvsdata.kernels.rings import by_rings, first_at, marks
 from nvsdata.kernels.sweep import ascend, comes_before, pairs_in_time, swept
 
 SWEEP = 48  # mean number of events near in time up to which testing all of them is fastest
-SORTED_AT_ONCE = 64  # from so many events on, sorting pays
 ROUNDING = 1e-12  # by how much more than a rounded bound is searched
 
 
 @njit(cache=True, nogil=True)
 def near_edges(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
-    """Edges to each event from its `k` nearest others within `radius`: int64 [2, E], sorted by (target, source).
+    """Edges to each event from its near ones, see `near_sources`: int64 [2, E], sorted by (target, source)."""
+    degree, source = near_sources(t, x, y, radius, alpha, beta, k, sweep_below)
+    edges = np.empty((2, degree.sum()), np.int64)
+    e = np.uint64(0)
+    for i in range(np.uint64(degree.size)):
+        for j in range(np.uint64(degree[i])):
+            edges[0, e], edges[1, e] = source[i, j], i
+            e += np.uint64(1)
+    return edges
+
+
+@njit(cache=True, nogil=True)
+def near_sources(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
+    """The `k` nearest others within `radius` of each event: how many, int32 [N], and in each row which, ascending.
 
     The squared distance is alpha (dx² + dy²) + beta dt²; of equals the one nearer in time is nearer, then the one
     of smaller index, as in the author's released graphs. `t` int64 must not decrease; `radius` may be infinite if
@@ -27,15 +40,16 @@ def near_edges(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     n = t.size
     k = max(min(k, n - 1), 1)
     limit = radius * radius
-    degree = np.zeros(n, np.int32)
-    source = np.empty((n, k), np.int32)
+    # `by_rings` needs room for one more
+    degree, source = np.zeros(n, np.int32), np.empty((n, k + 1), np.int32)
     if alpha > 0 and beta > 0 and limit / beta < 1e36 and limit / alpha < 1e8:
         reach = np.int64(np.sqrt(limit / beta * (1 + ROUNDING))) + 1
         if pairs_in_time(t, reach) <= sweep_below * n:
-            swept(t, x, y, limit, alpha, beta, reach, np.int64(np.sqrt(limit / alpha)) + 1, degree, source)
-            return _edges(degree, source)
+            side = np.int64(np.sqrt(limit / alpha)) + 1
+            swept(t, x, y, limit, alpha, beta, k, reach, side, degree, source)
+            return degree, source
     _by_pixels(t, x, y, limit, alpha, beta, k, degree, source)
-    return _edges(degree, source)
+    return degree, source
 
 
 @njit(cache=True, nogil=True)
@@ -53,19 +67,38 @@ def _by_pixels(t, x, y, limit, alpha, beta, k, degree, source):
         furthest = np.int64(min(np.floor(limit / alpha * (1 + ROUNDING)), np.float64(FAR)))
         blur = np.int64(min(np.floor(slack / alpha * (1 + ROUNDING)), np.float64(FAR)))
     offsets, begins, lengths = offsets_within(min(furthest, np.int64(TABLE * TABLE)))
+    flat, steps = flat_map(n, place, tiles, offsets)
     pixels = first.size - 1
     near, apart = np.empty(pixels + 1, np.int32), np.empty(pixels + 1, np.int64)
-    whole, last = np.empty(max(n, 1), np.int32), np.empty(max(n, 1), np.int32)
+    marked, used = marks(n)
+    whole, last, both = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(n + 1, np.int32)
+    at = np.empty(n + 1, np.uint64)
     distance, gap = np.empty(k, np.float64), np.empty(k, np.int64)
     for pixel in range(pixels):
         m, total = near_pixels(
-            pixel, k + 1, furthest, blur, first, place, tiles, blocks, offsets, begins, lengths, near, apart
+            pixel,
+            k + 1,
+            furthest,
+            blur,
+            first,
+            place,
+            tiles,
+            blocks,
+            flat,
+            offsets,
+            steps,
+            begins,
+            lengths,
+            near,
+            apart,
         )
         sure = True
         if alpha * apart[m - 1] + slack > limit:
             m, total, sure = _within_time(pixel, m, limit, alpha, beta, slack, t, order, first, near, apart)
         if sure and (blur == 0 or total <= k + 1):
-            _by_rings(pixel, m, total, k, t, order, first, near, apart, whole, last, degree, source)
+            by_rings(
+                pixel, m, total, k, t, order, first, near, apart, marked, used, whole, last, both, at, degree, source
+            )
         else:
             _one_by_one(
                 pixel, m, k, limit, alpha, beta, t, order, first, near, apart, whole, distance, gap, degree, source
@@ -108,124 +141,9 @@ def _any_within(dt, a, b, t, order, first):
 
 
 @njit(cache=True, nogil=True)
-def _by_rings(pixel, m, total, k, t, order, first, near, apart, whole, last, degree, source):
-    """Sources of a pixel's events where no time makes up for a difference in space, and all are near enough in time.
-
-    Whole rings of pixels are sources of all the pixel's events; of the last ring each event takes those that are
-    nearest to it in time, which lie side by side.
-    """
-    # near[:q] are the pixels of whole rings, near[q:stop] those of the last one
-    q, stop, left = m, m, np.int64(k + 1)
-    if total > left:
-        q = stop = 0
-        while True:
-            count = 0
-            while stop < m and apart[stop] == apart[q]:
-                count += first[near[stop] + 1] - first[near[stop]]
-                stop += 1
-            if count > left:
-                break
-            left -= count
-            q = stop
-    wholes = _collect(0, q, order, first, near, whole)
-    lasts = _collect(q, stop, order, first, near, last)
-    left = np.uint64(min(left, np.int64(lasts)))
-    one, own = np.uint64(1), q == 0
-    chosen = np.uint64(0)
-    for e in range(np.uint64(first[pixel]), np.uint64(first[pixel + 1])):
-        i = order[e]
-        node = np.uint64(i)
-        while left and chosen + left < lasts and _is_no_further(t[last[chosen + left]], t[last[chosen]], t[i]):
-            chosen += one
-        b, pause, skipped, end = _smallest_first(chosen, left, lasts, last, t, i, own)
-        n, a = np.uint64(0), np.uint64(0)
-        # two ascending lists merged, without the event itself
-        while a < wholes or b < end:
-            if b == end or (a < wholes and whole[a] < last[b]):
-                j = whole[a]
-                a += one
-            else:
-                j = last[b]
-                b += one
-                if b == pause:
-                    b = skipped
-            if j != i:
-                source[node, n] = j
-                n += one
-        degree[node] = n
-
-
-@njit(cache=True, nogil=True)
-def _is_no_further(later, earlier, time):
-    """Whether the later of two times is nearer to `time`, or the same as the earlier one: then either will do."""
-    return later == earlier or abs(later - time) < abs(earlier - time)
-
-
-@njit(cache=True, nogil=True)
-def _smallest_first(chosen, left, lasts, last, t, i, own):
-    """Of equally near events those of smallest index, where `left` events from `chosen` on are nearest to event `i`.
-
-    Returns the places to take: from the first number up to the second, and from the third up to the fourth. `own` says
-    whether `i` is among the events.
-    """
-    end = chosen + left
-    if left == 0 or ((chosen == 0 or t[last[chosen - np.uint64(1)]] != t[last[chosen]]) and not own):
-        return chosen, end, end, end
-    # only the first of the chosen may have equals before them
-    time = t[last[chosen]]
-    begin = _first_at(t, last, np.uint64(0), chosen, time)
-    stop = _first_at(t, last, chosen, end, time + 1)
-    count = stop - chosen
-    if own and time == t[i]:
-        # one of them is `i` itself, or stands for it
-        others = count - np.uint64(1)
-        count = others + np.uint64(others > 0 and last[begin + others - np.uint64(1)] >= i)
-    if count == 0:
-        begin = stop
-    return begin, begin + count, stop, end
-
-
-@njit(cache=True, nogil=True)
-def _first_at(t, order, low, high, time):
-    """First place from `low` up to `high` of an event at `time` or later, `high` if there is none. O(log N)."""
-    while low < high:
-        middle = (low + high) >> np.uint64(1)
-        if t[order[middle]] < time:
-            low = middle + np.uint64(1)
-        else:
-            high = middle
-    return low
-
-
-@njit(cache=True, nogil=True)
-def _collect(q, stop, order, first, near, out):
-    """Put the events of the near pixels from `q` up to `stop` into `out`, in ascending order; returns how many."""
-    one = np.uint64(1)
-    n = np.uint64(0)
-    for p in range(np.uint64(q), np.uint64(stop)):
-        pixel = np.uint64(near[p])
-        if n > SORTED_AT_ONCE:
-            for e in range(np.uint64(first[pixel]), np.uint64(first[pixel + one])):
-                out[n] = order[e]
-                n += one
-            continue
-        for e in range(np.uint64(first[pixel]), np.uint64(first[pixel + one])):
-            # by insertion, because there are few
-            event, at = order[e], n
-            while at > 0 and out[at - one] > event:
-                out[at] = out[at - one]
-                at -= one
-            out[at] = event
-            n += one
-    if n > SORTED_AT_ONCE and stop > q + 1:
-        out[:n].sort()
-    return n
-
-
-@njit(cache=True, nogil=True)
 def _earlier_run(t, order, start, last):
     """First place from `start` on of the events that have the time of the one at `last`."""
-    return np.int64(_first_at(t, order, np.uint64(start), np.uint64(last), t[order[last]]))
+    return np.int64(first_at(t, order, np.uint64(start), np.uint64(last), t[order[last]]))
 
 
 @njit(cache=True, nogil=True)
@@ -279,15 +197,3 @@ def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, a
                             worst = s
         ascend(source, np.uint64(i), have)
         degree[i] = have
-
-
-@njit(cache=True, nogil=True)
-def _edges(degree, source):
-    """Edges from lists of sources."""
-    edges = np.empty((2, degree.sum()), np.int64)
-    e = np.uint64(0)
-    for i in range(np.uint64(degree.size)):
-        for j in range(np.uint64(degree[i])):
-            edges[0, e], edges[1, e] = source[i, j], i
-            e += np.uint64(1)
-    return edges

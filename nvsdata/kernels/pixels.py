@@ -8,6 +8,7 @@ from numba import njit
 FAR = np.int64(1) << 40  # squared pixels: beyond every sensor
 TABLE = 8  # pixels up to which the offsets to look at are listed, nearest first
 SIDE, _SHIFT, _LOW = 8, 3, 7  # of a tile of pixels
+FLAT = 8  # places per event up to which one array for all is made
 PAD = 8  # pixels around the events, at least TABLE, so that no look-up leaves the tiles
 
 
@@ -23,34 +24,38 @@ def by_pixel(x, y):
     n = x.size
     x0 = x1 = np.int64(x[0]) if n else np.int64(0)
     y0 = y1 = np.int64(y[0]) if n else np.int64(0)
-    for i in range(n):
+    for i in range(np.uint64(n)):
         x0, x1, y0, y1 = min(x0, x[i]), max(x1, x[i]), min(y0, y[i]), max(y1, y[i])
-    tiles = np.zeros(((y1 - y0 + 2 * PAD) // SIDE + 1, (x1 - x0 + 2 * PAD) // SIDE + 1), np.int32)
+    # unsigned, because numba tests every signed index for negative ones
+    one, low, shift = np.uint64(1), np.uint64(_LOW), np.uint64(_SHIFT)
+    left, top = x0 - PAD, y0 - PAD
+    tiles = np.zeros(((y1 - top + PAD) // SIDE + 1, (x1 - left + PAD) // SIDE + 1), np.int32)
     occupied = 1
-    for i in range(n):
-        row, column = (y[i] - y0 + PAD) >> _SHIFT, (x[i] - x0 + PAD) >> _SHIFT
+    for i in range(np.uint64(n)):
+        row, column = np.uint64(y[i] - top) >> shift, np.uint64(x[i] - left) >> shift
         if tiles[row, column] == 0:
             tiles[row, column] = occupied
             occupied += 1
     blocks = np.full((occupied, SIDE * SIDE), -1, np.int32)
     pixel, place, count = np.empty(n, np.int32), np.empty((n, 2), np.int32), np.zeros(n + 1, np.int32)
-    pixels = 0
-    for i in range(n):
-        row, column = y[i] - y0 + PAD, x[i] - x0 + PAD
-        tile, cell = tiles[row >> _SHIFT, column >> _SHIFT], (row & _LOW) * SIDE + (column & _LOW)
+    pixels = np.uint64(0)
+    for i in range(np.uint64(n)):
+        row, column = np.uint64(y[i] - top), np.uint64(x[i] - left)
+        tile, cell = np.uint64(tiles[row >> shift, column >> shift]), ((row & low) << shift) + (column & low)
         if blocks[tile, cell] < 0:
             blocks[tile, cell] = pixels
             place[pixels, 0], place[pixels, 1] = column, row
-            pixels += 1
+            pixels += one
         pixel[i] = blocks[tile, cell]
-        count[pixel[i] + 1] += 1
+        count[np.uint64(pixel[i]) + one] += 1
     for q in range(pixels):
-        count[q + 1] += count[q]
-    first = count[: pixels + 1].copy()
+        count[q + one] += count[q]
+    first = count[: pixels + one].copy()
     order = np.empty(n, np.int32)
-    for i in range(n):
-        order[count[pixel[i]]] = i
-        count[pixel[i]] += 1
+    for i in range(np.uint64(n)):
+        q = np.uint64(pixel[i])
+        order[np.uint64(count[q])] = i
+        count[q] += 1
     return order, first, place[:pixels], tiles, blocks
 
 
@@ -87,29 +92,56 @@ def offsets_within(furthest):
 
 
 @njit(cache=True, nogil=True)
-def near_pixels(pixel, enough, furthest, blur, first, place, tiles, blocks, offsets, begins, lengths, near, apart):
+def flat_map(events, place, tiles, offsets):
+    """Numbers of pixels by place, row by row in one array, -1 where there are none, and `offsets` in it as steps.
+
+    The array is empty if it were large for the number of events.
+    """
+    columns = tiles.shape[1] * SIDE
+    places = tiles.shape[0] * SIDE * columns
+    flat = np.full(places if places <= FLAT * (events + 512) else 0, -1, np.int32)
+    steps = np.empty(len(offsets), np.uint64)
+    for o in range(len(offsets)):
+        steps[o] = offsets[o, 1] * columns + offsets[o, 0]
+    if flat.size:
+        for q in range(len(place)):
+            flat[place[q, 1] * columns + place[q, 0]] = q
+    return flat, steps
+
+
+@njit(cache=True, nogil=True)
+def near_pixels(
+    pixel, enough, furthest, blur, first, place, tiles, blocks, flat, offsets, steps, begins, lengths, near, apart
+):
     """Pixels that have events near one, itself included, nearest first: their number m, and that of their events.
 
     `near` and `apart` get the pixels and their squared distances. None is further than `furthest`. As soon as pixels
     of a distance or less have `enough` events together, others are left out unless they are nearer than that
-    plus `blur`. `offsets` are those of `offsets_within`.
+    plus `blur`. `offsets` are those of `offsets_within`, `flat` and `steps` of `flat_map`.
     """
     x, y = np.int64(place[pixel, 0]), np.int64(place[pixel, 1])
     # unsigned, because numba tests every signed index for negative ones
     low, shift = np.uint64(_LOW), np.uint64(_SHIFT)
+    here = np.uint64(y * tiles.shape[1] * SIDE + x)
     m, total, bound = np.uint64(0), np.int64(0), furthest
     for ring in range(np.uint64(lengths.size)):
         length = lengths[ring]
         if length > bound:
             return np.int64(m), total
-        before = m
-        for o in range(np.uint64(begins[ring]), np.uint64(begins[ring + np.uint64(1)])):
-            column, row = np.uint64(x + offsets[o, 0]), np.uint64(y + offsets[o, 1])
-            tile = np.uint64(tiles[row >> shift, column >> shift])
-            # no branch, because which pixels have events is unpredictable
-            found = blocks[tile, ((row & low) << shift) + (column & low)]
-            near[m], apart[m] = found, length
-            m += np.uint64(found >= 0)
+        before, start, stop = m, np.uint64(begins[ring]), np.uint64(begins[ring + np.uint64(1)])
+        # without branches within, because which pixels have events is unpredictable
+        if flat.size:
+            for o in range(start, stop):
+                found = flat[here + steps[o]]
+                near[m], apart[m] = found, length
+                m += np.uint64(found >= 0)
+        else:
+            for o in range(start, stop):
+                column, row = np.uint64(x + offsets[o, 0]), np.uint64(y + offsets[o, 1])
+                tile = np.uint64(tiles[row >> shift, column >> shift])
+                found = blocks[tile, ((row & low) << shift) + (column & low)]
+                near[m], apart[m] = found, length
+                m += np.uint64(found >= 0)
         for q in range(before, m):
             one = np.uint64(near[q])
             total += first[one + np.uint64(1)] - first[one]

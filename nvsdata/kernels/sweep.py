@@ -20,8 +20,8 @@ def pairs_in_time(t, reach):
 
 
 @njit(cache=True, nogil=True)
-def swept(t, x, y, limit, alpha, beta, reach, side, degree, source):
-    """Fill the lists of sources of `near_edges`, for events at most `reach` apart in time and `side` along x and y.
+def swept(t, x, y, limit, alpha, beta, k, reach, side, degree, source):
+    """Fill the lists of sources of `near_sources`, for events at most `reach` apart in time and `side` along x and y.
 
     O(N + pairs that are near in time).
     """
@@ -36,7 +36,7 @@ def swept(t, x, y, limit, alpha, beta, reach, side, degree, source):
     while i < n:
         i, first, found = _sweep(i, first, t, place, reach, side, later, earlier)
         found = _joined(t, x, y, limit, alpha, beta, later, earlier, found)
-        _insert(t, x, y, alpha, beta, later[:found], earlier[:found], degree, source, worst)
+        _insert(t, x, y, alpha, beta, later[:found], earlier[:found], k, degree, source, worst)
     for i in range(np.uint64(n)):
         ascend(source, i, degree[i])
 
@@ -87,9 +87,8 @@ def _joined(t, x, y, limit, alpha, beta, later, earlier, found):
 
 
 @njit(cache=True, nogil=True)
-def _insert(t, x, y, alpha, beta, later, earlier, degree, source, worst):
+def _insert(t, x, y, alpha, beta, later, earlier, k, degree, source, worst):
     """Add every pair to the lists of both events; in a full list it replaces the furthest source if it is nearer."""
-    k = source.shape[1]
     for pair in range(np.uint64(later.size)):
         target, other = np.uint64(later[pair]), np.uint64(earlier[pair])
         for _ in range(2):
@@ -98,20 +97,20 @@ def _insert(t, x, y, alpha, beta, later, earlier, degree, source, worst):
                 source[target, np.uint64(have)] = other
                 degree[target] = have + 1
                 if have == k - 1:
-                    worst[target] = _furthest(t, x, y, target, source, alpha, beta)
+                    worst[target] = _furthest(t, x, y, target, k, source, alpha, beta)
             elif _is_nearer(t, x, y, target, np.int64(other), source[target, worst[target]], alpha, beta):
                 source[target, worst[target]] = other
-                worst[target] = _furthest(t, x, y, target, source, alpha, beta)
+                worst[target] = _furthest(t, x, y, target, k, source, alpha, beta)
             target, other = other, target
 
 
 @njit(cache=True, nogil=True)
-def _furthest(t, x, y, target, source, alpha, beta):
+def _furthest(t, x, y, target, k, source, alpha, beta):
     """Place of the source that a nearer one would replace. O(k)."""
     worst = 0
-    for k in range(1, source.shape[1]):
-        if _is_nearer(t, x, y, target, source[target, worst], source[target, k], alpha, beta):
-            worst = k
+    for other in range(1, k):
+        if _is_nearer(t, x, y, target, source[target, worst], source[target, other], alpha, beta):
+            worst = other
     return worst
 
 

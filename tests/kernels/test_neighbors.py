@@ -137,9 +137,9 @@ def test_bounds_are_rounded_like_distances(way, name):
 
 @pytest.mark.parametrize("k", [1, 8, 32])
 @pytest.mark.parametrize("beta", [BETA, 1e-9, LITERAL_BETA])
-def test_both_ways_agree_on_busy_scenes(beta, k):
+@pytest.mark.parametrize("n", [4_000, 9_000])
+def test_both_ways_agree_on_busy_scenes(n, beta, k):
     random = np.random.default_rng(k)
-    n = 4_000
     t = np.sort(random.integers(0, 30_000, n)) + 1_600_000_000_000_000
     x, y = (np.concatenate([random.integers(0, side, n // 2), random.integers(0, 20, n // 2)]) for side in (240, 180))
     metric = x.astype(np.int16), y.astype(np.int16), 3.0, 1.0, beta, k
