@@ -125,7 +125,7 @@ class GrayVideos(Dataset[tuple[Any, int]]):
 
 def triples(args: argparse.Namespace) -> list[Any]:
     """From a recording to three consecutive frames [3, H, W], at a random place."""
-    return [T.ToFrames(args.fps), T.RandomTemporalCrop(FRAMES)]
+    return [T.SumFrames(args.fps), T.RandomTemporalCrop(FRAMES)]
 
 
 def augmented() -> list[Any]:

@@ -87,7 +87,7 @@ class FourCropped:
 
 def volumes(args: argparse.Namespace) -> list[Any]:
     """From a recording to the frames of a random volume, [T, H, W]."""
-    return [T.ToFrames(args.fps, factor=8), T.Resize(SMALLER_SIDE), T.RandomTemporalCrop(args.frames)]
+    return [T.SumFrames(args.fps, factor=8), T.Resize(SMALLER_SIDE), T.RandomTemporalCrop(args.frames)]
 
 
 def train_pipeline(args: argparse.Namespace) -> T.Compose:

@@ -98,7 +98,7 @@ TRANSFORMS = [
     ("ours", T.RandomTranslate, "RandomTranslate(pixels=2.0)"),
     ("4.4.2, of events: docs/models.md", T.RandomAffine, AFFINE),
     ("ours", T.DropEvents, "DropEvents(most=0.3)"),
-    ("ours", T.ToFrames, "ToFrames(fps=30.0, factor=1)"),
+    ("ours", T.SumFrames, "SumFrames(fps=30.0, factor=1)"),
     ("3.5.1: T = 160", T.RandomTemporalCrop, "RandomTemporalCrop(length=160)"),
     ("3.5.2: three frames", T.Stacks, "Stacks(length=3)"),
     ("3.5.1: N = 24", T.MotionCrop, "MotionCrop(size=24)"),

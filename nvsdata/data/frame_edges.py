@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from nvsdata.data.events import Events
+from nvsdata.data.events import LATEST, Events
 
 MICROSECONDS = 1_000_000
 MAX_FRAMES = 1 << 24  # frames in a sequence, six days at 30 per second: more means that a clock is wrong
@@ -36,3 +36,43 @@ def frame_bounds(events: Events, origin: int, edges: np.ndarray) -> np.ndarray:
     bounds = np.searchsorted(events.t, origin + edges, "right")
     bounds[0] = np.searchsorted(events.t, origin, "left")
     return bounds
+
+
+def equal_bounds(events: Events, count: int) -> np.ndarray:
+    """Bounds, as in `frame_bounds`, of `count` frames of equal duration, half open but for the last one.
+
+    They cover `events.start` to `events.end`; an event at t is in frame floor(count (t - start) / (end - start)), one
+    at the end in the last.
+    """
+    check_count(count)
+    # at least 1, so that events at one time are in the first frame
+    duration = max(events.end - events.start, 1)
+    # whole numbers of any size: a product of times may not fit int64
+    return _bounds(events, np.array([events.start - (-duration * n // count) for n in range(count)]))
+
+
+def duration_bounds(events: Events, duration: int) -> np.ndarray:
+    """Bounds of frames of `duration` µs from `events.start` on, at least one, half open but for the last one.
+
+    ValueError for more than 2^24 frames.
+    """
+    count = max(-(-(events.end - events.start) // int(duration)), 1)
+    check_count(count)
+    return _bounds(events, events.start + np.arange(count) * min(int(duration), LATEST))
+
+
+def count_bounds(events: Events, count: int) -> np.ndarray:
+    """Bounds of frames of `count` events, at least one; the last one has those left over."""
+    frames = max(-(-len(events) // int(count)), 1)
+    check_count(frames)
+    return np.minimum(np.arange(frames + 1) * int(count), len(events))
+
+
+def check_count(frames: int) -> None:
+    """ValueError for more than 2^24 frames."""
+    if frames > MAX_FRAMES:
+        raise ValueError(f"that would be {frames:,} frames, more than {MAX_FRAMES:,}")
+
+
+def _bounds(events: Events, begins: np.ndarray) -> np.ndarray:
+    return np.append(np.searchsorted(events.t, begins, "left"), len(events))

@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def to_frames(x, y, p, bounds, sensor_size, factor):
+def sum_frames(x, y, p, bounds, sensor_size, factor):
     """Polarity, +1 or -1, summed at each pixel, and its mean over cells: float32 [frames, H, W]. O(N + output).
 
     Frame n has the events from `bounds[n]` to `bounds[n + 1]`.

@@ -16,20 +16,23 @@ from nvsdata.transforms.augment import (
     scale,
     shift,
 )
+from nvsdata.transforms.averaged_surfaces import HATS, hats
 from nvsdata.transforms.compose import Compose, Each
+from nvsdata.transforms.event_frames import ToFrames, to_frames
 from nvsdata.transforms.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, merge_pixels
+from nvsdata.transforms.flow_image import FourChannels, four_channels
 from nvsdata.transforms.frames import (
     FourCrops,
     MedianDenoise,
     MotionCrop,
     RandomTemporalCrop,
     Stacks,
-    ToFrames,
+    SumFrames,
     four_crops,
     median_denoise,
     motion_crop,
     stacks,
-    to_frames,
+    sum_frames,
     volume,
 )
 from nvsdata.transforms.graph import KNNGraph, RadiusGraph, knn_graph, radius_graph
@@ -47,14 +50,18 @@ from nvsdata.transforms.image import (
     normalize,
     resize,
 )
+from nvsdata.transforms.leaky import LeakyFrame, leaky_frame
 from nvsdata.transforms.lengths import longest_window, window_length, with_window_length
 from nvsdata.transforms.parse import from_repr
 from nvsdata.transforms.point_sets import Points, points
 from nvsdata.transforms.registry import TRANSFORMS, register_transform
 from nvsdata.transforms.sample import DropEvents, NonUniformSample, drop, nonuniform_sample
+from nvsdata.transforms.surfaces import EventSurfaces, TimeSurface, event_surfaces, time_surface
+from nvsdata.transforms.voxels import VoxelGrid, voxel_grid
 from nvsdata.transforms.windows import RandomWindow, Volumes, Window, random_window, volumes, window
 
 __all__ = [
+    "HATS",
     "TRANSFORMS",
     "Age",
     "CenterCrop",
@@ -62,9 +69,12 @@ __all__ = [
     "DropEvents",
     "Each",
     "EventImage",
+    "EventSurfaces",
+    "FourChannels",
     "FourCrops",
     "Graph2Grid",
     "KNNGraph",
+    "LeakyFrame",
     "MedianDenoise",
     "MergePixels",
     "MotionCrop",
@@ -86,19 +96,26 @@ __all__ = [
     "RandomWindow",
     "Resize",
     "Stacks",
+    "SumFrames",
+    "TimeSurface",
     "ToFrames",
     "Volumes",
+    "VoxelGrid",
     "Window",
     "affine",
     "center_crop",
     "crop",
     "drop",
     "event_image",
+    "event_surfaces",
     "flip",
+    "four_channels",
     "four_crops",
     "from_repr",
     "graph2grid",
+    "hats",
     "knn_graph",
+    "leaky_frame",
     "longest_window",
     "median_denoise",
     "merge_pixels",
@@ -114,9 +131,12 @@ __all__ = [
     "scale",
     "shift",
     "stacks",
+    "sum_frames",
+    "time_surface",
     "to_frames",
     "volume",
     "volumes",
+    "voxel_grid",
     "window",
     "window_length",
     "with_window_length",

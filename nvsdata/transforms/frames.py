@@ -12,13 +12,13 @@ from nvsdata.common.validation import positive
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_bounds, frame_edges
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.frames import to_frames as kernel
+from nvsdata.kernels.frames import sum_frames as kernel
 from nvsdata.transforms.draws import place
 from nvsdata.transforms.image import center_crop, crop
 
 
 @dataclass(frozen=True)
-class ToFrames:
+class SumFrames:
     """Polarity summed at each pixel over frames of 1 / `fps` s (eq. 3.18), averaged over `factor` x `factor` pixels.
 
     - `fps`: frames per second (default 30.0)
@@ -38,7 +38,7 @@ class ToFrames:
         positive("factor", self.factor)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        return to_frames(sample, self.fps, self.factor)
+        return sum_frames(sample, self.fps, self.factor)
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ class MedianDenoise:
         return median_denoise(frames)
 
 
-def to_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -> torch.Tensor:
-    """Frames of summed polarity; see `ToFrames`."""
+def sum_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -> torch.Tensor:
+    """Frames of summed polarity; see `SumFrames`."""
     events = as_events(sample)
     edges = frame_edges(events.end - events.start, fps)
     bounds = frame_bounds(events, events.start, edges)

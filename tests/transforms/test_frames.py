@@ -21,7 +21,7 @@ def test_frames_sum_polarity_and_average_cells(ev, fps, factor):
     dense = np.zeros((count, height, width))
     for t, x, y, p in zip(*(column.tolist() for column in ev.columns), strict=True):
         dense[max(math.ceil(t * fps / 10**6) - 1, 0), y, x] += 2 * p - 1
-    frames = T.ToFrames(fps, factor)(ev)
+    frames = T.SumFrames(fps, factor)(ev)
     rows, columns = -(-height // factor), -(-width // factor)
     assert frames.shape == (count, rows, columns)
     assert frames.dtype == torch.float32
@@ -35,7 +35,7 @@ def test_frames_sum_polarity_and_average_cells(ev, fps, factor):
 
 def test_the_size_of_the_thesis():
     ev = Events([0, 10**6], [319, 0], [239, 0], [1, 0])
-    frames = T.ToFrames(25, 8)(ev)
+    frames = T.SumFrames(25, 8)(ev)
     assert frames.shape == (25, 30, 40)
     assert frames.sum() == 0
     assert frames[0, 29, 39] == 1 / 64
@@ -44,7 +44,7 @@ def test_the_size_of_the_thesis():
 
 def test_emulated_events_at_the_frame_itself_belong_to_it():
     ev = Events([40_000, 80_000], [0, 1], [0, 0], [1, 1], (2, 1), start=0)
-    assert T.to_frames(ev, 25).tolist() == [[[1, 0]], [[0, 1]]]
+    assert T.sum_frames(ev, 25).tolist() == [[[1, 0]], [[0, 1]]]
 
 
 def test_volumes_are_cut_at_random_or_filled_up():
@@ -103,8 +103,8 @@ def test_a_spike_on_its_own_is_noise():
 @pytest.mark.parametrize(
     ("build", "says"),
     [
-        (lambda: T.ToFrames(0), "fps must be positive"),
-        (lambda: T.ToFrames(factor=0), "factor must be positive"),
+        (lambda: T.SumFrames(0), "fps must be positive"),
+        (lambda: T.SumFrames(factor=0), "factor must be positive"),
         (lambda: T.RandomTemporalCrop(0), "length must be positive"),
         (lambda: T.Stacks(0), "length must be positive"),
         (lambda: T.MotionCrop(0), "size must be positive"),

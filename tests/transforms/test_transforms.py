@@ -33,7 +33,7 @@ ALL = [
     T.Volumes(count=8, duration=33_333),
     T.Each(T.KNNGraph(k=2, reach=5, pseudo="abs", reach_t=9_000)),
     T.Graph2Grid(cluster=(8, 6)),
-    T.ToFrames(fps=25, factor=8),
+    T.SumFrames(fps=25, factor=8),
     T.RandomTemporalCrop(160),
     T.Stacks(3),
     T.MotionCrop(24),
@@ -304,7 +304,7 @@ def test_steps_in_the_wrong_order_are_named():
                 transform(ev)
         with pytest.raises(TypeError, match="but was given a list of Events"):
             transform([ev])
-    of_events = (T.NonUniformSample(), T.RadiusGraph(), T.DropEvents(), T.RandomAffine(), T.ToFrames(), T.Points())
+    of_events = (T.NonUniformSample(), T.RadiusGraph(), T.DropEvents(), T.RandomAffine(), T.SumFrames(), T.Points())
     for transform in of_events:
         with pytest.raises(TypeError, match=r"but was given Tensor \[2, 3\]"):
             transform(torch.zeros(2, 3))
@@ -326,9 +326,9 @@ def test_seconds_in_place_of_microseconds(make):
 
 def test_a_clock_that_is_off_makes_no_millions_of_frames():
     late = Events([2**40, 2**40 + 1_000], [1, 1], [1, 1], [0, 1], (4, 4))
-    assert T.ToFrames()(late).shape == (1, 4, 4)
+    assert T.SumFrames()(late).shape == (1, 4, 4)
     with pytest.raises(ValueError, match="do the events begin when they say"):
-        T.ToFrames()(late.window(0, None))
+        T.SumFrames()(late.window(0, None))
 
 
 def test_compose_takes_a_list():

@@ -30,13 +30,18 @@ ANYWHERE = [
     T.Compose([T.NonUniformSample(4), T.RadiusGraph(), T.RandomTranslate(5)]),
     T.Compose([T.Volumes(2, 2_000), T.Each(T.KNNGraph())]),
     T.EventImage(),
-    T.ToFrames(200),
+    T.FourChannels(),
+    T.LeakyFrame(),
+    T.TimeSurface(every=1_000),
+    T.ToFrames(3),
+    T.VoxelGrid(3),
+    T.SumFrames(200),
     T.Compose([T.RadiusGraph(), T.Graph2Grid()]),
-    T.Compose([T.ToFrames(400), T.RandomTemporalCrop(2)]),
-    T.Compose([T.ToFrames(400), T.Stacks(2)]),
+    T.Compose([T.SumFrames(400), T.RandomTemporalCrop(2)]),
+    T.Compose([T.SumFrames(400), T.Stacks(2)]),
 ]
 # what does
-ELSEWHERE = (T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
+ELSEWHERE = (T.EventSurfaces, T.HATS, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean)
@@ -118,6 +123,17 @@ def test_points(size):
     points = T.Points(len(ev))(ev).double().numpy()
     assert np.rint(points[:, 0] * (size[0] - 1)).tolist() == ev.x.tolist()
     assert np.rint(points[:, 1] * (size[1] - 1)).tolist() == ev.y.tolist()
+
+
+@sizes
+def test_surfaces_around_events(size):
+    ev = in_last_corner(size)
+    assert T.EventSurfaces(3)(ev).equal(T.EventSurfaces(3)(SMALL))
+    # cells begin at even pixels on all three sensors
+    cells = T.HATS(2)(ev).unflatten(0, (size[1] // 2, size[0] // 2))
+    corner = cells[-SIDE // 2 :, -SIDE // 2 :]
+    assert corner.flatten(0, 1).equal(T.HATS(2)(SMALL))
+    assert cells.count_nonzero() == corner.count_nonzero() > 0
 
 
 @sizes

@@ -1,0 +1,68 @@
+"""Histograms of averaged time surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from nvsdata.kernels.surfaces import EPOCH
+
+
+@njit(cache=True, nogil=True)
+def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
+    """Local memory time surfaces, summed over the events of each cell: float64 [cells, 2, side, side], int64 [cells].
+
+    The second array has the cells' numbers of events. O(N side²), because each pixel keeps the sum of its events'
+    exponentials (see `kernels/surfaces.py` for epochs), which enter it when time goes on and leave it after `window`.
+    """
+    width, height = size
+    columns, rows, side = (width + cell - 1) // cell, (height + cell - 1) // cell, 2 * radius + 1
+    out, events = np.zeros((rows * columns, 2, side, side)), np.zeros(rows * columns, np.int64)
+    sums, epochs, members = np.zeros((2, height, width)), np.zeros((2, height, width), np.int64), _none(size)
+    value, epoch = np.empty(t.size), np.empty(t.size, np.int64)
+    entered = left = 0
+    for i in range(t.size):
+        epoch[i] = np.int64((t[i] - t[0]) / (EPOCH * tau))
+        value[i] = np.exp(((t[i] - t[0]) - epoch[i] * (EPOCH * tau)) / tau)
+        while t[entered] < t[i]:
+            _enter(entered, x, y, p, value, epoch, sums, epochs, members)
+            entered += 1
+        while left < entered and t[i] - t[left] > window:
+            _leave(left, x, y, p, value, epoch, sums, epochs, members)
+            left += 1
+        row, column = y[i] // cell, x[i] // cell
+        home, channel = row * columns + column, 1 - p[i]
+        events[home] += 1
+        for r in range(max(y[i] - radius, row * cell), min(y[i] + radius + 1, (row + 1) * cell, height)):
+            for c in range(max(x[i] - radius, column * cell), min(x[i] + radius + 1, (column + 1) * cell, width)):
+                if members[channel, r, c]:
+                    found = sums[channel, r, c] * _faded(epoch[i] - epochs[channel, r, c]) / value[i]
+                    out[home, channel, r - y[i] + radius, c - x[i] + radius] += found
+    return out, events
+
+
+@njit(cache=True, nogil=True)
+def _none(size):
+    return np.zeros((2, size[1], size[0]), np.int64)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _faded(epochs):
+    """What is left of a value after some epochs."""
+    return 1.0 if epochs == 0 else np.exp(-np.float64(EPOCH)) if epochs == 1 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _enter(j, x, y, p, value, epoch, sums, epochs, members):
+    place = 1 - p[j], y[j], x[j]
+    sums[place] = sums[place] * _faded(epoch[j] - epochs[place]) + value[j]
+    epochs[place] = epoch[j]
+    members[place] += 1
+
+
+@njit(cache=True, nogil=True)
+def _leave(j, x, y, p, value, epoch, sums, epochs, members):
+    place = 1 - p[j], y[j], x[j]
+    members[place] -= 1
+    # the oldest value is the smallest, so little is lost; nothing at all of the last one
+    sums[place] = sums[place] - value[j] * _faded(epochs[place] - epoch[j]) if members[place] else 0.0

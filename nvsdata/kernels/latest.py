@@ -1,0 +1,32 @@
+"""Images of what pixels last saw: latest times, and sums that leak."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def counts_and_times(t, x, y, p, start, duration, out):
+    """Add events to `out` [4, H, W]: numbers of ON and OFF events, and their latest times as shares of `duration`."""
+    for i in range(np.uint64(t.size)):
+        channel, row, column = np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])
+        out[channel, row, column] += np.float32(1)
+        out[channel + np.uint64(2), row, column] = np.float64(t[i] - start) / duration
+
+
+@njit(cache=True, nogil=True)
+def leaked(t, x, y, end, increment, leak, value, since, out):
+    """Fill `out` [H, W]: each event adds `increment`, and values fall by `leak` per µs until `end`, not below 0.
+
+    `value` float64 and `since` int64, both [H, W], are the state: values, and when they were so; they are changed.
+    O(N + output).
+    """
+    for i in range(np.uint64(t.size)):
+        row, column = np.uint64(y[i]), np.uint64(x[i])
+        left = value[row, column] - leak * np.float64(t[i] - since[row, column])
+        value[row, column] = max(left, 0.0) + increment
+        since[row, column] = t[i]
+    flat, when, image = value.ravel(), since.ravel(), out.ravel()
+    for q in range(np.uint64(flat.size)):
+        image[q] = max(flat[q] - leak * np.float64(end - when[q]), 0.0)

@@ -1,0 +1,58 @@
+"""Histograms of averaged time surfaces (HATS)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+
+from nvsdata.common.validation import microseconds, positive, whole
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording, as_events
+from nvsdata.kernels.hats import summed_surfaces
+
+
+@dataclass(frozen=True)
+class HATS:
+    """Histograms of averaged time surfaces (Sironi et al. 2018): float32 [cells, 2, 2 radius + 1, 2 radius + 1].
+
+    Each event has the sum of exp(-(t_i - t_j) / tau) over earlier events of its polarity within `window`, by their
+    offset (row, column) within `radius`, of its own cell alone (eq. 4 and 5). These surfaces are summed over the events
+    of a cell, ON first, and divided by their number, of both polarities (eq. 7). Cells are in order of rows.
+
+    - `cell`: K, side of a cell in pixels (default 10); cells at the right and at the bottom may be smaller
+    - `radius`: R in pixels (default 3)
+    - `window`: Delta t in µs (default 100,000)
+    - `tau`: time constant in µs (default 1e9); defaults are the paper's for N-CARS
+
+    Takes `Events` or a `Recording`. Cells without events are 0. ValueError for settings out of range. (tonic's
+    `ToAveragedTimesurface` also counts the event itself, and divides by the number of events of each polarity.)
+    """
+
+    cell: int = 10
+    radius: int = 3
+    window: int = 100_000
+    tau: float = 1e9
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        whole("cell", self.cell, 1)
+        whole("radius", self.radius)
+        microseconds("window", self.window)
+        positive("tau", self.tau)
+
+    def __call__(self, sample: Events | Recording) -> torch.Tensor:
+        events = as_events(sample)
+        sums, counts = summed_surfaces(
+            *events.columns, int(self.cell), int(self.radius), int(self.window), float(self.tau), events.sensor_size
+        )
+        return torch.from_numpy((sums / np.maximum(counts, 1)[:, None, None, None]).astype(np.float32))
+
+
+def hats(
+    sample: Events | Recording, cell: int = 10, radius: int = 3, *, window: int = 100_000, tau: float = 1e9
+) -> torch.Tensor:
+    """Histograms of averaged time surfaces; see `HATS`."""
+    return HATS(cell, radius, window, tau)(sample)

@@ -1,0 +1,81 @@
+"""Frames of events: numbers of events at each pixel, in parts of their time or of their number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+import torch
+
+from nvsdata.common.validation import microseconds, whole
+from nvsdata.data.events import Events
+from nvsdata.data.frame_edges import count_bounds, duration_bounds, equal_bounds
+from nvsdata.data.recording import Recording, as_events
+from nvsdata.kernels.bins import counted, marked
+
+Values = Literal["count", "binary", "sum"]
+
+
+@dataclass(frozen=True)
+class ToFrames:
+    """Frames of events: float32 [T, C, H, W]. Exactly one of the first three says how the events are divided.
+
+    - `bins`: T, frames of equal duration over the time of the events (`Events.start` to `end`)
+    - `duration`: of a frame in µs, from `Events.start` on; the last frame may reach beyond the end
+    - `count`: events per frame; the last frame has those left over
+    - `values`: "count" (default), the numbers of ON and of OFF events (C = 2, ON first); "binary", 1 where there are
+      any; "sum", ON as +1 and OFF as -1 (C = 1)
+
+    Takes `Events` or a `Recording`. Each event is in exactly one frame: frames are half open in time, the last one is
+    closed. There is at least one frame. ValueError for settings out of range, and for more than 2^24 frames.
+
+    `SumFrames` has the frames of the thesis (eq. 3.18), at a frame rate.
+    """
+
+    bins: int | None = None
+    duration: int | None = None
+    count: int | None = None
+    values: Values = "count"
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        given = {name: getattr(self, name) for name in ("bins", "duration", "count")}
+        if sum(value is not None for value in given.values()) != 1:
+            raise ValueError(f"exactly one of bins, duration and count must be given, not {given}")
+        for name in ("bins", "count"):
+            if given[name] is not None:
+                whole(name, given[name], 1)
+        if self.duration is not None:
+            microseconds("duration", self.duration)
+        if self.values not in get_args(Values):
+            raise ValueError(f"values must be one of {get_args(Values)}, not {self.values!r}")
+
+    def __call__(self, sample: Events | Recording) -> torch.Tensor:
+        events = as_events(sample)
+        width, height = events.sensor_size
+        bounds = self._bounds(events)
+        out = np.zeros((bounds.size - 1, 1 if self.values == "sum" else 2, height, width), np.float32)
+        fill = marked if self.values == "binary" else counted
+        fill(events.x, events.y, events.p, bounds, out)
+        return torch.from_numpy(out)
+
+    def _bounds(self, events: Events) -> np.ndarray:
+        if self.bins is not None:
+            return equal_bounds(events, self.bins)
+        if self.duration is not None:
+            return duration_bounds(events, self.duration)
+        assert self.count is not None
+        return count_bounds(events, self.count)
+
+
+def to_frames(
+    sample: Events | Recording,
+    bins: int | None = None,
+    *,
+    duration: int | None = None,
+    count: int | None = None,
+    values: Values = "count",
+) -> torch.Tensor:
+    """Frames of events; see `ToFrames`."""
+    return ToFrames(bins, duration, count, values)(sample)

@@ -1,0 +1,242 @@
+"""Dense representations of events against their definitions, event by event in float64."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import events
+
+from nvsdata import Events
+from nvsdata import transforms as T
+
+LATE = 1_600_000_000_000_000
+few = events(max_size=60)
+taus = st.sampled_from((0.5, 30.0, 50_000.0, 1e9))
+
+
+def rows(ev):
+    return list(zip(*(column.tolist() for column in ev.columns), strict=True))
+
+
+def grid(ev, *first):
+    return np.zeros((*first, ev.sensor_size[1], ev.sensor_size[0]))
+
+
+def moved(ev, by):
+    return Events(ev.t + by, ev.x, ev.y, ev.p, ev.sensor_size, start=ev.start + by, end=ev.end + by)
+
+
+def near(ev, span):
+    """The events of the first `span` µs."""
+    return ev.window(ev.start, ev.start + span)
+
+
+def bin_of(t, ev, bins):
+    share = Fraction(t - ev.start, max(ev.end - ev.start, 1))
+    return min(math.floor(share * bins), bins - 1)
+
+
+def frame_numbers(ev, way):
+    """The number of frames, and that of each event's."""
+    (name, value), numbers = *way.items(), []
+    for i, (t, *_) in enumerate(rows(ev)):
+        number = {"bins": bin_of(t, ev, value), "duration": (t - ev.start) // value, "count": i // value}
+        numbers.append(number[name])
+    span = ev.end - ev.start
+    count = {"bins": value, "duration": max(-(-span // value), 1), "count": max(-(-len(ev) // value), 1)}[name]
+    return count, [min(number, count - 1) for number in numbers]
+
+
+ways = st.one_of(
+    st.builds(lambda n: {"bins": n}, st.integers(1, 20)),
+    st.builds(lambda n: {"duration": n}, st.sampled_from((500, 1_000, 7_777, 100_000, 10**30))),
+    st.builds(lambda n: {"count": n}, st.sampled_from((1, 3, 10, 1_000))),
+)
+
+
+@given(ev=few, way=ways, values=st.sampled_from(("count", "binary", "sum")))
+def test_frames_have_each_event_once(ev, way, values):
+    ev = near(ev, 100_000)
+    count, numbers = frame_numbers(ev, way)
+    expected = grid(ev, count, 1 if values == "sum" else 2)
+    for number, (_, x, y, p) in zip(numbers, rows(ev), strict=True):
+        if values == "sum":
+            expected[number, 0, y, x] += 2 * p - 1
+        else:
+            expected[number, 1 - p, y, x] += 1
+    if values == "binary":
+        expected = np.minimum(expected, 1)
+    frames = T.ToFrames(**way, values=values)(ev)
+    assert frames.dtype == torch.float32
+    assert np.array_equal(frames, expected)
+    assert frames.equal(T.ToFrames(**way, values=values)(moved(ev, LATE)))
+    if values == "count":
+        assert frames.sum() == len(ev)
+
+
+@given(ev=few, bins=st.integers(1, 9), way=st.sampled_from(("linear", "nearest")))
+def test_a_voxel_grid_divides_polarity_between_bins(ev, bins, way):
+    expected = grid(ev, bins)
+    for t, x, y, p in rows(ev):
+        at = (bins - 1) * (t - int(ev.t[0])) / max(ev.duration, 1)
+        for b in range(bins):
+            share = max(0, 1 - abs(b - at)) if way == "linear" else b == math.floor(at + 0.5)
+            expected[b, y, x] += (2 * p - 1) * share
+    found = T.VoxelGrid(bins, way)(ev)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
+    assert found.equal(T.voxel_grid(moved(ev, LATE), bins, way))
+    assert math.isclose(found.double().sum(), (2 * ev.p.astype(int) - 1).sum(), abs_tol=1e-4)
+
+
+@given(ev=few, tau=taus, every=st.sampled_from((None, 1_000, 7_777, 60_000)))
+def test_a_time_surface_knows_the_last_event_of_each_pixel(ev, tau, every):
+    ev = near(ev, 150_000)
+    times = [ev.end]
+    if every is not None:
+        count, numbers = frame_numbers(ev, {"duration": every})
+        times = [*(ev.start + every * n for n in range(1, count)), ev.end]
+    expected = grid(ev, len(times), 2)
+    for n, time in enumerate(times):
+        for i, (t, x, y, p) in enumerate(rows(ev)):
+            if every is None or numbers[i] <= n:
+                expected[n, 1 - p, y, x] = math.exp(-(time - t) / tau)
+    found = T.TimeSurface(tau, every)(ev)
+    np.testing.assert_allclose(found, expected if every else expected[0], rtol=1e-6, atol=1e-37)
+    assert found.equal(T.time_surface(moved(ev, LATE), tau, every=every))
+
+
+@given(ev=few, tau=taus, radius=st.integers(0, 3))
+def test_event_surfaces_surround_each_event(ev, tau, radius):
+    last, expected = {}, []
+    for t, x, y, p in rows(ev):
+        last[x, y, p] = t
+        offsets = range(-radius, radius + 1)
+        expected.append(
+            [[math.exp(-(t - last.get((x + c, y + r, p), -math.inf)) / tau) for c in offsets] for r in offsets]
+        )
+    found = T.EventSurfaces(radius, tau)(ev)
+    side = 2 * radius + 1
+    assert found.shape == (len(ev), side, side)
+    np.testing.assert_allclose(found, np.reshape(expected, found.shape), rtol=1e-6, atol=1e-37)
+    assert (found[:, radius, radius] == 1).all()
+    assert found.equal(T.event_surfaces(moved(ev, LATE), radius, tau))
+
+
+@given(ev=few, tau=taus, cell=st.integers(1, 8), radius=st.integers(0, 3), window=st.sampled_from((1, 3_000, 10**6)))
+def test_hats_are_those_of_the_paper(ev, tau, cell, radius, window):
+    columns, lines = -(-ev.sensor_size[0] // cell), -(-ev.sensor_size[1] // cell)
+    expected, counts = np.zeros((lines * columns, 2, 2 * radius + 1, 2 * radius + 1)), np.zeros(lines * columns)
+    home = [y // cell * columns + x // cell for _, x, y, _ in rows(ev)]
+    for i, (t, x, y, p) in enumerate(rows(ev)):
+        counts[home[i]] += 1
+        for j, (before, a, b, q) in enumerate(rows(ev)):
+            inside = max(abs(a - x), abs(b - y)) <= radius and home[i] == home[j]
+            if inside and t - window <= before < t and p == q:
+                expected[home[i], 1 - p, b - y + radius, a - x + radius] += math.exp(-(t - before) / tau)
+    expected /= np.maximum(counts, 1)[:, None, None, None]
+    found = T.HATS(cell, radius, window, tau)(ev)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-12)
+    assert found.equal(T.hats(moved(ev, LATE), cell, radius, window=window, tau=tau))
+
+
+def test_long_gaps_and_crowds_in_hats():
+    # sums at a pixel shrink by exp(-300) from epoch to epoch, and lose events while others come
+    t = np.concatenate([np.arange(2_000), [10**5, 10**5 + 1, 10**9], 10**9 + np.arange(2_000)])
+    ev = Events(t, t * 0, t * 0, t * 0 + 1, (1, 1))
+    found = T.hats(ev, 1, 0, window=50, tau=1.0)[0, 0].item()
+    expected = sum(math.exp(-float(a - b)) for a in t for b in t[(t < a) & (t >= a - 50)]) / len(t)
+    assert math.isclose(found, expected, rel_tol=1e-6)
+
+
+@given(ev=few)
+def test_four_channels_count_and_say_when(ev):
+    expected = grid(ev, 4)
+    for t, x, y, p in rows(ev):
+        expected[1 - p, y, x] += 1
+        expected[3 - p, y, x] = (t - ev.start) / max(ev.end - ev.start, 1)
+    found = T.FourChannels()(ev)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    assert found.equal(T.four_channels(moved(ev, LATE)))
+
+
+@given(ev=few, leak=st.sampled_from((0.0, 1e-6, 1 / 50_000, 1.0)), increment=st.sampled_from((1.0, 0.25)))
+def test_a_leaky_frame_falls_everywhere_between_events(ev, leak, increment):
+    expected, now = grid(ev, 1), ev.start
+    for t, x, y, _ in rows(ev):
+        expected = np.maximum(expected - leak * (t - now), 0)
+        expected[0, y, x] += increment
+        now = t
+    expected = np.maximum(expected - leak * (ev.end - now), 0)
+    found = T.LeakyFrame(leak, increment)(ev)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+    assert found.equal(T.leaky_frame(moved(ev, LATE), leak, increment))
+
+
+NO_EVENTS = Events.empty((5, 3))
+SHAPES = {
+    "frames": (T.ToFrames(4), (4, 2, 3, 5)),
+    "frames by time": (T.ToFrames(duration=10), (1, 2, 3, 5)),
+    "frames by events": (T.ToFrames(count=10, values="sum"), (1, 1, 3, 5)),
+    "voxels": (T.VoxelGrid(4), (4, 3, 5)),
+    "surface": (T.TimeSurface(), (2, 3, 5)),
+    "surfaces": (T.TimeSurface(every=1_000), (1, 2, 3, 5)),
+    "event surfaces": (T.EventSurfaces(1), (0, 3, 3)),
+    "hats": (T.HATS(2, 1), (6, 2, 3, 3)),
+    "four channels": (T.FourChannels(), (4, 3, 5)),
+    "leaky": (T.LeakyFrame(), (1, 3, 5)),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_no_events_give_zeros_of_the_usual_shape(name):
+    transform, shape = SHAPES[name]
+    found = transform(NO_EVENTS)
+    assert found.shape == shape
+    assert not found.any()
+
+
+def test_a_stated_time_decides_about_frames():
+    ev = Events([10, 20], [0, 0], [0, 0], [1, 0], (1, 1), start=0, end=100)
+    assert T.to_frames(ev, 10).flatten(1).tolist() == [[0, 0], [1, 0], [0, 1], *([[0, 0]] * 7)]
+    assert T.to_frames(ev, duration=50).flatten(1).tolist() == [[1, 1], [0, 0]]
+    assert T.time_surface(ev, 80).flatten().tolist() == pytest.approx([math.exp(-90 / 80), math.exp(-1)])
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda: T.ToFrames(), "exactly one of bins, duration and count must be given"),
+        (lambda: T.ToFrames(3, count=4), "exactly one of bins, duration and count must be given"),
+        (lambda: T.ToFrames(0), "bins must be a whole number of at least 1, not 0"),
+        (lambda: T.ToFrames(count=-1), "count must be a whole number of at least 1, not -1"),
+        (lambda: T.ToFrames(duration=0.03), r"duration counts whole µs, not 0.03 \(0.03 s are 30000\)"),
+        (lambda: T.ToFrames(3, values="mean"), "values must be one of .*, not 'mean'"),
+        (lambda: T.VoxelGrid(0), "bins must be"),
+        (lambda: T.VoxelGrid(2, "cubic"), "interpolation must be one of .*, not 'cubic'"),
+        (lambda: T.TimeSurface(0), "tau must be positive"),
+        (lambda: T.TimeSurface(every=0), "every must be positive"),
+        (lambda: T.EventSurfaces(-1), "radius must be"),
+        (lambda: T.EventSurfaces(tau=-1), "tau must be positive"),
+        (lambda: T.HATS(0), "cell must be"),
+        (lambda: T.HATS(window=0), "window must be positive"),
+        (lambda: T.HATS(tau=0), "tau must be positive"),
+        (lambda: T.LeakyFrame(-1), "leak must not be negative"),
+        (lambda: T.LeakyFrame(increment=0), "increment must be positive"),
+        (
+            lambda: T.to_frames(Events([0, 2**61], [0, 0], [0, 0], [0, 0]), duration=1),
+            "2,305,843,009,213,693,952 frames",
+        ),
+        (lambda: T.to_frames(NO_EVENTS, 2**25), "33,554,432 frames, more than 16,777,216"),
+        (
+            lambda: T.time_surface(Events([0, 2**61], [0, 0], [0, 0], [0, 0]), every=1),
+            "2,305,843,009,213,693,952 frames",
+        ),
+    ],
+)
+def test_settings_out_of_range(make, reason):
+    with pytest.raises(ValueError, match=reason):
+        make()
