@@ -174,7 +174,109 @@ def rows(ev):
     return torch.from_numpy(np.stack((ev.x / (width - 1), ev.y / (height - 1), since, 2.0 * ev.p - 1), 1)).float()
 
 
+ENDS = Events([10**15] * 2 + [10**15 + 10**9], [1, 2, 3], [4, 5, 6], [0, 1, 1], (34, 20))
+ONE = Events([10**15], [4_000], [3_000], [1], (8_001, 6_001), start=0, end=2 * 10**15)
+NONE = Events.empty((6, 5), 10**15, 10**15 + 9)
+GRID = Events(np.arange(680), np.arange(680) % 34, np.arange(680) // 34, np.arange(680) % 2, (34, 20))
+POLARITIES = T.SelectPolarity(0), T.SelectPolarity(1), T.SelectPolarity(1)
+
+
+def share_below(deviations):
+    """Of a normal distribution."""
+    return 0.5 * (1 + math.erf(deviations / math.sqrt(2)))
+
+
+def with_one_at(t, x, y):
+    return Events([t], [x], [y], [1], ONE.sensor_size, start=ONE.start, end=ONE.end)
+
+
+def backwards(ev):
+    columns = ev.start + ev.end - ev.t[::-1], ev.x[::-1], ev.y[::-1], 1 - ev.p[::-1]
+    return Events(*columns, ev.sensor_size, start=ev.start, end=ev.end)
+
+
+def missing_rectangle(ev):
+    gone = np.setdiff1d(GRID.t, ev.t)
+    return int((gone % 34).min()), int((gone // 34).min())
+
+
+def without(x, y):
+    inside = (x <= GRID.x) & (x + 17 > GRID.x) & (y <= GRID.y) & (y + 10 > GRID.y)
+    return GRID[~inside]
+
+
+def parted(ev):
+    """Which of the polarities was kept."""
+    return 0 if ev.p.max() == 0 else 1
+
+
 CASES = [
+    Case(
+        T.RandomTimeScale(0.5, 1.5),
+        ENDS,
+        lambda ev: ((ev.end - 10**15) / 10**9 - 0.5,),
+        (even,),
+        lambda share: Events([10**15] * 2 + [10**15 + round((0.5 + share) * 10**9)], *ENDS.columns[1:], (34, 20)),
+    ),
+    Case(
+        T.RandomTimeFlip(0.3),
+        DENSE,
+        lambda ev: (int(ev != DENSE),),
+        (chance(0.3),),
+        lambda flipped: backwards(DENSE) if flipped else DENSE,
+    ),
+    Case(
+        T.TimeJitter(10_000),
+        ONE,
+        lambda ev: (share_below((ev.t[0] - 10**15) / 10_000), ev.t[0]),
+        (even, lambda _: None),
+        lambda _, t: with_one_at(t, 4_000, 3_000),
+        independent=False,
+    ),
+    Case(
+        T.SpatialJitter(500),
+        ONE,
+        lambda ev: (*(share_below((at[0] - middle) / 500) for at, middle in ((ev.x, 4_000), (ev.y, 3_000))), ev),
+        (even, even, lambda _: None),
+        lambda *drawn: with_one_at(10**15, drawn[2].x[0], drawn[2].y[0]),
+        independent=False,
+    ),
+    Case(
+        T.UniformNoise(1),
+        NONE,
+        lambda ev: (int(ev.t[0]) - 10**15, int(ev.x[0]), int(ev.y[0]), int(ev.p[0])),
+        (one_of(10), one_of(6), one_of(5), one_of(2)),
+        lambda t, x, y, p: Events([10**15 + t], [x], [y], [p], (6, 5), start=NONE.start, end=NONE.end),
+    ),
+    Case(
+        T.DropByTime(0.25),
+        DENSE,
+        lambda ev: (int(np.setdiff1d(DENSE.t, ev.t)[0]) - 10**15,),
+        (one_of(91),),
+        lambda start: DENSE[(DENSE.t < 10**15 + start) | (DENSE.t >= 10**15 + start + 30)],
+    ),
+    Case(T.DropByArea(0.25), GRID, missing_rectangle, (one_of(18), one_of(11)), without),
+    Case(
+        T.RandomRun(100),
+        DENSE,
+        lambda ev: (int(ev.t[0]) - 10**15,),
+        (one_of(21),),
+        lambda first: DENSE[first : first + 100],
+    ),
+    Case(
+        T.RandomApply(T.SelectPolarity(1), 0.3),
+        DENSE,
+        lambda ev: (int(ev != DENSE),),
+        (chance(0.3),),
+        lambda applied: DENSE[DENSE.p == 1] if applied else DENSE,
+    ),
+    Case(
+        T.RandomChoice(POLARITIES),
+        DENSE,
+        lambda ev: (parted(ev),),
+        (chance(2 / 3),),
+        lambda polarity: DENSE[DENSE.p == polarity],
+    ),
     Case(
         T.RandomScale(0.5, 1.5),
         GRAPH,

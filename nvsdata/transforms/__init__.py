@@ -17,9 +17,20 @@ from nvsdata.transforms.augment import (
     shift,
 )
 from nvsdata.transforms.averaged_surfaces import HATS, hats
+from nvsdata.transforms.choice import RandomApply, RandomChoice
 from nvsdata.transforms.compose import Compose, Each
+from nvsdata.transforms.crops import Crop, Downsample, crop_events, downsample, resize_events
 from nvsdata.transforms.event_frames import ToFrames, to_frames
 from nvsdata.transforms.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, merge_pixels
+from nvsdata.transforms.filters import (
+    BackgroundActivity,
+    HotPixels,
+    RefractoryPeriod,
+    SelectPolarity,
+    background_activity,
+    drop_hot_pixels,
+    refractory_period,
+)
 from nvsdata.transforms.flow_image import FourChannels, four_channels
 from nvsdata.transforms.frames import (
     FourCrops,
@@ -52,11 +63,32 @@ from nvsdata.transforms.image import (
 )
 from nvsdata.transforms.leaky import LeakyFrame, leaky_frame
 from nvsdata.transforms.lengths import longest_window, window_length, with_window_length
+from nvsdata.transforms.noise import (
+    DropByArea,
+    DropByTime,
+    RandomRun,
+    SpatialJitter,
+    UniformNoise,
+    add_noise,
+    drop_interval,
+    drop_rectangle,
+    jitter_space,
+)
 from nvsdata.transforms.parse import from_repr
 from nvsdata.transforms.point_sets import Points, points
 from nvsdata.transforms.registry import TRANSFORMS, register_transform
 from nvsdata.transforms.sample import DropEvents, NonUniformSample, drop, nonuniform_sample
 from nvsdata.transforms.surfaces import EventSurfaces, TimeSurface, event_surfaces, time_surface
+from nvsdata.transforms.times import (
+    RandomTimeFlip,
+    RandomTimeScale,
+    RelativeTime,
+    TimeJitter,
+    flip_time,
+    jitter_time,
+    relative_time,
+    scale_time,
+)
 from nvsdata.transforms.voxels import VoxelGrid, voxel_grid
 from nvsdata.transforms.windows import RandomWindow, Volumes, Window, random_window, volumes, window
 
@@ -64,8 +96,13 @@ __all__ = [
     "HATS",
     "TRANSFORMS",
     "Age",
+    "BackgroundActivity",
     "CenterCrop",
     "Compose",
+    "Crop",
+    "Downsample",
+    "DropByArea",
+    "DropByTime",
     "DropEvents",
     "Each",
     "EventImage",
@@ -73,6 +110,7 @@ __all__ = [
     "FourChannels",
     "FourCrops",
     "Graph2Grid",
+    "HotPixels",
     "KNNGraph",
     "LeakyFrame",
     "MedianDenoise",
@@ -86,34 +124,55 @@ __all__ = [
     "Points",
     "RadiusGraph",
     "RandomAffine",
+    "RandomApply",
+    "RandomChoice",
     "RandomCrop",
     "RandomFlip",
     "RandomHorizontalFlip",
     "RandomRotate",
+    "RandomRun",
     "RandomScale",
     "RandomTemporalCrop",
+    "RandomTimeFlip",
+    "RandomTimeScale",
     "RandomTranslate",
     "RandomWindow",
+    "RefractoryPeriod",
+    "RelativeTime",
     "Resize",
+    "SelectPolarity",
+    "SpatialJitter",
     "Stacks",
     "SumFrames",
+    "TimeJitter",
     "TimeSurface",
     "ToFrames",
+    "UniformNoise",
     "Volumes",
     "VoxelGrid",
     "Window",
+    "add_noise",
     "affine",
+    "background_activity",
     "center_crop",
     "crop",
+    "crop_events",
+    "downsample",
     "drop",
+    "drop_hot_pixels",
+    "drop_interval",
+    "drop_rectangle",
     "event_image",
     "event_surfaces",
     "flip",
+    "flip_time",
     "four_channels",
     "four_crops",
     "from_repr",
     "graph2grid",
     "hats",
+    "jitter_space",
+    "jitter_time",
     "knn_graph",
     "leaky_frame",
     "longest_window",
@@ -125,10 +184,14 @@ __all__ = [
     "points",
     "radius_graph",
     "random_window",
+    "refractory_period",
     "register_transform",
+    "relative_time",
     "resize",
+    "resize_events",
     "rotate",
     "scale",
+    "scale_time",
     "shift",
     "stacks",
     "sum_frames",

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import torch
 from torch.nn.functional import interpolate
 
 from nvsdata.common.validation import positive, probability
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording
+from nvsdata.transforms.alike import alike
+from nvsdata.transforms.crops import crop_events, resize_events
 from nvsdata.transforms.draws import randint, uniform
+from nvsdata.transforms.event_frames import to_frames
+
+Image = TypeVar("Image", torch.Tensor, Events)
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,8 @@ class Resize:
     """Scale images [..., H, W] so that the smaller side has `size` pixels; bilinear, keeps the aspect ratio.
 
     - `size`: pixels of the smaller side (default 256, as in the thesis)
+
+    Takes `Events`, a `Recording` or a list of them, too, and gives `Events` at the pixels of such a sensor.
     """
 
     size: int = 256
@@ -42,8 +49,8 @@ class Resize:
     def __post_init__(self) -> None:
         positive("size", self.size)
 
-    def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        return resize(image, self.size)
+    def __call__(self, image: Any) -> Any:
+        return _each(image, lambda part: resize(part, self.size))
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,8 @@ class RandomCrop:
     - `scales`: factors, of which one is drawn; the square cut out has a side of `size` times the factor (default
       (1.0,)); thesis 3.5 uses (0.5, 0.667, 0.833, 1.0)
 
-    ValueError for settings that aren't positive, and images smaller than the square.
+    Takes `Events`, a `Recording` or a list of them, too, which get the same square; gives `Events`. ValueError for
+    settings that aren't positive, and images smaller than the square.
     """
 
     size: int = 224
@@ -67,11 +75,16 @@ class RandomCrop:
         for scale in self.scales:
             positive("scales", scale)
 
-    def __call__(self, image: torch.Tensor) -> torch.Tensor:
+    def __call__(self, image: Any) -> Any:
         side = max(1, round(self.size * self.scales[randint(len(self.scales))]))
-        height, width = _holds(image, side)
-        cut = crop(image, randint(width - side + 1), randint(height - side + 1), side)
-        return cut if side == self.size else resize(cut, self.size)
+        height, width = _holds(image[0] if isinstance(image, list | tuple) else image, side)
+        x, y = randint(width - side + 1), randint(height - side + 1)
+
+        def cut(part: Any) -> Any:
+            square = crop(part, x, y, side)
+            return square if side == self.size else resize(square, self.size)
+
+        return _each(image, cut)
 
 
 @dataclass(frozen=True)
@@ -80,7 +93,8 @@ class CenterCrop:
 
     - `size`: side in pixels (default 224)
 
-    ValueError for images smaller than the square.
+    Takes `Events`, a `Recording` or a list of them, too, and gives `Events`. ValueError for images smaller than the
+    square.
     """
 
     size: int = 224
@@ -89,8 +103,8 @@ class CenterCrop:
     def __post_init__(self) -> None:
         positive("size", self.size)
 
-    def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        return center_crop(image, self.size)
+    def __call__(self, image: Any) -> Any:
+        return _each(image, lambda part: center_crop(part, self.size))
 
 
 @dataclass(frozen=True)
@@ -129,28 +143,28 @@ def event_image(sample: Events | Recording | Sequence[Events]) -> torch.Tensor:
         if not images or any(image.shape != images[0].shape for image in images):
             raise ValueError(f"can't stack images of {sorted({tuple(image.shape) for image in images})}")
         return torch.stack(images, 1)
-    events = as_events(sample)
-    width, height = events.sensor_size
-    pixel, off = torch.from_numpy(events.y).long() * width + torch.from_numpy(events.x), torch.from_numpy(events.p) == 0
-    counts = torch.bincount(pixel + off * (width * height), minlength=2 * width * height)
-    return counts.view(2, height, width).float()
+    return to_frames(sample, 1)[0]  # type: ignore[arg-type]
 
 
-def resize(image: torch.Tensor, size: int) -> torch.Tensor:
+def resize(image: Image, size: int) -> Image:
     """Scale the smaller side to `size`; see `Resize`."""
-    height, width = image.shape[-2:]
+    height, width = _shape(image)
     smaller = min(height, width)
     shape = round(height * size / smaller), round(width * size / smaller)
+    if isinstance(image, Events):
+        return resize_events(image, shape[1], shape[0])
     scaled = interpolate(image.reshape(1, -1, height, width), shape, mode="bilinear", antialias=True)
     return scaled.view(*image.shape[:-2], *shape)
 
 
-def crop(image: torch.Tensor, x: int, y: int, size: int) -> torch.Tensor:
+def crop(image: Image, x: int, y: int, size: int) -> Image:
     """The square of `size` pixels whose upper left pixel is (x, y): [..., H, W] to [..., size, size]."""
+    if isinstance(image, Events):
+        return crop_events(image, x, y, size, size)
     return image[..., y : y + size, x : x + size]
 
 
-def center_crop(image: torch.Tensor, size: int) -> torch.Tensor:
+def center_crop(image: Image, size: int) -> Image:
     """The square in the middle; ValueError for images smaller than it. See `CenterCrop`."""
     height, width = _holds(image, size)
     return crop(image, (width - size) // 2, (height - size) // 2, size)
@@ -163,8 +177,19 @@ def normalize(image: torch.Tensor) -> torch.Tensor:
     return centered / deviation if deviation > 0 else centered
 
 
-def _holds(image: torch.Tensor, side: int) -> tuple[int, int]:
-    height, width = image.shape[-2:]
+def _each(image: Any, change: Callable[[Any], Any]) -> Any:
+    """`change` of an image, or of events, or of each of a list of them."""
+    return change(image) if isinstance(image, torch.Tensor) else alike(image, change)
+
+
+def _holds(image: Any, side: int) -> tuple[int, int]:
+    height, width = _shape(image)
     if min(height, width) < side:
         raise ValueError(f"an image of {width}x{height} holds no square of {side}")
     return height, width
+
+
+def _shape(image: Any) -> tuple[int, int]:
+    if isinstance(image, Events | Recording):
+        return image.sensor_size[1], image.sensor_size[0]
+    return image.shape[-2], image.shape[-1]

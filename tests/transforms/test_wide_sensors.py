@@ -29,9 +29,21 @@ ANYWHERE = [
     T.NodeFeatures(T.RadiusGraph(), [T.Age(), T.Patch(3), T.PatchMean(5)]),
     T.Compose([T.NonUniformSample(4), T.RadiusGraph(), T.RandomTranslate(5)]),
     T.Compose([T.Volumes(2, 2_000), T.Each(T.KNNGraph())]),
+    T.BackgroundActivity(500),
     T.EventImage(),
     T.FourChannels(),
+    T.HotPixels(300),
     T.LeakyFrame(),
+    T.RandomApply(T.SelectPolarity(), 1.0),
+    T.RandomChoice([T.SelectPolarity(0)]),
+    T.RandomRun(20),
+    T.RandomTimeFlip(1.0),
+    T.RandomTimeScale(),
+    T.RefractoryPeriod(500),
+    T.RelativeTime(),
+    T.SelectPolarity(),
+    T.DropByTime(),
+    T.TimeJitter(),
     T.TimeSurface(every=1_000),
     T.ToFrames(3),
     T.VoxelGrid(3),
@@ -41,7 +53,8 @@ ANYWHERE = [
     T.Compose([T.SumFrames(400), T.Stacks(2)]),
 ]
 # what does
-ELSEWHERE = (T.EventSurfaces, T.HATS, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
+ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.SpatialJitter, T.UniformNoise)
+ELSEWHERE = (*ELSEWHERE, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean)
@@ -134,6 +147,25 @@ def test_surfaces_around_events(size):
     corner = cells[-SIDE // 2 :, -SIDE // 2 :]
     assert corner.flatten(0, 1).equal(T.HATS(2)(SMALL))
     assert cells.count_nonzero() == corner.count_nonzero() > 0
+
+
+@sizes
+def test_places_on_the_sensor(size):
+    ev, offset = in_last_corner(size), (size[0] - SIDE, size[1] - SIDE)
+    assert T.Crop(*offset, SIDE, SIDE)(ev) == SMALL
+    halved = T.Downsample(2)(ev)
+    assert halved.sensor_size == (size[0] // 2, size[1] // 2)
+    assert np.array_equal(halved.x - offset[0] // 2, SMALL.x // 2)
+    assert np.array_equal(halved.y - offset[1] // 2, SMALL.y // 2)
+    torch.manual_seed(0)
+    spread = T.UniformNoise(5_000)(ev)
+    assert (spread.x.max(), spread.y.max()) >= (size[0] - 9, size[1] - 9)
+    shaken = T.SpatialJitter(3)(ev)
+    assert abs(shaken.x.mean() - ev.x.mean()) < 4
+    assert shaken.x.max() == size[0] - 1
+    # of a rectangle that covers a quarter, the last corner is sometimes in it and sometimes not
+    left = {len(T.DropByArea(0.25)(ev)) for _ in range(100)}
+    assert len(left) > 1
 
 
 @sizes

@@ -1,0 +1,93 @@
+"""Parts of the sensor, and coarser sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nvsdata.common.validation import whole
+from nvsdata.data.events import Columns, Events
+from nvsdata.transforms.alike import alike
+
+
+@dataclass(frozen=True)
+class Crop:
+    """The events of a rectangle of the sensor, which becomes the sensor.
+
+    - `x`, `y`: its upper left pixel
+    - `width`, `height`: its size in pixels
+
+    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError for settings that aren't whole numbers
+    or out of range, and for a rectangle that isn't within the sensor.
+    """
+
+    x: int
+    y: int
+    width: int
+    height: int
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        for name, least in (("x", 0), ("y", 0), ("width", 1), ("height", 1)):
+            whole(name, getattr(self, name), least)
+
+    def __call__(self, sample: Any) -> Any:
+        return alike(sample, lambda events: crop_events(events, self.x, self.y, self.width, self.height))
+
+
+@dataclass(frozen=True)
+class Downsample:
+    """Divide coordinates by `factor`, and round times down to multiples of `step`, counted from `Events.start`.
+
+    - `factor`: pixels along each axis that become one (default 2)
+    - `step`: µs (default 1)
+
+    No events are lost, and none are merged. Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError
+    for settings that aren't positive whole numbers.
+    """
+
+    factor: int = 2
+    step: int = 1
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        whole("factor", self.factor, 1)
+        whole("step", self.step, 1)
+
+    def __call__(self, sample: Any) -> Any:
+        return alike(sample, lambda events: downsample(events, int(self.factor), int(self.step)))
+
+
+def crop_events(events: Events, x: int, y: int, width: int, height: int) -> Events:
+    """The events of a rectangle of the sensor; ValueError if it isn't within. See `Crop`."""
+    if x + width > events.sensor_size[0] or y + height > events.sensor_size[1]:
+        sensor = "{}x{}".format(*events.sensor_size)
+        raise ValueError(f"a sensor of {sensor} has no {width}x{height} pixels from ({x}, {y}) on")
+    t, xs, ys, p = events.columns
+    inside = (xs >= x) & (xs < x + width) & (ys >= y) & (ys < y + height)
+    columns = Columns(t[inside], xs[inside] - np.int16(x), ys[inside] - np.int16(y), p[inside])
+    return Events.trusted(columns, (width, height), events.start, events.stated_end)
+
+
+def downsample(events: Events, factor: int = 2, step: int = 1) -> Events:
+    """Coarser coordinates and times; see `Downsample`."""
+    t, x, y, p = events.columns
+    if step > 1:
+        t = events.start + (t - events.start) // step * step
+    if factor > 1:
+        divisor = np.int16(min(factor, 2**15 - 1))
+        x, y = x // divisor, y // divisor
+    size = (-(-events.sensor_size[0] // factor), -(-events.sensor_size[1] // factor))
+    return Events.trusted(Columns(t, x, y, p), size, events.start, events.stated_end)
+
+
+def resize_events(events: Events, width: int, height: int) -> Events:
+    """The events at the pixels of a sensor of another size that lie where theirs do, rounded down."""
+    t, x, y, p = events.columns
+    x, y = (
+        (column.astype(np.int32) * new // old).astype(np.int16)
+        for column, new, old in zip((x, y), (width, height), events.sensor_size, strict=True)
+    )
+    return Events.trusted(Columns(t, x, y, p), (width, height), events.start, events.stated_end)

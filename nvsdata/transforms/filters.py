@@ -1,0 +1,110 @@
+"""Filters of events: refractory period, background activity, hot pixels, polarity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from nvsdata.common.validation import microseconds, positive
+from nvsdata.data.events import LATEST, Events
+from nvsdata.kernels import filters as kernel
+from nvsdata.transforms.alike import alike
+
+
+@dataclass(frozen=True)
+class RefractoryPeriod:
+    """Drop events less than `period` after the last one of their pixel that was kept, of either polarity.
+
+    - `period`: in µs
+
+    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError unless `period` is a positive whole
+    number. tonic's `RefractoryPeriod` counts from the last event, kept or not, and drops one exactly `period` after it.
+    """
+
+    period: int
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        microseconds("period", self.period)
+
+    def __call__(self, sample: Any) -> Any:
+        return alike(sample, lambda events: refractory_period(events, self.period))
+
+
+@dataclass(frozen=True)
+class BackgroundActivity:
+    """Drop events without company: no event of the eight pixels around, up to `window` earlier (Delbruck 2008).
+
+    - `window`: in µs (default 10,000)
+
+    Events of the same time count as earlier in the order that they have. Takes `Events`, a `Recording` or a list of
+    them, gives `Events`. ValueError unless `window` is a positive whole number. tonic's `Denoise` looks at four
+    pixels.
+    """
+
+    window: int = 10_000
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        microseconds("window", self.window)
+
+    def __call__(self, sample: Any) -> Any:
+        return alike(sample, lambda events: background_activity(events, self.window))
+
+
+@dataclass(frozen=True)
+class HotPixels:
+    """Drop all events of pixels with more than `rate` events per second, over the events' time (at least 1 µs).
+
+    - `rate`: in events per second (default 1000)
+
+    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError unless `rate` is positive.
+    """
+
+    rate: float = 1000
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        positive("rate", self.rate)
+
+    def __call__(self, sample: Any) -> Any:
+        return alike(sample, lambda events: drop_hot_pixels(events, self.rate))
+
+
+@dataclass(frozen=True)
+class SelectPolarity:
+    """Keep the events of one polarity.
+
+    - `polarity`: 1 (default) keeps ON events, 0 OFF events
+
+    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError for any other polarity.
+    """
+
+    polarity: int = 1
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.polarity not in (0, 1):
+            raise ValueError(f"polarity must be 0 or 1, not {self.polarity}")
+
+    def __call__(self, sample: Any) -> Any:
+        return alike(sample, lambda events: events.of(events.columns.take(events.p == self.polarity)))
+
+
+def refractory_period(events: Events, period: int) -> Events:
+    """Events that aren't too soon after another of their pixel; see `RefractoryPeriod`."""
+    t, x, y, _ = events.columns
+    return events.of(events.columns.take(kernel.after_pause(t, x, y, events.sensor_size, min(int(period), LATEST))))
+
+
+def background_activity(events: Events, window: int = 10_000) -> Events:
+    """Events with company; see `BackgroundActivity`."""
+    t, x, y, _ = events.columns
+    return events.of(events.columns.take(kernel.in_company(t, x, y, events.sensor_size, min(int(window), LATEST))))
+
+
+def drop_hot_pixels(events: Events, rate: float = 1000) -> Events:
+    """Events of pixels that aren't hot; see `HotPixels`."""
+    most = rate * max(events.end - events.start, 1) / 1e6
+    hot = kernel.counts(events.x, events.y, events.sensor_size) > most
+    return events.of(events.columns.take(~hot[events.y, events.x]))
