@@ -1,4 +1,4 @@
-"""Which settings of graphs, networks and training decide about accuracy, on recordings of objects.
+"""Which settings of graphs, networks and training decide about accuracy, on N-MNIST.
 
     python recipes/ablation.py --root N-MNIST --out runs/ablation
     python recipes/ablation.py --root N-MNIST --out runs/ablation --only k pseudo --seeds 0 --epochs 40 --jobs 2
@@ -38,12 +38,13 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
 from nvsdata.common.tables import aligned
 from nvsdata.data.batching import collate
-from nvsdata.datasets import DATASETS
 from nvsdata.training import Team, TrainTestSplit, loader, run, votes
 from nvsdata.training.objects import BATCH, Objects
 from nvsdata.transforms.defaults import LITERAL_BETA
 
+DATASET = "n-mnist"
 VOTES, ROUNDS = 5, 5
+# graph, network and rates of the text; augmentation and epochs are as everywhere
 THESIS = {
     "k": 8,
     "depth": 3,
@@ -89,7 +90,7 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
         "RG-CNN": {},
     },
     "thesis": {
-        "the thesis's settings": THESIS,
+        "the text's": THESIS,
         "and its literal metric": {**THESIS, "beta": LITERAL_BETA},
         "k = 8 alone": {"k": 8},
     },
@@ -99,26 +100,27 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
 def main() -> None:
     args = arguments()
     args.out.mkdir(parents=True, exist_ok=True)
-    data = TrainTestSplit(args.dataset, args.root).data
-    fixed = {"epochs": args.epochs, "batch": BATCH, "defaults": repr(settings(args.dataset)), "hash": data["hash"]}
+    data = TrainTestSplit(DATASET, args.root).data
+    fixed = {"epochs": args.epochs, "batch": BATCH, "defaults": repr(Objects(DATASET).settings)}
+    fixed |= {name: data[name] for name in ("hash", "test_hash")}
     with Journal(args.out / "runs.jsonl", {"nvsdata-ablation": 1, **fixed}) as journal:
         if {name: journal.head.get(name) for name in fixed} != fixed:
             differs = [name for name, value in fixed.items() if journal.head.get(name) != value]
             raise ValueError(f"{journal.path} has runs of other {', '.join(differs)}: choose another folder")
         done = {(line["settings"], line["seed"]) for line in journal.lines}
         wanted = {
-            (named(args.dataset, changes), seed): changes
+            (named(changes), seed): changes
             for seed in args.seeds
             for group in args.only
             for changes in GROUPS[group].values()
         }
         waiting = [(changes, seed) for (name, seed), changes in wanted.items() if (name, seed) not in done]
         print(f"{len(wanted) - len(waiting)} runs are there, {len(waiting)} are left")
-        for line in results(partial(trained, args.dataset, args.root, args.epochs), waiting, args.jobs):
+        for line in results(partial(trained, args.root, args.epochs), waiting, args.jobs):
             journal.add(line)
             journal.lines.append(line)
             print(json.dumps(line), flush=True)
-        show(args.dataset, args.out, args.only, journal.lines)
+        show(args.out, args.only, journal.lines)
 
 
 def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) -> Iterator[dict[str, Any]]:
@@ -136,12 +138,12 @@ def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) 
         pool.shutdown(cancel_futures=True)
 
 
-def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
+def trained(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict[str, Any]:
     """One run, and its line."""
     torch.set_num_threads(1)
     here = Team(torch.device("cpu"))
-    protocol = replace(Objects(dataset), **changes)
-    halves = TrainTestSplit(dataset, root)
+    protocol = replace(Objects(DATASET), **changes)
+    halves = TrainTestSplit(DATASET, root)
     warm_up(protocol, halves)
     torch.manual_seed(seed)
     train_set = halves.train(protocol.pipeline(training=True))
@@ -157,7 +159,7 @@ def trained(dataset: str, root: Path, epochs: int, changes: dict[str, Any], seed
     shares = [halves.test(protocol.pipeline(training=False, within=(v / VOTES, (v + 1) / VOTES))) for v in range(VOTES)]
     found = votes(trainer.model, loader(ConcatDataset(shares), BATCH, here, last=ROUNDS), VOTES, here, ROUNDS)
     return {
-        "settings": named(dataset, changes),
+        "settings": named(changes),
         "seed": seed,
         "one": round(found.single, 4),
         "five": round(found.together, 4),
@@ -178,15 +180,9 @@ def core_seconds() -> float:
     return sum(os.times()[:4])
 
 
-def settings(dataset: str) -> dict[str, Any]:
-    """The defaults for a dataset."""
-    usual = Objects(dataset)
-    return {name: usual.setting(name) for name in vars(usual)}
-
-
-def named(dataset: str, changes: dict[str, Any]) -> str:
-    """Settings that differ from the dataset's defaults, in words."""
-    own = settings(dataset)
+def named(changes: dict[str, Any]) -> str:
+    """Settings that differ from the defaults, in words."""
+    own = Objects(DATASET).settings
     differ = {name: value for name, value in sorted(changes.items()) if value != own[name]}
     return ", ".join(f"{name} {value}" for name, value in differ.items()) or "default"
 
@@ -204,14 +200,14 @@ def window_ms(model: torch.nn.Module, test_set: Any) -> float:
     return 1e3 * sorted(times)[len(times) // 2]
 
 
-def show(dataset: str, out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
+def show(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
     """Print a table per group, draw its chart, and draw the front of all runs."""
     runs: dict[str, dict[str, float]] = {}
     for settings in dict.fromkeys(line["settings"] for line in lines):
         there = [line for line in lines if line["settings"] == settings]
         runs[settings] = {name: mean(line[name] for line in there) for name in FIGURES} | {"seeds": len(there)}
     for group in groups:
-        found = {label: runs[named(dataset, c)] for label, c in GROUPS[group].items() if named(dataset, c) in runs}
+        found = {label: runs[named(c)] for label, c in GROUPS[group].items() if named(c) in runs}
         rows = [
             [label, *(f"{values[name]:.3f}" for name in FIGURES), str(values["seeds"])]
             for label, values in found.items()
@@ -233,8 +229,7 @@ FIGURES = {"one": "one", "five": "five", "window_ms": "ms", "minutes": "minutes"
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--dataset", choices=sorted(DATASETS), default="n-mnist", help="default n-mnist")
-    add("--root", required=True, type=Path, help="folder or packed store of the recordings")
+    add("--root", required=True, type=Path, help="folder or packed store of N-MNIST")
     add("--out", required=True, type=Path, help="folder for runs.jsonl and charts")
     add("--only", nargs="+", choices=GROUPS, default=list(GROUPS), metavar="GROUP", help=f"of {', '.join(GROUPS)}")
     add("--seeds", nargs="+", type=int, default=[0, 1, 2], help="default 0 1 2")

@@ -4,12 +4,11 @@
     torchrun --nproc-per-node 4 recipes/train_objects.py ...
 
 One random 30 ms window per sample, non-uniform sampling, radius graph, augmentation, Adam with a rate that rises
-to 3e-3 and falls again, batches of 64. docs/models.md says where this departs from the thesis, and by how much;
-`--max-degree 32 --pseudo abs --features --schedule steps --smoothing 0` are the thesis's settings, to which
-`--beta 0.5e-5` adds its literal metric. If the data has no test split, a fifth of each class is held back. --k,
---radius, --window, --depth and --kernel-size are the ablations of Tables 4.1 to 4.5, --convolution that of
-Table 4.8. --network also takes the reference networks of 4.4.4, on event images of --image-size pixels
-(Table 4.6), by gradient descent.
+to 3e-3 and falls again, batches of 64. docs/models.md says where this departs from the thesis, by how much, and
+how to train by its settings. If the data has no test split, a fifth of each class is held back. --k, --radius,
+--window, --depth and --kernel-size are the ablations of Tables 4.1 to 4.5, --convolution that of Table 4.8.
+--network also takes the reference networks of 4.4.4, on event images of --image-size pixels (Table 4.6), by
+gradient descent; settings of graphs mean nothing to them.
 
 OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
 `nvsdata.models.load`, `report.json` and pictures of it (accuracy per class, confusion, calibration, accuracy by votes

@@ -31,11 +31,12 @@ def near_sources(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     """The `k` nearest others within `radius` of each event: how many, int32 [N], and in each row which, ascending.
 
     The squared distance is alpha (dx² + dy²) + beta dt²; of equals the one nearer in time is nearer, then the one
-    of smaller index, as in the author's released graphs. `t` int64 must not decrease; `radius` may be infinite if
-    alpha > 0.
+    of smaller index, as in the author's released graphs. `t` int64 must not decrease, `x` and `y` not be negative;
+    `radius` may be infinite if alpha > 0.
 
-    O(N (pixels within the distance of the k-th + k)), however many events a pixel has; O(N k) memory. If on average
-    fewer than `sweep_below` events are near in time, those are tested instead.
+    O(N (pixels within the distance of the k-th + k)), however many events a pixel has, where no time makes up for a
+    difference in space; otherwise k² takes the place of k. O(N k) memory. If on average fewer than `sweep_below` events
+    are near in time, those are tested instead.
     """
     n = t.size
     k = max(min(k, n - 1), 1)

@@ -158,9 +158,14 @@ def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, li
     """Go on with the pixels further than `listed`, in squares of tiles around the one at x, y."""
     rows, columns = tiles.shape
     here, there = y >> _SHIFT, x >> _SHIFT
+    final = m
     for ring in range(max(rows, columns)):
-        if ring and ((ring - 1) * SIDE + 1) ** 2 > bound:
+        nearest = ((ring - 1) * SIDE + 1) ** 2 if ring else 0
+        if nearest > bound:
             break
+        # nothing that comes is nearer than these
+        while final < m and apart[final] <= nearest:
+            final += 1
         before = m
         for row in range(max(here - ring, 0), min(here + ring + 1, rows)):
             # all tiles of the first and last row of a square, and two of the others
@@ -178,7 +183,7 @@ def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, li
                         total += first[q + 1] - first[q]
         if m == before:
             continue
-        _sort(near, apart, before, m)
+        _sort(near, apart, final, before, m)
         if total >= enough:
             bound = min(bound, _distance_of(enough, first, near, apart) + blur)
             while apart[m - 1] > bound:
@@ -188,20 +193,20 @@ def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, li
 
 
 @njit(cache=True, nogil=True)
-def _sort(near, apart, ordered, m):
-    """Sort the first `m` pixels by distance, of which the first `ordered` are in order."""
+def _sort(near, apart, start, ordered, m):
+    """Sort the pixels from `start` up to `m` by distance, of which those before `ordered` are in order."""
     if m - ordered <= 8:
         for k in range(ordered, m):
             q, d, slot = near[k], apart[k], k
-            while slot > 0 and apart[slot - 1] > d:
+            while slot > start and apart[slot - 1] > d:
                 apart[slot], near[slot] = apart[slot - 1], near[slot - 1]
                 slot -= 1
             apart[slot], near[slot] = d, q
         return
-    order = np.argsort(apart[:m], kind="mergesort")
-    pixels, distances = near[:m].copy(), apart[:m].copy()
-    for k in range(m):
-        near[k], apart[k] = pixels[order[k]], distances[order[k]]
+    order = np.argsort(apart[start:m], kind="mergesort")
+    pixels, distances = near[start:m].copy(), apart[start:m].copy()
+    for k in range(m - start):
+        near[start + k], apart[start + k] = pixels[order[k]], distances[order[k]]
 
 
 @njit(cache=True, nogil=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -109,6 +109,11 @@ class Objects:
         given = getattr(self, name)
         return given if given is not None or name not in USUAL else USUAL[name][self.dataset != SMALL]
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings, as they are for the dataset."""
+        return {name: self.setting(name) for name in vars(self)}
+
     def pipeline(self, *, training: bool, within: tuple[float, float] = (0.0, 1.0)) -> T.Compose:
         """From a recording to what the network takes, augmented for training.
 
@@ -142,7 +147,10 @@ class Objects:
         return [T.RandomAffine(), T.RandomFlip(0), T.RandomFlip(1), T.DropEvents(0.4)]
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
-        """The network; of the thesis's, that for the dataset, or for the smallest sensor that holds this one."""
+        """The network; of the thesis's, that for the dataset, or for the smallest sensor that holds this one.
+
+        ValueError for a depth that the thesis lacks, and for a sensor that none of its networks holds.
+        """
         if self.network in IMAGE_NETWORKS:
             return IMAGE_NETWORKS[self.network](classes)
         side = max(sensor_size)
@@ -157,8 +165,12 @@ class Objects:
             "root_weight": self.root_weight,
             "dropout": self.setting("dropout"),
         }
-        if depth := self.setting("depth"):
+        if (depth := self.setting("depth")) is not None:
             settings |= self._of_depth(depth, side)
+        if any(ours > theirs for ours, theirs in zip(sensor_size, settings["sensor_size"], strict=True)):
+            raise ValueError(
+                "the network is for {}x{} pixels, not {}x{}".format(*settings["sensor_size"], *sensor_size)
+            )
         settings["channels"] = tuple(round(channels * self.width) for channels in settings["channels"])
         if self.network == "rgcnn":
             return models.RGCNN(**settings, convolution=self.convolution, shortcut_start=self.shortcut_start)
@@ -207,4 +219,12 @@ class Objects:
         optimizer, schedule = self.optimization(model, epochs, steps)
         smoothing = 0.0 if self.network in IMAGE_NETWORKS else self.smoothing
         options: dict[str, Any] = {"batch": batch, "team": team, "seed": seed, "smoothing": smoothing, "resume": resume}
-        return Trainer(model, optimizer, schedule, out, data=data | {"protocol": repr(self)}, epochs=epochs, **options)
+        return Trainer(
+            model,
+            optimizer,
+            schedule,
+            out,
+            data=data | {"protocol": repr(replace(self, **self.settings))},
+            epochs=epochs,
+            **options,
+        )
