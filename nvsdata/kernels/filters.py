@@ -31,11 +31,10 @@ def in_company(t, x, y, size, window):
     one, two = np.uint64(1), np.uint64(2)
     for i in range(np.uint64(t.size)):
         row, column = np.uint64(y[i]), np.uint64(x[i])
-        latest = max(last[row + one, column], last[row + one, column + two])
-        for r in range(np.uint64(0), np.uint64(3), two):
-            for c in range(np.uint64(3)):
-                latest = max(latest, last[row + r, column + c])
-        keep[i] = latest >= t[i] - window
+        above = max(last[row, column], last[row, column + one], last[row, column + two])
+        beside = max(last[row + one, column], last[row + one, column + two])
+        below = max(last[row + two, column], last[row + two, column + one], last[row + two, column + two])
+        keep[i] = max(above, beside, below) >= t[i] - window
         last[row + one, column + one] = t[i]
     return keep
 
@@ -47,3 +46,12 @@ def counts(x, y, size):
     for i in range(np.uint64(x.size)):
         out[np.uint64(y[i]), np.uint64(x[i])] += 1
     return out
+
+
+@njit(cache=True, nogil=True)
+def in_rectangle(x, y, left, top, width, height):
+    """Mask of the events of a rectangle of pixels. O(N)."""
+    inside = np.empty(x.size, np.bool_)
+    for i in range(np.uint64(x.size)):
+        inside[i] = (0 <= x[i] - left < width) & (0 <= y[i] - top < height)
+    return inside

@@ -18,3 +18,33 @@ def is_sorted(t):
         if falls:
             return False
     return True
+
+
+@njit(cache=True, nogil=True)
+def stable_order(t):
+    """Indices int32 [N] that sort times, equal ones in the order that they have, by digits. O(N) per 11 bits of span.
+
+    `t` int64, fewer than 2^31, of a span below 2^63.
+    """
+    n = np.uint64(t.size)
+    order, other = np.empty(n, np.int32), np.empty(n, np.int32)
+    for i in range(n):
+        order[i] = i
+    low = t.min() if t.size else 0
+    span = np.uint64(t.max() - low) if t.size else np.uint64(0)
+    one, bits, mask = np.uint64(1), np.uint64(11), np.uint64(2047)
+    shift = np.uint64(0)
+    while shift < 64 and span >> shift:
+        begin = np.zeros(2049, np.int64)
+        for i in range(n):
+            begin[((np.uint64(t[i] - low) >> shift) & mask) + one] += 1
+        for digit in range(2048):
+            begin[digit + 1] += begin[digit]
+        for i in range(n):
+            j = np.uint64(order[i])
+            digit = (np.uint64(t[j] - low) >> shift) & mask
+            other[np.uint64(begin[digit])] = order[i]
+            begin[digit] += 1
+        order, other = other, order
+        shift += bits
+    return order

@@ -9,6 +9,7 @@ import numpy as np
 
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Columns, Events
+from nvsdata.kernels.filters import in_rectangle
 from nvsdata.transforms.alike import alike
 
 
@@ -65,9 +66,8 @@ def crop_events(events: Events, x: int, y: int, width: int, height: int) -> Even
     if x + width > events.sensor_size[0] or y + height > events.sensor_size[1]:
         sensor = "{}x{}".format(*events.sensor_size)
         raise ValueError(f"a sensor of {sensor} has no {width}x{height} pixels from ({x}, {y}) on")
-    t, xs, ys, p = events.columns
-    inside = (xs >= x) & (xs < x + width) & (ys >= y) & (ys < y + height)
-    columns = Columns(t[inside], xs[inside] - np.int16(x), ys[inside] - np.int16(y), p[inside])
+    t, xs, ys, p = events.columns.take(in_rectangle(events.x, events.y, x, y, width, height))
+    columns = Columns(t, xs - np.int16(x), ys - np.int16(y), p)
     return Events.trusted(columns, (width, height), events.start, events.stated_end)
 
 

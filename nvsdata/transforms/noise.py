@@ -12,6 +12,7 @@ import torch
 from nvsdata.common.validation import not_negative, probability, whole
 from nvsdata.data.events import Columns, Events, sort_by_time
 from nvsdata.data.recording import Recording, as_events
+from nvsdata.kernels.filters import in_rectangle
 from nvsdata.transforms.alike import alike
 from nvsdata.transforms.draws import generator, place, randint
 
@@ -151,5 +152,4 @@ def drop_interval(events: Events, start: int, stop: int) -> Events:
 
 def drop_rectangle(events: Events, x: int, y: int, width: int, height: int) -> Events:
     """Events without those of a rectangle, whose upper left pixel is (x, y)."""
-    inside = (events.x >= x) & (events.x < x + width) & (events.y >= y) & (events.y < y + height)
-    return events.of(events.columns.take(~inside))
+    return events.of(events.columns.take(~in_rectangle(events.x, events.y, x, y, width, height)))

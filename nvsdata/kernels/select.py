@@ -1,0 +1,15 @@
+"""Events chosen by a mask."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def copy_where(keep, t, x, y, p, to_t, to_x, to_y, to_p):
+    """Copy the events at which `keep` is true; the targets need room for one more. O(N), without a branch."""
+    n = np.uint64(0)
+    for i in range(np.uint64(t.size)):
+        to_t[n], to_x[n], to_y[n], to_p[n] = t[i], x[i], y[i], p[i]
+        n += np.uint64(keep[i])
