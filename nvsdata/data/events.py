@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nvsdata.kernels.order import is_sorted, stable_order
-from nvsdata.kernels.select import copy_where
+from nvsdata.kernels.select import copy_at, copy_where
 
 if TYPE_CHECKING:
     import torch
@@ -238,7 +238,10 @@ def sort_by_time(columns: Columns) -> Columns:
         return columns
     # digits are faster than comparisons, unless there are few events or many digits
     digits = 1 << 10 < columns.t.size < 1 << 31 and int(columns.t.max()) - int(columns.t.min()) < 1 << 44
-    return columns.take(stable_order(columns.t) if digits else np.argsort(columns.t, kind="stable"))
+    order = stable_order(columns.t) if digits else np.argsort(columns.t, kind="stable")
+    sorted_columns = Columns.empty(order.size)
+    copy_at(order, *columns, *sorted_columns)
+    return sorted_columns
 
 
 def bounds_of(start: int | None, stop: int | None, begin: int | None, end: int | None) -> tuple[int | None, int | None]:

@@ -18,7 +18,8 @@ def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
     width, height = size
     columns, rows, side = (width + cell - 1) // cell, (height + cell - 1) // cell, 2 * radius + 1
     out, events = np.zeros((rows * columns, 2, side, side)), np.zeros(rows * columns, np.int64)
-    sums, epochs, members = np.zeros((2, height, width)), np.zeros((2, height, width), np.int64), _none(size)
+    pixels = 2, height, width
+    sums, epochs, members = np.zeros(pixels), np.zeros(pixels, np.int64), np.zeros(pixels, np.int64)
     value, epoch = np.empty(t.size), np.empty(t.size, np.int64)
     entered = left = 0
     for i in range(t.size):
@@ -33,17 +34,17 @@ def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
         row, column = y[i] // cell, x[i] // cell
         home, channel = row * columns + column, 1 - p[i]
         events[home] += 1
-        for r in range(max(y[i] - radius, row * cell), min(y[i] + radius + 1, (row + 1) * cell, height)):
-            for c in range(max(x[i] - radius, column * cell), min(x[i] + radius + 1, (column + 1) * cell, width)):
-                if members[channel, r, c]:
-                    found = sums[channel, r, c] * _faded(epoch[i] - epochs[channel, r, c]) / value[i]
-                    out[home, channel, r - y[i] + radius, c - x[i] + radius] += found
+        y0, y1 = max(y[i] - radius, row * cell), min(y[i] + radius + 1, (row + 1) * cell, height)
+        x0, x1 = max(x[i] - radius, column * cell), min(x[i] + radius + 1, (column + 1) * cell, width)
+        near, ages = sums[channel, y0:y1, x0:x1], epochs[channel, y0:y1, x0:x1]
+        surface = out[home, channel, y0 - y[i] + radius :, x0 - x[i] + radius :]
+        shrink = 1 / value[i]
+        for r in range(np.uint64(y1 - y0)):
+            for c in range(np.uint64(x1 - x0)):
+                # mostly nothing was there
+                if near[r, c]:
+                    surface[r, c] += near[r, c] * _faded(epoch[i] - ages[r, c]) * shrink
     return out, events
-
-
-@njit(cache=True, nogil=True)
-def _none(size):
-    return np.zeros((2, size[1], size[0]), np.int64)
 
 
 @njit(cache=True, nogil=True, inline="always")

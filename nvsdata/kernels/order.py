@@ -28,23 +28,34 @@ def stable_order(t):
     """
     n = np.uint64(t.size)
     order, other = np.empty(n, np.int32), np.empty(n, np.int32)
-    for i in range(n):
-        order[i] = i
+    # times move along, because looking them up by index is slow
+    key, other_key = np.empty(n, np.uint64), np.empty(n, np.uint64)
     low = t.min() if t.size else 0
-    span = np.uint64(t.max() - low) if t.size else np.uint64(0)
+    for i in range(n):
+        order[i], key[i] = i, t[i] - low
+    span = key.max() if t.size else np.uint64(0)
     one, bits, mask = np.uint64(1), np.uint64(11), np.uint64(2047)
     shift = np.uint64(0)
     while shift < 64 and span >> shift:
         begin = np.zeros(2049, np.int64)
         for i in range(n):
-            begin[((np.uint64(t[i] - low) >> shift) & mask) + one] += 1
+            begin[((key[i] >> shift) & mask) + one] += 1
         for digit in range(2048):
             begin[digit + 1] += begin[digit]
         for i in range(n):
-            j = np.uint64(order[i])
-            digit = (np.uint64(t[j] - low) >> shift) & mask
-            other[np.uint64(begin[digit])] = order[i]
+            digit = (key[i] >> shift) & mask
+            place = np.uint64(begin[digit])
+            other[place], other_key[place] = order[i], key[i]
             begin[digit] += 1
-        order, other = other, order
+        order, other, key, other_key = other, order, other_key, key
         shift += bits
     return order
+
+
+@njit(cache=True, nogil=True)
+def moved(t, moves, sigma, start, end):
+    """Times plus `sigma` times `moves` float32 [N], rounded to µs, not before `start` or after `end`: int64 [N]."""
+    out = np.empty(t.size, np.int64)
+    for i in range(np.uint64(t.size)):
+        out[i] = min(max(t[i] + np.int64(np.rint(np.float64(moves[i]) * sigma)), start), end)
+    return out

@@ -10,6 +10,7 @@ import torch
 
 from nvsdata.common.validation import not_negative, positive, probability
 from nvsdata.data.events import LATEST, Columns, Events, sort_by_time
+from nvsdata.kernels.order import moved
 from nvsdata.transforms.alike import alike
 from nvsdata.transforms.draws import generator, uniform
 
@@ -117,10 +118,10 @@ def scale_time(events: Events, factor: float, origin: int | None = None) -> Even
     if factor * max(abs(events.end - origin), abs(events.start - origin)) + abs(origin) >= LATEST:
         raise ValueError(f"times of {events!r} don't fit after scaling by {factor}")
 
-    def moved(t: Any) -> Any:
+    def scaled(t: Any) -> Any:
         return origin + np.rint((t - origin) * factor).astype(np.int64)
 
-    return _at(events, moved(events.t), int(moved(np.array(events.start))), int(moved(np.array(events.end))))
+    return _at(events, scaled(events.t), int(scaled(np.array(events.start))), int(scaled(np.array(events.end))))
 
 
 def flip_time(events: Events, about: int | None = None) -> Events:
@@ -134,9 +135,9 @@ def flip_time(events: Events, about: int | None = None) -> Events:
 def jitter_time(events: Events, sigma: float) -> Events:
     """Events at times that moved at random; see `TimeJitter`."""
     t, *others = events.columns
-    moves = torch.randn(len(events), generator=generator()).numpy() * np.float32(sigma)
-    moved = np.clip(t + np.rint(moves).astype(np.int64), events.start, events.end)
-    return events.of(sort_by_time(Columns(moved, *others)))
+    moves = torch.randn(len(events), generator=generator()).numpy()
+    times = moved(t, moves, float(sigma), events.start, events.end)
+    return events.of(sort_by_time(Columns(times, *others)))
 
 
 def _at(events: Events, t: np.ndarray, start: int, end: int) -> Events:

@@ -1,9 +1,10 @@
-"""Run time of event representations, as ratios to tonic's in the same run.
+"""Run time of representations and transforms of events, as ratios to tonic's in the same run.
 
     python recipes/bench/representations.py --out representations.json
 
-200,000 random events at 240x180 in one second (20,000 where the peer takes long), one core. Each pair of times is the
-median over rounds in which ours and the peer take turns. Without tonic there are only our times.
+200,000 random events at 240x180 in one second (20,000 where the peer takes long). Time of one core, so that other work
+doesn't count. Ours and the peer take turns of about 30 ms, at least one call each; each figure is the median over
+turns of the mean over calls. Without tonic there are only our times.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from nvsdata import Events
 from nvsdata import transforms as T
 
 SIZE, COUNT, DURATION = (240, 180), 200_000, 1_000_000
+TURN = 0.03  # s
 Run = Callable[[Any], Any]
 
 
@@ -53,6 +55,13 @@ TRANSFORMS: dict[str, tuple[Run, int]] = {
     "HATS": (T.HATS(), 20_000),
     "four channels": (T.FourChannels(), COUNT),
     "leaky frame": (T.LeakyFrame(), COUNT),
+    "refractory period": (T.RefractoryPeriod(10_000), COUNT),
+    "background activity": (T.BackgroundActivity(10_000), COUNT),
+    "downsample": (T.Downsample(2), COUNT),
+    "time jitter": (T.TimeJitter(100), COUNT),
+    "spatial jitter": (T.SpatialJitter(1), COUNT),
+    "uniform noise": (T.UniformNoise(1_000), COUNT),
+    "center crop": (T.CenterCrop(100), COUNT),
 }
 
 
@@ -70,6 +79,14 @@ def tonic_transforms() -> dict[str, Run]:
         "HATS": transforms.ToAveragedTimesurface(
             **sensor, cell_size=10, surface_size=7, time_window=100_000, tau=1e9, decay="exp"
         ),
+        "refractory period": transforms.RefractoryPeriod(10_000),
+        "background activity": transforms.Denoise(filter_time=10_000),
+        "downsample": transforms.Downsample(spatial_factor=0.5),
+        # its times stay unsorted
+        "time jitter": transforms.TimeJitter(std=100),
+        "spatial jitter": transforms.SpatialJitter(**sensor, var_x=1, var_y=1, clip_outliers=True),
+        "uniform noise": transforms.UniformNoise(**sensor, n=1_000),
+        "center crop": transforms.CenterCrop(**sensor, size=(100, 100)),
     }
 
 
@@ -86,17 +103,22 @@ def line(name: str, ours: Run, theirs: Run | None, events: Events, rounds: int) 
     if theirs is not None:
         structured = events.to_structured().astype(types)
         works.append(lambda: theirs(structured))
-    times: list[list[float]] = [[] for _ in works]
-    for round in range(rounds + 1):
-        for work, spent in zip(works, times, strict=True):
-            begin = time.perf_counter()
-            work()
-            # the first one compiles
-            if round:
-                spent.append(1e3 * (time.perf_counter() - begin))
-    medians = [statistics.median(spent) for spent in times]
+    for work in works:
+        # compiles
+        work()
+    calls = [max(1, int(TURN / seconds(work, 1))) for work in works]
+    times = [[seconds(work, count) / count for work, count in zip(works, calls, strict=True)] for _ in range(rounds)]
+    medians = [1e3 * statistics.median(spent) for spent in zip(*times, strict=True)]
     row: dict[str, Any] = {"what": name, "events": len(events), "ours_ms": round_to(medians[0])}
     return row | {"tonic_ms": round_to(medians[1]), "ratio": round_to(medians[1] / medians[0])} if theirs else row
+
+
+def seconds(work: Callable[[], Any], calls: int) -> float:
+    """Time of a core that calls take."""
+    begin = time.process_time()
+    for _ in range(calls):
+        work()
+    return time.process_time() - begin
 
 
 def round_to(value: float) -> float:
