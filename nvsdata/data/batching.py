@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from multiprocessing.reduction import ForkingPickler
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -13,6 +13,7 @@ from torch.utils.data._utils.collate import default_collate_fn_map
 
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
+from nvsdata.data.ragged import EventBatch, Padded
 from nvsdata.data.recording import Recording
 
 SMALL = 1 << 19  # bytes; up to this, a copy through the pipe is cheaper than sharing memory
@@ -25,25 +26,37 @@ class Batch(NamedTuple):
     targets: Any
 
 
-def collate(samples: Sequence[tuple[Any, Any]]) -> Batch:
+def collate(
+    samples: Sequence[tuple[Any, Any]], *, pad: bool = False, events: Literal["list", "columns"] = "list"
+) -> Batch:
     """`collate_fn` for a DataLoader: makes `(inputs, targets)` of B pairs `(sample, target)`.
 
     - `samples`: the pairs. Graphs become a `GraphBatch`; sequences of S graphs become a `GraphBatch` with
-      `volumes` = S; Events and Recordings stay a list, because their lengths differ; anything else is collated by
-      torch. Targets are collated by torch (ints to int64 [B])
+      `volumes` = S; tensors of one shape are stacked; anything else is collated by torch. Targets are collated by torch
+      (ints to int64 [B])
+    - `pad`: whether tensors, such as frames of unequal number or size, become a `Padded` (`values` filled up with zeros,
+      `lengths`, `mask`); default False
+    - `events`: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes an
+      `EventBatch`: concatenated columns with `offsets`
 
-    Raises ValueError for no samples, sequences of different lengths, or graphs of different `reach`.
+    For a DataLoader, give other settings by `collate_fn=functools.partial(nvsdata.collate, pad=True)`.
+
+    Raises ValueError for no samples, sequences of different lengths, graphs of different `reach`, and tensors that
+    don't fit together.
     """
+    if events not in ("list", "columns"):
+        raise ValueError(f"events must be 'list' or 'columns', not {events!r}")
     if not samples:
         raise ValueError("can't make a batch of no samples")
     inputs = [sample for sample, _ in samples]
     targets = [target for _, target in samples]
+    made = _stack(inputs, pad, events)
     if all(isinstance(target, int) for target in targets):
-        return Batch(_stack(inputs), torch.tensor(targets))
-    return Batch(_stack(inputs), default_collate(targets))
+        return Batch(made, torch.tensor(targets))
+    return Batch(made, default_collate(targets))
 
 
-def _stack(inputs: list[Any]) -> Any:
+def _stack(inputs: list[Any], pad: bool = False, events: str = "list") -> Any:
     first = inputs[0]
     if isinstance(first, Graph):
         return GraphBatch.from_graphs(inputs)
@@ -53,8 +66,23 @@ def _stack(inputs: list[Any]) -> Any:
             raise ValueError(f"sequences of different lengths in one batch: {sorted(lengths)}")
         return GraphBatch.from_graphs([graph for sequence in inputs for graph in sequence], volumes=len(first))
     if isinstance(first, Events | Recording):
-        return inputs
+        return inputs if events == "list" else EventBatch.of(inputs)
+    if all(isinstance(sample, torch.Tensor) for sample in inputs):
+        _check_shapes([tuple(sample.shape) for sample in inputs], pad)
+        return Padded.of(inputs) if pad and first.ndim else default_collate(inputs)
     return default_collate(inputs)
+
+
+def _check_shapes(shapes: list[tuple[int, ...]], pad: bool) -> None:
+    for number, shape in enumerate(shapes):
+        if len(shape) != len(shapes[0]) or (shape != shapes[0] and not pad):
+            what = f"sample 0 has the shape {shapes[0]}, sample {number} {shape}: they don't fit into one batch"
+            if len(shape) != len(shapes[0]):
+                raise ValueError(what)
+            cuts = "T.RandomTemporalCrop, T.CenterCrop or T.Resize"
+            raise ValueError(
+                f"{what}. Fill them up (collate with pad=True), cut them to one size ({cuts}), or batch_size=1"
+            )
 
 
 def _send(batch: Batch) -> tuple[Any, ...]:

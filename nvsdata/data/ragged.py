@@ -1,0 +1,103 @@
+"""Batches of samples of unequal size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import torch
+
+from nvsdata.data.events import Events, concatenate
+from nvsdata.data.recording import Recording, as_events
+
+Ragged = TypeVar("Ragged", bound="_Tensors")
+
+
+class _Tensors:
+    """Tensors that go to a device together."""
+
+    def to(self: Ragged, device: torch.device | str, non_blocking: bool = False) -> Ragged:
+        """The same on another device."""
+        return self._of(lambda tensor: tensor.to(device, non_blocking=non_blocking))
+
+    def pin_memory(self: Ragged) -> Ragged:
+        """The same in pinned memory; a DataLoader calls it."""
+        return self._of(torch.Tensor.pin_memory)
+
+    def _of(self: Ragged, change: Any) -> Ragged:
+        changed = {
+            name: change(value) if isinstance(value, torch.Tensor) else value for name, value in vars(self).items()
+        }
+        return type(self)(**changed)
+
+
+@dataclass(frozen=True)
+class Padded(_Tensors):
+    """B tensors of unequal size, filled up with zeros at the end of each axis.
+
+    - `values`: [B, ...], as large along each axis as the largest sample
+    - `sizes`: int64 [B, D], the size of each sample along its D axes
+    """
+
+    values: torch.Tensor
+    sizes: torch.Tensor
+
+    @classmethod
+    def of(cls, samples: Sequence[torch.Tensor]) -> Padded:
+        """A batch of tensors with the same number of axes, at least one."""
+        sizes = torch.tensor([sample.shape for sample in samples])
+        values = samples[0].new_zeros((len(samples), *sizes.amax(0).tolist()))
+        for sample, place in zip(samples, values, strict=True):
+            place[tuple(slice(size) for size in sample.shape)] = sample
+        return cls(values, sizes)
+
+    @property
+    def lengths(self) -> torch.Tensor:
+        """Size of each sample along its first axis, such as its number of frames: int64 [B]."""
+        return self.sizes[:, 0]
+
+    @property
+    def mask(self) -> torch.Tensor:
+        """Where `values` has a sample's own values: bool, of the same shape."""
+        own = torch.ones_like(self.values, dtype=torch.bool)
+        for axis in range(self.sizes.shape[1]):
+            size = self.values.shape[axis + 1]
+            within = torch.arange(size, device=own.device) < self.sizes[:, axis, None]
+            own &= within.view(len(own), *(size if other == axis else 1 for other in range(self.sizes.shape[1])))
+        return own
+
+
+@dataclass(frozen=True)
+class EventBatch(_Tensors):
+    """The events of B samples, one after the other.
+
+    - `t` int64, `x` and `y` int16, `p` uint8: the columns, each [N]
+    - `offsets`: int64 [B + 1]; the events of sample b are those from `offsets[b]` to `offsets[b + 1]`
+    - `sensor_sizes`: B pairs (width, height)
+    """
+
+    t: torch.Tensor
+    x: torch.Tensor
+    y: torch.Tensor
+    p: torch.Tensor
+    offsets: torch.Tensor
+    sensor_sizes: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, samples: Sequence[Events | Recording]) -> EventBatch:
+        """A batch of at least one sample; recordings are decoded."""
+        events = [as_events(sample) for sample in samples]
+        columns = concatenate([each.columns for each in events])
+        offsets = torch.tensor([0, *map(len, events)]).cumsum(0)
+        tensors = Events.trusted(columns, (1, 1)).torch()
+        return cls(**tensors, offsets=offsets, sensor_sizes=tuple(each.sensor_size for each in events))
+
+    def __len__(self) -> int:
+        """B."""
+        return len(self.sensor_sizes)
+
+    @property
+    def batch(self) -> torch.Tensor:
+        """Number of each event's sample: int64 [N]."""
+        return torch.repeat_interleave(self.offsets.diff())
