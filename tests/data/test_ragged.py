@@ -59,7 +59,7 @@ def test_events_stand_one_after_the_other():
 def test_a_loader_of_unequal_frames_and_of_events(workers):
     data = [(T.to_frames(ev, count=3), n) for n, ev in enumerate(recordings())]
     collated = partial(nvsdata.collate, pad=True)
-    (frames, targets), *_ = DataLoader(data, 3, collate_fn=collated, num_workers=workers)
+    (frames, _), *_ = DataLoader(data, 3, collate_fn=collated, num_workers=workers)
     assert isinstance(frames, Padded)
     assert frames.lengths.tolist() == [2, 1, 3]
     assert frames.values.shape == (3, 3, 2, 3, 9)
