@@ -34,7 +34,7 @@ def collate(
     - `samples`: the pairs. Graphs become a `GraphBatch`; sequences of S graphs become a `GraphBatch` with
       `volumes` = S; tensors of one shape are stacked; anything else is collated by torch. Targets are collated by torch
       (ints to int64 [B])
-    - `pad`: whether tensors, such as frames of unequal number or size, become a `Padded`: `values` filled up with zeros,
+    - `pad`: whether tensors, such as frames of unequal number or size, become a `Padded`: `values` filled up with 0,
       `lengths`, `mask` (default False)
     - `events`: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes an
       `EventBatch`: concatenated columns with `offsets`
