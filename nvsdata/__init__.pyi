@@ -22,6 +22,7 @@ from .datasets import (
 )
 from .datasets.cache import cache
 from .datasets.store.writer import pack
+from .datasets.windows import windows
 from .emulation import PIX2NVS
 from .formats import open, read, write
 
@@ -57,5 +58,6 @@ __all__ = [
     "plots",
     "read",
     "transforms",
+    "windows",
     "write",
 ]

@@ -106,6 +106,25 @@ class Slice(_View):
         return Events.trusted(events.columns, events.sensor_size, *bounds)
 
 
+class Run(_View):
+    """`count` events of a recording, without the first `skip`; fewer if there are no more."""
+
+    format = "run"
+
+    def __init__(self, whole: Recording, skip: int, count: int) -> None:
+        super().__init__(whole)
+        self._skip, self._count = skip, count
+
+    @property
+    def span(self) -> tuple[int, int]:
+        events = self.read()
+        return (int(events.t[0]), int(events.t[-1])) if len(events) else (0, 0)
+
+    def read(self, start: int | None = None, stop: int | None = None) -> Events:
+        events = self.whole.read()[self._skip : self._skip + self._count]
+        return events if start is None and stop is None else events.window(start, stop)
+
+
 class Mapped(_View):
     """A recording whose events are mapped by `change`, which must keep them sorted by time."""
 

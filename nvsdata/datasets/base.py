@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 
 import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
 from nvsdata.data.recording import Recording
-from nvsdata.data.views import Slice
+from nvsdata.data.views import Run, Slice
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.indexing import Samples, Transform, check_choice
 from nvsdata.datasets.layout import nothing_below
@@ -133,7 +133,8 @@ class EventDataset(Samples):
                 continue
             files = recordings_in({folder: names})
             # _make because it is faster, and there may be 100,000
-            by_label.setdefault(label, []).append(list(map(Sample._make, zip(files, repeat(label), repeat(None)))))
+            fields = zip(files, repeat(label), repeat(None), repeat(None))
+            by_label.setdefault(label, []).append(list(map(Sample._make, fields)))
         found: list[Sample] = []
         for label in sorted(by_label):
             samples = list(chain.from_iterable(by_label[label]))
@@ -217,9 +218,14 @@ class EventDataset(Samples):
 
     def recording(self, index: int) -> Recording:
         """The recording of a sample, opened but not decoded."""
-        name, _, window = self.samples[index]
-        whole = self.named(name)
-        return whole if window is None else Slice(whole, *window)
+        return self.part(self.samples[index])
+
+    def part(self, sample: Sample) -> Recording:
+        """What a sample is, opened but not decoded."""
+        found = self.named(sample.name)
+        if sample.window is not None:
+            found = Slice(found, *sample.window)
+        return found if sample.events is None else Run(found, *sample.events)
 
     def named(self, name: str) -> Recording:
         """A recording by its path below the root, opened but not decoded, as users see it."""

@@ -14,11 +14,13 @@ class Sample(NamedTuple):
     - `name`: path below the root, with slashes
     - `label`: index of the class
     - `window`: start and end in µs of a slice; None for a whole recording
+    - `events`: how many events of the slice are left out at its beginning, and how many are then taken; None for all
     """
 
     name: str
     label: int
     window: tuple[int, int] | None = None
+    events: tuple[int, int] | None = None
 
     @property
     def file(self) -> str:

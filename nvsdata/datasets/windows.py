@@ -1,0 +1,152 @@
+"""Windows of long recordings as samples."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from tqdm import tqdm
+
+from nvsdata.common.files import atomic, sweep
+from nvsdata.common.validation import microseconds, whole
+from nvsdata.data.recording import Recording
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.facts import Sample
+
+Data = TypeVar("Data", bound=EventDataset)
+
+INDEX = ".nvsdata-windows-{}.json"
+VERSION = 1
+ASKED = 1_000  # recordings from which on a progress bar is shown
+
+# of a recording, or a labeled part of one: where each window begins, as (µs, events of that µs to leave out), and the
+# first µs after the last event
+Places = tuple[list[tuple[int, int]], int]
+
+
+def windows(dataset: Data, duration: int | None = None, *, events: int | None = None, step: int | None = None) -> Data:
+    """The dataset with a sample per window of each recording, in order, in place of a sample per recording.
+
+    - `dataset`: any dataset of recordings; targets, transforms and all else are its own
+    - `duration`: of a window in µs; or
+    - `events`: number of events of a window
+    - `step`: from the beginning of a window to that of the next one, in µs or events (default: `duration` or `events`,
+      so that each event is in exactly one window)
+
+    Windows are cut from the first event on, or from the beginning of a labeled part of a recording (DVS128 Gesture),
+    and never cross its end; the last ones may be shorter. A window decodes only itself. `samples[i].window` is its
+    time in µs.
+
+    When recordings were last changed, and where they begin and end (with `events`, where every window begins, for which
+    they are decoded once), is kept in `.nvsdata-windows-....json` in the root, if it's a folder that can be written to.
+    ValueError unless one of `duration` and `events` is given, and for settings that aren't positive whole numbers;
+    TypeError for a dataset whose samples aren't recordings, or are windows already.
+    """
+    size = _checked(duration, events, step)
+    step = size if step is None else int(step)
+    if not all(isinstance(sample, Sample) and sample.events is None for sample in dataset.samples):
+        raise TypeError("windows are cut from recordings, not from pairs of them or from other windows")
+    index = _Index(dataset, None if events is None else step)
+    cut = _in_events if events is not None else _in_time
+    part = dataset.subset(())
+    part.samples = [
+        window
+        for sample in tqdm(dataset.samples, "windows", disable=len(dataset) < ASKED, leave=False)
+        for window in cut(sample, index.places(sample), size, step)
+    ]
+    index.save()
+    if not part.samples:
+        raise ValueError("none of the recordings has any events")
+    part._count()
+    return part
+
+
+def _checked(duration: int | None, events: int | None, step: int | None) -> int:
+    if (duration is None) == (events is None):
+        raise ValueError(f"one of duration and events must be given, not duration={duration}, events={events}")
+    check = microseconds if events is None else lambda name, value: whole(name, value, 1)
+    for name, value in (("duration", duration), ("events", events), ("step", step)):
+        if value is not None:
+            check(name, value)
+    return int(duration if duration is not None else events)  # type: ignore[arg-type]
+
+
+def _in_time(sample: Sample, places: Places, duration: int, step: int) -> Iterator[Sample]:
+    begins, end = places
+    for start in range(begins[0][0], end, step) if begins else ():
+        yield sample._replace(window=(start, min(start + duration, end)))
+
+
+def _in_events(sample: Sample, places: Places, count: int, step: int) -> Iterator[Sample]:
+    begins, end = places
+    last = len(begins)
+    for number, (start, before) in enumerate(begins):
+        # all of the window's events come before the first window after it begins, or in the same µs
+        after = number - (-count // step)
+        stop = begins[after][0] + 1 if after < last else end
+        yield sample._replace(window=(start, stop), events=(before, count))
+
+
+class _Index:
+    """Where windows begin in each recording, as far as known from an earlier time."""
+
+    def __init__(self, dataset: EventDataset, step: int | None) -> None:
+        self.dataset, self.step, self.changed = dataset, step, False
+        kind = "time" if step is None else f"{step}-events"
+        view = hashlib.sha256(repr((type(dataset).__name__, dataset.errors == "repair")).encode()).hexdigest()[:8]
+        self.path = Path(dataset.root) / INDEX.format(f"{kind}-{view}")
+        self.known: dict[str, Any] = self._read()
+
+    def places(self, sample: Sample) -> Places:
+        """Those of a sample."""
+        key = sample.name if sample.window is None else "{} {}-{}".format(sample.name, *sample.window)
+        stamp = list(self.dataset.source.stamp(sample.name))
+        entry = self.known.get(key)
+        if entry is None or entry["stamp"] != stamp:
+            begins, end = self._found(sample)
+            entry = self.known[key] = {"stamp": stamp, "begins": begins, "end": end}
+            self.changed = True
+        return [tuple(begin) for begin in entry["begins"]], entry["end"]
+
+    def _found(self, sample: Sample) -> Places:
+        recording = self.dataset.part(sample)
+        if self.step is not None:
+            return _every(recording, self.step)
+        if sample.window is not None:
+            return [(sample.window[0], 0)], sample.window[1]
+        first, last = recording.span
+        # a recording without events has the span of one event at 0
+        empty = first == last and not len(recording.read())
+        return ([], 0) if empty else ([(first, 0)], last + 1)
+
+    def _read(self) -> dict[str, Any]:
+        try:
+            kept = json.loads(self.path.read_bytes())
+            return dict(kept["places"]) if kept["version"] == VERSION else {}
+        except (OSError, ValueError, KeyError, TypeError):
+            return {}
+
+    def save(self) -> None:
+        """Keep what was found, if it can be written."""
+        if not self.changed or not self.path.parent.is_dir():
+            return
+        try:
+            sweep(self.path.parent, self.path.name)
+            with atomic(self.path) as temporary:
+                temporary.write_text(json.dumps({"version": VERSION, "places": self.known}))
+        except OSError:
+            pass  # a folder that can't be written to is looked through each time
+
+
+def _every(recording: Recording, step: int) -> Places:
+    """Where each `step`-th event is, and the end."""
+    t = recording.read().t
+    if not t.size:
+        return [], 0
+    places = t[::step]
+    before = np.arange(0, t.size, step) - np.searchsorted(t, places, "left")
+    return list(zip(places.tolist(), before.tolist(), strict=True)), int(t[-1]) + 1

@@ -1,0 +1,166 @@
+"""Windows of recordings as samples."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.utils.data import DataLoader
+
+import nvsdata
+from nvsdata import EventFolder, Events
+from nvsdata import transforms as T
+from nvsdata.datasets.windows import windows
+from nvsdata.formats.file_recording import FileRecording
+
+
+def some(n, seed, gap=50):
+    random = np.random.default_rng(seed)
+    t = 10**6 + np.cumsum(random.integers(0, gap, n))
+    return Events(t, random.integers(0, 20, n), random.integers(0, 10, n), random.integers(0, 2, n), (20, 10))
+
+
+RECORDINGS = {"a/one": some(400, 1), "a/two": some(1, 2), "b/three": some(333, 3, gap=2), "b/none": some(0, 4)}
+
+
+@pytest.fixture(params=[".npy", ".h5"])
+def root(request, tmp_path):
+    for name, events in RECORDINGS.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        nvsdata.write(events, tmp_path / f"{name}{request.param}")
+    return tmp_path
+
+
+def rows(events):
+    return list(zip(*(column.tolist() for column in events.columns), strict=True))
+
+
+def whole(dataset):
+    return [row for index in range(len(dataset)) for row in rows(dataset[index][0])]
+
+
+@pytest.mark.parametrize(
+    "way", [{"duration": 1_000}, {"duration": 7}, {"events": 100}, {"events": 1}, {"events": 10**6}]
+)
+def test_each_event_is_in_one_window(root, way):
+    dataset = EventFolder(root)
+    cut = nvsdata.windows(dataset, **way)
+    assert type(cut) is EventFolder
+    assert cut.classes == dataset.classes
+    assert whole(cut) == whole(dataset)
+    for index, sample in enumerate(cut.samples):
+        events, target = cut[index]
+        assert target == dataset.class_to_idx[sample.name.split("/")[0]]
+        if "duration" in way:
+            assert events.end - events.start < way["duration"]
+            assert sample.window[0] == events.start
+        else:
+            assert len(events) <= way["events"]
+            last = index + 1 == len(cut) or cut.samples[index + 1].name != sample.name
+            assert last or len(events) == way["events"]
+    assert len({cut._name_of(sample) for sample in cut.samples}) == len(cut)
+
+
+@settings(max_examples=25, deadline=None)
+@given(size=st.integers(1, 60), step=st.integers(1, 90), gap=st.sampled_from((1, 3, 40)))
+def test_windows_begin_every_step(tmp_path_factory, size, step, gap):
+    events = some(120, size, gap)
+    folder = tmp_path_factory.mktemp("x")
+    (folder / "a").mkdir()
+    nvsdata.write(events, folder / "a" / "one.npy")
+    dataset = EventFolder(folder)
+    numbered = windows(dataset, events=size, step=step)
+    expected = [rows(events[n : n + size]) for n in range(0, len(events), step)]
+    assert [rows(part) for part, _ in numbered] == expected
+    timed = windows(dataset, 10 * size, step=10 * step)
+    begin, end = int(events.t[0]), int(events.t[-1])
+    expected = [rows(events.window(t, t + 10 * size)) for t in range(begin, end + 1, 10 * step)]
+    assert [rows(part) for part, _ in timed] == expected
+
+
+@pytest.mark.parametrize("way", [{"duration": 1_000}, {"events": 100}])
+def test_the_second_time_nothing_is_decoded(root, way, monkeypatch):
+    first = windows(EventFolder(root), **way).samples
+    with monkeypatch.context() as patched:
+        patched.setattr(FileRecording, "read", None)
+        patched.setattr(FileRecording, "decode_span", None)
+        assert windows(EventFolder(root), **way).samples == first
+    # a file that has changed is looked at again
+    name = next(path for path in (root / "a").iterdir() if path.stem == "two")
+    name.unlink()
+    nvsdata.write(some(250, 9), name)
+    os.utime(name, ns=(1, 1))
+    again = windows(EventFolder(root), **way)
+    assert len(again) > len(first)
+    assert whole(again) == whole(EventFolder(root))
+
+
+def test_an_index_that_is_damaged_or_can_not_be_written(root):
+    first = windows(EventFolder(root), 1_000).samples
+    index = next(root.glob(".nvsdata-windows-*"))
+    for content in (b"", b"[]", b'{"version": 99, "places": {}}', index.read_bytes()[:-9]):
+        index.write_bytes(content)
+        assert windows(EventFolder(root), 1_000).samples == first
+        assert json.loads(index.read_bytes())["version"] == 1
+    index.unlink()
+    index.mkdir()
+    assert windows(EventFolder(root), 1_000).samples == first
+
+
+def test_labeled_parts_are_cut_from_their_beginning(root):
+    dataset = EventFolder(root)
+    dataset.samples = [s._replace(window=(10**6 + 500, 10**6 + 3_000)) for s in dataset.samples if s.stem == "one"]
+    cut = windows(dataset, 1_000)
+    assert [sample.window for sample in cut.samples] == [
+        (10**6 + at, 10**6 + min(at + 1_000, 3_000)) for at in (500, 1_500, 2_500)
+    ]
+    assert whole(cut) == rows(RECORDINGS["a/one"].window(10**6 + 500, 10**6 + 3_000))
+    assert whole(windows(dataset, events=7)) == whole(cut)
+
+
+def test_a_store_has_windows_too(root, tmp_path):
+    dataset = EventFolder(root)
+    packed = tmp_path / "packed.nvs"
+    nvsdata.pack(dataset, packed)
+    for way in ({"duration": 1_000}, {"events": 100}):
+        cut = windows(EventFolder(packed), **way)
+        assert whole(cut) == whole(windows(dataset, **way))
+
+
+def test_a_loader_of_windows(root):
+    dataset = EventFolder(root, transform=T.ToFrames(4), sensor_size=(20, 10), seed=3)
+    cut = windows(dataset, 1_000)
+    loader = DataLoader(cut, 5, collate_fn=nvsdata.collate, num_workers=1)
+    frames = torch.cat([batch for batch, _ in loader])
+    assert frames.shape == (len(cut), 4, 2, 10, 20)
+    assert frames.sum() == sum(map(len, RECORDINGS.values()))
+    assert len(cut[:3]) == 3
+    assert cut.targets == [sample.label for sample in cut.samples]
+
+
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ({}, "one of duration and events must be given, not duration=None, events=None"),
+        ({"duration": 5, "events": 5}, "one of duration and events must be given"),
+        ({"duration": 0.5}, r"duration counts whole µs, not 0.5 \(0.5 s are 500000\)"),
+        ({"duration": 0}, "duration must be positive"),
+        ({"events": 0}, "events must be a whole number of at least 1, not 0"),
+        ({"duration": 5, "step": 0}, "step must be positive"),
+        ({"events": 5, "step": -1}, "step must be a whole number of at least 1"),
+    ],
+)
+def test_settings_out_of_range(root, way, reason):
+    with pytest.raises(ValueError, match=reason):
+        windows(EventFolder(root), **way)
+
+
+def test_windows_of_windows_and_of_nothing(root):
+    dataset = EventFolder(root)
+    with pytest.raises(TypeError, match="windows are cut from recordings"):
+        windows(windows(dataset, events=5), 100)
+    with pytest.raises(ValueError, match="none of the recordings has any events"):
+        windows(dataset.subset([i for i, s in enumerate(dataset.samples) if "none" in s.name]), 100)
