@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -45,10 +46,15 @@ def equal_bounds(events: Events, count: int) -> np.ndarray:
     at the end in the last.
     """
     check_count(count)
+    return share_bounds(events, events.start, events.end, [(n, count) for n in range(count)])
+
+
+def share_bounds(events: Events, start: int, end: int, shares: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Bounds of frames that begin at shares a / b of the time from `start` to `end` (µs); the last one never ends."""
     # at least 1, so that events at one time are in the first frame
-    duration = max(events.end - events.start, 1)
+    duration = max(end - start, 1)
     # whole numbers of any size: a product of times may not fit int64
-    return _bounds(events, np.array([events.start - (-duration * n // count) for n in range(count)]))
+    return _bounds(events, np.array([start - (-duration * a // b) for a, b in shares]))
 
 
 def duration_bounds(events: Events, duration: int) -> np.ndarray:

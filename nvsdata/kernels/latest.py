@@ -30,3 +30,20 @@ def leaked(t, x, y, end, increment, leak, value, since, out):
     flat, when, image = value.ravel(), since.ravel(), out.ravel()
     for q in range(np.uint64(flat.size)):
         image[q] = max(flat[q] - leak * np.float64(end - when[q]), 0.0)
+
+
+@njit(cache=True, nogil=True)
+def logarithms_of_ages(t, x, y, p, end, least, most, have, out):
+    """Put log(age + 1), from `least` up to `most`, minus `least`, of pixels' latest events into `out` [2, k, H, W].
+
+    Ages are those at `end`, ON and the latest event come first. `have` int32 [2, H, W] is scratch, 0. O(N).
+    """
+    k = out.shape[1]
+    for after in range(t.size):
+        i = np.uint64(t.size - 1 - after)
+        channel, row, column = np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])
+        slot = have[channel, row, column]
+        if slot < k:
+            age = np.log1p(np.float64(end - t[i]))
+            out[channel, np.uint64(slot), row, column] = min(max(age, least), most) - least
+            have[channel, row, column] = slot + 1

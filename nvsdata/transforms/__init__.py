@@ -48,6 +48,7 @@ from nvsdata.transforms.frames import (
 )
 from nvsdata.transforms.graph import KNNGraph, RadiusGraph, knn_graph, radius_graph
 from nvsdata.transforms.grid import Graph2Grid, graph2grid
+from nvsdata.transforms.histograms import MixedDensityStack, StackedHistogram, mixed_density_stack, stacked_histogram
 from nvsdata.transforms.image import (
     CenterCrop,
     EventImage,
@@ -61,6 +62,7 @@ from nvsdata.transforms.image import (
     normalize,
     resize,
 )
+from nvsdata.transforms.latest import TORE, tore
 from nvsdata.transforms.leaky import LeakyFrame, leaky_frame
 from nvsdata.transforms.lengths import longest_window, window_length, with_window_length
 from nvsdata.transforms.noise import (
@@ -94,6 +96,7 @@ from nvsdata.transforms.windows import RandomWindow, Volumes, Window, random_win
 
 __all__ = [
     "HATS",
+    "TORE",
     "TRANSFORMS",
     "Age",
     "BackgroundActivity",
@@ -115,6 +118,7 @@ __all__ = [
     "LeakyFrame",
     "MedianDenoise",
     "MergePixels",
+    "MixedDensityStack",
     "MotionCrop",
     "NodeFeatures",
     "NonUniformSample",
@@ -142,6 +146,7 @@ __all__ = [
     "Resize",
     "SelectPolarity",
     "SpatialJitter",
+    "StackedHistogram",
     "Stacks",
     "SumFrames",
     "TimeJitter",
@@ -178,6 +183,7 @@ __all__ = [
     "longest_window",
     "median_denoise",
     "merge_pixels",
+    "mixed_density_stack",
     "motion_crop",
     "nonuniform_sample",
     "normalize",
@@ -193,10 +199,12 @@ __all__ = [
     "scale",
     "scale_time",
     "shift",
+    "stacked_histogram",
     "stacks",
     "sum_frames",
     "time_surface",
     "to_frames",
+    "tore",
     "volume",
     "volumes",
     "voxel_grid",

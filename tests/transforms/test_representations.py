@@ -163,6 +163,46 @@ def test_four_channels_count_and_say_when(ev):
     assert found.equal(T.four_channels(moved(ev, LATE)))
 
 
+@given(ev=few, bins=st.integers(1, 12), most=st.sampled_from((1, 2, 10)))
+def test_a_stacked_histogram_counts_in_equal_parts(ev, bins, most):
+    expected = grid(ev, 2, bins)
+    for t, x, y, p in rows(ev):
+        expected[p, min(bins * (t - int(ev.t[0])) // max(ev.duration, 1), bins - 1), y, x] += 1
+    found = T.StackedHistogram(bins, most)(ev)
+    assert found.shape == (2 * bins, 34, 34)
+    assert np.array_equal(found, np.minimum(expected, most).reshape(found.shape))
+    assert found.equal(T.stacked_histogram(moved(ev, LATE), bins, most))
+
+
+@given(ev=few, bins=st.integers(1, 12), most=st.sampled_from((None, 1, 3)))
+def test_a_mixed_density_stack_has_ever_longer_parts(ev, bins, most):
+    expected = grid(ev, bins)
+    for t, x, y, p in rows(ev):
+        for channel in range(bins):
+            inside = Fraction(t - int(ev.t[0]), max(ev.duration, 1)) < Fraction(1, 2 ** (bins - 1 - channel))
+            expected[channel, y, x] += (2 * p - 1) * (inside or channel == bins - 1)
+    found = T.MixedDensityStack(bins, most)(ev)
+    assert np.array_equal(found, expected if most is None else expected.clip(-most, most))
+    assert found.equal(T.mixed_density_stack(moved(ev, LATE), bins, most))
+
+
+@given(ev=few, k=st.integers(1, 4), ends=st.sampled_from(((150, 5_000_000), (0, 7_000), (1_000, 1_000))))
+def test_tore_has_the_ages_of_the_latest_events(ev, k, ends):
+    shortest, longest = ends
+    expected = grid(ev, 2, k) + math.log(longest + 1) - math.log(shortest + 1)
+    taken = {}
+    for t, x, y, p in reversed(rows(ev)):
+        slot = taken.get((x, y, p), 0)
+        taken[x, y, p] = slot + 1
+        if slot < k:
+            age = min(max(ev.end - t, shortest), longest)
+            expected[1 - p, slot, y, x] = math.log(age + 1) - math.log(shortest + 1)
+    found = T.TORE(k, shortest, longest)(ev)
+    assert found.shape == (2 * k, 34, 34)
+    np.testing.assert_allclose(found, expected.reshape(found.shape), rtol=1e-6, atol=1e-6)
+    assert found.equal(T.tore(moved(ev, LATE), k, shortest=shortest, longest=longest))
+
+
 @given(ev=few, leak=st.sampled_from((0.0, 1e-6, 1 / 50_000, 1.0)), increment=st.sampled_from((1.0, 0.25)))
 def test_a_leaky_frame_falls_everywhere_between_events(ev, leak, increment):
     expected, now = grid(ev, 1), ev.start
@@ -188,6 +228,8 @@ SHAPES = {
     "hats": (T.HATS(2, 1), (6, 2, 3, 3)),
     "four channels": (T.FourChannels(), (4, 3, 5)),
     "leaky": (T.LeakyFrame(), (1, 3, 5)),
+    "stacked histogram": (T.StackedHistogram(4), (8, 3, 5)),
+    "mixed density": (T.MixedDensityStack(4), (4, 3, 5)),
 }
 
 
@@ -224,6 +266,13 @@ def test_a_stated_time_decides_about_frames():
         (lambda: T.HATS(0), "cell must be"),
         (lambda: T.HATS(window=0), "window must be positive"),
         (lambda: T.HATS(tau=0), "tau must be positive"),
+        (lambda: T.StackedHistogram(0), "bins must be"),
+        (lambda: T.StackedHistogram(most=0), "most must be"),
+        (lambda: T.MixedDensityStack(61), "bins must be at most 60, not 61"),
+        (lambda: T.MixedDensityStack(most=-1), "most must be"),
+        (lambda: T.TORE(0), "k must be"),
+        (lambda: T.TORE(shortest=-1), "shortest must not be negative"),
+        (lambda: T.TORE(shortest=5, longest=4), "longest must be at least shortest, not 4 < 5"),
         (lambda: T.LeakyFrame(-1), "leak must not be negative"),
         (lambda: T.LeakyFrame(increment=0), "increment must be positive"),
         (

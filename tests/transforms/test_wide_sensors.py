@@ -34,6 +34,8 @@ ANYWHERE = [
     T.FourChannels(),
     T.HotPixels(300),
     T.LeakyFrame(),
+    T.MixedDensityStack(3),
+    T.StackedHistogram(3),
     T.RandomApply(T.SelectPolarity(), 1.0),
     T.RandomChoice([T.SelectPolarity(0)]),
     T.RandomRun(20),
@@ -53,7 +55,7 @@ ANYWHERE = [
     T.Compose([T.SumFrames(400), T.Stacks(2)]),
 ]
 # what does
-ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.SpatialJitter, T.UniformNoise)
+ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.SpatialJitter, T.TORE, T.UniformNoise)
 ELSEWHERE = (*ELSEWHERE, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
@@ -147,6 +149,14 @@ def test_surfaces_around_events(size):
     corner = cells[-SIDE // 2 :, -SIDE // 2 :]
     assert corner.flatten(0, 1).equal(T.HATS(2)(SMALL))
     assert cells.count_nonzero() == corner.count_nonzero() > 0
+
+
+@sizes
+def test_ages(size):
+    # where nothing was, ages are the longest
+    found = T.TORE(2)(in_last_corner(size))
+    assert found[:, -SIDE:, -SIDE:].equal(T.TORE(2)(SMALL))
+    assert (found != found.max()).sum() == (T.TORE(2)(SMALL) != found.max()).sum()
 
 
 @sizes
