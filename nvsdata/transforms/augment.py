@@ -1,14 +1,13 @@
 """Augmentation of graphs (thesis 4.4.2) and of events.
 
 In a graph, node positions move, edges stay and pseudo-coordinates follow; nodes may leave the sensor, and pooling
-then assigns them to the cells at its border. All graphs of a sequence get the same change. Events move to
-whole pixels, and those that leave the sensor are dropped.
+then assigns them to the cells at its border. Events move to whole pixels, and those that leave the sensor are dropped.
+All graphs of a sequence, and all events of a list, get the same change.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -17,11 +16,11 @@ import torch
 
 from nvsdata.common.validation import not_negative, positive, probability
 from nvsdata.data.events import Columns, Events
-from nvsdata.data.graph import Graph, sequence_of
+from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import uniform
+from nvsdata.transforms.together import change_all
 
-Graphs = TypeVar("Graphs", Graph, Sequence[Graph])
 Sample = TypeVar("Sample", Graph, Events)
 
 
@@ -32,7 +31,7 @@ class RandomScale:
     - `low`: smallest factor, above 0 (default 0.95)
     - `high`: largest factor, at least `low` (default 1.0)
 
-    Takes and gives a `Graph`, or a list of graphs, which get the same factor. ValueError for settings out of range,
+    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for settings out of range,
     and graphs without `sensor_size`.
     """
 
@@ -45,10 +44,9 @@ class RandomScale:
         if self.high < self.low:
             raise ValueError(f"high must be at least low, not {self.high} < {self.low}")
 
-    def __call__(self, graphs: Graphs) -> Graphs:
+    def __call__(self, sample: Any) -> Any:
         factor = uniform(self.low, self.high)
-        moved: Graphs = alike(graphs, lambda graph: scale(graph, factor))
-        return moved
+        return change_all(sample, lambda part: scale(part, factor))
 
 
 @dataclass(frozen=True)
@@ -58,8 +56,8 @@ class RandomFlip:
     - `axis`: 0 (default) swaps left and right, 1 top and bottom
     - `p`: probability (default 0.5)
 
-    Takes and gives a `Graph`, a list of graphs, which are mirrored together, or `Events` (or a `Recording`). ValueError
-    for settings out of range, and graphs without `sensor_size`.
+    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for settings out of range,
+    and graphs without `sensor_size`.
     """
 
     axis: int = 0
@@ -73,9 +71,7 @@ class RandomFlip:
     def __call__(self, sample: Any) -> Any:
         if uniform(0, 1) >= self.p:
             return sample
-        if isinstance(sample, Events | Recording):
-            return flip(as_events(sample), self.axis)
-        return alike(sample, lambda graph: flip(graph, self.axis))
+        return change_all(sample, lambda part: flip(part, self.axis))
 
 
 @dataclass(frozen=True)
@@ -84,7 +80,7 @@ class RandomRotate:
 
     - `degrees`: largest angle (default 10.0)
 
-    Takes and gives a `Graph`, or a list of graphs, which get the same angle. ValueError for a negative angle, and
+    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for a negative angle, and
     graphs without `sensor_size`.
     """
 
@@ -93,10 +89,9 @@ class RandomRotate:
     def __post_init__(self) -> None:
         not_negative("degrees", self.degrees)
 
-    def __call__(self, graphs: Graphs) -> Graphs:
+    def __call__(self, sample: Any) -> Any:
         degrees = uniform(-self.degrees, self.degrees)
-        moved: Graphs = alike(graphs, lambda graph: rotate(graph, degrees))
-        return moved
+        return change_all(sample, lambda part: rotate(part, degrees))
 
 
 @dataclass(frozen=True)
@@ -105,7 +100,7 @@ class RandomTranslate:
 
     - `pixels`: largest shift (default 2.0)
 
-    Takes and gives a `Graph`, or a list of graphs, which get the same shift. ValueError for a negative shift.
+    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for a negative shift.
     """
 
     pixels: float = 2.0
@@ -113,10 +108,9 @@ class RandomTranslate:
     def __post_init__(self) -> None:
         not_negative("pixels", self.pixels)
 
-    def __call__(self, graphs: Graphs) -> Graphs:
+    def __call__(self, sample: Any) -> Any:
         dx, dy = uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels)
-        moved: Graphs = alike(graphs, lambda graph: shift(graph, dx, dy))
-        return moved
+        return change_all(sample, lambda part: shift(part, dx, dy))
 
 
 @dataclass(frozen=True)
@@ -129,7 +123,7 @@ class RandomAffine:
     - `shear`: largest slant, as a share of the height, either way (default 0.0)
     - `stretch`: largest change of the height, as a share of it, either way (default 0.0)
 
-    Takes `Events` or a `Recording`, gives `Events`. ValueError for settings out of range.
+    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError for settings out of range.
     """
 
     scale: tuple[float, float] = (0.95, 1.0)
@@ -145,9 +139,8 @@ class RandomAffine:
         if not 0 <= self.stretch < 1:
             raise ValueError(f"stretch must be at least 0 and less than 1, not {self.stretch}")
 
-    def __call__(self, sample: Events | Recording) -> Events:
-        return affine(
-            sample,
+    def __call__(self, sample: Any) -> Any:
+        drawn = (
             uniform(*self.scale),
             uniform(-self.degrees, self.degrees),
             uniform(-self.shift, self.shift),
@@ -155,6 +148,7 @@ class RandomAffine:
             uniform(-self.shear, self.shear),
             uniform(1 - self.stretch, 1 + self.stretch),
         )
+        return change_all(sample, lambda events: affine(events, *drawn))
 
 
 def affine(
@@ -189,13 +183,13 @@ def affine(
     return events.of(columns)
 
 
-def alike(graphs: Any, change: Callable[[Graph], Graph]) -> Any:
-    """`change` applied to a graph, or to each graph of a sequence. TypeError for anything else."""
-    return change(graphs) if isinstance(graphs, Graph) else [change(graph) for graph in sequence_of(graphs)]
+def scale(graph: Sample, factor: float) -> Sample:
+    """Multiply distances of nodes or events from the sensor's center by `factor`.
 
-
-def scale(graph: Graph, factor: float) -> Graph:
-    """Multiply the nodes' distances from the sensor's center by `factor`; ValueError without `sensor_size`."""
+    ValueError for a graph without `sensor_size`.
+    """
+    if isinstance(graph, Events):
+        return affine(graph, factor)
     center = _center(graph)
     return graph.moved((graph.pos - center) * factor + center)
 
@@ -216,18 +210,22 @@ def flip(sample: Sample, axis: int) -> Sample:
     return sample.moved(pos)
 
 
-def rotate(graph: Graph, degrees: float) -> Graph:
+def rotate(graph: Sample, degrees: float) -> Sample:
     """Rotate by `degrees` about the sensor's center, from the x axis towards the y axis (clockwise as seen).
 
     ValueError for a graph without `sensor_size`.
     """
+    if isinstance(graph, Events):
+        return affine(graph, degrees=degrees)
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     center = _center(graph)
     return graph.moved((graph.pos - center) @ torch.tensor([[c, s], [-s, c]]) + center)
 
 
-def shift(graph: Graph, dx: float, dy: float) -> Graph:
-    """Move every node by (dx, dy) pixels."""
+def shift(graph: Sample, dx: float, dy: float) -> Sample:
+    """Move every node or event by (dx, dy) pixels."""
+    if isinstance(graph, Events):
+        return affine(graph, dx=dx, dy=dy)
     return graph.moved(graph.pos + torch.tensor([dx, dy]))
 
 

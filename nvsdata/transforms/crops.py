@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Columns, Events
 from nvsdata.kernels.filters import in_rectangle
-from nvsdata.transforms.alike import alike
+from nvsdata.transforms.together import change_all
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Crop:
             whole(name, getattr(self, name), least)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: crop_events(events, self.x, self.y, self.width, self.height))
+        return change_all(sample, lambda events: crop_events(events, self.x, self.y, self.width, self.height))
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Downsample:
         whole("step", self.step, 1)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: downsample(events, int(self.factor), int(self.step)))
+        return change_all(sample, lambda events: downsample(events, int(self.factor), int(self.step)))
 
 
 def crop_events(events: Events, x: int, y: int, width: int, height: int) -> Events:

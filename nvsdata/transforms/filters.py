@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from nvsdata.common.validation import microseconds, positive
 from nvsdata.data.events import LATEST, Events
 from nvsdata.kernels import filters as kernel
-from nvsdata.transforms.alike import alike
+from nvsdata.transforms.together import change_all
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class RefractoryPeriod:
         microseconds("period", self.period)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: refractory_period(events, self.period))
+        return change_all(sample, lambda events: refractory_period(events, self.period))
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class BackgroundActivity:
         microseconds("window", self.window)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: background_activity(events, self.window))
+        return change_all(sample, lambda events: background_activity(events, self.window))
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class HotPixels:
         positive("rate", self.rate)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: drop_hot_pixels(events, self.rate))
+        return change_all(sample, lambda events: drop_hot_pixels(events, self.rate))
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class SelectPolarity:
             raise ValueError(f"polarity must be 0 or 1, not {self.polarity}")
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: events.of(events.columns.take(events.p == self.polarity)))
+        return change_all(sample, lambda events: events.of(events.columns.take(events.p == self.polarity)))
 
 
 def refractory_period(events: Events, period: int) -> Events:

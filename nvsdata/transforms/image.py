@@ -12,10 +12,10 @@ from torch.nn.functional import interpolate
 from nvsdata.common.validation import positive, probability
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
-from nvsdata.transforms.alike import alike
 from nvsdata.transforms.crops import crop_events, resize_events
 from nvsdata.transforms.draws import randint, uniform
 from nvsdata.transforms.event_frames import to_frames
+from nvsdata.transforms.together import change_all
 
 Image = TypeVar("Image", torch.Tensor, Events)
 
@@ -179,7 +179,7 @@ def normalize(image: torch.Tensor) -> torch.Tensor:
 
 def _each(image: Any, change: Callable[[Any], Any]) -> Any:
     """`change` of an image, or of events, or of each of a list of them."""
-    return change(image) if isinstance(image, torch.Tensor) else alike(image, change)
+    return change(image) if isinstance(image, torch.Tensor) else change_all(image, change)
 
 
 def _holds(image: Any, side: int) -> tuple[int, int]:

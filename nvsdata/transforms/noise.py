@@ -13,8 +13,8 @@ from nvsdata.common.validation import not_negative, probability, whole
 from nvsdata.data.events import Columns, Events, sort_by_time
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.filters import in_rectangle
-from nvsdata.transforms.alike import alike
 from nvsdata.transforms.draws import generator, place, randint
+from nvsdata.transforms.together import change_all
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class SpatialJitter:
         not_negative("sigma", self.sigma)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: jitter_space(events, self.sigma))
+        return change_all(sample, lambda events: jitter_space(events, self.sigma))
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class UniformNoise:
         whole("count", self.count)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: add_noise(events, int(self.count)))
+        return change_all(sample, lambda events: add_noise(events, int(self.count)))
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class DropByTime:
         probability("share", self.share)
 
     def __call__(self, sample: Any) -> Any:
-        parts = alike(sample, lambda events: events)
+        parts = change_all(sample, lambda events: events)
         listed = [parts] if isinstance(parts, Events) else parts
         if not listed:
             return parts
@@ -79,7 +79,7 @@ class DropByTime:
         moments = max(part.end for part in listed) - start + 1
         length = round(self.share * moments)
         begin = start + randint(moments - length + 1)
-        return alike(parts, lambda events: drop_interval(events, begin, begin + length))
+        return change_all(parts, lambda events: drop_interval(events, begin, begin + length))
 
 
 @dataclass(frozen=True)
@@ -98,11 +98,11 @@ class DropByArea:
         probability("share", self.share)
 
     def __call__(self, sample: Any) -> Any:
-        parts = alike(sample, lambda events: events)
+        parts = change_all(sample, lambda events: events)
         first = parts if isinstance(parts, Events) else parts[0] if parts else Events.empty((1, 1))
         width, height = (round(side * math.sqrt(self.share)) for side in first.sensor_size)
         x, y = (randint(side - cut + 1) for side, cut in zip(first.sensor_size, (width, height), strict=True))
-        return alike(parts, lambda events: drop_rectangle(events, x, y, width, height))
+        return change_all(parts, lambda events: drop_rectangle(events, x, y, width, height))
 
 
 @dataclass(frozen=True)

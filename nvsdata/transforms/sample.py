@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 
@@ -13,6 +14,7 @@ from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.sample import nonuniform_sample as kernel
 from nvsdata.transforms.defaults import BETA
 from nvsdata.transforms.draws import generator, randint, uniform
+from nvsdata.transforms.together import change_all
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ class DropEvents:
 
     - `most`: largest probability (default 0.3)
 
-    Takes `Events` or a `Recording`, gives `Events`. ValueError unless `most` lies between 0 and 1.
+    Takes `Events`, a `Recording` or a list of them, with one probability; gives `Events`. ValueError unless `most` lies
+    between 0 and 1.
     """
 
     most: float = 0.3
@@ -56,8 +59,9 @@ class DropEvents:
     def __post_init__(self) -> None:
         probability("most", self.most)
 
-    def __call__(self, sample: Events | Recording) -> Events:
-        return drop(sample, uniform(0, self.most))
+    def __call__(self, sample: Any) -> Any:
+        share = uniform(0, self.most)
+        return change_all(sample, lambda events: drop(events, share))
 
 
 def nonuniform_sample(sample: Events | Recording, k: int = 8, *, alpha: float = 1.0, beta: float = BETA) -> Events:

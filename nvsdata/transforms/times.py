@@ -11,8 +11,8 @@ import torch
 from nvsdata.common.validation import not_negative, positive, probability
 from nvsdata.data.events import LATEST, Columns, Events, sort_by_time
 from nvsdata.kernels.order import moved
-from nvsdata.transforms.alike import alike
 from nvsdata.transforms.draws import generator, uniform
+from nvsdata.transforms.together import change_all
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class RelativeTime:
     deterministic: ClassVar[bool] = True
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, relative_time)
+        return change_all(sample, relative_time)
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class RandomTimeScale:
             origins.append(events.start)
             return scale_time(events, factor, origins[0])
 
-        return alike(sample, scaled)
+        return change_all(sample, scaled)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class RandomTimeFlip:
 
     def __call__(self, sample: Any) -> Any:
         flipped = uniform(0, 1) < self.p
-        parts = alike(sample, lambda events: events)
+        parts = change_all(sample, lambda events: events)
         if isinstance(parts, Events):
             return flip_time(parts) if flipped else parts
         if not (flipped and parts):
@@ -100,7 +100,7 @@ class TimeJitter:
         not_negative("sigma", self.sigma)
 
     def __call__(self, sample: Any) -> Any:
-        return alike(sample, lambda events: jitter_time(events, self.sigma))
+        return change_all(sample, lambda events: jitter_time(events, self.sigma))
 
 
 def relative_time(events: Events) -> Events:

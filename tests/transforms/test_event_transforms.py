@@ -95,6 +95,29 @@ def test_resized_events_lie_where_they_did(ev, size):
     assert rows(found) == [(t, x * size // 34, y * size // 34, p) for t, x, y, p in rows(ev)]
 
 
+@pytest.mark.parametrize(
+    "transform",
+    [T.RandomFlip(p=1.0), T.RandomScale(0.5, 0.9), T.RandomRotate(40), T.RandomTranslate(3), T.RandomAffine(shift=3)],
+    ids=repr,
+)
+def test_volumes_move_as_one(transform):
+    ev = Events(np.arange(200), np.arange(200) % 20, np.arange(200) // 20, np.arange(200) % 2, (40, 30))
+    torch.manual_seed(2)
+    one, two = transform([ev, ev])
+    assert one == two != ev
+    # alone, the same numbers are drawn
+    torch.manual_seed(2)
+    assert transform(ev) == one
+
+
+def test_events_turn_scale_and_shift_as_nodes_do():
+    ev = Events(range(4), [10, 20, 5, 30], [7, 5, 20, 12], [0, 1, 0, 1], (40, 30))
+    graph = T.radius_graph(ev)
+    for change in (lambda a: T.scale(a, 0.5), lambda a: T.rotate(a, 30), lambda a: T.shift(a, 2, -3)):
+        moved = change(ev)
+        assert np.array_equal(np.stack((moved.x, moved.y), 1), np.rint(change(graph).pos.numpy()))
+
+
 def test_scaled_random_crops_of_events():
     ev = Events([0, 1, 2], [0, 10, 19], [0, 5, 9], [1, 0, 1], (20, 10))
     found = T.RandomCrop(5, (2.0,))(ev)

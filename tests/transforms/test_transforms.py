@@ -298,13 +298,12 @@ def test_steps_in_the_wrong_order_are_named():
     assert caught.value.__notes__ == [
         "in step 2 of the pipeline, RandomWindow(duration=1000, within=(0.0, 1.0)), given Graph"
     ]
-    for transform in (T.RandomScale(), T.RandomRotate(), T.RandomTranslate(), T.RandomFlip(p=1), T.Graph2Grid()):
-        if not isinstance(transform, T.RandomFlip):
-            with pytest.raises(TypeError, match="takes a graph, or a list of graphs, but was given Events"):
-                transform(ev)
-        with pytest.raises(TypeError, match="but was given a list of Events"):
-            transform([ev])
+    with pytest.raises(TypeError, match="takes a graph, or a list of graphs, but was given Events"):
+        T.Graph2Grid()(ev)
+    with pytest.raises(TypeError, match="but was given a list of Events"):
+        T.Graph2Grid()([ev])
     of_events = (T.NonUniformSample(), T.RadiusGraph(), T.DropEvents(), T.RandomAffine(), T.SumFrames(), T.Points())
+    of_events += (T.RandomScale(), T.RandomRotate(), T.RandomTranslate(), T.RandomFlip(p=1))
     for transform in of_events:
         with pytest.raises(TypeError, match=r"but was given Tensor \[2, 3\]"):
             transform(torch.zeros(2, 3))
