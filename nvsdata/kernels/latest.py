@@ -16,20 +16,26 @@ def counts_and_times(t, x, y, p, start, duration, out):
 
 
 @njit(cache=True, nogil=True)
-def leaked(t, x, y, end, increment, leak, value, since, out):
-    """Fill `out` [H, W]: each event adds `increment`, and values fall by `leak` per µs until `end`, not below 0.
+def leak_into(t, x, y, increment, leak, value, since):
+    """Add `increment` to `value` for each event; values fall by `leak` per µs, not below 0. O(N).
 
-    `value` float64 and `since` int64, both [H, W], are the state: values, and when they were so; they are changed.
-    O(N + output).
+    `value` float64 and `since` int64, both [H, W], are the state: values, and when they were so.
     """
     for i in range(np.uint64(t.size)):
         row, column = np.uint64(y[i]), np.uint64(x[i])
         left = value[row, column] - leak * np.float64(t[i] - since[row, column])
         value[row, column] = max(left, 0.0) + increment
         since[row, column] = t[i]
-    flat, when, image = value.ravel(), since.ravel(), out.ravel()
-    for q in range(np.uint64(flat.size)):
-        image[q] = max(flat[q] - leak * np.float64(end - when[q]), 0.0)
+
+
+@njit(cache=True, nogil=True)
+def remember(t, x, y, p, times, counts):
+    """Put times into the rings `times` int64 [2, k, H, W], and count them in `counts` int64 [2, H, W], ON first. O(N)."""
+    k = times.shape[1]
+    for i in range(np.uint64(t.size)):
+        channel, row, column = np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])
+        times[channel, np.uint64(counts[channel, row, column] % k), row, column] = t[i]
+        counts[channel, row, column] += 1
 
 
 @njit(cache=True, nogil=True)

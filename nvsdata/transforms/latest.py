@@ -12,6 +12,7 @@ from nvsdata.common.validation import not_negative, whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.latest import logarithms_of_ages
+from nvsdata.transforms.states import LatestState
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,16 @@ class TORE:
         out = np.full((2, int(self.k), *size), np.float32(most - least))
         logarithms_of_ages(*events.columns, events.end, least, most, np.zeros((2, *size), np.int32), out)
         return torch.from_numpy(out).flatten(0, 1)
+
+    def state(self, sensor_size: tuple[int, int]) -> LatestState:
+        """For events that come piece by piece: `state.update(events)`, `state.tensor()`."""
+        k, least, most = int(self.k), np.log1p(float(self.shortest)), np.log1p(float(self.longest))
+
+        def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
+            logarithms: np.ndarray = np.where(known, np.log1p(np.where(known, ages, 0)).clip(least, most), most)
+            return (logarithms - least).reshape(2 * k, *ages.shape[2:])
+
+        return LatestState(sensor_size, k, shown)
 
 
 def tore(sample: Events | Recording, k: int = 3, *, shortest: float = 150, longest: float = 5_000_000) -> torch.Tensor:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 import torch
 
 from nvsdata.common.validation import not_negative, positive
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.latest import leaked
+from nvsdata.transforms.states import LeakyState
 
 
 @dataclass(frozen=True)
@@ -36,11 +35,13 @@ class LeakyFrame:
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
         events = as_events(sample)
-        size = events.sensor_size[::-1]
-        out, since = np.empty((1, *size), np.float32), np.full(size, events.start)
-        t, x, y, _ = events.columns
-        leaked(t, x, y, events.end, float(self.increment), float(self.leak), np.zeros(size), since, out)
-        return torch.from_numpy(out)
+        state = self.state(events.sensor_size)
+        state.update(events)
+        return state.tensor()
+
+    def state(self, sensor_size: tuple[int, int]) -> LeakyState:
+        """For events that come piece by piece: `state.update(events)`, `state.tensor()`."""
+        return LeakyState(sensor_size, self.leak, self.increment)
 
 
 def leaky_frame(sample: Events | Recording, leak: float = 1 / 50_000, increment: float = 1.0) -> torch.Tensor:

@@ -13,6 +13,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import duration_bounds
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels import surfaces as kernel
+from nvsdata.transforms.states import LatestState
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,14 @@ class TimeSurface:
         out = np.empty((count, 2, height, width), np.float32)
         kernel.surfaces(*events.columns, times, bounds, float(self.tau), np.zeros(out.shape[1:]), out)
         return torch.from_numpy(out if self.every is not None else out[0])
+
+    def state(self, sensor_size: tuple[int, int]) -> LatestState:
+        """For events that come piece by piece: `state.update(events)`, `state.tensor()` [2, H, W]."""
+
+        def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
+            return np.where(known, np.exp(-np.where(known, ages, 0) / self.tau), 0)[:, 0]
+
+        return LatestState(sensor_size, 1, shown)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -214,6 +215,37 @@ def test_a_leaky_frame_falls_everywhere_between_events(ev, leak, increment):
     found = T.LeakyFrame(leak, increment)(ev)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
     assert found.equal(T.leaky_frame(moved(ev, LATE), leak, increment))
+    assert found.equal(T.leaky_frame(moved(ev, -LATE), leak, increment))
+
+
+@given(ev=few, cuts=st.lists(st.integers(0, 60), max_size=3), late=st.sampled_from((0, LATE, -LATE)))
+@pytest.mark.parametrize("transform", [T.TimeSurface(3_000), T.TORE(2, shortest=10), T.LeakyFrame(1e-4)], ids=repr)
+def test_a_state_takes_events_piece_by_piece(transform, ev, cuts, late):
+    ev = moved(ev, late)
+    state, places = transform.state(ev.sensor_size), sorted({0, len(ev), *(min(cut, len(ev)) for cut in cuts)})
+    for start, stop in pairwise(places):
+        piece = ev[start:stop]
+        state.update(Events(*piece.columns, ev.sensor_size))
+    torch.testing.assert_close(state.tensor(), transform(ev), rtol=1e-6, atol=1e-6)
+    # later, without events in between
+    after = Events(*ev.columns, ev.sensor_size, start=ev.start, end=ev.end + 500)
+    torch.testing.assert_close(state.tensor(ev.end + 500), transform(after), rtol=1e-6, atol=1e-6)
+
+
+def test_what_a_state_refuses():
+    ev = Events([10, 20], [0, 1], [0, 0], [1, 0], (5, 3))
+    for transform in (T.TimeSurface(), T.TORE(), T.LeakyFrame()):
+        state = transform.state((5, 3))
+        assert state.tensor().shape[-2:] == (3, 5)
+        state.update(ev)
+        with pytest.raises(ValueError, match="events at 10 µs come after a state at 20 µs"):
+            state.update(ev)
+        with pytest.raises(ValueError, match="the state is at 20 µs: it doesn't know any more what it was at 19 µs"):
+            state.tensor(19)
+        with pytest.raises(ValueError, match="events of 9x3 pixels, but the state has 5x3"):
+            state.update(Events([30], [8], [2], [1], (9, 3)))
+        with pytest.raises(ValueError, match="sensor_size must be"):
+            transform.state((0, 3))
 
 
 NO_EVENTS = Events.empty((5, 3))

@@ -1,0 +1,88 @@
+"""Representations of a stream that goes on: a state takes events as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from nvsdata.data.events import LATEST, Events, check_sensor_size
+from nvsdata.kernels.latest import leak_into, remember
+
+Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""From ages in µs [2, k, H, W], and where there were so many events, to a representation."""
+
+
+class _State:
+    """What a sensor's pixels remember of the events so far.
+
+    `update(events)` takes the next events, which must not be earlier than those before; `tensor(at)` is the
+    representation at a moment in µs, by default at the end of the last events' time, and doesn't change the state.
+    """
+
+    def __init__(self, sensor_size: tuple[int, int]) -> None:
+        width, height = self.sensor_size = check_sensor_size(sensor_size)
+        self.shape = height, width
+        self.latest: int | None = None  # µs, until which the state knows what happened
+
+    def _take(self, events: Events) -> None:
+        if events.sensor_size[0] > self.sensor_size[0] or events.sensor_size[1] > self.sensor_size[1]:
+            raise ValueError(
+                "events of {}x{} pixels, but the state has {}x{}".format(*events.sensor_size, *self.sensor_size)
+            )
+        if self.latest is not None and len(events) and events.t[0] < self.latest:
+            raise ValueError(f"events at {events.t[0]} µs come after a state at {self.latest} µs")
+        self.latest = events.end if self.latest is None else max(events.end, self.latest)
+
+    def _moment(self, at: int | None) -> int:
+        if at is None:
+            return self.latest or 0
+        if self.latest is not None and at < self.latest:
+            raise ValueError(f"the state is at {self.latest} µs: it doesn't know any more what it was at {at} µs")
+        return at
+
+
+class LatestState(_State):
+    """The times of each pixel's and polarity's `k` latest events."""
+
+    def __init__(
+        self, sensor_size: tuple[int, int], k: int, show: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    ) -> None:
+        super().__init__(sensor_size)
+        self._show = show
+        self._times, self._counts = np.zeros((2, k, *self.shape), np.int64), np.zeros((2, *self.shape), np.int64)
+
+    def update(self, events: Events) -> None:
+        """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
+        self._take(events)
+        remember(*events.columns, self._times, self._counts)
+
+    def tensor(self, at: int | None = None) -> torch.Tensor:
+        """The representation at `at` (µs; default: the end of the last events' time); ValueError for a time before."""
+        k = self._times.shape[1]
+        slots = np.arange(k).reshape(1, k, 1, 1)
+        # the latest event first
+        order = (self._counts[:, None] - 1 - slots) % k
+        ages = self._moment(at) - np.take_along_axis(self._times, order, 1)
+        return torch.from_numpy(self._show(ages, slots < self._counts[:, None]).astype(np.float32))
+
+
+class LeakyState(_State):
+    """Values that leak."""
+
+    def __init__(self, sensor_size: tuple[int, int], leak: float, increment: float) -> None:
+        super().__init__(sensor_size)
+        self._leak, self._increment = float(leak), float(increment)
+        self._value, self._since = np.zeros(self.shape), np.full(self.shape, -LATEST)
+
+    def update(self, events: Events) -> None:
+        """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
+        self._take(events)
+        t, x, y, _ = events.columns
+        leak_into(t, x, y, self._increment, self._leak, self._value, self._since)
+
+    def tensor(self, at: int | None = None) -> torch.Tensor:
+        """The values at `at` (µs; default: the end of the last events' time); ValueError for a time before."""
+        left = self._value - self._leak * (self._moment(at) - self._since).astype(np.float64)
+        return torch.from_numpy(np.maximum(left, 0).astype(np.float32))[None]
