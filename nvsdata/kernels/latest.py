@@ -30,7 +30,7 @@ def leak_into(t, x, y, increment, leak, value, since):
 
 @njit(cache=True, nogil=True)
 def remember(t, x, y, p, times, counts):
-    """Put times into the rings `times` int64 [2, k, H, W], and count them in `counts` int64 [2, H, W], ON first. O(N)."""
+    """Put times into the rings `times` int64 [2, k, H, W], counted by `counts` int64 [2, H, W], ON first. O(N)."""
     k = times.shape[1]
     for i in range(np.uint64(t.size)):
         channel, row, column = np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])

@@ -54,7 +54,8 @@ class TORE:
 
         def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
             logarithms: np.ndarray = np.where(known, np.log1p(np.where(known, ages, 0)).clip(least, most), most)
-            return (logarithms - least).reshape(2 * k, *ages.shape[2:])
+            logarithms -= least
+            return logarithms.reshape(2 * k, *ages.shape[2:])
 
         return LatestState(sensor_size, k, shown)
 
