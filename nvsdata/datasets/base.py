@@ -255,9 +255,13 @@ class EventDataset(Samples):
                 return self.source.data(joined(folder, name)).decode("utf-8-sig", "replace")
         return None
 
+    def _what(self) -> str:
+        files = len(dict.fromkeys(self.recording_names()))
+        return "recordings" if files == len(self) else f"samples of {files} recordings"
+
     def __repr__(self) -> str:
         lines = [
-            f"{type(self).__name__}: {len(self)} recordings, {len(self.classes)} classes",
+            f"{type(self).__name__}: {len(self)} {self._what()}, {len(self.classes)} classes",
             f"root: {self.root}",
             f"split: {self.split}" + (f", fold {self.fold}" if self.fold else "") + f", hash {self.split_hash}",
         ]
