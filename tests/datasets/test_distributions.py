@@ -59,7 +59,9 @@ def test_as_distributed(home, name):
         assert 0 <= label < len(dataset.classes)
         assert ev.sensor_size == dataset.sensor_size
     assert dataset.class_to_idx[dataset.classes[label]] == label
-    assert f"{len(train)} recordings" in repr(train)
+    files = len(train.recording_names())
+    kind = "recordings" if files == len(train) else f"samples of {files} recordings"
+    assert f": {len(train)} {kind}, {len(train.classes)} classes" in repr(train)
 
 
 @pytest.mark.parametrize(
