@@ -59,7 +59,7 @@ GROUPS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {"default": {}},
     "k": {f"k = {k}": {"k": k} for k in (1, 2, 4, 8)},
     "metric": {"the author's": {}, "literal": {"beta": LITERAL_BETA}},
-    "radius": {f"R = {radius}": {"radius": float(radius)} for radius in (2, 3, 4, 5)},
+    "radius": {f"R = {radius}": {"radius": float(radius)} for radius in (2, 3, 4, 5, 7)},
     "degree": {f"D_max = {degree}": {"max_degree": degree} for degree in (4, 8, 16, 32)},
     "pseudo": {kind: {"pseudo": kind} for kind in ("abs", "signed", "signed-time")},
     "kernel": {f"{size} x {size}": {"kernel_size": size} for size in (3, 5, 7)},
