@@ -23,7 +23,7 @@ from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
 from itertools import starmap
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from statistics import mean
 from tempfile import TemporaryDirectory
@@ -134,6 +134,11 @@ def results(work: Callable[..., dict[str, Any]], waiting: list[Any], jobs: int) 
             yield future.result()
     except BrokenProcessPool:
         raise OSError("a process that trained was killed (out of memory?); run again to continue") from None
+    except BaseException:
+        # otherwise the pool waits until they have trained
+        for worker in active_children():
+            worker.terminate()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
