@@ -108,7 +108,7 @@ def _listed(marked, used, whole, last, both, at):
     return n - lasts, lasts
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def _copied(events, start, stop, source, i, n):
     """Put events from `start` up to `stop` into the row of event `i`, without itself, from `n` on: the new length."""
     for q in range(start, stop):
