@@ -17,6 +17,14 @@ def not_negative(name: str, value: float) -> None:
         raise ValueError(f"{name} must not be negative, not {value}")
 
 
+def factors(low: float, high: float) -> None:
+    """ValueError unless 0 < `low` <= `high`: a range that a factor is drawn from."""
+    positive("low", low)
+    positive("high", high)
+    if high < low:
+        raise ValueError(f"high must be at least low, not {high} < {low}")
+
+
 def probability(name: str, value: float) -> None:
     """ValueError unless 0 <= `value` <= 1."""
     if not 0 <= value <= 1:

@@ -256,7 +256,7 @@ class EventDataset(Samples):
         return None
 
     def _what(self) -> str:
-        files = len(dict.fromkeys(self.recording_names()))
+        files = len(self.recording_names())
         return "recordings" if files == len(self) else f"samples of {files} recordings"
 
     def __repr__(self) -> str:

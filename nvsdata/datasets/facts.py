@@ -32,6 +32,12 @@ class Sample(NamedTuple):
         """The file's name without its extension."""
         return self.file.rsplit(".", 1)[0]
 
+    @property
+    def part(self) -> str:
+        """Which part of the recording it is, to follow a name; empty for all of it."""
+        window = "" if self.window is None else " {}-{}".format(*self.window)
+        return window if self.events is None else window + " {}+{}".format(*self.events)
+
 
 @dataclass(frozen=True)
 class Archive:

@@ -94,8 +94,7 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     def _name_of(self, sample: Any) -> str:
         """A name that identifies a sample within its class, independent of the folder of its file."""
-        name = sample.stem if sample.window is None else "{} {}-{}".format(sample.stem, *sample.window)
-        return name if sample.events is None else "{} {}+{}".format(name, *sample.events)
+        return str(sample.stem + sample.part)
 
     @cached_property
     def names(self) -> list[tuple[str, str]]:

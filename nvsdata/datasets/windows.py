@@ -103,7 +103,7 @@ class _Index:
 
     def places(self, sample: Sample) -> Places:
         """Those of a sample."""
-        key = sample.name if sample.window is None else "{} {}-{}".format(sample.name, *sample.window)
+        key = sample.name + sample.part
         stamp = list(self.dataset.source.stamp(sample.name))
         entry = self.known.get(key)
         if entry is None or entry["stamp"] != stamp:

@@ -38,6 +38,21 @@ def remember(t, x, y, p, times, counts):
         counts[channel, row, column] += 1
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _logarithm(age, least, most):
+    return min(max(np.log1p(np.float64(age)), least), most) - least
+
+
+@njit(cache=True, nogil=True)
+def logarithms(age, known, least, most):
+    """`logarithms_of_ages` for ages int64 [N]: float32 [N], as of age `most` where they aren't `known`. O(N)."""
+    out = np.full(age.size, np.float32(most - least))
+    for i in range(age.size):
+        if known[i]:
+            out[i] = _logarithm(age[i], least, most)
+    return out
+
+
 @njit(cache=True, nogil=True)
 def logarithms_of_ages(t, x, y, p, end, least, most, have, out):
     """Put log(age + 1), from `least` up to `most`, minus `least`, of pixels' latest events into `out` [2, k, H, W].
@@ -50,6 +65,5 @@ def logarithms_of_ages(t, x, y, p, end, least, most, have, out):
         channel, row, column = np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])
         slot = have[channel, row, column]
         if slot < k:
-            age = np.log1p(np.float64(end - t[i]))
-            out[channel, np.uint64(slot), row, column] = min(max(age, least), most) - least
+            out[channel, np.uint64(slot), row, column] = _logarithm(end - t[i], least, most)
             have[channel, row, column] = slot + 1

@@ -148,22 +148,22 @@ def _earlier_run(t, order, start, last):
 
 
 @njit(cache=True, nogil=True)
-def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, at, distance, gap, degree, source):
+def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, place, distance, gap, degree, source):
     """Sources of a pixel's events where distances in space and time add up: pixel by pixel, outward in time."""
     for q in range(m):
-        at[q] = first[near[q]]
+        place[q] = first[near[q]]
     for e in range(first[pixel], first[pixel + 1]):
         i = order[e]
         found = source[i]
         have, worst = 0, 0
         for q in range(m):
             start, end = np.int64(first[near[q]]), np.int64(first[near[q] + 1])
-            while at[q] < end and order[at[q]] < i:
-                at[q] += 1
+            while place[q] < end and order[place[q]] < i:
+                place[q] += 1
             base = alpha * apart[q]
             if have == k and base > distance[worst]:
                 break
-            last, after = np.int64(at[q]) - 1, np.int64(at[q])
+            last, after = np.int64(place[q]) - 1, np.int64(place[q])
             # earlier events by runs of equal times, each from its smallest index on
             before = _earlier_run(t, order, start, last) if last >= start else last
             while last >= start or after < end:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
-from nvsdata.common.validation import not_negative, positive, probability
+from nvsdata.common.validation import factors, not_negative, probability
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
@@ -39,10 +39,7 @@ class RandomScale:
     high: float = 1.0
 
     def __post_init__(self) -> None:
-        positive("low", self.low)
-        positive("high", self.high)
-        if self.high < self.low:
-            raise ValueError(f"high must be at least low, not {self.high} < {self.low}")
+        factors(self.low, self.high)
 
     def __call__(self, sample: Any) -> Any:
         factor = uniform(self.low, self.high)
@@ -133,7 +130,7 @@ class RandomAffine:
     stretch: float = 0.0
 
     def __post_init__(self) -> None:
-        RandomScale(*self.scale)
+        factors(*self.scale)
         for name in ("degrees", "shift", "shear"):
             not_negative(name, getattr(self, name))
         if not 0 <= self.stretch < 1:

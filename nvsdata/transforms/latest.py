@@ -11,7 +11,7 @@ import torch
 from nvsdata.common.validation import not_negative, whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.latest import logarithms_of_ages
+from nvsdata.kernels.latest import logarithms, logarithms_of_ages
 from nvsdata.transforms.states import LatestState
 
 
@@ -53,9 +53,8 @@ class TORE:
         k, least, most = int(self.k), np.log1p(float(self.shortest)), np.log1p(float(self.longest))
 
         def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
-            logarithms: np.ndarray = np.where(known, np.log1p(np.where(known, ages, 0)).clip(least, most), most)
-            logarithms -= least
-            return logarithms.reshape(2 * k, *ages.shape[2:])
+            shape = 2 * k, *ages.shape[2:]
+            return logarithms(ages.ravel(), known.ravel(), least, most).reshape(shape)  # type: ignore[no-any-return]
 
         return LatestState(sensor_size, k, shown)
 

@@ -14,7 +14,7 @@ from nvsdata.data.events import Columns, Events, sort_by_time
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.filters import in_rectangle
 from nvsdata.transforms.draws import generator, place, randint
-from nvsdata.transforms.together import change_all
+from nvsdata.transforms.together import change_all, decoded
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,7 @@ class DropByTime:
         probability("share", self.share)
 
     def __call__(self, sample: Any) -> Any:
-        parts = change_all(sample, lambda events: events)
-        listed = [parts] if isinstance(parts, Events) else parts
+        parts, listed = decoded(sample)
         if not listed:
             return parts
         start = listed[0].start
@@ -98,10 +97,12 @@ class DropByArea:
         probability("share", self.share)
 
     def __call__(self, sample: Any) -> Any:
-        parts = change_all(sample, lambda events: events)
-        first = parts if isinstance(parts, Events) else parts[0] if parts else Events.empty((1, 1))
-        width, height = (round(side * math.sqrt(self.share)) for side in first.sensor_size)
-        x, y = (randint(side - cut + 1) for side, cut in zip(first.sensor_size, (width, height), strict=True))
+        parts, listed = decoded(sample)
+        if not listed:
+            return parts
+        sensor = listed[0].sensor_size
+        width, height = (round(side * math.sqrt(self.share)) for side in sensor)
+        x, y = (randint(side - cut + 1) for side, cut in zip(sensor, (width, height), strict=True))
         return change_all(parts, lambda events: drop_rectangle(events, x, y, width, height))
 
 

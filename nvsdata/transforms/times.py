@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from nvsdata.common.validation import not_negative, positive, probability
+from nvsdata.common.validation import factors, not_negative, positive, probability
 from nvsdata.data.events import LATEST, Columns, Events, sort_by_time
 from nvsdata.kernels.order import moved
 from nvsdata.transforms.draws import generator, uniform
-from nvsdata.transforms.together import change_all
+from nvsdata.transforms.together import change_all, decoded
 
 
 @dataclass(frozen=True)
@@ -43,19 +43,12 @@ class RandomTimeScale:
     high: float = 1.2
 
     def __post_init__(self) -> None:
-        positive("low", self.low)
-        positive("high", self.high)
-        if self.high < self.low:
-            raise ValueError(f"high must be at least low, not {self.high} < {self.low}")
+        factors(self.low, self.high)
 
     def __call__(self, sample: Any) -> Any:
-        factor, origins = uniform(self.low, self.high), []
-
-        def scaled(events: Events) -> Events:
-            origins.append(events.start)
-            return scale_time(events, factor, origins[0])
-
-        return change_all(sample, scaled)
+        factor = uniform(self.low, self.high)
+        parts, listed = decoded(sample)
+        return change_all(parts, lambda events: scale_time(events, factor, listed[0].start))
 
 
 @dataclass(frozen=True)
@@ -75,13 +68,12 @@ class RandomTimeFlip:
 
     def __call__(self, sample: Any) -> Any:
         flipped = uniform(0, 1) < self.p
-        parts = change_all(sample, lambda events: events)
-        if isinstance(parts, Events):
-            return flip_time(parts) if flipped else parts
-        if not (flipped and parts):
+        parts, listed = decoded(sample)
+        if not (flipped and listed):
             return parts
-        about = parts[0].start + max(part.end for part in parts)
-        return [flip_time(part, about) for part in reversed(parts)]
+        about = listed[0].start + max(part.end for part in listed)
+        backwards = [flip_time(part, about) for part in reversed(listed)]
+        return backwards if isinstance(parts, list) else backwards[0]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import as_events
 
@@ -17,3 +18,9 @@ def change_all(sample: Any, change: Callable[[Any], Any]) -> Any:
     if isinstance(sample, list | tuple):
         return [change_all(part, change) for part in sample]
     return change(sample if isinstance(sample, Graph) else as_events(sample))
+
+
+def decoded(sample: Any) -> tuple[Any, list[Events]]:
+    """`Events` in place of recordings, in the sample's own form, and a list of them."""
+    parts = change_all(sample, lambda events: events)
+    return parts, parts if isinstance(parts, list) else [parts]
