@@ -210,6 +210,12 @@ def parted(ev):
     return 0 if ev.p.max() == 0 else 1
 
 
+def put_out(drawn):
+    out = torch.zeros(2, 4, 5)
+    out[0, 2, 3] = drawn
+    return out
+
+
 CASES = [
     Case(
         T.RandomTimeScale(0.5, 1.5),
@@ -217,6 +223,21 @@ CASES = [
         lambda ev: ((ev.end - 10**15) / 10**9 - 0.5,),
         (even,),
         lambda share: Events([10**15] * 2 + [10**15 + round((0.5 + share) * 10**9)], *ENDS.columns[1:], (34, 20)),
+    ),
+    Case(
+        # two of eight ticks have passed
+        T.FilterCascade(1, decay=8.0),
+        Events([0], [3], [2], [1], (5, 4), start=0, end=2_999),
+        lambda out: (int(out[0, 2, 3]),),
+        (chance(0.75),),
+        put_out,
+    ),
+    Case(
+        T.RandomPolarityFlip(0.3),
+        DENSE,
+        lambda ev: (int(ev != DENSE),),
+        (chance(0.3),),
+        lambda flipped: DENSE.of(DENSE.columns._replace(p=1 - DENSE.p)) if flipped else DENSE,
     ),
     Case(
         T.RandomTimeFlip(0.3),

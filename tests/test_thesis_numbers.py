@@ -123,6 +123,10 @@ TRANSFORMS = [
     ("ours", T.MixedDensityStack, "MixedDensityStack(bins=10, most=None)"),
     ("Baldwin et al. 2022: 150 µs to 5 s", T.TORE, "TORE(k=3, shortest=150, longest=5000000)"),
     ("ours", T.LeakyFrame, "LeakyFrame(leak=2e-05, increment=1.0)"),
+    ("Peng et al. 2023: 12 groups, patches of 4", T.GroupTokens, "GroupTokens(groups=12, patch=4)"),
+    ("Liu et al. 2023: 8 bins of 10 ms", T.TAF, "TAF(depth=8, duration=10000)"),
+    ("ours", T.FilterCascade, "FilterCascade(filters=6, tick=1000, decay=1.0)"),
+    ("ours", T.RandomPolarityFlip, "RandomPolarityFlip(p=0.5)"),
     ("ours", T.BackgroundActivity, "BackgroundActivity(window=10000)"),
     ("ours", T.HotPixels, "HotPixels(rate=1000)"),
     ("ours", T.SelectPolarity, "SelectPolarity(polarity=1)"),
@@ -292,6 +296,8 @@ def test_a_transform_has_the_defaults_of(source, kind, said):
 def test_every_transform_with_defaults_is_pinned():
     without = {T.Age, T.Compose, T.Each, T.EventImage, T.FourChannels, T.MedianDenoise, T.NodeFeatures, T.Normalize}
     without |= {
+        T.ERGO12,
+        T.MergePolarities,
         T.Crop,
         T.RandomApply,
         T.RandomChoice,

@@ -67,3 +67,40 @@ def logarithms_of_ages(t, x, y, p, end, least, most, have, out):
         if slot < k:
             out[channel, np.uint64(slot), row, column] = _logarithm(end - t[i], least, most)
             have[channel, row, column] = slot + 1
+
+
+@njit(cache=True, nogil=True)
+def queue_bins(t, x, y, p, origin, duration, bins, sums, counts, used):
+    """Add times to queues of the latest bins of `duration` from `origin` on that have events, OFF first. O(N).
+
+    `bins` int64, `sums` float64 of times from a bin's beginning and `counts` int64, all [2, H, W, K], are rings, in
+    which `used` int64 [2, H, W] slots were ever begun.
+    """
+    depth = bins.shape[3]
+    for i in range(np.uint64(t.size)):
+        channel, row, column = np.uint64(p[i]), np.uint64(y[i]), np.uint64(x[i])
+        number = (t[i] - origin) // duration
+        begun = used[channel, row, column]
+        slot = np.uint64((begun - 1) % depth)
+        if begun == 0 or bins[channel, row, column, slot] != number:
+            slot = np.uint64(begun % depth)
+            used[channel, row, column] = begun + 1
+            bins[channel, row, column, slot] = number
+            sums[channel, row, column, slot], counts[channel, row, column, slot] = 0, 0
+        sums[channel, row, column, slot] += np.float64((t[i] - origin) - number * duration)
+        counts[channel, row, column, slot] += 1
+
+
+@njit(cache=True, nogil=True)
+def latest_ticks(t, x, y, p, start, tick, now, decay, out):
+    """Put what is left of each pixel's latest event, as of 1, 2, ... ticks ago, into `out` [K, 2, H, W]. O(N K).
+
+    1 in the tick of the event, and less by 1 / `decay` with each tick, not below 0. ON comes first.
+    """
+    for i in range(np.uint64(t.size)):
+        channel, row, column = np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])
+        age = now - 1 - (t[i] - start) // tick
+        # filters that are delayed by more ticks haven't seen it yet
+        for k in range(min(age + 1, out.shape[0])):
+            left = np.float32(1 - np.float64(age - k) / decay)
+            out[np.uint64(k), channel, row, column] = max(left, out[np.uint64(k), channel, row, column])

@@ -4,6 +4,7 @@ Random transforms draw from torch's default generator, so they follow `torch.man
 seeds.
 """
 
+from nvsdata.transforms.active_focus import TAF, taf
 from nvsdata.transforms.augment import (
     RandomAffine,
     RandomFlip,
@@ -17,6 +18,7 @@ from nvsdata.transforms.augment import (
     shift,
 )
 from nvsdata.transforms.averaged_surfaces import HATS, hats
+from nvsdata.transforms.cascades import FilterCascade, filter_cascade
 from nvsdata.transforms.choice import RandomApply, RandomChoice
 from nvsdata.transforms.compose import Compose, Each
 from nvsdata.transforms.crops import Crop, Downsample, crop_events, downsample, resize_events
@@ -26,7 +28,6 @@ from nvsdata.transforms.filters import (
     BackgroundActivity,
     HotPixels,
     RefractoryPeriod,
-    SelectPolarity,
     background_activity,
     drop_hot_pixels,
     refractory_period,
@@ -76,8 +77,10 @@ from nvsdata.transforms.noise import (
     drop_rectangle,
     jitter_space,
 )
+from nvsdata.transforms.ordered import ERGO12, ergo12
 from nvsdata.transforms.parse import from_repr
 from nvsdata.transforms.point_sets import Points, points
+from nvsdata.transforms.polarity import MergePolarities, RandomPolarityFlip, SelectPolarity, flip_polarity
 from nvsdata.transforms.registry import TRANSFORMS, register_transform
 from nvsdata.transforms.sample import DropEvents, NonUniformSample, drop, nonuniform_sample
 from nvsdata.transforms.surfaces import EventSurfaces, TimeSurface, event_surfaces, time_surface
@@ -91,11 +94,14 @@ from nvsdata.transforms.times import (
     relative_time,
     scale_time,
 )
+from nvsdata.transforms.tokens import GroupTokens, group_tokens
 from nvsdata.transforms.voxels import VoxelGrid, voxel_grid
 from nvsdata.transforms.windows import RandomWindow, Volumes, Window, random_window, volumes, window
 
 __all__ = [
+    "ERGO12",
     "HATS",
+    "TAF",
     "TORE",
     "TRANSFORMS",
     "Age",
@@ -110,14 +116,17 @@ __all__ = [
     "Each",
     "EventImage",
     "EventSurfaces",
+    "FilterCascade",
     "FourChannels",
     "FourCrops",
     "Graph2Grid",
+    "GroupTokens",
     "HotPixels",
     "KNNGraph",
     "LeakyFrame",
     "MedianDenoise",
     "MergePixels",
+    "MergePolarities",
     "MixedDensityStack",
     "MotionCrop",
     "NodeFeatures",
@@ -133,6 +142,7 @@ __all__ = [
     "RandomCrop",
     "RandomFlip",
     "RandomHorizontalFlip",
+    "RandomPolarityFlip",
     "RandomRotate",
     "RandomRun",
     "RandomScale",
@@ -167,14 +177,18 @@ __all__ = [
     "drop_hot_pixels",
     "drop_interval",
     "drop_rectangle",
+    "ergo12",
     "event_image",
     "event_surfaces",
+    "filter_cascade",
     "flip",
+    "flip_polarity",
     "flip_time",
     "four_channels",
     "four_crops",
     "from_repr",
     "graph2grid",
+    "group_tokens",
     "hats",
     "jitter_space",
     "jitter_time",
@@ -202,6 +216,7 @@ __all__ = [
     "stacked_histogram",
     "stacks",
     "sum_frames",
+    "taf",
     "time_surface",
     "to_frames",
     "tore",

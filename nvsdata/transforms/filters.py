@@ -1,4 +1,4 @@
-"""Filters of events: refractory period, background activity, hot pixels, polarity."""
+"""Filters of events: refractory period, background activity, hot pixels."""
 
 from __future__ import annotations
 
@@ -69,26 +69,6 @@ class HotPixels:
 
     def __call__(self, sample: Any) -> Any:
         return change_all(sample, lambda events: drop_hot_pixels(events, self.rate))
-
-
-@dataclass(frozen=True)
-class SelectPolarity:
-    """Keep the events of one polarity.
-
-    - `polarity`: 1 (default) keeps ON events, 0 OFF events
-
-    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError for any other polarity.
-    """
-
-    polarity: int = 1
-    deterministic: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        if self.polarity not in (0, 1):
-            raise ValueError(f"polarity must be 0 or 1, not {self.polarity}")
-
-    def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: events.of(events.columns.take(events.p == self.polarity)))
 
 
 def refractory_period(events: Events, period: int) -> Events:

@@ -30,14 +30,18 @@ ANYWHERE = [
     T.Compose([T.NonUniformSample(4), T.RadiusGraph(), T.RandomTranslate(5)]),
     T.Compose([T.Volumes(2, 2_000), T.Each(T.KNNGraph())]),
     T.BackgroundActivity(500),
+    T.ERGO12(),
     T.EventImage(),
+    T.FilterCascade(3),
     T.FourChannels(),
     T.HotPixels(300),
     T.LeakyFrame(),
+    T.MergePolarities(),
     T.MixedDensityStack(3),
     T.StackedHistogram(3),
     T.RandomApply(T.SelectPolarity(), 1.0),
     T.RandomChoice([T.SelectPolarity(0)]),
+    T.RandomPolarityFlip(1.0),
     T.RandomRun(20),
     T.RandomTimeFlip(1.0),
     T.RandomTimeScale(),
@@ -45,6 +49,7 @@ ANYWHERE = [
     T.RelativeTime(),
     T.SelectPolarity(),
     T.DropByTime(),
+    T.TAF(),
     T.TimeJitter(),
     T.TimeSurface(every=1_000),
     T.ToFrames(3),
@@ -56,7 +61,7 @@ ANYWHERE = [
 ]
 # what does
 ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.SpatialJitter, T.TORE, T.UniformNoise)
-ELSEWHERE = (*ELSEWHERE, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
+ELSEWHERE = (*ELSEWHERE, T.GroupTokens, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean)
@@ -149,6 +154,15 @@ def test_surfaces_around_events(size):
     corner = cells[-SIDE // 2 :, -SIDE // 2 :]
     assert corner.flatten(0, 1).equal(T.HATS(2)(SMALL))
     assert cells.count_nonzero() == corner.count_nonzero() > 0
+
+
+@sizes
+def test_tokens(size):
+    # patches begin at even pixels on all three sensors
+    found = T.GroupTokens(4, 2)(in_last_corner(size))
+    corner = found[:, -SIDE // 2 :, -SIDE // 2 :]
+    assert corner.equal(T.GroupTokens(4, 2)(SMALL))
+    assert found.count_nonzero() == corner.count_nonzero() > 0
 
 
 @sizes

@@ -1,0 +1,55 @@
+"""Tokens of events, for transformers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+
+from nvsdata.common.validation import whole
+from nvsdata.data.events import Events
+from nvsdata.data.frame_edges import check_count
+from nvsdata.data.recording import Recording, as_events
+from nvsdata.kernels.measures import tokens
+
+
+@dataclass(frozen=True)
+class GroupTokens:
+    """Tokens of groups by time and polarity, one per patch: float32 [groups 2 patch², H', W'] (GET, Peng et al. 2023).
+
+    Channels are those of the first part of the time, OFF and ON, then of the second, and so on; of each group first the
+    number of events at each pixel of the patch, row by row, then the sum of their times, from 0 at the first event to 1
+    at the last. H' and W' are numbers of patches; those at the right and at the bottom may reach beyond the sensor.
+
+    - `groups`: twice the number of parts of the time (default 12)
+    - `patch`: side of a patch in pixels (default 4)
+
+    Takes `Events` or a `Recording`. ValueError for settings out of range. (The authors' code divides W - 1 pixels among
+    the patches, so that some pixels of patches further right are counted to the one before.)
+    """
+
+    groups: int = 12
+    patch: int = 4
+    deterministic: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        whole("groups", self.groups, 2)
+        whole("patch", self.patch, 1)
+        if self.groups % 2:
+            raise ValueError(f"groups must be even, not {self.groups}: half of them are of each polarity")
+        check_count(int(self.groups))
+
+    def __call__(self, sample: Events | Recording) -> torch.Tensor:
+        events, parts, patch = as_events(sample), int(self.groups) // 2, int(self.patch)
+        width, height = (-(-side // patch) for side in events.sensor_size)
+        out = np.zeros((parts, 2, 2, patch * patch, height, width), np.float32)
+        if len(events):
+            tokens(*events.columns, patch, out)
+        return torch.from_numpy(out).flatten(0, 3)
+
+
+def group_tokens(sample: Events | Recording, groups: int = 12, patch: int = 4) -> torch.Tensor:
+    """Tokens of groups by time and polarity; see `GroupTokens`."""
+    return GroupTokens(groups, patch)(sample)
