@@ -70,11 +70,11 @@ def logarithms_of_ages(t, x, y, p, end, least, most, have, out):
 
 
 @njit(cache=True, nogil=True)
-def queue_bins(t, x, y, p, origin, duration, bins, sums, counts, used):
+def queue_bins(t, x, y, p, origin, duration, bins, within, used):
     """Add times to queues of the latest bins of `duration` from `origin` on that have events, OFF first. O(N).
 
-    `bins` int64, `sums` float64 of times from a bin's beginning and `counts` int64, all [2, H, W, K], are rings, in
-    which `used` int64 [2, H, W] slots were ever begun.
+    `bins` int64 [2, H, W, K], and `within` float64 [2, H, W, K, 2], the sum of times from a bin's beginning and their
+    number, are rings, in which `used` int64 [2, H, W] slots were ever begun.
     """
     depth = bins.shape[3]
     for i in range(np.uint64(t.size)):
@@ -82,13 +82,33 @@ def queue_bins(t, x, y, p, origin, duration, bins, sums, counts, used):
         number = (t[i] - origin) // duration
         begun = used[channel, row, column]
         slot = np.uint64((begun - 1) % depth)
-        if begun == 0 or bins[channel, row, column, slot] != number:
+        gap = np.float64((t[i] - origin) - number * duration)
+        if begun and bins[channel, row, column, slot] == number:
+            within[channel, row, column, slot, 0] += gap
+            within[channel, row, column, slot, 1] += 1
+        else:
             slot = np.uint64(begun % depth)
             used[channel, row, column] = begun + 1
             bins[channel, row, column, slot] = number
-            sums[channel, row, column, slot], counts[channel, row, column, slot] = 0, 0
-        sums[channel, row, column, slot] += np.float64((t[i] - origin) - number * duration)
-        counts[channel, row, column, slot] += 1
+            within[channel, row, column, slot, 0], within[channel, row, column, slot, 1] = gap, 1
+
+
+@njit(cache=True, nogil=True)
+def ages_of_bins(since, duration, bins, within, used, out):
+    """Put 1 - log(1 + age) / 8.7, not below 0, of what `queue_bins` kept into `out` [K, 2, H, W], the latest last.
+
+    Ages are those `since` µs after the origin, in bins. O(pixels + kept bins).
+    """
+    _, height, width, depth = bins.shape
+    for c in range(2):
+        for row in range(height):
+            for column in range(width):
+                begun = used[c, row, column]
+                for back in range(min(begun, depth)):
+                    slot = (begun - 1 - back) % depth
+                    at = (c, row, column, slot)
+                    age = np.float64(since - bins[at] * duration) - within[at][0] / within[at][1]
+                    out[depth - 1 - back, c, row, column] = max(1 - np.log1p(max(age / duration, 0.0)) / 8.7, 0.0)
 
 
 @njit(cache=True, nogil=True)

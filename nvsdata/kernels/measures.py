@@ -44,18 +44,19 @@ def measured(t, x, y, p, start, span, first, last, wanted, quantity, measure, sc
 
 
 @njit(cache=True, nogil=True)
-def tokens(t, x, y, p, patch, out):
+def tokens(t, x, y, p, bounds, patch, out):
     """Add events to `out` [K, 2, 2, patch², H', W']: their number, and the sum of their times from 0 to 1. O(N).
 
-    Axes: part of the time, polarity (OFF first), which of both, place in the patch, patch.
+    Axes: part of the time, from `bounds[part]` to `bounds[part + 1]`, polarity (OFF first), which of both, place in the
+    patch, patch.
     """
-    start, span = t[0], t[t.size - 1] - t[0]
-    parts, side = np.float64(out.shape[0]), np.uint64(patch)
-    for i in range(np.uint64(t.size)):
-        gap = np.float64(t[i] - start)
-        part = np.uint64(min(gap * parts / (np.float64(span) + 1), parts - 1))
-        row, column, channel = np.uint64(y[i]), np.uint64(x[i]), np.uint64(p[i])
-        place = row % side * side + column % side
-        out[part, channel, 0, place, row // side, column // side] += np.float32(1)
-        if span:
-            out[part, channel, 1, place, row // side, column // side] += np.float32(gap / span)
+    start, side = t[0], np.uint64(patch)
+    scale = 1 / np.float64(max(t[t.size - 1] - start, 1))
+    for part in range(bounds.size - 1):
+        frame = out[part]
+        for i in range(np.uint64(bounds[part]), np.uint64(bounds[part + 1])):
+            row, column, channel = np.uint64(y[i]), np.uint64(x[i]), np.uint64(p[i])
+            across, down = column // side, row // side
+            place = (row - down * side) * side + column - across * side
+            frame[channel, 0, place, down, across] += np.float32(1)
+            frame[channel, 1, place, down, across] += np.float32(np.float64(t[i] - start) * scale)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from nvsdata.data.events import LATEST, Events, check_sensor_size
-from nvsdata.kernels.latest import leak_into, queue_bins, remember
+from nvsdata.kernels.latest import ages_of_bins, leak_into, queue_bins, remember
 
 Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From ages in µs [2, k, H, W], and where there were so many events, to a representation."""
@@ -96,22 +96,17 @@ class FocusState(_State):
         self._duration = duration
         self._origin: int | None = None
         slots = 2, *self.shape, depth
-        self._bins, self._sums = np.zeros(slots, np.int64), np.zeros(slots)
-        self._counts, self._used = np.zeros(slots, np.int64), np.zeros(slots[:3], np.int64)
+        self._kept = np.zeros(slots, np.int64), np.zeros((*slots, 2)), np.zeros(slots[:3], np.int64)
 
     def update(self, events: Events) -> None:
         """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
         self._take(events)
         self._origin = events.start if self._origin is None else self._origin
-        queue_bins(*events.columns, self._origin, self._duration, self._bins, self._sums, self._counts, self._used)
+        queue_bins(*events.columns, self._origin, self._duration, *self._kept)
 
     def tensor(self, at: int | None = None) -> torch.Tensor:
         """The representation at `at` (µs; default: the end of the last events' time); ValueError for a time before."""
-        depth = self._bins.shape[3]
-        # the latest bin last
-        order = (self._used[..., None] + np.arange(depth)) % depth
-        bins, sums, counts = (np.take_along_axis(kept, order, 3) for kept in (self._bins, self._sums, self._counts))
-        ages = self._moment(at) - (self._origin or 0) - bins * self._duration - sums / np.maximum(counts, 1)
-        shown = np.where(counts > 0, np.maximum(1 - np.log1p(ages.clip(0) / self._duration) / 8.7, 0), 0)
-        slots_first = shown.transpose(3, 0, 1, 2).astype(np.float32)
-        return torch.from_numpy(slots_first.reshape(2 * depth, *self.shape))
+        depth, since = self._kept[0].shape[3], self._moment(at) - (self._origin or 0)
+        out = np.zeros((depth, 2, *self.shape), np.float32)
+        ages_of_bins(since, self._duration, *self._kept, out)
+        return torch.from_numpy(out).flatten(0, 1)

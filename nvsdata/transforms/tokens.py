@@ -10,7 +10,7 @@ import torch
 
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
-from nvsdata.data.frame_edges import check_count
+from nvsdata.data.frame_edges import check_count, share_bounds
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.measures import tokens
 
@@ -46,7 +46,9 @@ class GroupTokens:
         width, height = (-(-side // patch) for side in events.sensor_size)
         out = np.zeros((parts, 2, 2, patch * patch, height, width), np.float32)
         if len(events):
-            tokens(*events.columns, patch, out)
+            # the last event is in the last part
+            bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]) + 1, [(n, parts) for n in range(parts)])
+            tokens(*events.columns, bounds, patch, out)
         return torch.from_numpy(out).flatten(0, 3)
 
 
