@@ -1,4 +1,4 @@
-"""Pictures of results, drawn with OpenCV: events, contact sheets, curves, how a classifier does."""
+"""Pictures of results: charts by matplotlib, pixels by OpenCV."""
 
 from nvsdata.plots.calibration import reliability
 from nvsdata.plots.charts import curves

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
-from nvsdata.plots.drawing import FAINT, INK, OFF, ON, words
+from nvsdata.plots.axes import DPI, LINES, chart, drawn
 
-WIDTH, HEIGHT = 900, 560  # pixels
-LEFT, RIGHT, TOP, BOTTOM = 90, 40, 60, 60  # margins around the points
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SIZE = 900, 560  # pixels
+TICKS = (0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.92, 0.94, 0.95, 0.96, 0.97, 0.98, 0.985, 0.99, 0.995, 0.998, 0.999, 1)
+LEAST = 0.0005  # lack of 1 that counts as none
+# where a name may stand, in points from what it names, the best first
+SIDES = (-1, 1), (1, -1), (1, 1), (-1, -1), (-0.2, 1), (0.2, -1)
+PLACES = [(dx * far, dy * far) for far in (8, 18, 30, 44, 60, 80, 105, 130) for dx, dy in SIDES]
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
@@ -28,33 +35,55 @@ def tradeoff(
 ) -> np.ndarray:
     """Points (cost, gain) and the front of those that none surpasses, which have names; uint8 [H, W, 3], BGR.
 
-    - `points`: at least one; costs lie on a logarithmic axis, above 0
+    - `points`: at least one; costs, above 0, lie on a logarithmic axis, and so does what gains, such as accuracies,
+      lack of 1
     - `names`: of the points
     - `title`, `xlabel`, `ylabel`: drawn above, below and beside
     """
-    picture = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
-    x, y = np.log(np.array([cost for cost, _ in points])), np.array([gain for _, gain in points])
-    (x0, x1), (y0, y1) = (x.min() - 0.1, x.max() + 0.1), (y.min() - 0.005, y.max() + 0.005)
+    from matplotlib.ticker import LogLocator, NullFormatter
 
-    def place(across: float, up: float) -> tuple[int, int]:
-        column = LEFT + (WIDTH - LEFT - RIGHT) * (across - x0) / (x1 - x0)
-        return round(column), round(HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (up - y0) / (y1 - y0))
-
-    for tick in np.linspace(y0, y1, 6):
-        row = place(x0, tick)[1]
-        cv2.line(picture, (LEFT, row), (WIDTH - RIGHT, row), FAINT, 1)
-        words(picture, f"{tick:.3f}", (LEFT - 8, row + 5), align=1)
-    for tick in np.linspace(x0, x1, 6):
-        words(picture, f"{np.exp(tick):.3g}", (place(tick, y0)[0], HEIGHT - BOTTOM + 22), align=0.5)
+    figure, axes = chart(SIZE, title, xlabel, ylabel)
+    cost, gain = np.array(points, float).T
     best = front(points)
-    cv2.polylines(picture, [np.array([place(x[i], y[i]) for i in best], np.int32)], False, OFF, 2, cv2.LINE_AA)
-    for i in range(len(points)):
-        cv2.circle(picture, place(x[i], y[i]), 4, OFF if i in best else ON, -1, cv2.LINE_AA)
-    for i in best:
-        column, row = place(x[i], y[i])
-        words(picture, names[i], (column, row - 10), size=0.42, align=1.0 if column > WIDTH / 2 else 0.0)
-    words(picture, title, (LEFT, 26), size=0.55)
-    words(picture, xlabel, (WIDTH / 2, HEIGHT - 10), align=0.5)
-    words(picture, ylabel, (LEFT, 48), size=0.42)
-    cv2.line(picture, (LEFT, HEIGHT - BOTTOM), (WIDTH - RIGHT, HEIGHT - BOTTOM), INK, 1)
-    return picture
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_yscale("function", functions=(_nearness, lambda near: 1 + LEAST - 10.0**-near))
+    axes.set_yticks(TICKS)
+    axes.scatter(cost, gain, color=[LINES[0] if i in best else LINES[1] for i in range(len(points))], s=22, zorder=3)
+    axes.plot(cost[best], gain[best], color=LINES[0])
+    axes.margins(0.12)
+    low, high = _nearness(gain.min()), _nearness(gain.max())
+    axes.set_ylim(*(1 + LEAST - 10 ** -(end + wider) for end, wider in ((low, -0.08), (high, 0.12))))
+    figure.canvas.draw()
+    _name(axes, [(float(cost[i]), float(gain[i]), names[i]) for i in best], points)
+    return drawn(figure)
+
+
+def _nearness(gain: Any) -> Any:
+    """How near to 1, in powers of ten."""
+    return -np.log10(1 + LEAST - np.clip(gain, 0, 1))
+
+
+def _name(axes: Axes, named: Sequence[tuple[float, float, str]], points: Sequence[tuple[float, float]]) -> None:
+    """Write names beside points, each at the first place around its point where it covers no other name or point."""
+    from matplotlib.transforms import Bbox
+
+    taken = [Bbox([[x - 3, y - 3], [x + 3, y + 3]]) for x, y in axes.transData.transform(points)]
+    for x, y, name in named:
+        text = axes.text(x, y, name, fontsize=8)
+        size, at = np.array(text.get_window_extent().size), axes.transData.transform((x, y))
+        text.remove()
+        for place in PLACES:
+            corner = at + np.array(place) * DPI / 72 - (size * (1, 0) if place[0] < 0 else 0)
+            box = Bbox([corner, corner + size]).padded(2)
+            inside = axes.bbox.containsx(box.x0) and axes.bbox.containsx(box.x1) and axes.bbox.containsy(box.y0)
+            if inside and not any(box.overlaps(other) for other in taken):
+                break
+        taken.append(box)
+        leader = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.6, "shrinkA": 0}
+        side = "right" if place[0] < 0 else "left"
+        written = axes.annotate(name, (x, y), place, textcoords="offset points", ha=side, fontsize=8, arrowprops=leader)
+        # the axes stay where they were measured
+        written.set_in_layout(False)
