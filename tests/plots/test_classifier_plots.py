@@ -59,8 +59,8 @@ def test_marked_values_lie_within(values):
     picture = plots.marked(values, [str(i) for i in range(len(values))], "title", "x")
     rows, columns = np.nonzero((picture == drawing.OFF).all(2))
     assert len(rows) > 30
-    assert 50 < rows.min() < rows.max() < 370
-    assert 80 < columns.min() < columns.max() < 670
+    assert 25 < rows.min() < rows.max() < 390
+    assert 40 < columns.min() < columns.max() < 715
 
 
 def test_a_captioned_sheet_shows_images_of_all_sizes_whole():
