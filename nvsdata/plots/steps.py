@@ -22,7 +22,7 @@ def marked(values: Sequence[float], names: Sequence[str], title: str, xlabel: st
     - `title`, `xlabel`: drawn above and below
     """
     figure, axes = chart(SIZE, title, xlabel)
-    axes.plot(range(len(values)), values, color=LINES[0], marker="o", markersize=5, clip_on=False)
+    axes.plot(range(len(values)), values, color=LINES[0], marker="o", markersize=6, clip_on=False)
     written = range(0, len(values), -(-len(values) // MOST_WRITTEN))
     for i in written:
         axes.annotate(f"{values[i]:.3f}", (i, values[i]), (0, 7), textcoords="offset points", ha="center", fontsize=8)

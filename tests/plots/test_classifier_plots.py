@@ -58,7 +58,7 @@ def test_reliability_has_a_panel_for_each():
 def test_marked_values_lie_within(values):
     picture = plots.marked(values, [str(i) for i in range(len(values))], "title", "x")
     rows, columns = np.nonzero((picture == drawing.OFF).all(2))
-    assert len(rows) > 30
+    assert len(rows) > 20
     assert 25 < rows.min() < rows.max() < 390
     assert 40 < columns.min() < columns.max() < 715
 

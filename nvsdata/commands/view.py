@@ -1,0 +1,71 @@
+"""`nvsdata view`: look at a recording."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from nvsdata.commands.options import at_least_1, path, positive, sensor_size, usage
+from nvsdata.common.errors import shown
+
+KINDS = ".html", ".png", ".gif", ".mp4"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add = parser.add_argument
+    add("file", type=path, metavar="FILE", help="a recording in any format")
+    add(
+        "out",
+        nargs="?",
+        type=path,
+        metavar="OUT",
+        help="what to write: a page to play and turn it (.html), a sheet of moments (.png), a film (.gif, .mp4); "
+        "default: FILE's name with .html, in this folder",
+    )
+    add("--start", type=int, metavar="US", help="from this time on, as `nvsdata info` prints it (default: beginning)")
+    add("--stop", type=int, metavar="US", help="up to this time (default: end)")
+    add("--duration", type=at_least_1, metavar="US", help="µs that a picture shows (default: 33333)")
+    add("--events", type=at_least_1, metavar="N", help="events that a picture shows, in place of --duration")
+    add("--speed", type=positive, metavar="X", default=1.0, help="of a film; 0.1 is ten times slower than real")
+    add("--fps", type=positive, metavar="N", default=30.0, help="pictures per second of a film")
+    add("--zoom", type=at_least_1, metavar="N", help="side of a pixel in a film (default: at least 480 pixels across)")
+    add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the file doesn't state it")
+    add("--overwrite", action="store_true", help="replace OUT if it is there")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the picture, film or page."""
+    from nvsdata import formats
+    from nvsdata.common.files import creating
+    from nvsdata.plots.films import Film
+
+    out = args.out or Path(f"{args.file.name}.html")
+    with usage():
+        if out.suffix.lower() not in KINDS:
+            raise ValueError(f"OUT must end in one of {', '.join(KINDS)}, not {out.suffix!r}")
+        film = Film(args.duration or Film.duration, args.events, args.speed, args.fps, args.zoom)
+    recording = formats.open(args.file, sensor_size=args.sensor_size)
+    events = recording.read(args.start, args.stop)
+    with creating(out, overwrite=args.overwrite):
+        save(out, recording, events, film, args.duration)
+    print(f"{len(events):,} events in {shown(out)}")
+    return 0
+
+
+def save(out: Path, recording: Any, events: Any, film: Any, window: int | None) -> None:
+    """Write what the extension says."""
+    from nvsdata.common.files import put
+    from nvsdata.plots.drawing import save as save_picture
+    from nvsdata.plots.films import save_gif, save_mp4
+    from nvsdata.plots.page import page
+
+    kind = out.suffix.lower()
+    if kind == ".html":
+        frames = recording.frames(events.start, events.end + 1) if recording.holds_samples else ()
+        put(out, page(events, Path(recording.path).name, frames, window).encode())
+    elif kind == ".png":
+        save_picture(film.sheet(events), out)
+    else:
+        (save_gif if kind == ".gif" else save_mp4)(film.pictures(events), out, film.fps)

@@ -1,0 +1,221 @@
+"""The page that plays events, in a real browser where there is one."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from queue import Queue
+from threading import Thread
+
+import cv2
+import numpy as np
+import pytest
+
+from nvsdata import Events
+from nvsdata.data.samples import Frame
+from nvsdata.plots.page import page
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+LATE = 10**15
+# for a second, a pixel moves right along row 10 of 40x30; ON first, then OFF
+PLACES = np.arange(4_000) // 100
+MOVING = Events(LATE + np.arange(4_000) * 250, PLACES, np.full(4_000, 10), PLACES < 20, (40, 30))
+GRAY = np.tile(np.arange(40, dtype=np.uint16), (30, 1)) * 20
+FRAME = Frame(LATE + 400_000, LATE + 500_000, LATE + 510_000, LATE + 520_000, 0, 0, GRAY)
+
+
+def embedded(text):
+    data = json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', text)[1])
+    kinds = {"t": "<u4", "xp": "<u2", "y": "<u2"}
+    t, xp, y = (np.frombuffer(base64.b64decode(data[name]), kind) for name, kind in kinds.items())
+    return data, t.astype(np.int64) * data["unit"], xp & 0x7FFF, y, xp >> 15
+
+
+def test_a_page_holds_all_events():
+    data, t, x, y, p = embedded(page(MOVING, "a <title> & more", [FRAME]))
+    assert np.array_equal(t + LATE, MOVING.t)
+    for found, wanted in ((x, MOVING.x), (y, MOVING.y), (p, MOVING.p)):
+        assert np.array_equal(found, wanted)
+    assert (data["size"], data["span"], data["window"]) == ([40, 30], 999_750, 33_333)
+    (frame,) = data["frames"]
+    assert frame["at"] == 500_000
+    gray = cv2.imdecode(np.frombuffer(base64.b64decode(frame["image"]), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert gray.shape == (30, 40)
+    assert gray[:, 0].max() < 10
+    assert gray[:, -1].min() > 245
+
+
+def test_a_page_needs_nothing_else():
+    text = page(MOVING, "a <title> & more")
+    assert "<title>a &lt;title&gt; &amp; more</title>" in text
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", text)
+    assert "__" not in re.sub(r"<script id=\"data\".*?</script>", "", text)
+
+
+def test_long_recordings_and_empty_ones():
+    days = Events([0, 3 * 10**11], [0, 1], [0, 0], [0, 1], (2, 1))
+    _, t, *_ = embedded(page(days, ""))
+    assert t[0] == 0
+    assert abs(int(t[1]) - 3 * 10**11) < 100
+    assert embedded(page(Events.empty((5, 3)), ""))[0]["window"] == 1
+    assert embedded(page(MOVING, "", window=500))[0]["window"] == 500
+
+
+DRIVER = """
+<script>
+const report = [], drawn = () => new Promise(requestAnimationFrame);
+const wait = async ms => { await new Promise(done => setTimeout(done, ms)); await drawn(); await drawn(); };
+const $ = id => document.getElementById(id);
+const send = (id, value) => { $(id).value = value; $(id).dispatchEvent(new Event("input")); };
+function colors(id) {
+  const c = $(id), all = c.getContext("2d").getImageData(0, 0, c.width, c.height).data, found = {};
+  for (let i = 0; i < all.length; i += 4) if (all[i + 3]) {
+    const key = [all[i], all[i + 1], all[i + 2]].join(); (found[key] = found[key] || []).push(i / 4 % c.width);
+  }
+  return found;
+}
+function cloud() {
+  const c = document.createElement("canvas"), s = $("space"); c.width = 64; c.height = 48;
+  c.getContext("2d").drawImage(s, 0, 0, 64, 48);
+  return Array.from(c.getContext("2d").getImageData(0, 0, 64, 48).data);
+}
+window.onerror = message => report.push({ error: String(message) });
+(async () => {
+  await wait(200);
+  viewer.setWindow(25000); send("scrubber", 0.25); await wait(200);
+  report.push({ step: "scrub on", time: $("time").textContent, drawn: viewer.state.drawn, colors: colors("events") });
+  send("scrubber", 0.75); await wait(200);
+  report.push({ step: "scrub off", colors: colors("events"), behind: Object.keys(colors("behind")).length });
+  $("frames").click(); await wait(200);
+  report.push({ step: "no frames", behind: Object.keys(colors("behind")).length });
+  send("window", 1); await wait(200);
+  report.push({ step: "window", length: $("length").textContent, drawn: viewer.state.drawn });
+  viewer.setWindow(25000);
+  $("speed").value = "0.1"; $("speed").dispatchEvent(new Event("change")); viewer.seek(0); $("play").click();
+  await wait(1000);
+  const moved = viewer.state.time; $("play").click(); await wait(200);
+  report.push({ step: "play", moved, after: viewer.state.time - moved, label: $("play").textContent });
+  const before = cloud();
+  $("space").dispatchEvent(new PointerEvent("pointermove", { buttons: 1, movementX: 150, movementY: 40 }));
+  await wait(200);
+  const turned = cloud();
+  $("space").dispatchEvent(new WheelEvent("wheel", { deltaY: -800, cancelable: true })); await wait(200);
+  const zoomed = cloud();
+  $("space").dispatchEvent(new MouseEvent("dblclick")); await wait(200);
+  const differ = (a, b) => a.filter((v, i) => Math.abs(v - b[i]) > 20).length;
+  const [a, b, c] = [differ(before, turned), differ(turned, zoomed), differ(before, cloud())];
+  report.push({ step: "cloud", turned: a, zoomed: b, back: c });
+  document.body.style.width = "420px"; await wait(300);
+  report.push({ step: "resize", rate: $("rate").width, space: $("space").width, wide: document.body.scrollWidth });
+  await fetch("/report", { method: "POST", body: JSON.stringify(report) });
+})();
+</script>
+"""
+
+
+def browser(profile, *rest):
+    flags = ["--headless", "--no-sandbox", "--enable-unsafe-swiftshader", f"--user-data-dir={profile}"]
+    flags += ["--enable-logging=stderr", "--window-size=1200,900", "--force-device-scale-factor=1"]
+    return [CHROMIUM, *flags, *rest]
+
+
+class Serve(BaseHTTPRequestHandler):
+    """Gives the page, and takes what its driver found."""
+
+    def do_GET(self):
+        self.send_response(200 if self.path == "/" else 204)
+        self.end_headers()
+        self.wfile.write(self.server.page if self.path == "/" else b"")
+
+    def do_POST(self):
+        self.server.report.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture(scope="module")
+def browsed(tmp_path_factory):
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here")
+    folder = tmp_path_factory.mktemp("page")
+    with ThreadingHTTPServer(("127.0.0.1", 0), Serve) as server, (folder / "log").open("w") as log:
+        server.page = page(MOVING, "moving", [FRAME]).replace("</body>", DRIVER + "</body>").encode()
+        server.report = Queue()
+        Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}/"
+        process = subprocess.Popen(browser(folder / "profile", "--remote-debugging-port=0", address), stderr=log)
+        try:
+            steps = server.report.get(timeout=100)
+        finally:
+            process.terminate()
+            process.wait(20)
+            server.shutdown()
+    # reading pictures back, as this test does, is slow, and the browser says so
+    hints = "GL Driver Message", "willReadFrequently"
+    said = [line for line in (folder / "log").read_text(errors="replace").splitlines() if "CONSOLE" in line]
+    assert not [line for line in said if not any(hint in line for hint in hints)]
+    assert not [step for step in steps if "error" in step]
+    return {step["step"]: step for step in steps}
+
+
+ON, OFF = "220,60,60", "40,120,220"
+
+
+def test_the_scrubber_shows_the_window_that_ends_there(browsed):
+    on, off = browsed["scrub on"], browsed["scrub off"]
+    assert on["time"] == "249.9 ms"
+    assert on["drawn"] == 100
+    assert set(on["colors"]) == {ON}
+    assert set(off["colors"]) == {OFF}
+    assert set(on["colors"][ON]) <= {8, 9, 10}
+    assert set(off["colors"][OFF]) <= {28, 29, 30}
+
+
+def test_frames_are_shown_behind_the_events(browsed):
+    assert browsed["scrub off"]["behind"] > 10
+    assert browsed["no frames"]["behind"] == 1
+
+
+def test_the_window_s_length_and_speed(browsed):
+    assert browsed["window"]["length"] == "999.8 ms"
+    assert browsed["window"]["drawn"] == 3_000
+    # a tenth of a second of real time shows in a second
+    assert 60_000 < browsed["play"]["moved"] < 140_000
+    assert browsed["play"]["after"] < 40_000
+    assert browsed["play"]["label"] == "Play"
+
+
+def test_the_cloud_turns(browsed):
+    assert browsed["cloud"]["turned"] > 100
+    assert browsed["cloud"]["zoomed"] > 100
+    assert browsed["cloud"]["back"] == 0
+
+
+def test_a_narrow_page_fits(browsed):
+    assert browsed["resize"]["rate"] <= 420
+    assert browsed["resize"]["space"] <= 420
+    assert browsed["resize"]["wide"] <= 444
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+def test_a_screenshot_shows_the_events_in_their_places(tmp_path):
+    path = tmp_path / "a.html"
+    path.write_text(page(MOVING, "moving", window=1_000_000), encoding="utf-8")
+    shot = f"--screenshot={tmp_path / 'shot.png'}"
+    command = browser(tmp_path / "profile", "--virtual-time-budget=5000", shot, path.as_uri())
+    subprocess.run(command, capture_output=True, timeout=100, check=True)
+    shot = cv2.imread(str(tmp_path / "shot.png")).astype(int)
+    # the player is on the left: a red stroke, then a blue one, a third down
+    left = shot[:, :600]
+    red, blue = (abs(left - np.array(color[::-1])).max(2) < 30 for color in ((220, 60, 60), (40, 120, 220)))
+    # above the rate of events
+    red, blue = red[:600], blue[:600]
+    assert red.sum() > 500
+    assert blue.sum() > 500
+    assert np.argwhere(red)[:, 1].max() < np.argwhere(blue)[:, 1].min() + 30
+    assert abs(np.argwhere(red)[:, 0].mean() - np.argwhere(blue)[:, 0].mean()) < 3
