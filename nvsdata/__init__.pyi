@@ -25,6 +25,7 @@ from .datasets.store.writer import pack
 from .datasets.windows import windows
 from .emulation import PIX2NVS
 from .formats import open, read, write
+from .plots.show import plot
 
 __all__ = [
     "ASLANDVS",
@@ -55,6 +56,7 @@ __all__ = [
     "models",
     "open",
     "pack",
+    "plot",
     "plots",
     "read",
     "transforms",

@@ -22,6 +22,7 @@ COMMANDS = {
     "demo": Command("demo", "draw moving shapes, turn them into events, train a graph CNN on them"),
     "info": Command("info", "describe files of events: format, sensor, rate, anomalies"),
     "view": Command("view", "look at a recording: a page that plays it, a picture or a film"),
+    "gallery": Command("gallery", "look at a dataset: a page with pictures and figures of every class"),
     "datasets": Command("datasets", "list the datasets: sensor, size, license, and where they are"),
     "download": Command("download", "fetch and unpack a dataset, or say how to get it by hand"),
     "pack": Command("pack", "put all recordings of a dataset into one file; exit code 1 if any is left out"),

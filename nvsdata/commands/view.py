@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--start", type=int, metavar="US", help="from this time on, as `nvsdata info` prints it (default: beginning)")
     add("--stop", type=int, metavar="US", help="up to this time (default: end)")
     add("--duration", type=at_least_1, metavar="US", help="µs that a picture shows (default: 33333)")
-    add("--events", type=at_least_1, metavar="N", help="events that a picture shows, in place of --duration")
+    add("--events", type=at_least_1, metavar="N", help="events that a picture shows (default: by --duration)")
     add("--speed", type=positive, metavar="X", default=1.0, help="of a film; 0.1 is ten times slower than real")
     add("--fps", type=positive, metavar="N", default=30.0, help="pictures per second of a film")
     add("--zoom", type=at_least_1, metavar="N", help="side of a pixel in a film (default: at least 480 pixels across)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
@@ -210,6 +211,16 @@ class Events:
         return same and self.sensor_size == other.sensor_size
 
     __hash__ = None  # type: ignore[assignment]
+
+    def plot(self, kind: str = "frame", ax: Any = None) -> Any:
+        """Draw the events with matplotlib; returns the axes. See `nvsdata.plot`."""
+        # pictures know events, and events know no pictures until one is wanted
+        return import_module("nvsdata.plots.show").plot(self, kind, ax)
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows."""
+        picture: bytes = import_module("nvsdata.plots.show").png(self)
+        return picture
 
     def __repr__(self) -> str:
         width, height = self.sensor_size

@@ -259,6 +259,12 @@ class EventDataset(Samples):
         files = len(self.recording_names())
         return "recordings" if files == len(self) else f"samples of {files} recordings"
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from nvsdata.datasets.notebook import as_html
+
+        return as_html(self)
+
     def __repr__(self) -> str:
         lines = [
             f"{type(self).__name__}: {len(self)} {self._what()}, {len(self.classes)} classes",

@@ -1,0 +1,70 @@
+"""`nvsdata gallery`: look at a dataset."""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+from pathlib import Path
+
+from nvsdata.commands.options import at_least_1, dataset, path, usage
+from nvsdata.common.errors import shown
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add = parser.add_argument
+    add("root", type=path, metavar="ROOT", help="the dataset's folder, or a packed store")
+    add("out", nargs="?", type=path, metavar="OUT.html", help="the page (default: ROOT's name with .html, here)")
+    add("--dataset", type=dataset, metavar="NAME", help="as `nvsdata datasets` calls it (default: any class folders)")
+    add("--split", default="all", help="show one split only")
+    add("--read", type=at_least_1, metavar="N", default=20, help="recordings of each class that are read, at random")
+    add("--pictures", type=at_least_1, metavar="N", default=6, help="recordings of each class that are shown")
+    add("--overwrite", action="store_true", help="replace OUT.html if it is there")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the page: 1 if a recording can't be read."""
+    from tqdm import tqdm
+
+    from nvsdata.common.files import creating, put
+    from nvsdata.datasets import EventFolder
+    from nvsdata.datasets.facts import Sample
+    from nvsdata.datasets.indexing import check_choice
+    from nvsdata.plots.gallery import Shelf, gallery
+
+    kind = args.dataset or EventFolder
+    out = args.out or Path(f"{args.root.resolve().name}.html")
+    with usage():
+        check_choice("--split", args.split, kind.splits)
+        if out.suffix.lower() != ".html":
+            raise ValueError(f"OUT.html must end in .html, not {out.suffix!r}")
+    with creating(out, overwrite=args.overwrite):
+        data = kind.whole(args.root) if args.split == "all" else kind(args.root, args.split)
+        if not all(isinstance(sample, Sample) for sample in data.samples):
+            raise ValueError(f"samples of {kind.__name__} are pairs: look at their recordings with `nvsdata view`")
+        by_class: list[list[int]] = [[] for _ in data.classes]
+        for index, sample in enumerate(data.samples):
+            by_class[sample.label].append(index)
+        shelves = [Shelf(name, len(found)) for name, found in zip(data.classes, by_class, strict=True)]
+        draw = random.Random(0)
+        chosen = [draw.sample(found, min(args.read, len(found))) for found in by_class]
+        faults = []
+        with tqdm(total=sum(map(len, chosen)), desc="read", leave=False) as progress:
+            for shelf, indices in zip(shelves, chosen, strict=True):
+                for index in indices:
+                    name = data.samples[index].name
+                    try:
+                        events = data.recording(index).read()
+                    except (OSError, ValueError) as error:
+                        faults.append(str(error))
+                    else:
+                        shelf.add(events)
+                        if len(shelf.pictures) < args.pictures:
+                            shelf.show(name, events)
+                    progress.update()
+        put(out, gallery(args.root.resolve().name, shelves, faults).encode())
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    print(f"{sum(len(shelf.events) for shelf in shelves):,} of {len(data):,} recordings read: {shown(out)}")
+    return 1 if faults else 0

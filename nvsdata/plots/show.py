@@ -1,0 +1,176 @@
+"""Events, graphs and tensors as figures of matplotlib, to look at in a notebook or a script."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import torch
+
+from nvsdata.data.events import Events
+from nvsdata.data.graph import Graph
+from nvsdata.data.recording import Recording, as_events, misplaced
+from nvsdata.plots.axes import LINES, drawn, dress, empty
+from nvsdata.plots.events import event_image
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_POINTS = 50_000  # of a cloud
+BINS = 200
+SHOWN = 100_000  # µs
+OFF, ON = LINES[:2]
+
+
+def plot(thing: Any, kind: str | None = None, ax: Axes | None = None) -> Axes:
+    """Draw events, a graph or a tensor with matplotlib; returns the axes.
+
+    - `thing`: `Events`, a `Recording` (decoded), a `Graph`, or a tensor [..., H, W] such as transforms give
+    - `kind`: of a picture of events: "frame" (default), pixels with ON events red, OFF events blue, both purple;
+      "cloud", space and time in three dimensions (of more than 50,000 events, some); "rate", events per second over
+      time by polarity; "polarity", the sum of each pixel's; "histogram", of the number of events per pixel. Graphs
+      have their nodes in the color of their polarity, and their edges; of a tensor, the last two axes are an image,
+      and all others are laid out side by side
+    - `ax`: where to draw (default: a new figure of `matplotlib.pyplot`); for a cloud, three-dimensional axes
+
+    TypeError for anything else, ValueError for an unknown kind.
+    """
+    if isinstance(thing, Events | Recording):
+        name = kind or "frame"
+        if name not in KINDS:
+            raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, not {kind!r}")
+        draw: Callable[..., None] = KINDS[name]
+        thing = as_events(thing)
+    elif kind is not None:
+        raise ValueError(f"kind is for events, not for {type(thing).__name__}")
+    elif isinstance(thing, Graph):
+        draw = _graph
+    elif isinstance(thing, torch.Tensor | np.ndarray) and thing.ndim >= 2:
+        draw = _tensor
+    else:
+        raise misplaced("events, a graph or a tensor of at least two axes", thing)
+    axes = _axes("3d" if draw is _cloud else None) if ax is None else ax
+    draw(axes, thing)
+    return axes
+
+
+def png(events: Events) -> bytes:
+    """The events' middle tenth of a second, and their rate: a PNG for notebooks."""
+    figure = empty((900, 330))
+    frame, rate = figure.subplots(1, 2, width_ratios=(1, 1.4))
+    middle = (events.start + events.end) // 2
+    _frame(frame, events.window(middle - SHOWN // 2, middle + SHOWN // 2))
+    _rate(rate, events)
+    frame.set_title(f"{SHOWN // 1_000} ms in the middle", fontsize=10, loc="left")
+    return cv2.imencode(".png", drawn(figure))[1].tobytes()
+
+
+def _axes(projection: str | None) -> Axes:
+    from matplotlib import pyplot
+
+    axes: Axes = pyplot.figure(layout="constrained").add_subplot(projection=projection)
+    return axes
+
+
+def _about(events: Events) -> str:
+    return f"{len(events):,} events, {events.duration / 1e3:,.1f} ms"
+
+
+def _pixels(axes: Axes, title: str, size: tuple[int, int]) -> None:
+    """Axes of a sensor's pixels, the origin top left."""
+    dress(axes, title, "x", "y")
+    axes.grid(visible=False)
+    axes.set_xlim(-0.5, size[0] - 0.5)
+    axes.set_ylim(size[1] - 0.5, -0.5)
+    axes.set_aspect("equal")
+
+
+def _frame(axes: Axes, events: Events) -> None:
+    axes.imshow(event_image(events)[..., ::-1], interpolation="nearest")
+    _pixels(axes, _about(events), events.sensor_size)
+
+
+def _polarity(axes: Axes, events: Events) -> None:
+    width, height = events.sensor_size
+    place = events.y.astype(np.int64) * width + events.x
+    summed = np.bincount(place, 2.0 * events.p - 1, width * height).reshape(height, width)
+    most = max(abs(summed).max(), 1)
+    image = axes.imshow(summed, "RdBu_r", vmin=-most, vmax=most, interpolation="nearest")
+    axes.figure.colorbar(image, ax=axes, label="ON minus OFF events", shrink=0.8)
+    _pixels(axes, _about(events), events.sensor_size)
+
+
+def _rate(axes: Axes, events: Events) -> None:
+    span = max(events.end - events.start, 1)
+    for polarity, name in ((1, "ON"), (0, "OFF")):
+        t = events.t[events.p == polarity] - events.start
+        counts, edges = np.histogram(t, BINS, (0, span))
+        axes.stairs(counts / (span / BINS / 1e6), edges / 1e3, color=(OFF, ON)[polarity], label=name)
+    dress(axes, _about(events), "ms", "events/s")
+    axes.set_ylim(bottom=0)
+    axes.legend(fontsize=8, frameon=False)
+
+
+def _histogram(axes: Axes, events: Events) -> None:
+    width, height = events.sensor_size
+    counts = np.bincount(events.y.astype(np.int64) * width + events.x, minlength=width * height)
+    edges = np.unique(np.geomspace(1, max(counts.max(), 1) + 1, 40).round())
+    axes.hist(counts[counts > 0], edges.tolist(), color=OFF)
+    axes.set_xscale("log")
+    if len(events):
+        axes.set_yscale("log", nonpositive="clip")
+    dress(axes, f"{_about(events)}; {np.mean(counts == 0):.0%} of the pixels have none", "events of a pixel", "pixels")
+
+
+def _cloud(axes: Axes, events: Events) -> None:
+    some = events[np.linspace(0, len(events) - 1, min(len(events), MOST_POINTS)).astype(np.int64)]
+    colors = np.array([OFF, ON])[some.p]
+    space: Any = axes
+    space.scatter((some.t - events.start) / 1e3, some.x, some.y, c=colors, s=1, linewidths=0)
+    width, height = events.sensor_size
+    axes.set_title(_about(events), fontsize=10, loc="left")
+    space.set(xlabel="ms", ylabel="x", zlabel="y", ylim=(-0.5, width - 0.5), zlim=(height - 0.5, -0.5))
+    axes.tick_params(labelsize=8)
+    space.set_box_aspect((1.6, 1, height / width))
+
+
+def _graph(axes: Axes, graph: Graph) -> None:
+    from matplotlib.collections import LineCollection
+
+    pos = graph.pos.numpy(force=True)
+    axes.add_collection(LineCollection(pos[graph.edge_index.numpy(force=True).T], colors="0.75", linewidths=0.5))
+    colors = np.array([OFF, ON])[(graph.x[:, 0].numpy(force=True) > 0).astype(int)]
+    axes.scatter(pos[:, 0], pos[:, 1], c=colors, s=8, zorder=2)
+    size = graph.sensor_size or tuple((pos.max(0, initial=0) + 1).tolist())
+    _pixels(axes, f"{graph.num_nodes:,} nodes, {graph.num_edges:,} edges", size)
+
+
+def _tensor(axes: Axes, tensor: torch.Tensor | np.ndarray) -> None:
+    values = tensor.numpy(force=True) if isinstance(tensor, torch.Tensor) else tensor
+    images = values.reshape(-1, *values.shape[-2:]).astype(np.float64)
+    count, height, width = images.shape
+    columns = max(1, min(count, round(np.sqrt(count * height / width * 1.5))))
+    rows = -(-count // columns)
+    # a pixel between images
+    sheet = np.full((rows * (height + 1) - 1, columns * (width + 1) - 1), np.nan)
+    for n, image in enumerate(images):
+        top, left = n // columns * (height + 1), n % columns * (width + 1)
+        sheet[top : top + height, left : left + width] = image
+    low = np.nanmin(sheet) if count else 0
+    signed = low < 0
+    most = np.nanmax(abs(sheet)) if count else 1
+    image = axes.imshow(sheet, "RdBu_r" if signed else "viridis", vmin=-most if signed else low, vmax=most)
+    axes.figure.colorbar(image, ax=axes, shrink=0.8)
+    dress(axes, f"[{', '.join(map(str, values.shape))}]")
+    axes.set_axis_off()
+
+
+KINDS: dict[str, Callable[[Axes, Events], None]] = {
+    "frame": _frame,
+    "cloud": _cloud,
+    "rate": _rate,
+    "polarity": _polarity,
+    "histogram": _histogram,
+}
