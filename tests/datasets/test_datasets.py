@@ -36,6 +36,8 @@ def test_nmnist_finds_recordings_and_labels(fake_nmnist):
     assert isinstance(events, Events)
     assert (target, events.sensor_size, len(events)) == (1, (34, 34), 600)
     assert "40 recordings, 10 classes" in repr(train)
+    assert "transform" not in repr(train)
+    assert "transform: ToFrames(bins=3" in repr(NMNIST(fake_nmnist, transform=T.ToFrames(3)))
 
 
 def test_nmnist_below_a_folder_of_its_name(fake_nmnist):

@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nvsdata.kernels.emulate import _touches
 from nvsdata.kernels.tiles import TILE, find_dirty, spread
 
 
@@ -34,3 +35,15 @@ def test_marks_spread_to_all_eight_neighbors(rows, columns, seed):
     found = np.empty_like(marks)
     spread(marks, found)
     assert (found == expected).all()
+
+
+@given(data=st.data(), rows=st.integers(1, 5), columns=st.integers(1, 5))
+def test_a_box_touches_the_tiles_that_have_some_of_its_pixels(data, rows, columns):
+    active = np.array(data.draw(st.lists(st.booleans(), min_size=rows * columns, max_size=rows * columns)))
+    active = active.reshape(rows, columns)
+    top = data.draw(st.integers(0, rows * TILE[0] - 1))
+    left = data.draw(st.integers(0, columns * TILE[1] - 1))
+    bottom = data.draw(st.integers(top + 1, rows * TILE[0]))
+    right = data.draw(st.integers(left + 1, columns * TILE[1]))
+    pixels = active.repeat(TILE[0], 0).repeat(TILE[1], 1)
+    assert _touches(active, top, bottom, left, right) == pixels[top:bottom, left:right].any()

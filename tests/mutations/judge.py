@@ -1,14 +1,24 @@
-"""The test command of the mutations: the tests of the changed module's room first, then all others.
+"""The test command of the mutations: the tests that run the changed line, the nearest first.
 
-Ends with pytest's exit code; the first failure ends it. The changed module is what differs from the last commit.
+Ends with pytest's exit code; the first failure ends it. The changed module is what differs from the last commit. Which
+tests run a line is read from `.coverage`, which pytest-cov writes (docs/contributing.md). Compiled kernels leave no
+trace in it: for them it's the tests of the lines that call them. For lines that run at import, or in other processes,
+and without a map, it's all tests that run anything of the module, or stand in its room.
 """
 
+import ast
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+import coverage
+from compiled import forget, is_kernel, uses
 
 ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "tests"
+MAP = ROOT / ".coverage"
+TIME = 400  # s, after which a loop is taken to be endless
 # whose own tests stand elsewhere, or are slow to say what others say at once
 FIRST = {
     "kernels": ["kernels", "transforms", "models", "formats", "data", "emulation", "metrics"],
@@ -19,33 +29,111 @@ FIRST = {
 
 
 def main() -> int:
-    changed = subprocess.run(
-        ["git", "diff", "--name-only", "--", "nvsdata"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.split()
-    if len(changed) != 1:
-        sys.exit(f"one file must be changed, not {changed or 'none'}: commit first")
-    near = rooms(changed[0])
-    return run(near) or run(path for path in sorted(TESTS.iterdir()) if is_tests(path) and path not in near)
+    """Judge the change that stands in the working tree."""
+    changed, lines = change()
+    if not is_kernel(changed):
+        return judged(changed, running(changed, lines))
+    forget(changed)
+    try:
+        return judged(changed, running_kernel(changed, lines))
+    finally:
+        forget(changed)
 
 
-def rooms(module: str) -> list[Path]:
-    """Folders of tests to run first: those of the module's room."""
+def judged(changed: str, tests: set[str]) -> int:
+    """Exit code of the tests that are known to run the change, or of all near it, the nearest first."""
+    return run(sorted(tests or near(changed), key=lambda test: distance(changed, test)))
+
+
+def near(module: str) -> set[str]:
+    """Tests that run anything of a module, those of its room, and those of the whole."""
     room = Path(module).parts[1]
-    return [TESTS / name for name in FIRST.get(room, [room]) if (TESTS / name).is_dir()]
+    folders = [TESTS / name for name in FIRST.get(room, [room])]
+    files = [*TESTS.glob("test_*.py"), *(path for folder in folders for path in folder.rglob("test_*.py"))]
+    whole = {path.relative_to(ROOT).as_posix() for path in files}
+    tests = running(module, set(range(1, len((ROOT / module).read_text().splitlines()) + 1)))
+    return whole | {test for test in tests if test.partition("::")[0] not in whole}
 
 
-def is_tests(path: Path) -> bool:
-    """Whether pytest finds tests at a path."""
-    return path.name.startswith("test_") or (path.is_dir() and any(path.rglob("test_*.py")))
+def change() -> tuple[str, set[int]]:
+    """The changed module, and the lines of the statements that were changed, as numbered in the last commit."""
+    diff = ["git", "diff", "-U0", "--", "nvsdata"]
+    text = subprocess.run(diff, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    files = [line.removeprefix("--- a/") for line in text if line.startswith("--- ")]
+    if len(files) != 1:
+        sys.exit(f"one file must be changed, not {files or 'none'}: commit first")
+    old = subprocess.run(["git", "show", f"HEAD:{files[0]}"], cwd=ROOT, capture_output=True, text=True, check=True)
+    lines = set()
+    for hunk in (line.split()[1] for line in text if line.startswith("@@")):
+        first, _, count = hunk.lstrip("-").partition(",")
+        for line in range(int(first), int(first) + max(int(count or 1), 1)):
+            lines |= statement(ast.parse(old.stdout), line)
+    return files[0], lines
 
 
-def run(paths) -> int:
-    """pytest's exit code for the tests at the paths; 0 if there are none."""
-    found = [str(path) for path in paths]
+def statement(tree: ast.AST, line: int) -> set[int]:
+    """Lines of the smallest statement around a line; of one with a body, those before it."""
+    lines = {line}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.stmt) and node.lineno <= line <= node.end_lineno:
+            end = node.body[0].lineno - 1 if getattr(node, "body", None) else node.end_lineno
+            if line <= end:
+                lines = set(range(node.lineno, end + 1))
+    return lines
+
+
+def running(module: str, lines: set[int]) -> set[str]:
+    """Tests that run any of the lines; whole files of tests where a fixture does. None if it's not known."""
+    if not MAP.exists():
+        return set()
+    data = coverage.CoverageData(str(MAP))
+    data.read()
+    # another clone's map has other folders
+    ran = data.contexts_by_lineno(next((path for path in data.measured_files() if path.endswith(module)), module))
+    contexts = {context for line in lines for context in ran.get(line, ())}
+    split = [context.rpartition("|") for context in contexts if "|" in context]
+    whole = {test.partition("::")[0] for test, _, phase in split if phase != "run"}
+    return whole | {test for test, _, phase in split if phase == "run" and test.partition("::")[0] not in whole}
+
+
+def running_kernel(module: str, lines: set[int]) -> set[str]:
+    """Tests that run a line which calls a compiled function that holds any of the lines."""
+    tests = set()
+    for file, places in uses(module, lines):
+        path = file.relative_to(ROOT).as_posix()
+        if path.startswith("tests/"):
+            tests |= {path} if file.name.startswith("test_") else set()
+            continue
+        tree = ast.parse(file.read_text())
+        calling = set().union(*(statement(tree, place) for place in places))
+        tests |= running(path, calling) or running(path, set(range(1, len(file.read_text().splitlines()) + 1)))
+    whole = {test for test in tests if "::" not in test}
+    return whole | {test for test in tests if test.partition("::")[0] not in whole}
+
+
+def distance(module: str, test: str) -> tuple:
+    """How far a test is from a module: its own file first, then its room, then the others."""
+    stem, room = Path(module).stem, Path(module).parts[1]
+    file = test.partition("::")[0]
+    # the whole command line takes longest
+    return stem not in file, Path(file).parts[1] != room, "commands" in file or "recipes" in file, file
+
+
+def run(tests) -> int:
+    """pytest's exit code for tests, by path or name; 0 if there are none, 1 if they don't end."""
+    found = [str(test) for test in tests]
     if not found:
         return 0
-    flags = ["-n", "1", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb", "line"]
-    return subprocess.run([sys.executable, "-m", "pytest", *flags, *found], cwd=ROOT, check=False).returncode
+    flags = ["-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb", "line"]
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as listed:
+        listed.write("\n".join(found))
+        listed.flush()
+        try:
+            done = subprocess.run([sys.executable, "-m", "pytest", *flags, f"@{listed.name}"], cwd=ROOT, timeout=TIME)
+        except subprocess.TimeoutExpired:
+            print(f"not done after {TIME} s")
+            return 1
+    return done.returncode
 
 
 if __name__ == "__main__":

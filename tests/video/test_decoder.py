@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.emulator import brightness
-from nvsdata.video.decoder import ERRORS_ONLY, FULL, STUDIO, Decoder, levels_of, logging, stretched
+from nvsdata.video.decoder import ERRORS_ONLY, FULL, STUDIO, Decoder, _as_steep, levels_of, logging, stretched
 from nvsdata.video.frames import Frame, frames_of
 
 
@@ -107,3 +107,14 @@ def test_frames_of_other_levels_are_not_of_one_video():
     pixels = np.zeros((48, 64), np.uint8)
     with pytest.raises(ValueError, match="is 64x48 gray uint8, earlier ones were 64x48 gray uint8 from 16 to 235"):
         PIX2NVS().emulate([Frame(0, pixels, levels=STUDIO), Frame(40_000, pixels)])
+
+
+@pytest.mark.parametrize(("slope", "same"), [(1.0, True), (1.05, True), (0.95, True), (1.16, False), (0.84, False)])
+def test_contrast_tells_levels_apart(slope, same):
+    known = 128 + np.random.default_rng(0).normal(0, 6, 500)
+    assert _as_steep(128 + (known - known.mean()) / slope, known) == same
+
+
+def test_without_contrast_nothing_is_told_apart():
+    flat = np.full(500, 128.0)
+    assert not _as_steep(flat, flat)

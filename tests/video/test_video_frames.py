@@ -127,3 +127,30 @@ def test_leaving_a_stream_early_stops_its_threads(tmp_path):
     next(stream)
     stream.close()
     assert threading.active_count() == before
+
+
+def test_a_camera_s_frames_have_the_times_at_which_they_came(monkeypatch):
+    class Webcam:
+        left = 3
+
+        def __init__(self, number):
+            self.number = number
+
+        def isOpened(self):
+            return self.number == 1
+
+        def read(self):
+            self.left -= 1
+            return self.left >= 0, np.full((4, 6, 3), max(self.left, 0), np.uint8)
+
+        def release(self):
+            pass
+
+    clock = iter([5_000, 5_000, 1_005_999, 40_005_000])
+    monkeypatch.setattr(cv2, "VideoCapture", Webcam)
+    monkeypatch.setattr("nvsdata.video.frames.time.monotonic_ns", lambda: next(clock))
+    found = list(frames_of(1))
+    assert [frame.time for frame in found] == [0, 1_000, 40_000]
+    assert [int(frame.pixels[0, 0, 0]) for frame in found] == [2, 1, 0]
+    with pytest.raises(FileNotFoundError, match="no camera 2"):
+        next(frames_of(2))
