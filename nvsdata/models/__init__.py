@@ -13,6 +13,7 @@ from typing import Any, Literal
 from nvsdata.models import reference
 from nvsdata.models.checkpoint import load, save
 from nvsdata.models.conv import CONVOLUTIONS
+from nvsdata.models.event_tensors import EST
 from nvsdata.models.fusing import fused
 from nvsdata.models.graph_cnn import GCNN, RGCNN, Pooling
 from nvsdata.models.graph_cnn3d import RGCNN3D
@@ -30,6 +31,7 @@ __all__ = [
     "CONFIGURATIONS_3D",
     "CONVOLUTIONS",
     "DEPTHS",
+    "EST",
     "GCNN",
     "NETWORKS",
     "RGCNN",
