@@ -54,6 +54,8 @@ def test_coordinates_outside_the_sensor_are_refused():
         make([1, 2, 3, 40], sensor_size=(3, 4))
     with pytest.raises(ValueError, match=r"outside the sensor of 34x34; the order is Events\(t, x, y, p\)"):
         Events([1, 2], [3, 4], [1_000, 2_000], [0, 1], (34, 34))
+    with pytest.raises(ValueError, match="events reach 8x3 pixels, outside the sensor of 5x4"):
+        Events([0], [7], [2], [1], (5, 4))
 
 
 @given(events(), st.integers(-100, 50_000), st.integers(0, 50_000))

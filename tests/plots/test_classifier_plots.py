@@ -26,6 +26,15 @@ def test_confusion_shades_right_and_wrong(count):
     assert ((red > 5).sum() > reds) == (count > 1)
 
 
+def test_counts_are_written_into_their_cells():
+    # other numbers of the same shares: only what is written differs, along the diagonal
+    ones, tens = (plots.confusion(np.diag([4, 5, 6]) * scale, "abc", "title") for scale in (1, 10))
+    rows, columns = np.nonzero((ones != tens).any(2))
+    assert np.corrcoef(rows, columns)[0, 1] > 0.95
+    for places in (rows, columns):
+        assert 80 < np.ptp(places) < 150
+
+
 def test_a_class_without_recordings_is_no_error():
     assert is_picture(plots.confusion(np.array([[0, 0], [1, 2]]), ["a", "b"], "title"))
     share = np.array([np.nan, 0.5])

@@ -26,3 +26,9 @@ def test_a_damaged_recording_leaves_its_place_empty(tmp_path):
     first, second = page[18:138, 160:320], page[18:138, 492:652]
     assert (first == 240).all()
     assert second.std() > 0
+
+
+def test_a_sheet_has_forty_videos(tmp_path):
+    videos = [SimpleNamespace(name=f"{n}.avi") for n in range(41)]
+    sheets = Sheets(tmp_path, videos, SimpleNamespace(videos={}))
+    assert [[video.name for video in page] for page in sheets._pages] == [[f"{n}.avi" for n in range(40)], ["40.avi"]]
