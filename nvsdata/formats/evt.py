@@ -28,10 +28,12 @@ from nvsdata.kernels.evt import (
     evt2_decode,
     evt2_highs,
     evt2_walk,
+    evt3_count,
     evt3_decode,
     evt3_highs,
     evt3_walk,
 )
+from nvsdata.kernels.order import is_sorted
 
 ENCODING = re.compile(r"^% (?:evt |format EVT)([23])", re.IGNORECASE | re.MULTILINE)
 
@@ -53,6 +55,7 @@ class EvtRecording(PiecedFile):
             raise FormatError(path, "the header names neither EVT2 nor EVT3", offset=0)
         self.version = int(encoding[1])
         self.record_size = 4 if self.version == 2 else 2
+        self._seen = np.array(UNSEEN)
         super().__init__(contents, sensor_size, strict, header_size=end)
         stated = _stated_size(text)
         if self._size is None and stated:
@@ -74,8 +77,7 @@ class EvtRecording(PiecedFile):
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What a walk over all words has seen (see `kernels.evt`), and the blocks' states and times."""
-        count = -(-self.records // self.block)
-        state = np.array(UNDATED[: 1 if self.version == 2 else 5])
+        count, state = -(-self.records // self.block), self._undated()
         states, times = np.empty((count, state.size), np.int64), np.empty(count, np.int64)
         seen, self._events = np.array(UNSEEN), np.zeros(count, np.int64)
         for raw in self._pieces(0, self.records):
@@ -109,23 +111,36 @@ class EvtRecording(PiecedFile):
             yield raw
 
     def _state(self, record: int) -> np.ndarray:
-        # a file without words has no state
-        states = self.blocks.states
-        return states[record // self.block].copy() if len(states) else np.empty(0, np.int64)
+        return self.blocks.states[record // self.block].copy() if record else self._undated()
+
+    def _undated(self) -> np.ndarray:
+        return np.array(UNDATED[: 1 if self.version == 2 else 5])
 
     def _room(self, lo: int, hi: int) -> int:
-        self._state(lo)
-        return hi - lo if self.version == 2 else int(self._events[lo // self.block : -(-hi // self.block)].sum())
+        if self.version == 2:
+            return hi - lo
+        if self._blocks is None:
+            count = sum(int(evt3_count(raw)) for raw in self._pieces(lo, hi))
+        else:
+            count = int(self._events[lo // self.block : -(-hi // self.block)].sum())
+        # one more, because words that are no events are written, too, and then written over
+        return count + 1
 
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         width, height = self._size or (0, 0)
         decode = evt2_decode if self.version == 2 else evt3_decode
-        count, bad = decode(raw, width, height, state, kept, *columns)
+        count, bad = decode(raw, width, height, state, self._seen, kept, *columns)
         return count, bad
 
     def decode(self) -> Columns:
+        """All events, without the index unless the clock is damaged."""
+        self._seen[:] = UNSEEN
         columns = super().decode()
-        self._rises = bool(self.blocks.ordered)
+        if self._seen[JUMP] >= 0 and self._blocks is None:
+            # an error, or words that are dropped
+            self._blocks = self._index()
+            columns = super().decode()
+        self._rises = is_sorted(columns.t)
         return columns
 
 

@@ -1,12 +1,12 @@
 """Prophesee EVT2 and EVT3 words to event columns.
 
-Both formats send the high bits of the time in separate words, so a walk over all words finds
-the state before each block of words; a window then decodes only its blocks. See `kernels.decode` for what a
-decoder takes and returns, and `kernels.clock` for the times; EVT3's columns have room for the events that its walk
-counts.
+Both formats send the high bits of the time in separate words, so a walk over all words finds the state before each
+block of words; a window then decodes only its blocks, and the whole is decoded without a walk. See `kernels.decode` for
+what a decoder takes and returns, and `kernels.clock` for the times; EVT3's columns have room for the events that are
+counted before.
 
 `state` is int64 [1] or [5]: the high part of the time in µs (wraps added), and for EVT3 the low part, y, base x and
-polarity. What a walk has seen is int64 [5], indexed by the names below.
+polarity. What a walk has seen is int64 [5], indexed by the names below; a decoder notes WORDS and JUMP.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from nvsdata.kernels.clock import BACK_US, SILENT_US, first_time, is_jump, neare
 
 EVT2_OFF, EVT2_ON, EVT2_TIME = 0x0, 0x1, 0x8
 EVT3_Y, EVT3_X, EVT3_BASE, EVT3_VECTOR_12, EVT3_VECTOR_8, EVT3_LOW, EVT3_HIGH = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x8
+# kinds that are rare or come in groups
+SPECIAL = 1 << EVT3_BASE | 1 << EVT3_VECTOR_12 | 1 << EVT3_VECTOR_8 | 1 << EVT3_HIGH
 IGNORED = 0xF  # a type of word that both decoders skip
 NO_TIME = -1  # before the first word with high bits: events there have no time
 # Times of the last and the first event, number of times that fell, number of words, first word that no camera wrote
@@ -28,7 +30,7 @@ UNDATED = (NO_TIME, 0, 0, 0, 0)
 
 @njit(cache=True, nogil=True)
 def evt2_walk(raw, block, state, seen, states, times):
-    """Walk over a piece of the words. O(N). Writes for every `block`-th word of the file
+    """Walk over a piece of the words, which begins with a block. O(N). Writes for every `block`-th word of the file
 
     - the state in force there (int64 [M, 1]),
     - the time of the last event before it (int64 [M], -1 if there is none).
@@ -37,21 +39,21 @@ def evt2_walk(raw, block, state, seen, states, times):
     begin, last, first = seen[WORDS], seen[LAST], seen[FIRST]
     high = state[0]
     falls = 0
-    for i in range(words.size):
-        if (begin + i) % block == 0:
-            states[(begin + i) // block, 0], times[(begin + i) // block] = high, last
-        kind = words[i] >> 28
-        if kind == EVT2_TIME:
-            before = high
-            high = _next_high(high, np.int64(words[i] & 0xFFFFFFF), 28, 6)
-            if seen[JUMP] < 0 and _is_jump(before, high, 34):
-                seen[JUMP] = begin + i
-        elif kind <= EVT2_ON and high >= 0:
-            time = high + np.int64(words[i] >> 22 & 0x3F)
-            falls += time < last
-            last = time
-            if first < 0:
-                first = time
+    for start in range(0, words.size, block):
+        states[(begin + start) // block, 0], times[(begin + start) // block] = high, last
+        for i in range(np.uint64(start), np.uint64(min(start + block, words.size))):
+            word = words[i]
+            kind = word >> 28
+            if kind <= EVT2_ON and high >= 0:
+                time = high + np.int64(word >> 22 & 0x3F)
+                falls += time < last
+                last = time
+                first = time if first < 0 else first
+            elif kind == EVT2_TIME:
+                before = high
+                high = _next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
+                if seen[JUMP] < 0 and _is_jump(before, high, 34):
+                    seen[JUMP] = begin + np.int64(i)
     state[0] = high
     seen[LAST], seen[FIRST], seen[WORDS] = last, first, begin + words.size
     seen[FALLS] += falls
@@ -88,7 +90,7 @@ def evt3_highs(raw):
 
 
 @njit(cache=True, nogil=True)
-def evt2_decode(raw, width, height, state, kept, t, x, y, p):
+def evt2_decode(raw, width, height, state, seen, kept, t, x, y, p):
     """Decode a piece of the words. O(N)."""
     words = raw.view(np.uint32)
     bad = -1
@@ -100,7 +102,10 @@ def evt2_decode(raw, width, height, state, kept, t, x, y, p):
         word = words[i]
         kind = word >> 28
         if kind == EVT2_TIME:
+            before = high
             high = _next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
+            if seen[JUMP] < 0 and _is_jump(before, high, 34):
+                seen[JUMP] = seen[WORDS] + np.int64(i)
         column, row = np.int32(word >> 11 & 0x7FF), np.int32(word & 0x7FF)
         event = (kind <= EVT2_ON) & (high >= 0)
         t[kept] = high + np.int64(word >> 22 & 0x3F)
@@ -111,6 +116,7 @@ def evt2_decode(raw, width, height, state, kept, t, x, y, p):
             bad = i
         kept += np.uint64(event)
     state[0] = high
+    seen[WORDS] += words.size
     return np.int64(kept - begin), bad
 
 
@@ -118,88 +124,116 @@ def evt2_decode(raw, width, height, state, kept, t, x, y, p):
 def evt3_walk(raw, block, state, seen, states, times, events):
     """Walk over a piece of the words. O(N). Like `evt2_walk` (states int64 [M, 5]); also counts each block's events."""
     words = raw.view(np.uint16)
-    begin = seen[WORDS]
-    for i in range(words.size):
-        k = (begin + i) // block
-        if (begin + i) % block == 0:
-            states[k] = state
-            times[k] = seen[LAST]
-        kind = words[i] >> 12
-        found = _events_of(words[i], kind) if state[0] >= 0 else 0
-        if found:
-            events[k] += found
-            time = state[0] + state[1]
-            seen[FALLS] += time < seen[LAST]
-            seen[LAST] = time
-            if seen[FIRST] < 0:
-                seen[FIRST] = time
-        before = state[0]
-        _advance(state, words[i], kind)
-        if kind == EVT3_HIGH and seen[JUMP] < 0 and _is_jump(before, state[0], 24):
-            seen[JUMP] = begin + i
-    seen[WORDS] = begin + words.size
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _events_of(word, kind):
-    """Number of events that a word stands for."""
-    if kind == EVT3_X:
-        return 1
-    if kind in (EVT3_VECTOR_12, EVT3_VECTOR_8):
-        bits = np.int64(word & (0xFFF if kind == EVT3_VECTOR_12 else 0xFF))
+    begin, last, first = seen[WORDS], seen[LAST], seen[FIRST]
+    high, low, row, base, polarity = state
+    falls = 0
+    for start in range(0, words.size, block):
+        k = (begin + start) // block
+        states[k] = high, low, row, base, polarity
+        times[k] = last
         count = 0
-        while bits:
-            bits &= bits - 1
-            count += 1
-        return count
-    return 0
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _advance(state, word, kind):
-    """Update the state by a word."""
-    if kind == EVT3_HIGH:
-        high = _next_high(state[0], np.int64(word & 0xFFF), 12, 12)
-        if high != state[0]:
-            # the low part that is in force belongs to the tick before
-            state[0], state[1] = high, 0
-    elif kind == EVT3_LOW:
-        state[1] = word & 0xFFF
-    elif kind == EVT3_Y:
-        state[2] = word & 0x7FF
-    elif kind == EVT3_BASE:
-        state[3], state[4] = word & 0x7FF, word >> 11 & 1
-    elif kind == EVT3_VECTOR_12:
-        state[3] += 12
-    elif kind == EVT3_VECTOR_8:
-        state[3] += 8
+        for i in range(np.uint64(start), np.uint64(min(start + block, words.size))):
+            word = np.int64(words[i])
+            kind = word >> 12
+            # without branches for what comes in any order
+            row = word & 0x7FF if kind == EVT3_Y else row
+            low = word & 0xFFF if kind == EVT3_LOW else low
+            found = np.int64(kind == EVT3_X)
+            if SPECIAL >> kind & 1:
+                if kind == EVT3_HIGH:
+                    before = high
+                    high, low = _tick(high, low, word)
+                    if seen[JUMP] < 0 and _is_jump(before, high, 24):
+                        seen[JUMP] = begin + np.int64(i)
+                elif kind == EVT3_BASE:
+                    base, polarity = word & 0x7FF, word >> 11 & 1
+                else:
+                    size = 12 if kind == EVT3_VECTOR_12 else 8
+                    found = _ones(word & ((1 << size) - 1))
+                    base += size
+            found = found if high >= 0 else 0
+            count += found
+            time = high + low if found else last
+            falls += time < last
+            last = time
+            first = time if found and first < 0 else first
+        events[k] += count
+    state[0], state[1], state[2], state[3], state[4] = high, low, row, base, polarity
+    seen[LAST], seen[FIRST], seen[WORDS] = last, first, begin + words.size
+    seen[FALLS] += falls
 
 
 @njit(cache=True, nogil=True)
-def evt3_decode(raw, width, height, state, kept, t, x, y, p):
-    """Decode a piece of the words. O(N + events)."""
+def evt3_count(raw):
+    """Number of events in a piece of the words, those before any time included. O(N)."""
     words = raw.view(np.uint16)
-    bad = -1
-    begin = kept
-    right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 11)
-    for i in range(words.size):
-        word = words[i]
+    count = 0
+    for i in range(np.uint64(words.size)):
+        word = np.int64(words[i])
         kind = word >> 12
-        if state[0] >= 0 and kind in (EVT3_X, EVT3_VECTOR_12, EVT3_VECTOR_8):
-            single = kind == EVT3_X
-            column = np.int64(word & 0x7FF) if single else state[3]
-            bits = 1 if single else np.int64(word & (0xFFF if kind == EVT3_VECTOR_12 else 0xFF))
-            polarity = np.int64(word >> 11 & 1) if single else state[4]
-            while bits:
-                if bits & 1:
-                    if (column >= right or state[2] >= bottom) and bad < 0:
-                        bad = i
-                    t[kept] = state[0] + state[1]
-                    x[kept] = column
-                    y[kept] = state[2]
-                    p[kept] = polarity
-                    kept += 1
-                bits >>= 1
-                column += 1
-        _advance(state, word, kind)
-    return kept - begin, bad
+        bits = word & 0xFFF if kind == EVT3_VECTOR_12 else word & 0xFF if kind == EVT3_VECTOR_8 else 0
+        count += np.int64(kind == EVT3_X) + _ones(bits)
+    return count
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _tick(high, low, word):
+    """High and low part of the time after a word with the high part."""
+    now = _next_high(high, word & 0xFFF, 12, 12)
+    # the low part that is in force belongs to the tick before
+    return now, low if now == high else np.int64(0)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _ones(bits):
+    """Number of ones of at most 12 bits."""
+    pairs = bits - (bits >> 1 & 0x555)
+    fours = (pairs & 0x333) + (pairs >> 2 & 0x333)
+    return (fours & 0xF) + (fours >> 4 & 0xF) + (fours >> 8 & 0xF)
+
+
+@njit(cache=True, nogil=True)
+def evt3_decode(raw, width, height, state, seen, kept, t, x, y, p):
+    """Decode a piece of the words. O(N + events). There must be room for one more event."""
+    words = raw.view(np.uint16)
+    bad = np.int64(-1)
+    begin, kept = np.uint64(kept), np.uint64(kept)
+    one = np.uint64(1)
+    right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 11)
+    high, low, row, base, polarity = state
+    for i in range(np.uint64(words.size)):
+        word = np.int64(words[i])
+        kind = word >> 12
+        # without branches for what comes in any order: a word that is no event is written over
+        row = word & 0x7FF if kind == EVT3_Y else row
+        low = word & 0xFFF if kind == EVT3_LOW else low
+        column = word & 0x7FF
+        t[kept], x[kept], y[kept], p[kept] = high + low, column, row, word >> 11 & 1
+        event = (kind == EVT3_X) & (high >= 0)
+        if event & ((column >= right) | (row >= bottom)) and bad < 0:
+            bad = np.int64(i)
+        kept += np.uint64(event)
+        if SPECIAL >> kind & 1:
+            if kind == EVT3_HIGH:
+                before = high
+                high, low = _tick(high, low, word)
+                if seen[JUMP] < 0 and _is_jump(before, high, 24):
+                    seen[JUMP] = seen[WORDS] + np.int64(i)
+            elif kind == EVT3_BASE:
+                base, polarity = word & 0x7FF, word >> 11 & 1
+            else:
+                size = 12 if kind == EVT3_VECTOR_12 else 8
+                bits = word & ((1 << size) - 1) if high >= 0 else 0
+                column = base
+                while bits:
+                    if bits & 1:
+                        if (column >= right or row >= bottom) and bad < 0:
+                            bad = np.int64(i)
+                        t[kept], x[kept], y[kept], p[kept] = high + low, column, row, polarity
+                        kept += one
+                    bits >>= 1
+                    column += 1
+                base += size
+    state[0], state[1], state[2], state[3], state[4] = high, low, row, base, polarity
+    seen[WORDS] += words.size
+    return np.int64(kept - begin), bad

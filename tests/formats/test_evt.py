@@ -63,6 +63,17 @@ def test_the_header_states_the_sensor(tmp_path, kind, header):
     assert nvsdata.read(tmp_path / "a.raw") == ev
 
 
+@both
+def test_the_whole_is_read_without_an_index(tmp_path, kind):
+    t = np.arange(30_000) * 40
+    ev = Events(t, t % 1279, t % 719, t % 2, (1280, 720))
+    (tmp_path / "a.raw").write_bytes(WRITERS[kind](ev))
+    recording = nvsdata.open(tmp_path / "a.raw", sensor_size=(1280, 720))
+    assert recording.read() == ev
+    assert recording._blocks is None
+    assert recording.read(40_000, 80_000) == ev.window(40_000, 80_000)
+
+
 def test_events_before_any_time_are_left_out(tmp_path):
     ev = Events([70, 80], [1, 2], [3, 4], [1, 0])
     raw = evt2_bytes(ev, b"")
