@@ -22,6 +22,7 @@ from nvsdata.plots.sheets import captioned_sheet
 WIDE = 480  # pixels that small sensors are scaled up to
 MOMENTS = 12  # on a sheet
 COLORS = (255, 255, 255), ON, OFF, BOTH
+MOST_IN_GIF = 3_000
 GIF_TICK = 10  # ms, in which a GIF counts
 
 
@@ -95,13 +96,16 @@ class Film:
 def save_gif(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
     """Write pictures of `event_image`, uint8 [H, W, 3], as a GIF that repeats; the file appears whole or not at all.
 
-    A GIF counts in hundredths of a second, so that more than 50 pictures per second are not to be had.
+    A GIF counts in hundredths of a second, so that more than 50 pictures per second are not to be had. ValueError for
+    more than 3,000 pictures, which are all in memory.
     """
     from PIL import Image
 
     palette = np.array([color[::-1] for color in COLORS], np.uint8)
     frames = []
     for picture in pictures:
+        if len(frames) == MOST_IN_GIF:
+            raise ValueError(f"a GIF of more than {MOST_IN_GIF:,} pictures: take a part, or write an .mp4")
         frame = Image.fromarray(_numbers(picture))
         frame.putpalette(palette.tobytes())
         frames.append(frame)

@@ -15,6 +15,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.samples import Frame
 
 MOST_FRAMES = 600
+MOST_EVENTS = 20_000_000  # 210 MB
 WINDOW = 33_333  # µs
 
 
@@ -25,7 +26,13 @@ def page(events: Events, title: str, frames: Iterable[Frame] = (), window: int |
     - `title`: of the page
     - `frames`: pictures of the same camera, shown behind the events; of more than 600, every second or third ...
     - `window`: length of the window at first, in µs (default: 33,333, or a tenth of what is shorter than ten of these)
+
+    ValueError for more than 20 million events.
     """
+    if len(events) > MOST_EVENTS:
+        raise ValueError(
+            f"a page of {len(events):,} events is more than browsers take: take a part (up to {MOST_EVENTS:,})"
+        )
     t, x, y, p = events.columns
     span = events.end - events.start
     # 32 bits of µs are 71 minutes

@@ -98,6 +98,9 @@ def test_settings_out_of_range(settings, reason):
         Film(**settings)
 
 
-def test_too_many_pictures_are_refused():
+def test_too_many_pictures_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"more than 3,000 pictures: take a part, or write an \.mp4"):
+        save_gif([plots.event_image(EVENTS)] * 3_001, tmp_path / "a.gif", 30)
+    assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match="frames, more than"):
         next(Film(speed=1e-12).windows(EVENTS))

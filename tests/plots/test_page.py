@@ -54,6 +54,12 @@ def test_a_page_needs_nothing_else():
     assert "__" not in re.sub(r"<script id=\"data\".*?</script>", "", text)
 
 
+def test_more_events_than_a_browser_takes(monkeypatch):
+    monkeypatch.setattr("nvsdata.plots.page.MOST_EVENTS", 3_999)
+    with pytest.raises(ValueError, match=r"a page of 4,000 events .* take a part \(up to 3,999\)"):
+        page(MOVING, "")
+
+
 def test_long_recordings_and_empty_ones():
     days = Events([0, 3 * 10**11], [0, 1], [0, 0], [0, 1], (2, 1))
     _, t, *_ = embedded(page(days, ""))
