@@ -15,6 +15,31 @@ def _piece(tau, ends, nearby):
     return piece
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _through(t, x, y, p, offsets, ends, nearby, line, image, backwards):
+    """Every event and channel: from `line` to `image` or, `backwards`, from `image` to the gradient `line`."""
+    bins = image.shape[2]
+    step = 1 / np.float64(max(bins - 1, 1))
+    for b in range(offsets.size - 1):
+        first, last = np.uint64(offsets[b]), np.uint64(offsets[b + 1])
+        if first == last:
+            continue
+        span = np.float64(max(t[last - np.uint64(1)] - t[first], 1))
+        for i in range(first, last):
+            s = np.float64(t[i] - t[first]) / span
+            row, column, channel = np.uint64(y[i]), np.uint64(x[i]), np.uint64(p[i])
+            for c in range(np.uint64(bins)):
+                tau = s - c * step
+                piece = _piece(tau, ends, nearby)
+                if backwards:
+                    share = s * np.float64(image[b, channel, c, row, column])
+                    line[piece, 0] += share
+                    line[piece, 1] += share * tau
+                else:
+                    value = s * (line[piece, 0] + line[piece, 1] * tau)
+                    image[b, channel, c, row, column] += np.float32(value)
+
+
 @njit(cache=True, nogil=True)
 def splat(t, x, y, p, offsets, ends, nearby, line, out):
     """Add s f(s - c / (C - 1)) of each event to channel c of its pixel and polarity, OFF first. O(N C).
@@ -22,38 +47,10 @@ def splat(t, x, y, p, offsets, ends, nearby, line, out):
     `out` float32 [B, 2, C, H, W]; s goes from 0 at a sample's first event to 1 at its last, f(u) = line[piece, 0] +
     line[piece, 1] u, with `line` float64 [P, 2].
     """
-    bins = out.shape[2]
-    step = 1 / np.float64(max(bins - 1, 1))
-    for b in range(offsets.size - 1):
-        first, last = np.uint64(offsets[b]), np.uint64(offsets[b + 1])
-        if first == last:
-            continue
-        span = np.float64(max(t[last - np.uint64(1)] - t[first], 1))
-        for i in range(first, last):
-            s = np.float64(t[i] - t[first]) / span
-            row, column, channel = np.uint64(y[i]), np.uint64(x[i]), np.uint64(p[i])
-            for c in range(np.uint64(bins)):
-                tau = s - c * step
-                piece = _piece(tau, ends, nearby)
-                out[b, channel, c, row, column] += np.float32(s * (line[piece, 0] + line[piece, 1] * tau))
+    _through(t, x, y, p, offsets, ends, nearby, line, out, False)
 
 
 @njit(cache=True, nogil=True)
 def splat_gradient(t, x, y, p, offsets, ends, nearby, wanted, gradient):
     """Add the gradient of `splat` with respect to `line` to `gradient` float64 [P, 2], from `wanted`, that of `out`."""
-    bins = wanted.shape[2]
-    step = 1 / np.float64(max(bins - 1, 1))
-    for b in range(offsets.size - 1):
-        first, last = np.uint64(offsets[b]), np.uint64(offsets[b + 1])
-        if first == last:
-            continue
-        span = np.float64(max(t[last - np.uint64(1)] - t[first], 1))
-        for i in range(first, last):
-            s = np.float64(t[i] - t[first]) / span
-            row, column, channel = np.uint64(y[i]), np.uint64(x[i]), np.uint64(p[i])
-            for c in range(np.uint64(bins)):
-                tau = s - c * step
-                piece = _piece(tau, ends, nearby)
-                share = s * np.float64(wanted[b, channel, c, row, column])
-                gradient[piece, 0] += share
-                gradient[piece, 1] += share * tau
+    _through(t, x, y, p, offsets, ends, nearby, gradient, wanted, True)
