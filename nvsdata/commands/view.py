@@ -49,13 +49,13 @@ def run(args: argparse.Namespace) -> int:
     recording = formats.open(args.file, sensor_size=args.sensor_size)
     events = recording.read(args.start, args.stop)
     with creating(out, overwrite=args.overwrite):
-        save(out, recording, events, film, args.duration)
+        save(out, args.file.name, recording, events, film, args.duration)
     print(f"{len(events):,} events in {shown(out)}")
     return 0
 
 
-def save(out: Path, recording: Any, events: Any, film: Any, window: int | None) -> None:
-    """Write what the extension says."""
+def save(out: Path, name: str, recording: Any, events: Any, film: Any, window: int | None) -> None:
+    """Write what the extension says; `name` is a page's title."""
     from nvsdata.common.files import put
     from nvsdata.plots.drawing import save as save_picture
     from nvsdata.plots.films import save_gif, save_mp4
@@ -64,7 +64,7 @@ def save(out: Path, recording: Any, events: Any, film: Any, window: int | None) 
     kind = out.suffix.lower()
     if kind == ".html":
         frames = recording.frames(events.start, events.end + 1) if recording.holds_samples else ()
-        put(out, page(events, Path(recording.path).name, frames, window).encode())
+        put(out, page(events, name, frames, window).encode())
     elif kind == ".png":
         save_picture(film.sheet(events), out)
     else:

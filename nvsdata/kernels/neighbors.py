@@ -127,8 +127,6 @@ def _within_time(pixel, m, limit, alpha, beta, slack, t, order, first, near, apa
 @njit(cache=True, nogil=True)
 def _any_within(dt, a, b, t, order, first):
     """Whether some event of pixel `a` and another of pixel `b` are at most `dt` apart in time."""
-    if a == b:
-        return True
     i, j = first[a], first[b]
     while i < first[a + 1] and j < first[b + 1]:
         apart = t[order[i]] - t[order[j]]

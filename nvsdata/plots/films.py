@@ -102,7 +102,7 @@ def save_gif(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
     from PIL import Image
 
     palette = np.array([color[::-1] for color in COLORS], np.uint8)
-    frames = []
+    frames: list[Image.Image] = []
     for picture in pictures:
         if len(frames) == MOST_IN_GIF:
             raise ValueError(f"a GIF of more than {MOST_IN_GIF:,} pictures: take a part, or write an .mp4")

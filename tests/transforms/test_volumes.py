@@ -183,3 +183,9 @@ def test_what_has_no_grid():
             build()
     with pytest.raises(TypeError, match="must be callable"):
         T.Each(3)
+
+
+def test_windows_of_no_events_begin_at_0():
+    none = Events.empty((4, 4))
+    for window in (T.window(none, 0, 5), T.random_window(none, 5), *T.volumes(none, 2, 5)):
+        assert (len(window), window.start) == (0, 0)
