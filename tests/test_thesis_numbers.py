@@ -125,6 +125,7 @@ TRANSFORMS = [
     ("ours", T.LeakyFrame, "LeakyFrame(leak=2e-05, increment=1.0)"),
     ("Peng et al. 2023: 12 groups, patches of 4", T.GroupTokens, "GroupTokens(groups=12, patch=4)"),
     ("Liu et al. 2023: 8 bins of 10 ms", T.TAF, "TAF(depth=8, duration=10000)"),
+    ("ours", T.DART, "DART(rings=7, wedges=12, nearest=1.0, furthest=10.0, queue=2000)"),
     ("ours", T.FilterCascade, "FilterCascade(filters=6, tick=1000, decay=1.0)"),
     ("ours", T.RandomPolarityFlip, "RandomPolarityFlip(p=0.5)"),
     ("ours", T.BackgroundActivity, "BackgroundActivity(window=10000)"),

@@ -66,6 +66,7 @@ from nvsdata.transforms.image import (
 from nvsdata.transforms.latest import TORE, tore
 from nvsdata.transforms.leaky import LeakyFrame, leaky_frame
 from nvsdata.transforms.lengths import longest_window, window_length, with_window_length
+from nvsdata.transforms.log_polar import DART, dart
 from nvsdata.transforms.noise import (
     DropByArea,
     DropByTime,
@@ -99,6 +100,7 @@ from nvsdata.transforms.voxels import VoxelGrid, voxel_grid
 from nvsdata.transforms.windows import RandomWindow, Volumes, Window, random_window, volumes, window
 
 __all__ = [
+    "DART",
     "ERGO12",
     "HATS",
     "TAF",
@@ -172,6 +174,7 @@ __all__ = [
     "center_crop",
     "crop",
     "crop_events",
+    "dart",
     "downsample",
     "drop",
     "drop_hot_pixels",

@@ -28,6 +28,7 @@ EXAMPLES = [
     (T.DropEvents(), EVENTS),
     (T.Each(T.MergePixels()), WINDOWS),
     (T.Each(T.DropEvents()), WINDOWS),
+    (T.DART(), EVENTS),
     (T.ERGO12(), EVENTS),
     (T.EventImage(), EVENTS),
     (T.EventSurfaces(), EVENTS),

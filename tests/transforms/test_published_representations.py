@@ -146,6 +146,44 @@ def test_a_cascade_delays_and_decays(ev, filters, decay, tick):
         assert abs(draws[:, some].mean() - expected[some].mean()) < 5 * error
 
 
+def on_the_grid(transform, dx, dy):
+    """What an event at an offset adds to the rings and wedges, [rings, wedges]."""
+    out, radius = np.zeros((transform.rings, transform.wedges)), math.hypot(dx, dy)
+    if radius > transform.furthest:
+        return out
+    steps = [
+        transform.nearest * (transform.furthest / transform.nearest) ** (n / (transform.rings - 1))
+        for n in range(transform.rings)
+    ]
+    for ring, step in enumerate(steps):
+        apart = abs(math.log(max(radius, transform.nearest) / step)) / math.log(steps[1] / steps[0])
+        for wedge in range(transform.wedges):
+            turn = math.atan2(dy, dx) / (2 * math.pi) * transform.wedges - wedge
+            turn = abs((turn + transform.wedges / 2) % transform.wedges - transform.wedges / 2)
+            out[ring, wedge] += max(1 - apart, 0) * max(1 - turn, 0)
+    return out
+
+
+@given(
+    ev=events(max_size=40, width=20, height=16),
+    rings=st.integers(2, 4),
+    wedges=st.sampled_from((3, 4, 7)),
+    radii=st.sampled_from(((1.0, 5.0), (0.5, 2.5), (2.0, 9.3))),
+    queue=st.sampled_from((1, 7, 2_000)),
+)
+def test_dart_has_the_recent_events_around_each(ev, rings, wedges, radii, queue):
+    transform = T.DART(rings, wedges, *radii, queue)
+    found = transform(ev)
+    assert found.shape == (len(ev), rings * wedges)
+    places = [(x, y) for _, x, y, _ in rows(ev)]
+    for i, (x, y) in enumerate(places):
+        recent = places[max(i + 1 - queue, 0) : i + 1]
+        expected = sum(on_the_grid(transform, a - x, b - y) for a, b in recent)
+        np.testing.assert_allclose(found[i].view(rings, wedges), expected / expected.sum(), rtol=1e-4, atol=1e-6)
+    if len(ev) and queue == 2_000:
+        assert T.dart(ev).equal(T.DART()(moved(ev, LATE)))
+
+
 NO_EVENTS = Events.empty((5, 3))
 
 
@@ -156,6 +194,7 @@ NO_EVENTS = Events.empty((5, 3))
         (T.ERGO12(), (12, 3, 5)),
         (T.TAF(4), (8, 3, 5)),
         (T.FilterCascade(3, decay=4.0), (6, 3, 5)),
+        (T.DART(3, 4), (0, 12)),
     ],
     ids=repr,
 )
@@ -177,6 +216,9 @@ def test_no_events_give_zeros_of_the_usual_shape(transform, shape):
         (lambda: T.FilterCascade(0), "filters must be"),
         (lambda: T.FilterCascade(tick=0), "tick must be positive"),
         (lambda: T.FilterCascade(decay=0.5), "decay must be at least 1, not 0.5"),
+        (lambda: T.DART(1), "rings must be"),
+        (lambda: T.DART(nearest=5, furthest=5), "furthest must be more than nearest, not 5 <= 5"),
+        (lambda: T.DART(queue=0), "queue must be"),
         (lambda: T.RandomPolarityFlip(2), "p must lie between 0 and 1"),
     ],
 )

@@ -61,7 +61,7 @@ ANYWHERE = [
 ]
 # what does
 ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.SpatialJitter, T.TORE, T.UniformNoise)
-ELSEWHERE = (*ELSEWHERE, T.GroupTokens, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
+ELSEWHERE = (*ELSEWHERE, T.DART, T.GroupTokens, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean)
@@ -149,6 +149,7 @@ def test_points(size):
 def test_surfaces_around_events(size):
     ev = in_last_corner(size)
     assert T.EventSurfaces(3)(ev).equal(T.EventSurfaces(3)(SMALL))
+    assert T.DART()(ev).equal(T.DART()(SMALL))
     # cells begin at even pixels on all three sensors
     cells = T.HATS(2)(ev).unflatten(0, (size[1] // 2, size[0] // 2))
     corner = cells[-SIDE // 2 :, -SIDE // 2 :]
