@@ -18,6 +18,7 @@ from nvsdata.kernels.graph import event_graph
 from nvsdata.kernels.neighbors import near_edges
 from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
 
+MOST = 2**31 - 1  # neighbors; a kernel takes no larger number, and no graph has more
 FURTHEST = 32_767  # pixels between nodes, as between events
 
 
@@ -66,7 +67,7 @@ class RadiusGraph:
         # with alpha = 0 only the sensor itself bounds the graph in space
         side = self.radius / math.sqrt(self.alpha) if self.alpha > 0 else 0.0
         wide, high = (side, side) if side else sample.sensor_size or (1, 1)
-        metric = float(self.radius), float(self.alpha), float(self.beta), int(self.max_degree)
+        metric = float(self.radius), float(self.alpha), float(self.beta), min(int(self.max_degree), MOST)
         return _joined(sample, metric, _reach(wide, high, self.reach_t, self.pseudo), self.pseudo)
 
 
@@ -99,7 +100,7 @@ class KNNGraph:
         positive("reach_t", self.reach_t)
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
-        metric = math.inf, 1.0, 0.0, int(self.k)
+        metric = math.inf, 1.0, 0.0, min(int(self.k), MOST)
         return _joined(sample, metric, _reach(self.reach, self.reach, self.reach_t, self.pseudo), self.pseudo)
 
 

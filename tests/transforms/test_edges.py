@@ -125,3 +125,9 @@ def test_more_neighbors_than_there_are_nodes():
         assert T.knn_graph(ev, k).edge_index.tolist() == [[1, 2, 0, 2, 0, 1], [0, 0, 1, 1, 2, 2]]
     for n, shape in ((0, (0, 3)), (1, (0, 3)), (2, (2, 3))):
         assert T.knn_graph(ev[:n], 5, pseudo="signed-time").edge_attr.shape == shape
+
+
+def test_more_neighbors_than_there_are_is_all_of_them():
+    ev = Events([0, 1, 2], [0, 1, 2], [0, 0, 0], [1, 0, 1], (4, 3))
+    assert T.radius_graph(ev, max_degree=10**30).edge_index.equal(T.radius_graph(ev, max_degree=2).edge_index)
+    assert T.knn_graph(ev, 10**30).edge_index.equal(T.knn_graph(ev, 2).edge_index)
