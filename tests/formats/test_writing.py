@@ -100,3 +100,12 @@ def test_a_pipe_is_not_waited_for(tmp_path, name):
     os.mkfifo(tmp_path / name)
     with pytest.raises(FormatError, match="is a pipe or a device, not a recording"):
         nvsdata.open(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".npy", ".txt"])
+def test_a_window_without_a_beginning_has_the_events_before_0(tmp_path, suffix):
+    ev = Events([-500, -3, 7], [1, 2, 3], [1, 1, 1], [1, 0, 1], (5, 5))
+    nvsdata.write(ev, tmp_path / f"a{suffix}")
+    recording = nvsdata.open(tmp_path / f"a{suffix}", sensor_size=(5, 5))
+    assert recording.read(None, 0) == ev.window(None, 0) == ev[:2]
+    assert recording.read(-400) == ev[1:]
