@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from typing import Any
 
+from nvsdata.datasets.facts import Sample
 from nvsdata.plots.gallery import Shelf, images
 
 MOST = 10  # classes shown
@@ -14,11 +15,13 @@ def as_html(dataset: Any) -> str:
     """What an `EventDataset`'s repr says, and a recording of each of the first classes, if it can be read."""
     first: dict[int, int] = {}
     for index, sample in enumerate(dataset.samples):
-        first.setdefault(sample.label, index)
+        # pairs of recordings have no picture
+        if isinstance(sample, Sample):
+            first.setdefault(sample.label, index)
     shelf = Shelf("", 0)
     for label in sorted(first)[:MOST]:
         try:
             shelf.show(dataset.classes[label], dataset.recording(first[label]).read())
-        except (OSError, ValueError, AttributeError):
-            continue  # pairs of recordings, too
+        except (OSError, ValueError):
+            continue
     return f"<pre>{html.escape(repr(dataset))}</pre>{images(shelf, 'height: 80px; image-rendering: pixelated')}"

@@ -52,8 +52,7 @@ def evt2_walk(raw, block, state, seen, states, times):
             elif kind == EVT2_TIME:
                 before = high
                 high = _next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
-                if seen[JUMP] < 0 and _is_jump(before, high, 34):
-                    seen[JUMP] = begin + np.int64(i)
+                _note_jump(seen, before, high, 34, i)
     state[0] = high
     seen[LAST], seen[FIRST], seen[WORDS] = last, first, begin + words.size
     seen[FALLS] += falls
@@ -71,6 +70,13 @@ def _next_high(before, raw, bits, shift):
 def _is_jump(before, high, bits):
     """Whether no camera continues at `high` µs or, for a counter's first word, begins there."""
     return high < 0 if before < 0 else is_jump(before, high, bits, BACK_US, SILENT_US)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _note_jump(seen, before, high, bits, i):
+    """Note word i of a piece, if it's the first that no camera wrote; `seen` counts the words before the piece."""
+    if seen[JUMP] < 0 and _is_jump(before, high, bits):
+        seen[JUMP] = seen[WORDS] + np.int64(i)
 
 
 @njit(cache=True, nogil=True)
@@ -104,8 +110,7 @@ def evt2_decode(raw, width, height, state, seen, kept, t, x, y, p):
         if kind == EVT2_TIME:
             before = high
             high = _next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
-            if seen[JUMP] < 0 and _is_jump(before, high, 34):
-                seen[JUMP] = seen[WORDS] + np.int64(i)
+            _note_jump(seen, before, high, 34, i)
         column, row = np.int32(word >> 11 & 0x7FF), np.int32(word & 0x7FF)
         event = (kind <= EVT2_ON) & (high >= 0)
         t[kept] = high + np.int64(word >> 22 & 0x3F)
@@ -143,8 +148,7 @@ def evt3_walk(raw, block, state, seen, states, times, events):
                 if kind == EVT3_HIGH:
                     before = high
                     high, low = _tick(high, low, word)
-                    if seen[JUMP] < 0 and _is_jump(before, high, 24):
-                        seen[JUMP] = begin + np.int64(i)
+                    _note_jump(seen, before, high, 24, i)
                 elif kind == EVT3_BASE:
                     base, polarity = word & 0x7FF, word >> 11 & 1
                 else:
@@ -217,8 +221,7 @@ def evt3_decode(raw, width, height, state, seen, kept, t, x, y, p):
             if kind == EVT3_HIGH:
                 before = high
                 high, low = _tick(high, low, word)
-                if seen[JUMP] < 0 and _is_jump(before, high, 24):
-                    seen[JUMP] = seen[WORDS] + np.int64(i)
+                _note_jump(seen, before, high, 24, i)
             elif kind == EVT3_BASE:
                 base, polarity = word & 0x7FF, word >> 11 & 1
             else:

@@ -22,3 +22,9 @@ def event_image(events: Events, zoom: int = 1) -> np.ndarray:
     seen[events.p, events.y, events.x] = True
     picture[seen[1]], picture[seen[0]], picture[seen[0] & seen[1]] = ON, OFF, BOTH
     return picture.repeat(zoom, 0).repeat(zoom, 1)
+
+
+def middle(events: Events, duration: int) -> Events:
+    """The events of `duration` µs in the middle."""
+    start = (events.start + events.end) // 2 - duration // 2
+    return events.window(start, start + duration)

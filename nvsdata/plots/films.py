@@ -19,6 +19,7 @@ from nvsdata.plots.drawing import BOTH, OFF, ON
 from nvsdata.plots.events import event_image
 from nvsdata.plots.sheets import captioned_sheet
 
+WINDOW = 33_333  # µs
 WIDE = 480  # pixels that small sensors are scaled up to
 MOMENTS = 12  # on a sheet
 COLORS = (255, 255, 255), ON, OFF, BOTH
@@ -39,7 +40,7 @@ class Film:
     ValueError for settings out of range.
     """
 
-    duration: int = 33_333
+    duration: int = WINDOW
     count: int | None = None
     speed: float = 1.0
     fps: float = 30.0

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from nvsdata.data.events import Events
-from nvsdata.plots.events import event_image
+from nvsdata.plots.events import event_image, middle
 
 SHOWN = 50_000  # µs of events that a picture shows
 
@@ -53,8 +53,7 @@ class Shelf:
 
     def show(self, name: str, events: Events) -> None:
         """Show the middle of a recording."""
-        middle = (events.start + events.end) // 2
-        image = event_image(events.window(middle - SHOWN // 2, middle + SHOWN // 2))
+        image = event_image(middle(events, SHOWN))
         self.pictures.append((name, cv2.imencode(".png", image)[1].tobytes()))
 
     def cells(self) -> list[str]:

@@ -13,10 +13,10 @@ import numpy as np
 
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Frame
+from nvsdata.plots.films import WINDOW
 
 MOST_FRAMES = 600
 MOST_EVENTS = 20_000_000  # 210 MB
-WINDOW = 33_333  # µs
 
 
 def page(events: Events, title: str, frames: Iterable[Frame] = (), window: int | None = None) -> str:
@@ -72,4 +72,4 @@ def _photo(frame: Frame, start: int) -> dict[str, object]:
     gray = ((frame.pixels - low) * (255 / max(high - low, 1))).clip(0, 255).astype(np.uint8)
     encoded = cv2.imencode(".jpg", gray, (cv2.IMWRITE_JPEG_QUALITY, 80))[1]
     place = {"x": frame.x, "y": frame.y, "at": int(frame.exposure_start - start)}
-    return {**place, "kind": "jpeg", "image": base64.b64encode(encoded.tobytes()).decode()}
+    return {**place, "image": base64.b64encode(encoded.tobytes()).decode()}

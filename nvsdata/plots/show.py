@@ -13,7 +13,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events, misplaced
 from nvsdata.plots.axes import LINES, drawn, dress, empty
-from nvsdata.plots.events import event_image
+from nvsdata.plots.events import event_image, middle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,8 +60,7 @@ def png(events: Events) -> bytes:
     """The events' middle tenth of a second, and their rate: a PNG for notebooks."""
     figure = empty((900, 330))
     frame, rate = figure.subplots(1, 2, width_ratios=(1, 1.4))
-    middle = (events.start + events.end) // 2
-    _frame(frame, events.window(middle - SHOWN // 2, middle + SHOWN // 2))
+    _frame(frame, middle(events, SHOWN))
     _rate(rate, events)
     frame.set_title(f"{SHOWN // 1_000} ms in the middle", fontsize=10, loc="left")
     return cv2.imencode(".png", drawn(figure))[1].tobytes()
@@ -93,9 +92,7 @@ def _frame(axes: Axes, events: Events) -> None:
 
 
 def _polarity(axes: Axes, events: Events) -> None:
-    width, height = events.sensor_size
-    place = events.y.astype(np.int64) * width + events.x
-    summed = np.bincount(place, 2.0 * events.p - 1, width * height).reshape(height, width)
+    summed = _per_pixel(events, 2.0 * events.p - 1)
     most = max(abs(summed).max(), 1)
     image = axes.imshow(summed, "RdBu_r", vmin=-most, vmax=most, interpolation="nearest")
     axes.figure.colorbar(image, ax=axes, label="ON minus OFF events", shrink=0.8)
@@ -113,9 +110,15 @@ def _rate(axes: Axes, events: Events) -> None:
     axes.legend(fontsize=8, frameon=False)
 
 
-def _histogram(axes: Axes, events: Events) -> None:
+def _per_pixel(events: Events, weights: np.ndarray | None = None) -> np.ndarray:
+    """Number of each pixel's events, or sum of their weights: [H, W]."""
     width, height = events.sensor_size
-    counts = np.bincount(events.y.astype(np.int64) * width + events.x, minlength=width * height)
+    place = events.y.astype(np.int64) * width + events.x
+    return np.bincount(place, weights, width * height).reshape(height, width)
+
+
+def _histogram(axes: Axes, events: Events) -> None:
+    counts = _per_pixel(events)
     edges = np.unique(np.geomspace(1, max(counts.max(), 1) + 1, 40).round())
     axes.hist(counts[counts > 0], edges.tolist(), color=OFF)
     axes.set_xscale("log")

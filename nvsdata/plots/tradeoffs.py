@@ -49,13 +49,13 @@ def tradeoff(
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_yscale("function", functions=(_nearness, lambda near: 1 + LEAST - 10.0**-near))
+    axes.set_yscale("function", functions=(_nearness, _gain))
     axes.set_yticks(TICKS)
     axes.scatter(cost, gain, color=[LINES[0] if i in best else LINES[1] for i in range(len(points))], s=22, zorder=3)
     axes.plot(cost[best], gain[best], color=LINES[0])
     axes.margins(0.12)
     low, high = _nearness(gain.min()), _nearness(gain.max())
-    axes.set_ylim(*(1 + LEAST - 10 ** -(end + wider) for end, wider in ((low, -0.08), (high, 0.12))))
+    axes.set_ylim(_gain(low - 0.08), _gain(high + 0.12))
     figure.canvas.draw()
     _name(axes, [(float(cost[i]), float(gain[i]), names[i]) for i in best], points)
     return drawn(figure)
@@ -64,6 +64,11 @@ def tradeoff(
 def _nearness(gain: Any) -> Any:
     """How near to 1, in powers of ten."""
     return -np.log10(1 + LEAST - np.clip(gain, 0, 1))
+
+
+def _gain(nearness: Any) -> Any:
+    """The gain that is so near to 1."""
+    return 1 + LEAST - 10.0**-nearness
 
 
 def _name(axes: Axes, named: Sequence[tuple[float, float, str]], points: Sequence[tuple[float, float]]) -> None:

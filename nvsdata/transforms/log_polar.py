@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -51,30 +52,32 @@ class DART:
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
         events = as_events(sample)
         width, height = events.sensor_size
-        dx, dy, weights = self._weights()
+        dx, dy, weights = _weights(int(self.rings), int(self.wedges), float(self.nearest), float(self.furthest))
         margin = 2 * int(dx.max())
         out = np.zeros((len(events), weights.shape[1]), np.float32)
         count = np.zeros((height + margin, width + margin), np.int32)
         around_events(events.x, events.y, min(int(self.queue), len(events) + 1), dx, dy, weights, count, out)
         return torch.from_numpy(out)
 
-    def _weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Offsets that lie on the grid, and what an event there adds to each bin."""
-        rings, wedges, reach = int(self.rings), int(self.wedges), int(self.furthest)
-        dy, dx = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
-        radius = np.hypot(dx, dy)
-        inside = radius <= self.furthest
-        dx, dy, radius = dx[inside], dy[inside], radius[inside]
-        logarithm = np.log(np.maximum(radius, self.nearest) / self.nearest) / np.log(self.furthest / self.nearest)
-        ring, wedge = logarithm * (rings - 1), np.arctan2(dy, dx) / (2 * np.pi) * wedges
-        weights = np.zeros((dx.size, rings, wedges), np.float32)
-        low, first = np.minimum(np.floor(ring).astype(int), rings - 2), np.floor(wedge).astype(int)
-        every = np.arange(dx.size)
-        for further in (0, 1):
-            for after in (0, 1):
-                share = np.abs(1 - further - (ring - low)) * np.abs(1 - after - (wedge - first))
-                np.add.at(weights, (every, low + further, (first + after) % wedges), share)
-        return dx, dy, weights.reshape(dx.size, -1)
+
+@cache
+def _weights(rings: int, wedges: int, nearest: float, furthest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Offsets that lie on the grid, and what an event there adds to each bin."""
+    reach = int(furthest)
+    dy, dx = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    radius = np.hypot(dx, dy)
+    inside = radius <= furthest
+    dx, dy, radius = dx[inside], dy[inside], radius[inside]
+    logarithm = np.log(np.maximum(radius, nearest) / nearest) / np.log(furthest / nearest)
+    ring, wedge = logarithm * (rings - 1), np.arctan2(dy, dx) / (2 * np.pi) * wedges
+    weights = np.zeros((dx.size, rings, wedges), np.float32)
+    low, first = np.minimum(np.floor(ring).astype(int), rings - 2), np.floor(wedge).astype(int)
+    every = np.arange(dx.size)
+    for further in (0, 1):
+        for after in (0, 1):
+            share = np.abs(1 - further - (ring - low)) * np.abs(1 - after - (wedge - first))
+            np.add.at(weights, (every, low + further, (first + after) % wedges), share)
+    return dx, dy, weights.reshape(dx.size, -1)
 
 
 def dart(sample: Events | Recording, *, queue: int = 2_000) -> torch.Tensor:

@@ -26,8 +26,8 @@ class GroupTokens:
     - `groups`: twice the number of parts of the time (default 12)
     - `patch`: side of a patch in pixels (default 4)
 
-    Takes `Events` or a `Recording`. ValueError for settings out of range. (The authors' code divides W - 1 pixels among
-    the patches, so that some pixels of patches further right are counted to the one before.)
+    Takes `Events` or a `Recording`. ValueError for settings out of range. (Where patches fill
+    the sensor, the authors' code gives the same.)
     """
 
     groups: int = 12

@@ -50,9 +50,7 @@ def near(module: str) -> set[str]:
     room = Path(module).parts[1]
     folders = [TESTS / name for name in FIRST.get(room, [room])]
     files = [*TESTS.glob("test_*.py"), *(path for folder in folders for path in folder.rglob("test_*.py"))]
-    whole = {path.relative_to(ROOT).as_posix() for path in files}
-    tests = running(module, set(range(1, len((ROOT / module).read_text().splitlines()) + 1)))
-    return whole | {test for test in tests if test.partition("::")[0] not in whole}
+    return once({path.relative_to(ROOT).as_posix() for path in files} | running(module, all_lines(module)))
 
 
 def change() -> tuple[str, set[int]]:
@@ -83,7 +81,7 @@ def statement(tree: ast.AST, line: int) -> set[int]:
 
 
 def running(module: str, lines: set[int]) -> set[str]:
-    """Tests that run any of the lines; whole files of tests where a fixture does. None if it's not known."""
+    """Tests that run any of the lines; whole files of tests where a fixture does; none if it's not known."""
     if not MAP.exists():
         return set()
     data = coverage.CoverageData(str(MAP))
@@ -92,8 +90,7 @@ def running(module: str, lines: set[int]) -> set[str]:
     ran = data.contexts_by_lineno(next((path for path in data.measured_files() if path.endswith(module)), module))
     contexts = {context for line in lines for context in ran.get(line, ())}
     split = [context.rpartition("|") for context in contexts if "|" in context]
-    whole = {test.partition("::")[0] for test, _, phase in split if phase != "run"}
-    return whole | {test for test, _, phase in split if phase == "run" and test.partition("::")[0] not in whole}
+    return once({test if phase == "run" else test.partition("::")[0] for test, _, phase in split})
 
 
 def running_kernel(module: str, lines: set[int]) -> set[str]:
@@ -106,9 +103,18 @@ def running_kernel(module: str, lines: set[int]) -> set[str]:
             continue
         tree = ast.parse(file.read_text())
         calling = set().union(*(statement(tree, place) for place in places))
-        tests |= running(path, calling) or running(path, set(range(1, len(file.read_text().splitlines()) + 1)))
-    whole = {test for test in tests if "::" not in test}
-    return whole | {test for test in tests if test.partition("::")[0] not in whole}
+        tests |= running(path, calling) or running(path, all_lines(path))
+    return once(tests)
+
+
+def all_lines(module: str) -> set[int]:
+    """The numbers of a module's lines."""
+    return set(range(1, len((ROOT / module).read_text().splitlines()) + 1))
+
+
+def once(tests: set[str]) -> set[str]:
+    """Tests without those of files that are among them."""
+    return {test for test in tests if "::" not in test or test.partition("::")[0] not in tests}
 
 
 def distance(module: str, test: str) -> tuple:
