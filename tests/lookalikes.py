@@ -59,6 +59,30 @@ def evt2_bytes(ev: Events, header: bytes = b"% evt 2.0\n% end\n") -> bytes:
     return bytes(out)
 
 
+def evt21_bytes(ev: Events, header: bytes = b"% evt 2.1\n% end\n", little: bool = False) -> bytes:
+    """EVT 2.1: like EVT2, with a bit for each of the 32 pixels from x on; `little`: with its halves exchanged."""
+    out = bytearray(header)
+
+    def word(head: int, mask: int) -> None:
+        out.extend(struct.pack("<II", *((mask, head) if little else (head, mask))))
+
+    high = -1
+    groups: list[list[int]] = []
+    for t, x, y, p in rows(ev):
+        if t >> 6 != high:
+            high = t >> 6
+            groups.append([0x8 << 28 | high & 0xFFFFFFF, 0])
+        head = p << 28 | (t & 63) << 22 | x // 32 * 32 << 11 | y
+        bit = 1 << x % 32
+        if groups[-1][0] == head and groups[-1][1] < bit:
+            groups[-1][1] |= bit
+        else:
+            groups.append([head, bit])
+    for head, mask in groups:
+        word(head, mask)
+    return bytes(out)
+
+
 def evt3_bytes(ev: Events, header: bytes = b"% evt 3.0\n% end\n", vectors: bool = True) -> bytes:
     """EVT3: rows, columns and times as they change; neighbors in a row at one time as vectors."""
     out = bytearray(header)

@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("source", type=path, metavar="IN", help="a recording")
     add("target", type=path, metavar="OUT", help="its extension names the format")
+    add("--format", metavar="NAME", help="where an extension has several: evt2, evt2.1 or evt3 (default) for .raw")
     add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the file doesn't state it")
     add("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
     add("--overwrite", action="store_true", help="replace OUT if it is there")
@@ -25,12 +26,12 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata.common.files import creating
 
     with usage():
-        formats.writer_of(args.target)
+        formats.writer_of(args.target, args.format)
     with creating(args.target, overwrite=args.overwrite):
         recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
         if formats.left_out(recording, args.target):
             print(f"{shown(args.target)} holds events alone: frames and inertial samples are left out", file=sys.stderr)
-        written = formats.write(recording, args.target)
+        written = formats.write(recording, args.target, args.format)
         if args.source == args.target.with_name(f"{args.target.name}.davis") and not recording.repairs:
             # IN is OUT's journal, and OUT is whole now
             args.source.unlink()

@@ -13,7 +13,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, Events, sort_by_time
 
 if TYPE_CHECKING:
-    from nvsdata.data.samples import Frame, Inertial
+    from nvsdata.data.samples import Frame, Inertial, Triggers
 
 
 class Recording(ABC):
@@ -77,6 +77,10 @@ class Recording(ABC):
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         """Inertial samples with start <= t < stop (µs, as in the file), from the same formats as `frames`."""
         raise FormatError(self.path, f"inertial samples aren't read from {self.format} files")
+
+    def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
+        """External triggers with start <= t < stop (µs, as in the file), from Prophesee's `.raw`; else FormatError."""
+        raise FormatError(self.path, f"external triggers aren't read from {self.format} files")
 
     @property
     def about(self) -> Mapping[str, Any]:

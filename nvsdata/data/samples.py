@@ -74,6 +74,30 @@ class Inertial(NamedTuple):
         return self._replace(t=self.t - time)
 
 
+class Triggers(NamedTuple):
+    """Signals that came to a camera from outside, such as another camera's exposures.
+
+    - `t` int64 [N]: µs of the events' clock
+    - `channel` uint8 [N]: which input
+    - `level` uint8 [N]: 1 where it rose, 0 where it fell
+    """
+
+    t: np.ndarray
+    channel: np.ndarray
+    level: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Triggers]) -> Triggers:
+        """The triggers of all parts, one after the other."""
+        none = np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.uint8)
+        return cls(*map(np.concatenate, zip(none, *parts, strict=True)))
+
+    def window(self, start: int | None, stop: int | None) -> Triggers:
+        """The triggers with start <= t < stop (µs); None is without bound."""
+        which = (self.t >= _least(start)) & (self.t < _most(stop))
+        return Triggers(*(column[which] for column in self))
+
+
 class Piece(Events):
     """Events together with what else a camera sent: `frames`, `inertial`, and facts about the camera (`about`).
 

@@ -1,4 +1,4 @@
-"""Prophesee RAW, EVT2 and EVT3 (`.raw`): header lines that begin with `% `, then little-endian words.
+"""Prophesee RAW (`.raw`): what EVT2, EVT 2.1 and EVT3 share. Lines that begin with `% `, then little-endian words.
 
 The header names the encoding (`% evt 3.0`, or `% format EVT3;height=720;width=1280`) and may state
 the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
@@ -7,59 +7,72 @@ the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
+from nvsdata.data.samples import Triggers
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, PiecedFile, stated_size
-from nvsdata.formats.registry import Format
+from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.clock import BACK_US, SILENT_US, kept_words
-from nvsdata.kernels.evt import (
-    FALLS,
-    FIRST,
-    IGNORED,
-    JUMP,
-    LAST,
-    UNDATED,
-    UNSEEN,
-    evt2_decode,
-    evt2_highs,
-    evt2_walk,
-    evt3_count,
-    evt3_decode,
-    evt3_highs,
-    evt3_walk,
-)
+from nvsdata.kernels.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, UNSEEN
 from nvsdata.kernels.order import is_sorted
 
-ENCODING = re.compile(r"^% (?:evt |format EVT)([23])", re.IGNORECASE | re.MULTILINE)
+MAX_ADDRESS = 0x7FF
+MAX_TIME = 1 << 40  # µs; the file tells every wrap since 0, so that a time of today's date would take gigabytes
 
 
 class EvtRecording(PiecedFile):
-    """An EVT2 or EVT3 file. Events before the first time word are left out, because they have no time."""
+    """A file of words of one type and size. Events before the first time word are left out, because they have no time.
 
-    format = "evt"
+    A subclass must define `record_size` and what is below it.
+    """
+
     block = 4096
-    _events: np.ndarray  # number of events in each block, EVT3 only
+    low_bits: ClassVar[int]  # of the time, that other words hold than those of its high bits
+    high_bits: ClassVar[int]
+    state_size: ClassVar[int] = 1
+    _events: np.ndarray  # number of events in each block
     _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
+
+    @abstractmethod
+    def _pass(
+        self, raw: np.ndarray, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
+    ) -> None:
+        """Walk over a piece of the words, which begins with a block."""
+
+    @abstractmethod
+    def _highs(self, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which words of a piece hold the high part of the time, and that part."""
+
+    @abstractmethod
+    def _triggers(self, raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times, channels and levels of the external triggers in a piece; `state` is updated."""
+
+    def _count(self, raw: np.ndarray) -> int:
+        """The largest number of events that a piece can hold."""
+        return raw.size // self.record_size
+
+    def _ordered(self, raw: np.ndarray) -> np.ndarray:
+        """The bytes of a piece in the order that kernels take."""
+        return raw
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         contents = Contents(path, head)
         lines, end = contents.header(b"%")
-        text = "\n".join(lines)
-        encoding = ENCODING.search(text)
-        if encoding is None:
-            raise FormatError(path, "the header names neither EVT2 nor EVT3", offset=0)
-        self.version = int(encoding[1])
-        self.record_size = 4 if self.version == 2 else 2
+        self.header = "\n".join(lines)
         self._seen = np.array(UNSEEN)
         super().__init__(contents, sensor_size, strict, header_size=end)
-        stated = _stated_size(text)
+        stated = _stated_size(self.header)
         if self._size is None and stated:
             self._size = stated_size(path, *stated)
+        self._lasts(stated_time(lines))
 
     def _index(self) -> Blocks:
         """The index, by the last event before each block, because a block's first word needn't be an event."""
@@ -81,32 +94,31 @@ class EvtRecording(PiecedFile):
         states, times = np.empty((count, state.size), np.int64), np.empty(count, np.int64)
         seen, self._events = np.array(UNSEEN), np.zeros(count, np.int64)
         for raw in self._pieces(0, self.records):
-            if self.version == 2:
-                evt2_walk(raw, self.block, state, seen, states, times)
-            else:
-                evt3_walk(raw, self.block, state, seen, states, times, self._events)
+            self._pass(raw, state, seen, states, times)
         return seen, states, times
 
     def _strays(self) -> np.ndarray:
         """Indices of the time words that no camera wrote."""
-        find, bits, shift = (evt2_highs, 28, 6) if self.version == 2 else (evt3_highs, 12, 12)
         begin, places, highs = 0, [], []
         for raw in self._pieces(0, self.records):
-            where, high = find(raw)
+            where, high = self._highs(raw)
             places.append(begin + where)
             highs.append(high)
             begin += raw.size // self.record_size
-        kept = kept_words(np.concatenate(highs), bits, BACK_US >> shift, SILENT_US >> shift)
+        shift = self.low_bits
+        kept = kept_words(np.concatenate(highs), self.high_bits, BACK_US >> shift, SILENT_US >> shift)
         strays: np.ndarray = np.concatenate(places)[~kept]
         return strays
 
     def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
         for raw in super()._pieces(lo, hi):
+            raw = self._ordered(raw)
             if self._dropped is not None:
                 raw = raw.copy()
                 first, lo = lo, lo + raw.size // self.record_size
                 inside = self._dropped[(self._dropped >= first) & (self._dropped < lo)] - first
-                raw.reshape(-1, self.record_size)[inside, -1] = IGNORED << 4
+                # the byte of the word's type
+                raw.reshape(-1, self.record_size)[inside, min(self.record_size, 4) - 1] = IGNORED << 4
                 raw.flags.writeable = False
             yield raw
 
@@ -114,23 +126,15 @@ class EvtRecording(PiecedFile):
         return self.blocks.states[record // self.block].copy() if record else self._undated()
 
     def _undated(self) -> np.ndarray:
-        return np.array(UNDATED[: 1 if self.version == 2 else 5])
+        return np.array([NO_TIME] + [0] * (self.state_size - 1))
 
     def _room(self, lo: int, hi: int) -> int:
-        if self.version == 2:
-            return hi - lo
         if self._blocks is None:
-            count = sum(int(evt3_count(raw)) for raw in self._pieces(lo, hi))
+            count = sum(self._count(raw) for raw in self._pieces(lo, hi))
         else:
             count = int(self._events[lo // self.block : -(-hi // self.block)].sum())
         # one more, because words that are no events are written, too, and then written over
         return count + 1
-
-    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        width, height = self._size or (0, 0)
-        decode = evt2_decode if self.version == 2 else evt3_decode
-        count, bad = decode(raw, width, height, state, self._seen, kept, *columns)
-        return count, bad
 
     def decode(self) -> Columns:
         """All events, without the index unless the clock is damaged."""
@@ -143,6 +147,14 @@ class EvtRecording(PiecedFile):
         self._rises = is_sorted(columns.t)
         return columns
 
+    def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
+        """External triggers with start <= t < stop (µs, as in the file); all words are walked over."""
+        # damage is found first
+        assert self.blocks is not None
+        state = self._undated()
+        parts = [Triggers(*self._triggers(raw, state)) for raw in self._pieces(0, self.records)]
+        return Triggers.joined(parts).window(start, stop)
+
 
 def _stated_size(text: str) -> tuple[str, str] | None:
     both = re.search(r"geometry (\d+)x(\d+)", text)
@@ -152,4 +164,35 @@ def _stated_size(text: str) -> tuple[str, str] | None:
     return (width[1], height[1]) if width and height else None
 
 
-FORMAT = Format("evt", (".raw",), EvtRecording, begins=re.compile(rb"(?:%[^\n]*\n)*?% (?i:evt |format EVT)[23]").match)
+def names_encoding(pattern: str) -> Callable[[bytes], Any]:
+    """A test `begins` for files whose header names an encoding such as "3"."""
+    return re.compile(rb"(?:%%[^\n]*\n)*?%% (?i:evt |format EVT)%b(?!\.?[1-9])" % pattern.encode()).match
+
+
+def write_words(
+    pieces: Pieces, path: Path, version: str, encode: Callable[..., np.ndarray], state: int, option: str = ""
+) -> None:
+    """Write a file: `encode` gives the words of a piece, and updates a state of `state` numbers, -1 at first.
+
+    ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^40 µs.
+    """
+    name = f"EVT {version}"
+    if max(pieces.sensor_size) > MAX_ADDRESS + 1:
+        raise ValueError(f"{name} holds coordinates up to {MAX_ADDRESS} only")
+    shown = np.full(state, -1, np.int64)
+
+    def header(pieces: Pieces) -> bytes:
+        width, height = pieces.sensor_size
+        encoding = f"EVT{version.removesuffix('.0').replace('.', '')};height={height};width={width}{option}"
+        lines = f"evt {version}", f"format {encoding}", f"geometry {width}x{height}"
+        return "".join(
+            f"{line}\n" for line in (*(f"% {line}" for line in lines), time_comment(pieces, "%"), "% end")
+        ).encode()
+
+    with headed(path, pieces, header) as file:
+        for events in pieces:
+            if events.t[0] < 0 or events.t[-1] >= MAX_TIME:
+                first, last = events.t[0], events.t[-1]
+                hint = "T.RelativeTime() counts them from the recording's beginning"
+                raise ValueError(f"times from {first} to {last} µs: {name} holds those from 0 to 2^40 only; {hint}")
+            file.write(encode(*events.columns, shown).data)

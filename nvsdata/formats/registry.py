@@ -54,7 +54,9 @@ BUILT_IN = (
     "nvsdata.formats.aedat1",
     "nvsdata.formats.aedat3",
     "nvsdata.formats.aedat4",
-    "nvsdata.formats.evt",
+    "nvsdata.formats.evt3",
+    "nvsdata.formats.evt2",
+    "nvsdata.formats.evt21",
     "nvsdata.formats.prophesee",
     "nvsdata.formats.matlab",
     "nvsdata.formats.npy",
@@ -167,21 +169,27 @@ def _warn(one: Format, error: Exception) -> None:
     warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=5)
 
 
-def writer_of(path: str | os.PathLike[str]) -> Format:
-    """The format in which a new file `path` is written, by its extension.
+def writer_of(path: str | os.PathLike[str], format: str | None = None) -> Format:
+    """The format in which a new file `path` is written.
 
-    ValueError if no format with that extension can be written.
+    - `format`: its name; default: by the extension, EVT3 for `.raw`
+
+    ValueError if no format with that extension and name can be written.
     """
     suffix = Path(path).suffix.lower()
     for _ in range(2):
         for one in FORMATS.loaded():
-            if suffix in one.suffixes and one.write is not None:
+            if suffix in one.suffixes and one.write is not None and format in (None, one.name):
                 return one
         FORMATS.load_installed()
-    known = ", ".join(dict.fromkeys(s for one in FORMATS.values() if one.write is not None for s in one.suffixes))
+    written = [one for one in FORMATS.values() if one.write is not None]
+    if format is not None:
+        known = ", ".join(f"{one.name} ({', '.join(one.suffixes)})" for one in written)
+        raise ValueError(f"{path}: can't write a file with {suffix!r} as {format!r}; known are {known}")
+    known = ", ".join(dict.fromkeys(s for one in written for s in one.suffixes))
     raise ValueError(f"{path}: can't tell a format to write from {suffix!r}; known are {known}")
 
 
 def suffixes() -> tuple[str, ...]:
-    """Extensions of all formats that can be opened: lower case, with their dot."""
-    return tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)
+    """Extensions of all formats that can be opened, each once: lower case, with their dot."""
+    return tuple(dict.fromkeys(suffix for one in FORMATS.values() for suffix in one.suffixes))

@@ -19,12 +19,15 @@ from nvsdata.formats.writing import Pieces
 READ_BACK = 4096  # events at the end of a file that are compared after it was written
 
 
-def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike[str]) -> int:
+def write(
+    events: Events | Recording | Iterable[Events], path: str | os.PathLike[str], format: str | None = None
+) -> int:
     """Write events in the format that the extension of `path` names; returns the number of events.
 
     - `events`: Events, a Recording, or an iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream`
       gives them). Pieces are written as they come, in constant memory; the first one states the sensor size
     - `path`: the file, which appears whole or not at all, in place of any file there
+    - `format`: the format's name, where an extension has several: "evt3" (the default for `.raw`), "evt2" or "evt2.1"
 
     HDF5 and AEDAT 2 hold frames and inertial samples of a Recording, or of a `Piece`; other formats hold events alone.
 
@@ -33,7 +36,7 @@ def write(events: Events | Recording | Iterable[Events], path: str | os.PathLike
     order, of different sensors, or none at all. OSError if the disk is full or gives back other data.
     """
     path = os.path.expanduser(path)
-    how = writer_of(path)
+    how = writer_of(path, format)
     given = [events] if isinstance(events, Events) else events.pieces() if isinstance(events, Recording) else events
     if not how.holds_samples:
         given = map(without_samples, given)

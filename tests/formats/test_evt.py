@@ -1,18 +1,26 @@
+import importlib
+import itertools
+import struct
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lookalikes import evt2_bytes, evt3_bytes, rows
+from lookalikes import evt2_bytes, evt3_bytes, evt21_bytes, rows
 from strategies import events
 
 import nvsdata
 from nvsdata import Events, FormatError
 
-WRITERS = {"evt2": evt2_bytes, "evt3": evt3_bytes}
-both = pytest.mark.parametrize("kind", WRITERS)
+WRITERS = {"evt2": evt2_bytes, "evt2.1": evt21_bytes, "evt3": evt3_bytes}
+STATED = {"evt2": b"% evt 2.0\n", "evt2.1": b"% evt 2.1\n", "evt3": b"% evt 3.0\n"}
+every = pytest.mark.parametrize("kind", WRITERS)
+WRAP = {"evt2": 2**34, "evt2.1": 2**34, "evt3": 2**24}
 
 
-@both
+@every
 @given(ev=events(max_size=300, width=1280, height=720), first=st.integers(0, 2**34))
 def test_words_decode_as_the_description_says(tmp_path, kind, ev, first):
     # EVT3 doesn't say how often its 24 bits wrapped before the file begins
@@ -21,7 +29,7 @@ def test_words_decode_as_the_description_says(tmp_path, kind, ev, first):
     assert nvsdata.read(tmp_path / "a.raw", sensor_size=(1280, 720)) == ev
 
 
-@both
+@every
 @given(
     ev=events(max_size=6_000, width=640, height=480, gap=90),
     start=st.integers(-10, 200_000),
@@ -52,18 +60,18 @@ def test_evt2_wraps_after_2_to_the_34(tmp_path):
     assert nvsdata.read(tmp_path / "a.raw", sensor_size=(640, 480)) == ev
 
 
-@both
+@every
 @pytest.mark.parametrize(
     "header",
     [b"% geometry 640x480\n", b"% Width 640\n% Height 480\n", b"% Date 2020-01-01 10:00:00\n% width=640;height=480\n"],
 )
 def test_the_header_states_the_sensor(tmp_path, kind, header):
     ev = Events([5, 6], [1, 2], [3, 4], [1, 0], (640, 480))
-    (tmp_path / "a.raw").write_bytes(WRITERS[kind](ev, b"% evt " + kind[-1:].encode() + b".0\n" + header + b"% end\n"))
+    (tmp_path / "a.raw").write_bytes(WRITERS[kind](ev, STATED[kind] + header + b"% end\n"))
     assert nvsdata.read(tmp_path / "a.raw") == ev
 
 
-@both
+@every
 def test_the_whole_is_read_without_an_index(tmp_path, kind):
     t = np.arange(30_000) * 40
     ev = Events(t, t % 1279, t % 719, t % 2, (1280, 720))
@@ -81,7 +89,7 @@ def test_events_before_any_time_are_left_out(tmp_path):
     assert nvsdata.read(tmp_path / "a.raw").t.tolist() == [70, 80]
 
 
-@both
+@every
 def test_a_torn_word_is_named(tmp_path, kind):
     (tmp_path / "a.raw").write_bytes(WRITERS[kind](Events([5], [1], [2], [1])) + b"\x01")
     with pytest.raises(FormatError, match="truncated: 1 bytes"):
@@ -122,3 +130,138 @@ def test_a_header_may_hold_names_in_any_script(tmp_path):
     header = b"% evt 2.0\n% integrator M\xc3\xbcller\n% geometry 640x480\n% end\n"
     (tmp_path / "a.raw").write_bytes(evt2_bytes(ev, header))
     assert nvsdata.read(tmp_path / "a.raw") == ev
+
+
+@every
+@given(
+    ev=events(max_size=200, width=2048, height=2048),
+    first=st.integers(0, 2**30),
+    gaps=st.lists(st.tuples(st.integers(0, 200), st.integers(0, 2**35)), max_size=2),
+)
+def test_what_is_written_is_read_back(tmp_path, kind, ev, first, gaps):
+    t = ev.t - ev.start + first
+    for place, gap in gaps:
+        t[place:] += gap  # several wraps without an event
+    ev = Events(t, ev.x, ev.y, ev.p, (2048, 2048))
+    nvsdata.write(ev, tmp_path / "a.raw", kind)
+    recording = nvsdata.open(tmp_path / "a.raw")
+    assert (recording.format, recording.sensor_size) == (kind, (2048, 2048))
+    assert recording.read() == ev
+    assert (recording.start, recording.end) == (ev.start, ev.end)
+
+
+@every
+@given(ev=events(max_size=300, width=64, height=2, gap=2), cuts=st.lists(st.integers(0, 300), max_size=3))
+def test_pieces_are_written_as_one(tmp_path, kind, ev, cuts):
+    edges = [0, *sorted(cuts), 300]
+    pieces = [ev.of(ev.columns.take(slice(a, b))) for a, b in itertools.pairwise(edges)]
+    nvsdata.write(iter(pieces), tmp_path / "a.raw", kind)
+    assert nvsdata.read(tmp_path / "a.raw") == nvsdata.Events(*ev.columns, ev.sensor_size)
+
+
+def test_neighbors_take_less_room():
+    def size(kind, x):
+        encoding = importlib.import_module(f"nvsdata.formats.{kind.replace('.', '')}")
+        ev = Events(np.full(len(x), 5), x, np.full(len(x), 3), np.ones(len(x), int), (2048, 4))
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "a.raw"
+            nvsdata.write(ev, path, kind)
+            return (len(path.read_bytes()) - nvsdata.open(path).header_size) // encoding.FORMAT.open.record_size
+
+    # a word each for the high and the low part of the time and for the row
+    assert size("evt3", [7]) == size("evt3", [7, 18]) - 1 == 4
+    assert size("evt3", [7, 10, 18]) == 3 + 2
+    assert size("evt3", range(7, 7 + 32)) == 3 + 4
+    assert size("evt3", range(7, 7 + 64)) == 3 + 8
+    assert size("evt3", [7, 8, 9, 100, 200]) == 3 + 2 + 2
+    assert size("evt2.1", range(32, 64)) == 1 + 1
+    assert size("evt2.1", range(31, 65)) == 1 + 3
+    assert size("evt2", range(32, 64)) == 1 + 32
+
+
+@every
+def test_what_files_cannot_hold_is_refused(tmp_path, kind):
+    for times in ([-1, 5], [0, 2**40], [2**40, 2**40]):
+        with pytest.raises(ValueError, match=r"holds those from 0 to 2\^40 only; T.RelativeTime"):
+            nvsdata.write(Events(times, [0, 0], [0, 0], [0, 1], (4, 4)), tmp_path / "a.raw", kind)
+    with pytest.raises(ValueError, match="holds coordinates up to 2047 only"):
+        nvsdata.write(Events([0], [0], [0], [0], (4, 2049)), tmp_path / "a.raw", kind)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_name_of_a_format_chooses_among_those_of_an_extension(tmp_path):
+    ev = Events([5], [1], [2], [1], (4, 4))
+    nvsdata.write(ev, tmp_path / "a.raw")
+    assert nvsdata.open(tmp_path / "a.raw").format == "evt3"
+    with pytest.raises(ValueError, match=r"can't write a file with '.raw' as 'evt4'; known are .*evt2 \(.raw\)"):
+        nvsdata.write(ev, tmp_path / "a.raw", "evt4")
+    with pytest.raises(ValueError, match=r"can't write a file with '.dat' as 'evt2'"):
+        nvsdata.write(ev, tmp_path / "a.dat", "evt2")
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"% endianness little\n", b"% format EVT21;height=720;width=1280;endianness=little\n"]
+)
+@given(ev=events(max_size=100, width=1280, height=720))
+def test_halves_of_evt21_come_in_either_order(tmp_path, line, ev):
+    (tmp_path / "a.raw").write_bytes(evt21_bytes(ev, b"% evt 2.1\n" + line + b"% end\n", little=True))
+    assert nvsdata.read(tmp_path / "a.raw", sensor_size=(1280, 720)) == Events(*ev.columns, (1280, 720))
+
+
+def test_the_stated_order_of_halves_counts(tmp_path):
+    # a mask that looks like a word of time
+    ev = Events([5, 6], [31, 63], [3, 4], [1, 0], (64, 64))
+    (tmp_path / "a.raw").write_bytes(evt21_bytes(ev, b"% evt 2.1\n% endianness legacy\n% geometry 64x64\n% end\n"))
+    assert nvsdata.read(tmp_path / "a.raw") == ev
+
+
+def trigger(kind, t, channel, level):
+    """Words of a trigger after its own time words."""
+    if kind == "evt3":
+        return struct.pack("<HHH", 0x8 << 12 | t >> 12 & 0xFFF, 0x6 << 12 | t & 0xFFF, 0xA << 12 | channel << 8 | level)
+    words = [0x8 << 28 | t >> 6 & 0xFFFFFFF, 0xA << 28 | (t & 63) << 22 | channel << 8 | level]
+    return struct.pack("<II", *words) if kind == "evt2" else struct.pack("<IIII", words[0], 0, words[1], 0)
+
+
+@every
+@given(
+    triggers=st.lists(st.tuples(st.integers(0, 2**22), st.integers(0, 15), st.integers(0, 1)), max_size=8),
+    late=st.booleans(),
+)
+def test_external_triggers(tmp_path, kind, triggers, late):
+    # across a wrap of the clock
+    first = WRAP[kind] - 2**21 if late else 0
+    triggers = [(first + t, *rest) for t, *rest in sorted(triggers)]
+    body = b"".join(trigger(kind, *one) for one in triggers)
+    (tmp_path / "a.raw").write_bytes(STATED[kind] + b"% geometry 8x8\n% end\n" + body)
+    recording = nvsdata.open(tmp_path / "a.raw")
+    assert list(zip(*(column.tolist() for column in recording.triggers()), strict=True)) == triggers
+    start, stop = first + 2**20, first + 2**21
+    inside = [one for one in triggers if start <= one[0] < stop]
+    assert list(zip(*(column.tolist() for column in recording.triggers(start, stop)), strict=True)) == inside
+    assert len(recording.read()) == 0
+
+
+def test_triggers_have_their_types_and_other_formats_have_none(tmp_path):
+    ev = Events([5], [1], [2], [1], (4, 4))
+    nvsdata.write(ev, tmp_path / "a.raw")
+    none = nvsdata.open(tmp_path / "a.raw").triggers()
+    assert [(column.dtype, column.size) for column in none] == [(np.int64, 0), (np.uint8, 0), (np.uint8, 0)]
+    nvsdata.write(ev, tmp_path / "a.dat")
+    with pytest.raises(FormatError, match="external triggers aren't read from prophesee-dat files"):
+        nvsdata.open(tmp_path / "a.dat").triggers()
+
+
+@pytest.mark.parametrize("kind", ["evt2", "evt3"])
+def test_faery_reads_what_is_written(tmp_path, kind):
+    faery = pytest.importorskip("faery")
+    rng = np.random.default_rng(3)
+    t = np.concatenate([rng.integers(0, 3_000, 2_000), rng.integers(40_000_000, 90_000_000, 200)])
+    t.sort()
+    x, y, p = rng.integers(0, 60, t.size), rng.integers(0, 2, t.size), rng.integers(0, 2, t.size)
+    order = np.lexsort((x, p, y, t))
+    ev = Events(t[order], x[order], y[order], p[order], (1280, 720))
+    nvsdata.write(ev, tmp_path / "a.raw", kind)
+    theirs = np.concatenate(list(faery.events_stream_from_file(tmp_path / "a.raw")))
+    for ours, name in zip(ev.columns, theirs.dtype.names, strict=True):
+        assert np.array_equal(ours, theirs[name])

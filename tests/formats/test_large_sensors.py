@@ -29,11 +29,11 @@ TOO_LARGE = {"atis": LARGE, "aedat1": LARGE, "aedat2": ((1280, 720),)}
 MADE = {
     "davis": [davis_bytes],
     "aedat4": [lambda ev: aedat4_bytes(ev, size=ev.sensor_size)],
-    "evt": [
+    "evt2": [
         lambda ev: evt2_bytes(ev, b"%% evt 2.0\n%% geometry %dx%d\n%% end\n" % ev.sensor_size),
-        lambda ev: evt3_bytes(ev, b"%% evt 3.0\n%% geometry %dx%d\n%% end\n" % ev.sensor_size),
         evt2_bytes,
     ],
+    "evt3": [lambda ev: evt3_bytes(ev, b"%% evt 3.0\n%% geometry %dx%d\n%% end\n" % ev.sensor_size)],
     "matlab": [matlab_bytes],
 }
 large = pytest.mark.parametrize("size", LARGE, ids=lambda size: "{}x{}".format(*size))
@@ -43,7 +43,8 @@ every_format = pytest.mark.parametrize("name", sorted(FORMATS))
 def written_by(name, folder):
     """A path for each extension with which files of a format are written."""
     paths = [folder / f"a{suffix}" for suffix in FORMATS[name].suffixes]
-    return [path for path in paths if nvsdata.formats.writer_of(path).name == name]
+    # an extension that belongs to another format needs the name
+    return [path for path in paths if path.suffix == ".raw" or nvsdata.formats.writer_of(path).name == name]
 
 
 @every_format
@@ -56,10 +57,11 @@ def test_what_is_written_is_read_or_refused(tmp_path, name, size):
     for path in written_by(name, tmp_path):
         if size in TOO_LARGE.get(name, ()):
             with pytest.raises(ValueError, match=r"up to (\d+x\d+|x|255)|holds x up to 255 and y up to 239"):
-                nvsdata.write(ev, path)
+                nvsdata.write(ev, path, name)
             assert not path.exists()
             continue
-        nvsdata.write(ev, path)
+        nvsdata.write(ev, path, name)
+        assert nvsdata.open(path).format == name
         check(path, ev)
     assert list(tmp_path.iterdir()) or size in TOO_LARGE[name]
 
@@ -97,5 +99,5 @@ def test_a_file_of_each_format_becomes_every_other(tmp_path, size):
     kept = [path for name in FORMATS for path in (tmp_path / f"{name}{s}" for s in FORMATS[name].suffixes[:1])]
     kept = [p for p in kept if FORMATS[p.stem].write and size not in TOO_LARGE.get(p.stem, ())]
     for before, after in zip([None, *kept], kept, strict=False):
-        nvsdata.write(ev if before is None else nvsdata.open(before, sensor_size=size), after)
+        nvsdata.write(ev if before is None else nvsdata.open(before, sensor_size=size), after, after.stem)
         assert nvsdata.read(after, sensor_size=size) == ev
