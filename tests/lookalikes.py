@@ -158,17 +158,21 @@ def aedat4_bytes(ev: Events, compression: int = 0, size: tuple[int, int] = (320,
     header = struct.pack("<I4s5H2x", 20, b"IOHE", 10, 20, 4, 8, 16) + struct.pack("<iiqI", 12, compression, -1, 4)
     header += struct.pack("<I", len(xml)) + xml + b"\0"
     out = b"#!AER-DAT4.0\r\n" + struct.pack("<I", len(header)) + header
-    events = list(rows(ev))
-    for start in range(0, len(events), packet):
-        out += _aedat4_packet(0, b"other", 0)
-        part = events[start : start + packet]
-        body = struct.pack("<I4s3H2xiI", 16, b"EVTS", 6, 8, 4, 8, 4) + struct.pack("<I", len(part))
-        body += b"".join(struct.pack("<qhhB3x", t, x, y, p) for t, x, y, p in part)
-        out += _aedat4_packet(1, struct.pack("<I", len(body)) + body, compression)
+    for start in range(0, len(ev), packet):
+        out += aedat4_packet(0, b"other", 0)
+        out += aedat4_packet(1, aedat4_events(ev[start : start + packet]), compression)
     return out
 
 
-def _aedat4_packet(stream: int, body: bytes, compression: int) -> bytes:
+def aedat4_events(ev: Events) -> bytes:
+    """The content of a packet of events, before it is compressed."""
+    body = struct.pack("<I4s3H2xiII", 16, b"EVTS", 6, 8, 4, 8, 4, len(ev))
+    body += b"".join(struct.pack("<qhhB3x", t, x, y, p) for t, x, y, p in rows(ev))
+    return struct.pack("<I", len(body)) + body
+
+
+def aedat4_packet(stream: int, body: bytes, compression: int) -> bytes:
+    """A packet with its header."""
     if compression in (1, 2):
         import lz4.frame
 

@@ -69,8 +69,8 @@ class Recording(ABC):
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
         """Frames whose exposure begins at start <= t < stop (µs, as in the file), one by one, if there are any.
 
-        They are read from HDF5, AEDAT 2 and a DAVIS camera's stream. FormatError for other formats, of which nvsdata
-        reads only events.
+        They are read from HDF5, AEDAT 2, AEDAT 4 and a DAVIS camera's stream. FormatError for other formats, of which
+        nvsdata reads only events.
         """
         raise FormatError(self.path, f"frames aren't read from {self.format} files")
 
@@ -79,7 +79,10 @@ class Recording(ABC):
         raise FormatError(self.path, f"inertial samples aren't read from {self.format} files")
 
     def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
-        """External triggers with start <= t < stop (µs, as in the file), from Prophesee's `.raw`; else FormatError."""
+        """External triggers with start <= t < stop (µs, as in the file).
+
+        They are read from Prophesee's `.raw` and AEDAT 4. FormatError for other formats.
+        """
         raise FormatError(self.path, f"external triggers aren't read from {self.format} files")
 
     @property

@@ -2,106 +2,161 @@
 
 A file begins with `#!AER-DAT4.0` CR LF, the length of a flatbuffer, and that flatbuffer: the compression, the place of
 a table at the end, and XML that names the streams. Packets follow: stream and size as int32, then a flatbuffer,
-compressed as a whole. A packet of events holds a vector of 16-byte structs with times in µs. Only the first stream of
-events is read. The times of a packet are not known before it is inflated, so a window decodes the whole file.
+compressed as a whole. A packet of events holds a vector of 16-byte structs with times in µs. Of each type of stream,
+the first is read. The table tells the times of each packet, so a window inflates only the packets that it touches.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
+from nvsdata.data.samples import Frame, Inertial, Triggers, within
+from nvsdata.formats.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
+from nvsdata.formats.aedat4_samples import frame_of, inertial_of, triggers_of
+from nvsdata.formats.aedat4_writer import write
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
+from nvsdata.formats.flatbuffer import Table
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
+from nvsdata.formats.writing import stated_time
+from nvsdata.kernels.order import is_sorted
 
-MAGIC = 14  # bytes
-EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
 EVENTS = ("t", "x", "y", "on")
-LZ4, ZSTD = (1, 2), (3, 4)
-MAX_INFLATED = 1 << 30  # bytes that a packet may inflate to
+LONG = 1_000_000  # µs; a frame's times and those that the table tells of it lie closer together
+What = TypeVar("What")
 
 
 class Aedat4Recording(FileRecording):
-    """An AEDAT 4 file."""
+    """An AEDAT 4 file. If not `strict`, or if the file has no table, each window decodes the whole file."""
 
     format = "aedat4"
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
         self._contents = Contents(path, head)
+        begin = len(MAGIC)
         try:
-            (length,) = struct.unpack_from("<I", head, MAGIC)
-            self._first = MAGIC + 4 + length
+            (length,) = struct.unpack_from("<I", head, begin)
+            self._first = begin + 4 + length
             if self._first > self._contents.size:
-                raise FormatError(path, f"truncated: a header of {length} bytes", offset=MAGIC)
-            header = _Table.root(self._contents.read(MAGIC + 4, self._first).data, 0, b"IOHE")
-            self._inflate = self._inflater(header.number(0, "<i", 0))
+                raise FormatError(path, f"truncated: a header of {length} bytes", offset=begin)
+            header = Table.root(self._contents.read(begin + 4, self._first).data, 0, b"IOHE")
+            self._inflate = inflater(path, header.number(0, "<i", 0))
             end = header.number(1, "<q", -1)
             self._end = end if self._first <= end <= self._contents.size else self._contents.size
-            streams = ElementTree.fromstring(header.string(2))
-            self._stream, stated = _events_stream(streams)
+            self._streams = _streams(ElementTree.fromstring(header.string(2)))
         except (struct.error, ValueError, IndexError, ElementTree.ParseError) as error:
-            raise error if isinstance(error, FormatError) else self._fault(MAGIC, error) from error
-        if self._size is None and stated is not None:
-            self._size = stated_size(path, *stated)
+            raise error if isinstance(error, FormatError) else self._fault(begin, error) from error
+        self._stated = self._streams["EVTS"][1]
+        if self._size is None and "sizeX" in self._stated and "sizeY" in self._stated:
+            self._size = stated_size(path, self._stated["sizeX"], self._stated["sizeY"])
+        self._lasts(stated_time([self._stated.get("time", "")]))
+        self._listed: dict[str, Packets | None] = {}
         self._contents.let_go()
+
+    @property
+    def holds_samples(self) -> bool:  # type: ignore[override]
+        """Whether the file has a stream of frames or inertial samples."""
+        return "FRME" in self._streams or "IMUS" in self._streams
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        return {"camera": self._stated["source"]} if "source" in self._stated else {}
 
     def _fault(self, at: int, error: BaseException) -> FormatError:
         return FormatError(self.path, f"damaged AEDAT 4: {error}", offset=at)
 
-    def _inflater(self, compression: int) -> Callable[[memoryview], bytes]:
-        try:
-            if compression in LZ4:
-                import lz4.frame
-
-                return lambda packet: bytes(lz4.frame.decompress(packet))
-            if compression in ZSTD:
-                import zstandard
-
-                return lambda packet: _unzstd(zstandard, packet)
-        except ImportError as error:
-            reason = f"{self.path}: AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata[aedat4]'"
-            raise ImportError(reason) from error
-        if compression:
-            raise ValueError(f"unknown compression {compression}")
-        return bytes
-
-    def _packets(self) -> Iterator[tuple[int, memoryview]]:
-        """Byte offset and content of the packets of the stream of events."""
+    def _packets(self, kind: str) -> Iterator[tuple[int, memoryview]]:
+        """Byte offset and content of the packets of a stream, in the file's order."""
         data, at = self._contents.read(self._first, self._end).data, self._first
-        while at + 8 <= self._end:
-            stream, size = struct.unpack_from("<ii", data, at - self._first)
-            if not 0 <= size <= self._end - at - 8:
-                raise FormatError(
-                    self.path, f"truncated: a packet of {size} bytes, {self._end - at - 8} are left", offset=at
-                )
-            if stream == self._stream:
-                yield at, data[at + 8 - self._first : at + 8 + size - self._first]
-            at += 8 + size
+        while at + HEADER <= self._end:
+            stream, size = struct.unpack_from(PACKET, data, at - self._first)
+            left = self._end - at - HEADER
+            if not 0 <= size <= left:
+                raise FormatError(self.path, f"truncated: a packet of {size} bytes, {left} are left", offset=at)
+            begin = at + HEADER - self._first
+            if stream == self._streams[kind][0]:
+                yield at, data[begin : begin + size]
+            at += HEADER + size
         if at < self._end:
             raise FormatError(self.path, f"truncated: {self._end - at} bytes are left over", offset=at)
+
+    def _table(self, kind: str) -> Packets | None:
+        """The packets of a stream by the table at the file's end; None if there is none that makes sense."""
+        if kind not in self._listed:
+            self._listed[kind] = self._read_table(kind) if self.strict and self._end < self._contents.size else None
+        return self._listed[kind]
+
+    def _read_table(self, kind: str) -> Packets | None:
+        try:
+            table = self._inflate(self._contents.read(self._end, self._contents.size).data)
+            return packets_of(memoryview(table), self._streams[kind][0], self._first, self._end)
+        except Exception:  # lz4 and zstandard raise their own errors
+            return None
+
+    def _chosen(self, packets: Packets) -> Iterator[tuple[int, memoryview]]:
+        """Byte offset and content of some packets of the table."""
+        begin, end = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
+        for at, content in zip(begin, self._contents.ranges(list(zip(begin, end, strict=True))), strict=True):
+            yield at, content.data[HEADER:]
 
     def decode(self) -> Columns:
         parts: list[np.ndarray] = []
         try:
-            for at, packet in self._packets():
-                parts.append(self._events_of(at, packet))
+            for at, packet in self._packets("EVTS"):
+                parts.append(self._content(at, packet, _events_of))
         except FormatError:
             if self.strict or not parts:
                 raise
             self._repair("packets from the first damaged one on, cut off", 1)
+        return self._columns(parts)
+
+    def _columns(self, parts: list[np.ndarray], first: int = 0) -> Columns:
+        """The columns of packets' events, of which the first has the number `first`."""
         if not parts:
             return Columns.empty(0)
         events = self._timed(np.concatenate(parts))
-        return Columns(*(np.ascontiguousarray(column) for column in self._inside([events[name] for name in EVENTS])))
+        columns = self._inside([events[name] for name in EVENTS], first)
+        return Columns(*(np.ascontiguousarray(column) for column in columns))
+
+    def decode_window(self, start: int, stop: int) -> Columns | None:
+        packets = self._table("EVTS")
+        if packets is None or not packets.ordered:
+            return None
+        lo, hi = int(packets.end.searchsorted(start)), int(packets.start.searchsorted(stop))
+        touched = packets.take(slice(lo, max(lo, hi)))
+        parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(touched)]
+        columns = self._columns(parts, int(packets.elements[:lo].sum()))
+        if not (is_sorted(columns.t) and self._agree(touched, parts)):
+            self._listed["EVTS"] = None
+            return None
+        a, b = columns.t.searchsorted(start), columns.t.searchsorted(stop)
+        return columns.take(slice(a, b))
+
+    def decode_span(self) -> tuple[int, int] | None:
+        packets = self._table("EVTS")
+        if packets is None or not packets.ordered:
+            return None
+        if not packets.at.size:
+            return 0, 0
+        ends = packets.take(np.array([0, -1]))
+        parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(ends)]
+        return (int(ends.start[0]), int(ends.end[1])) if self._agree(ends, parts) else None
+
+    def _agree(self, packets: Packets, parts: list[np.ndarray]) -> bool:
+        """Whether packets hold what the table says."""
+        if [part.size for part in parts] != packets.elements.tolist():
+            return False
+        ends = [(part["t"][0], part["t"][-1]) for part in parts]
+        return ends == list(zip(packets.start.tolist(), packets.end.tolist(), strict=True))
 
     def _timed(self, events: np.ndarray) -> np.ndarray:
         """The events whose times Events can hold."""
@@ -113,82 +168,57 @@ class Aedat4Recording(FileRecording):
         self._repair("events at or beyond 2^62 µs, dropped", int(np.count_nonzero(late)))
         return events[~late]
 
-    def _events_of(self, at: int, packet: memoryview) -> np.ndarray:
+    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], What]) -> What:
+        """What `read` finds in a packet; FormatError if it is damaged."""
         try:
-            payload = memoryview(self._inflate(packet))
-            first, count = _Table.root(payload, 4, b"EVTS").vector(0)
-            if count * EVENT.itemsize > len(payload) - first:
-                raise ValueError(f"{count} events in {len(payload)} bytes")
-            return np.frombuffer(payload, EVENT, count, first)
+            return read(memoryview(self._inflate(packet)))
         except Exception as error:  # lz4 and zstandard raise their own errors
             raise self._fault(at, error) from error
 
+    def _samples(
+        self, kind: str, read: Callable[[memoryview], What], start: int | None, stop: int | None
+    ) -> Iterator[What]:
+        """What the packets of a stream hold; those that lie outside a window, as the table says, are left out."""
+        if kind not in self._streams:
+            return
+        table = self._table(kind)
+        if table is None:
+            packets = self._packets(kind)
+        else:
+            least, most = -LATEST if start is None else start - LONG, LATEST if stop is None else stop + LONG
+            packets = self._chosen(table.take((table.end >= least) & (table.start < most)))
+        for at, packet in packets:
+            yield self._content(at, packet, read)
 
-class _Table:
-    """A table of a flatbuffer: gives its fields. struct.error or ValueError if it is broken."""
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
+        return within(self._samples("FRME", frame_of, start, stop), start, stop)
 
-    def __init__(self, data: memoryview, at: int) -> None:
-        self.data, self.at = data, at
-        self.fields = at - self._read("<i", at)
+    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
+        return Inertial.joined(list(self._samples("IMUS", inertial_of, start, stop))).window(start, stop)
 
-    @classmethod
-    def root(cls, data: memoryview, start: int, name: bytes) -> _Table:
-        """The table that the buffer at `start` begins with; its identifier must be `name`."""
-        if bytes(data[start + 4 : start + 8]) != name:
-            raise ValueError(f"no {name.decode()} but {bytes(data[start + 4 : start + 8])!r}")
-        return cls(data, start + struct.unpack_from("<I", data, start)[0])
-
-    def _read(self, kind: str, at: int) -> int:
-        if at < 0:
-            raise ValueError("an offset that leads before the buffer")
-        value: int = struct.unpack_from(kind, self.data, at)[0]
-        return value
-
-    def _place(self, field: int) -> int:
-        """Byte at which a field lies; 0 if the table has no such field."""
-        inside = 4 + 2 * field < self._read("<H", self.fields)
-        offset = self._read("<H", self.fields + 4 + 2 * field) if inside else 0
-        return self.at + offset if offset else 0
-
-    def number(self, field: int, kind: str, default: int) -> int:
-        """The number in a field, of the struct format `kind`; `default` if the table has no such field."""
-        place = self._place(field)
-        return self._read(kind, place) if place else default
-
-    def vector(self, field: int) -> tuple[int, int]:
-        """First byte and length of the vector in a field; (0, 0) if the table has no such field."""
-        place = self._place(field)
-        if not place:
-            return 0, 0
-        place += self._read("<I", place)
-        return place + 4, self._read("<I", place)
-
-    def string(self, field: int) -> str:
-        """The string in a field."""
-        first, length = self.vector(field)
-        if length > len(self.data) - first:
-            raise ValueError(f"a string of {length} bytes beyond the buffer")
-        return bytes(self.data[first : first + length]).decode("utf-8")
+    def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
+        return Triggers.joined(list(self._samples("TRIG", triggers_of, start, stop))).window(start, stop)
 
 
-def _events_stream(root: Any) -> tuple[int, tuple[str, str] | None]:
-    """Number of the first stream of events, and the width and height of its sensor."""
+def _events_of(payload: memoryview) -> np.ndarray:
+    """The events of a packet, [N] of EVENT."""
+    first, count = Table.root(payload, 4, b"EVTS").vector(0)
+    if count * EVENT.itemsize > len(payload) - first:
+        raise ValueError(f"{count} events in {len(payload)} bytes")
+    return np.frombuffer(payload, EVENT, count, first)
+
+
+def _streams(root: Any) -> dict[str, tuple[int, dict[str, str]]]:
+    """Number of the first stream of each type, and what is said of it; ValueError if there is none of events."""
+    found: dict[str, tuple[int, dict[str, str]]] = {}
     for node in root.iter("node"):
         attributes = {attr.get("key"): attr.text or "" for attr in node.findall("attr")}
-        if attributes.get("typeIdentifier") != "EVTS":
-            continue
-        inner = {attr.get("key"): attr.text or "" for info in node.findall("node") for attr in info.findall("attr")}
-        stated = (inner["sizeX"], inner["sizeY"]) if "sizeX" in inner and "sizeY" in inner else None
-        return int(node.get("name", "")), stated
-    raise ValueError("no stream of events")
+        if "typeIdentifier" in attributes:
+            about = {attr.get("key"): attr.text or "" for info in node.findall("node") for attr in info.findall("attr")}
+            found.setdefault(attributes["typeIdentifier"], (int(node.get("name", "")), about))
+    if "EVTS" not in found:
+        raise ValueError("no stream of events")
+    return found
 
 
-def _unzstd(zstandard: Any, packet: memoryview) -> bytes:
-    size = zstandard.get_frame_parameters(packet).content_size
-    if MAX_INFLATED < size < (1 << 64) - 2:  # the two largest values mean that it isn't known
-        raise ValueError(f"a packet that inflates to {size} bytes")
-    inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MAX_INFLATED)
-    return inflated
-
-
-FORMAT = Format("aedat4", (".aedat4", ".aedat"), Aedat4Recording, begins=starts_with(b"#!AER-DAT4."))
+FORMAT = Format("aedat4", (".aedat4", ".aedat"), Aedat4Recording, begins=starts_with(MAGIC[:11]), write=write)

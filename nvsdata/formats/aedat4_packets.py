@@ -1,0 +1,96 @@
+"""What AEDAT 4 files consist of: packets, their compression, and the table of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from nvsdata.formats.flatbuffer import Rows, Table
+
+MAGIC = b"#!AER-DAT4.0\r\n"
+PACKET = "<ii"  # stream and size, before each packet's content
+HEADER = 8  # bytes of these
+EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
+LZ4, ZSTD = (1, 2), (3, 4)
+MAX_INFLATED = 1 << 30  # bytes that a packet may inflate to
+
+
+class Packets(NamedTuple):
+    """Packets of one stream as the table at a file's end tells them, each [N].
+
+    - `at`, `size`: first byte of the content, and number of bytes
+    - `elements`: number of elements
+    - `start`, `end`: times of the first and the last one in µs
+    """
+
+    at: np.ndarray
+    size: np.ndarray
+    elements: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+    def take(self, which: slice | np.ndarray) -> Packets:
+        """Some of the packets."""
+        return Packets(*(column[which] for column in self))
+
+    @property
+    def ordered(self) -> bool:
+        """Whether each begins no earlier than the one before it ends."""
+        return bool((self.start <= self.end).all() and (self.start[1:] >= self.end[:-1]).all())
+
+
+def packets_of(data: memoryview, stream: int, first: int, end: int) -> Packets:
+    """The packets of a stream in an inflated table; all packets fill the bytes first..end of the file.
+
+    struct.error or ValueError if the table is broken, or leaves any out.
+    """
+    rows = Rows(data, *Table.root(data, 4, b"FTAB").vector(0))
+    at, elements, start, stop = (rows.column(field, "<i8") for field in (0, 2, 3, 4))
+    size = rows.column(1, "<i4", inside=4).astype(np.int64)
+    begin = np.sort(at) - HEADER
+    if not np.array_equal(np.append(begin, end), np.append(first, begin + HEADER + size[np.argsort(at)])):
+        raise ValueError("a table that doesn't tell all packets")
+    found = Packets(at, size, elements, start, stop).take(rows.column(1, "<i4") == stream)
+    # some programs write zeros for what they don't know
+    if not found.elements.all():
+        raise ValueError("a table without the packets' numbers of elements")
+    return found
+
+
+def inflater(path: str, compression: int) -> Callable[[memoryview], bytes]:
+    """What inflates a packet. ImportError if its package is missing, ValueError for an unknown compression."""
+    if compression in LZ4:
+        lz4 = _package(path, "lz4.frame")
+        return lambda packet: bytes(lz4.decompress(packet))
+    if compression in ZSTD:
+        zstandard = _package(path, "zstandard")
+        return lambda packet: _unzstd(zstandard, packet)
+    if compression:
+        raise ValueError(f"unknown compression {compression}")
+    return bytes
+
+
+def deflater(path: str) -> Callable[[bytes], bytes]:
+    """What compresses a packet with LZ4. ImportError if its package is missing."""
+    compress: Callable[[bytes], bytes] = _package(path, "lz4.frame").compress
+    return compress
+
+
+def _package(path: str, name: str) -> Any:
+    from importlib import import_module
+
+    try:
+        return import_module(name)
+    except ImportError as error:
+        reason = f"{path}: AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata[aedat4]'"
+        raise ImportError(reason) from error
+
+
+def _unzstd(zstandard: Any, packet: memoryview) -> bytes:
+    size = zstandard.get_frame_parameters(packet).content_size
+    if MAX_INFLATED < size < (1 << 64) - 2:  # the two largest values mean that it isn't known
+        raise ValueError(f"a packet that inflates to {size} bytes")
+    inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MAX_INFLATED)
+    return inflated

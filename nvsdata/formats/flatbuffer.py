@@ -1,0 +1,84 @@
+"""Flatbuffers, as far as AEDAT 4 needs them: tables that are read in place."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+
+class Table:
+    """A table of a flatbuffer: gives its fields. struct.error or ValueError if it is broken."""
+
+    def __init__(self, data: memoryview, at: int) -> None:
+        self.data, self.at = data, at
+        self.fields = at - self._read("<i", at)
+
+    @classmethod
+    def root(cls, data: memoryview, start: int, name: bytes) -> Table:
+        """The table that the buffer at `start` begins with; its identifier must be `name`."""
+        if bytes(data[start + 4 : start + 8]) != name:
+            raise ValueError(f"no {name.decode()} but {bytes(data[start + 4 : start + 8])!r}")
+        return cls(data, start + struct.unpack_from("<I", data, start)[0])
+
+    def _read(self, kind: str, at: int) -> int:
+        if at < 0:
+            raise ValueError("an offset that leads before the buffer")
+        value: int = struct.unpack_from(kind, self.data, at)[0]
+        return value
+
+    def _place(self, field: int) -> int:
+        """Byte at which a field lies; 0 if the table has no such field."""
+        inside = 4 + 2 * field < self._read("<H", self.fields)
+        offset = self._read("<H", self.fields + 4 + 2 * field) if inside else 0
+        return self.at + offset if offset else 0
+
+    def number(self, field: int, kind: str, default: int) -> int:
+        """The number in a field, of the struct format `kind`; `default` if the table has no such field."""
+        place = self._place(field)
+        return self._read(kind, place) if place else default
+
+    def vector(self, field: int) -> tuple[int, int]:
+        """First byte and length of the vector in a field; (0, 0) if the table has no such field."""
+        place = self._place(field)
+        if not place:
+            return 0, 0
+        place += self._read("<I", place)
+        return place + 4, self._read("<I", place)
+
+    def string(self, field: int) -> str:
+        """The string in a field."""
+        first, length = self.vector(field)
+        if length > len(self.data) - first:
+            raise ValueError(f"a string of {length} bytes beyond the buffer")
+        return bytes(self.data[first : first + length]).decode("utf-8")
+
+
+class Rows:
+    """The tables in a vector, read together: `first` and `count` as `Table.vector` gives them. ValueError if broken."""
+
+    def __init__(self, data: memoryview, first: int, count: int) -> None:
+        self.data = np.frombuffer(data, np.uint8)
+        if first + 4 * count > self.data.size:
+            raise ValueError(f"{count} tables in {self.data.size} bytes")
+        slots = first + 4 * np.arange(count)
+        self.at = slots + self._read("<u4", slots)
+        self.fields = self.at - self._read("<i4", self.at)
+
+    def _read(self, kind: str, places: np.ndarray) -> np.ndarray:
+        size = np.dtype(kind).itemsize
+        if places.size and not 0 <= places.min() <= places.max() <= self.data.size - size:
+            raise ValueError("an offset that leads out of the buffer")
+        found: np.ndarray = self.data[places[:, None] + np.arange(size)].view(kind)[:, 0]
+        return found
+
+    def column(self, field: int, kind: str, inside: int = 0) -> np.ndarray:
+        """The numbers in a field, of the dtype `kind`, 0 where a table has none; `inside`: byte in a struct."""
+        entry = 4 + 2 * field
+        offset = np.zeros(self.at.size, np.int64)
+        has = entry < self._read("<u2", self.fields)
+        offset[has] = self._read("<u2", self.fields[has] + entry)
+        has = offset > 0
+        numbers = np.zeros(self.at.size, kind)
+        numbers[has] = self._read(kind, (self.at + offset)[has] + inside)
+        return numbers
