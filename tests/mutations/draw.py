@@ -15,8 +15,10 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
+import coverage
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import WorkerOutcome, WorkResult
+from judge import MAP
 
 FASTER = {"njit", "cache", "lru_cache", "cached_property", "overload", "wraps", "register_jitable"}
 Span = tuple[tuple[int, int], tuple[int, int]]
@@ -29,6 +31,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="default 0")
     parser.add_argument("--part", type=int, nargs=2, default=(1, 1), metavar=("N", "OF"), help="default 1 1: all")
     args = parser.parse_args()
+    if not tells_tests():
+        parser.error(f"{MAP} doesn't tell which tests run a line: was it made as docs/contributing.md says?")
     with use_db(args.session, WorkDB.Mode.open) as session:
         items = sorted(session.work_items, key=lambda item: _key(item.mutations[0]))
         chosen = drawn(items, args.count, args.seed)[args.part[0] - 1 :: args.part[1]]
@@ -38,6 +42,13 @@ def main() -> None:
     for item in chosen:
         change = item.mutations[0]
         print(f"{change.module_path}:{change.start_pos[0]} {change.operator_name.removeprefix('core/')}")
+
+
+def tells_tests() -> bool:
+    """Whether the map has a context for each test; without `--dist no`, pytest-cov writes none."""
+    found = coverage.CoverageData(str(MAP))
+    found.read()
+    return any("|" in context for context in found.measured_contexts())
 
 
 def drawn(items: list, count: int, seed: int) -> list:
