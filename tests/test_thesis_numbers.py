@@ -307,6 +307,7 @@ def test_every_transform_with_defaults_is_pinned():
         T.ToFrames,
         T.VoxelGrid,
         T.Window,
+        T.WithBoxes,
     }
     exported = {thing for name in T.__all__ if isinstance(thing := getattr(T, name), type)}
     assert exported == without | {kind for _, kind, _ in TRANSFORMS}

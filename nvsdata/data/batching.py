@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, Literal, NamedTuple
 
@@ -33,7 +33,7 @@ def collate(
 
     - `samples`: the pairs. Graphs become a `GraphBatch`; sequences of S graphs become a `GraphBatch` with
       `volumes` = S; tensors of one shape are stacked; anything else is collated by torch. Targets are collated by torch
-      (ints to int64 [B])
+      (ints to int64 [B]); those with boxes, whose numbers differ, stay a list
     - `pad`: whether tensors, such as frames of unequal number or size, become a `Padded`: `values` filled up with 0,
       `lengths`, `mask` (default False)
     - `events`: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes an
@@ -53,6 +53,8 @@ def collate(
     made = _stack(inputs, pad, events)
     if all(isinstance(target, int) for target in targets):
         return Batch(made, torch.tensor(targets))
+    if all(isinstance(target, Mapping) and "boxes" in target for target in targets):
+        return Batch(made, targets)
     return Batch(made, default_collate(targets))
 
 

@@ -277,6 +277,8 @@ class EventDataset(Samples):
             lines.append(f"damaged: {len(found)}")
         if self.transform is not None:
             lines.append(f"transform: {self.transform!r}")
+        if self.transforms is not None:
+            lines.append(f"transforms: {self.transforms!r}")
         return "\n    ".join(lines)
 
 

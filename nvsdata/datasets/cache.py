@@ -38,6 +38,8 @@ class Cached(Dataset[tuple[Any, Any]]):
     """A dataset that reads from disk the samples it has made before; see `cache`."""
 
     def __init__(self, dataset: EventDataset, path: Path) -> None:
+        if dataset.transforms is not None:
+            raise ValueError("a cache keeps what `transform` makes, and this dataset has `transforms`")
         steps = _steps(dataset.transform)
         cut = next((i for i, step in enumerate(steps) if not getattr(step, "deterministic", False)), len(steps))
         if steps and not cut:

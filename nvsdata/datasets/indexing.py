@@ -39,6 +39,7 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     samples: list[Any]
     classes: list[str]
+    transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None  # of sample and target, in place of the other two
     independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on which samples there are
 
     def _set(
@@ -128,10 +129,13 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     def _made(self, index: int) -> tuple[Any, Any]:
         recordings = self.recordings(index)
-        change = self.transform or as_events
-        sample = self.joined([change(recording) for recording in recordings])
+        if self.transforms is not None:
+            sample, target = self.transforms(recordings[0], self.target(index))
+        else:
+            change = self.transform or as_events
+            sample, target = self.joined([change(recording) for recording in recordings]), self.target(index)
         self.note_repairs(index, recordings)
-        return sample, self.target(index)
+        return sample, target
 
     def target(self, index: int) -> Any:
         """The target of a sample."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 from nvsdata.common.errors import FormatError
 from nvsdata.datasets.base import RandomSplitDataset
@@ -54,6 +56,10 @@ class NCaltech101(RandomSplitDataset):
     - `split`: "train" (default), "test" or "all"; a random fifth of each class is for testing
     - `background`: whether the background class is one of the classes: 101 with it (default), 100 without
     - `fold`: seed of the random split, at least 0 (default 0)
+    - `boxes`: whether targets are dicts of `boxes` (float32 [N, 4]: left, top, right and bottom edge in pixels; N is 0
+      or 1) and `labels` (int64 [N]) in place of ints (default False)
+    - `transforms`: applied to the recording and the target, gives both, in place of `transform` and
+      `target_transform`; `T.WithBoxes(...)` moves boxes along with events (default None)
     - other parameters: those of `EventDataset`
     """
 
@@ -91,13 +97,17 @@ class NCaltech101(RandomSplitDataset):
         *,
         background: bool = True,
         fold: int | None = None,
+        boxes: bool = False,
+        transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
-        self.background = background
+        if transforms is not None and (transform is not None or target_transform is not None):
+            raise ValueError("transforms takes the place of transform and target_transform: give it, or them")
+        self.background, self.boxes, self.transforms = background, boxes, transforms
         super().__init__(
             root,
             split,
@@ -115,6 +125,17 @@ class NCaltech101(RandomSplitDataset):
     def found(self) -> list[Sample]:
         # annotations are also .bin files in class folders
         return [sample for sample in super().found() if not sample.stem.startswith("annotation")]
+
+    def target(self, index: int) -> Any:
+        if not self.boxes:
+            return super().target(index)
+        found = self.box(index)
+        edges = [] if found is None else [[found.x, found.y, found.x + found.width, found.y + found.height]]
+        target = {
+            "boxes": torch.tensor(edges, dtype=torch.float32).reshape(-1, 4),
+            "labels": torch.full((len(edges),), self.targets[index]),
+        }
+        return target if self.target_transform is None else self.target_transform(target)
 
     def box(self, index: int) -> Box | None:
         """The bounding box of a sample, with negative corners moved to 0; None if it has no annotation.

@@ -18,6 +18,7 @@ from nvsdata.transforms.augment import (
     shift,
 )
 from nvsdata.transforms.averaged_surfaces import HATS, hats
+from nvsdata.transforms.boxes import WithBoxes
 from nvsdata.transforms.cascades import FilterCascade, filter_cascade
 from nvsdata.transforms.choice import RandomApply, RandomChoice
 from nvsdata.transforms.compose import Compose, Each
@@ -168,6 +169,7 @@ __all__ = [
     "Volumes",
     "VoxelGrid",
     "Window",
+    "WithBoxes",
     "add_noise",
     "affine",
     "background_activity",

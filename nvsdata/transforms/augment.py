@@ -2,12 +2,13 @@
 
 In a graph, node positions move, edges stay and pseudo-coordinates follow; nodes may leave the sensor, and pooling
 then assigns them to the cells at its border. Events move to whole pixels, and those that leave the sensor are dropped.
-All graphs of a sequence, and all events of a list, get the same change.
+All graphs of a sequence, all events of a list, and the boxes of `WithBoxes`, get the same change.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -15,13 +16,14 @@ import numpy as np
 import torch
 
 from nvsdata.common.validation import factors, not_negative, probability
+from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import uniform
-from nvsdata.transforms.together import change_all
+from nvsdata.transforms.together import move_all
 
-Sample = TypeVar("Sample", Graph, Events)
+Sample = TypeVar("Sample", Graph, Events, Boxes)
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class RandomScale:
 
     def __call__(self, sample: Any) -> Any:
         factor = uniform(self.low, self.high)
-        return change_all(sample, lambda part: scale(part, factor))
+        return move_all(sample, lambda part: scale(part, factor))
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class RandomFlip:
     def __call__(self, sample: Any) -> Any:
         if uniform(0, 1) >= self.p:
             return sample
-        return change_all(sample, lambda part: flip(part, self.axis))
+        return move_all(sample, lambda part: flip(part, self.axis))
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class RandomRotate:
 
     def __call__(self, sample: Any) -> Any:
         degrees = uniform(-self.degrees, self.degrees)
-        return change_all(sample, lambda part: rotate(part, degrees))
+        return move_all(sample, lambda part: rotate(part, degrees))
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ class RandomTranslate:
 
     def __call__(self, sample: Any) -> Any:
         dx, dy = uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels)
-        return change_all(sample, lambda part: shift(part, dx, dy))
+        return move_all(sample, lambda part: shift(part, dx, dy))
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class RandomAffine:
             uniform(-self.shear, self.shear),
             uniform(1 - self.stretch, 1 + self.stretch),
         )
-        return change_all(sample, lambda events: affine(events, *drawn))
+        return move_all(sample, lambda part: (_affine_boxes if isinstance(part, Boxes) else affine)(part, *drawn))
 
 
 def affine(
@@ -170,14 +172,31 @@ def affine(
     """
     events = as_events(sample)
     width, height = events.sensor_size
-    cx, cy = (width - 1) / 2, (height - 1) / 2
-    c, s = factor * math.cos(math.radians(degrees)), factor * math.sin(math.radians(degrees))
-    high = events.y - cy
-    across, down = events.x - cx + shear * high, stretch * high
-    x, y = np.rint(c * across - s * down + cx + dx), np.rint(s * across + c * down + cy + dy)
+    moved = _mapping(events.sensor_size, factor, degrees, dx, dy, shear, stretch)(events.x, events.y)
+    x, y = (np.rint(column) for column in moved)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])
     return events.of(columns)
+
+
+def _affine_boxes(boxes: Boxes, *settings: float) -> Boxes:
+    """Boxes moved as `affine` moves events."""
+    return boxes.moved(torch.stack(_mapping(boxes.sensor_size, *settings)(*boxes.pos.double().T), 1).float())
+
+
+def _mapping(
+    sensor_size: tuple[int, int], factor: float, degrees: float, dx: float, dy: float, shear: float, stretch: float
+) -> Callable[[Any, Any], tuple[Any, Any]]:
+    """Where `affine` maps coordinates x, y."""
+    cx, cy = ((side - 1) / 2 for side in sensor_size)
+    c, s = factor * math.cos(math.radians(degrees)), factor * math.sin(math.radians(degrees))
+
+    def mapped(x: Any, y: Any) -> tuple[Any, Any]:
+        high = y - cy
+        across, down = x - cx + shear * high, stretch * high
+        return c * across - s * down + cx + dx, s * across + c * down + cy + dy
+
+    return mapped
 
 
 def scale(graph: Sample, factor: float) -> Sample:
@@ -226,7 +245,7 @@ def shift(graph: Sample, dx: float, dy: float) -> Sample:
     return graph.moved(graph.pos + torch.tensor([dx, dy]))
 
 
-def _center(graph: Graph) -> torch.Tensor:
+def _center(graph: Graph | Boxes) -> torch.Tensor:
     if graph.sensor_size is None:
         raise ValueError("the graph has no sensor_size, so its center isn't known")
     return torch.tensor([(side - 1) / 2 for side in graph.sensor_size])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nvsdata.data.recording import misplaced
+from nvsdata.transforms.together import each
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Each:
     def __call__(self, samples: Iterable[Any]) -> list[Any]:
         if not isinstance(samples, list | tuple):
             raise misplaced("a list, such as Volumes gives", samples)
-        return [self.transform(sample) for sample in samples]
+        return each(self.transform, samples)
 
     @property
     def deterministic(self) -> bool:

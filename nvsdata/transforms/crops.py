@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from nvsdata.common.validation import whole
+from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Columns, Events
 from nvsdata.kernels.filters import in_rectangle
-from nvsdata.transforms.together import change_all
+from nvsdata.transforms.together import move_all
+
+Moving = TypeVar("Moving", Events, Boxes)
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Crop:
             whole(name, getattr(self, name), least)
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: crop_events(events, self.x, self.y, self.width, self.height))
+        return move_all(sample, lambda events: crop_events(events, self.x, self.y, self.width, self.height))
 
 
 @dataclass(frozen=True)
@@ -58,33 +61,40 @@ class Downsample:
         whole("step", self.step, 1)
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: downsample(events, int(self.factor), int(self.step)))
+        return move_all(sample, lambda events: downsample(events, int(self.factor), int(self.step)))
 
 
-def crop_events(events: Events, x: int, y: int, width: int, height: int) -> Events:
+def crop_events(events: Moving, x: int, y: int, width: int, height: int) -> Moving:
     """The events of a rectangle of the sensor; ValueError if it isn't within. See `Crop`."""
     if x + width > events.sensor_size[0] or y + height > events.sensor_size[1]:
         sensor = "{}x{}".format(*events.sensor_size)
         raise ValueError(f"a sensor of {sensor} has no {width}x{height} pixels from ({x}, {y}) on")
+    if isinstance(events, Boxes):
+        return events.seen(x, y, (1, 1), (width, height))
     t, xs, ys, p = events.columns.take(in_rectangle(events.x, events.y, x, y, width, height))
     columns = Columns(t, xs - np.int16(x), ys - np.int16(y), p)
     return Events.trusted(columns, (width, height), events.start, events.stated_end)
 
 
-def downsample(events: Events, factor: int = 2, step: int = 1) -> Events:
+def downsample(events: Moving, factor: int = 2, step: int = 1) -> Moving:
     """Coarser coordinates and times; see `Downsample`."""
+    size = (-(-events.sensor_size[0] // factor), -(-events.sensor_size[1] // factor))
+    if isinstance(events, Boxes):
+        return events.seen(0, 0, (1 / factor, 1 / factor), size)
     t, x, y, p = events.columns
     if step > 1:
         t = events.start + (t - events.start) // step * step
     if factor > 1:
         divisor = np.int16(min(factor, 2**15 - 1))
         x, y = x // divisor, y // divisor
-    size = (-(-events.sensor_size[0] // factor), -(-events.sensor_size[1] // factor))
     return Events.trusted(Columns(t, x, y, p), size, events.start, events.stated_end)
 
 
-def resize_events(events: Events, width: int, height: int) -> Events:
+def resize_events(events: Moving, width: int, height: int) -> Moving:
     """The events at the pixels of a sensor of another size that lie where theirs do, rounded down."""
+    if isinstance(events, Boxes):
+        scale = width / events.sensor_size[0], height / events.sensor_size[1]
+        return events.seen(0, 0, scale, (width, height))
     t, x, y, p = events.columns
     x, y = (
         (column.astype(np.int32) * new // old).astype(np.int16)

@@ -15,6 +15,7 @@ from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.frames import sum_frames as kernel
 from nvsdata.transforms.draws import place
 from nvsdata.transforms.image import center_crop, crop
+from nvsdata.transforms.together import stay
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,7 @@ class MotionCrop:
         positive("size", self.size)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        stay("MotionCrop")
         return motion_crop(frames, self.size)
 
 
@@ -115,6 +117,7 @@ class FourCrops:
         positive("size", self.size)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        stay("FourCrops")
         return four_crops(frames, self.size)
 
 

@@ -10,14 +10,16 @@ import torch
 from torch.nn.functional import interpolate
 
 from nvsdata.common.validation import positive, probability
+from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
+from nvsdata.transforms.augment import flip
 from nvsdata.transforms.crops import crop_events, resize_events
 from nvsdata.transforms.draws import randint, uniform
 from nvsdata.transforms.event_frames import to_frames
-from nvsdata.transforms.together import change_all
+from nvsdata.transforms.together import change_all, follow
 
-Image = TypeVar("Image", torch.Tensor, Events)
+Image = TypeVar("Image", torch.Tensor, Events, Boxes)
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,10 @@ class RandomHorizontalFlip:
         probability("p", self.p)
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
-        return image.flip(-1) if uniform(0, 1) < self.p else image
+        if uniform(0, 1) >= self.p:
+            return image
+        follow(lambda boxes: flip(boxes, 0))
+        return image.flip(-1)
 
 
 @dataclass(frozen=True)
@@ -151,7 +156,7 @@ def resize(image: Image, size: int) -> Image:
     height, width = _shape(image)
     smaller = min(height, width)
     shape = round(height * size / smaller), round(width * size / smaller)
-    if isinstance(image, Events):
+    if isinstance(image, Events | Boxes):
         return resize_events(image, shape[1], shape[0])
     scaled = interpolate(image.reshape(1, -1, height, width), shape, mode="bilinear", antialias=True)
     return scaled.view(*image.shape[:-2], *shape)
@@ -159,7 +164,7 @@ def resize(image: Image, size: int) -> Image:
 
 def crop(image: Image, x: int, y: int, size: int) -> Image:
     """The square of `size` pixels whose upper left pixel is (x, y): [..., H, W] to [..., size, size]."""
-    if isinstance(image, Events):
+    if isinstance(image, Events | Boxes):
         return crop_events(image, x, y, size, size)
     return image[..., y : y + size, x : x + size]
 
@@ -178,7 +183,8 @@ def normalize(image: torch.Tensor) -> torch.Tensor:
 
 
 def _each(image: Any, change: Callable[[Any], Any]) -> Any:
-    """`change` of an image, or of events, or of each of a list of them."""
+    """`change` of an image, or of events, or of each of a list of them; boxes follow."""
+    follow(change)
     return change(image) if isinstance(image, torch.Tensor) else change_all(image, change)
 
 
@@ -190,6 +196,6 @@ def _holds(image: Any, side: int) -> tuple[int, int]:
 
 
 def _shape(image: Any) -> tuple[int, int]:
-    if isinstance(image, Events | Recording):
+    if isinstance(image, Events | Recording | Boxes):
         return image.sensor_size[1], image.sensor_size[0]
     return image.shape[-2], image.shape[-1]

@@ -7,11 +7,13 @@ import shutil
 
 import numpy as np
 import pytest
+import torch
 import trees
 from distributions import CASES, check_same
 
 import nvsdata
 from nvsdata import FormatError
+from nvsdata import transforms as T
 from nvsdata.datasets import (
     ASLANDVS,
     ASLDVS,
@@ -145,6 +147,37 @@ def test_ncaltech101_boxes_and_background(home):
     broken.write_bytes(b"\x01\x02\x03")
     with pytest.raises(FormatError, match=r"annotation_0003\.bin"):
         dataset.box([s.name for s in dataset.samples].index("Caltech101/ant/image_0003.bin"))
+
+
+def test_ncaltech101_boxes_as_targets(home):
+    root = home(trees.ncaltech101())
+    plain, dataset = NCaltech101(root, "all"), NCaltech101(root, "all", boxes=True)
+    assert dataset.targets == plain.targets
+    for index in range(len(plain)):
+        events, target = dataset[index]
+        box = plain.box(index)
+        wanted = [] if box is None else [[box.x, box.y, box.x + box.width, box.y + box.height]]
+        assert target["boxes"].tolist() == wanted
+        assert target["boxes"].shape == (len(wanted), 4)
+        assert target["labels"].tolist() == [plain[index][1]] * len(wanted)
+        assert events == plain[index][0]
+    moved = NCaltech101(
+        root, "all", boxes=True, transforms=T.WithBoxes(T.Compose([T.RandomFlip(0, 1.0), T.EventImage()]))
+    )
+    ant = [s.name for s in dataset.samples].index("Caltech101/ant/image_0002.bin")
+    image, target = moved[ant]
+    assert torch.equal(image, T.EventImage()(T.flip(plain[ant][0], 0)))
+    assert target["boxes"].tolist() == [[240 - 105, 7, 240 - 5, 87]]
+    assert "transforms: WithBoxes" in repr(moved)
+    inputs, targets = next(iter(torch.utils.data.DataLoader(moved, 4, collate_fn=nvsdata.collate)))
+    assert inputs.shape[0] == 4
+    assert [set(one) for one in targets] == [{"boxes", "labels"}] * 4
+    changed = NCaltech101(root, "all", boxes=True, target_transform=lambda target: len(target["boxes"]))
+    assert changed[ant][1] == 1
+    with pytest.raises(ValueError, match="transforms takes the place of transform and target_transform"):
+        NCaltech101(root, transforms=T.WithBoxes(T.EventImage()), transform=T.EventImage())
+    with pytest.raises(ValueError, match="a cache keeps what `transform` makes"):
+        nvsdata.cache(moved, root / "cache")
 
 
 def test_mnistdvs_scales(home):

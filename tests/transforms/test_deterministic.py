@@ -86,12 +86,15 @@ EXAMPLES = [
     (T.UniformNoise(), EVENTS),
     (T.Volumes(4, 9_000), EVENTS),
     (T.VoxelGrid(5), EVENTS),
+    (T.WithBoxes(T.RandomFlip()), (EVENTS, {"boxes": torch.tensor([[1.0, 2.0, 3.0, 4.0]])})),
     (T.Window(0, 9_000), EVENTS),
 ]
 
 
 def equal(a, b):
-    if isinstance(a, list):
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(equal(a[name], b[name]) for name in a)
+    if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(equal, a, b))
     if isinstance(a, Graph):
         try:

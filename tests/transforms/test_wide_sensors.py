@@ -65,7 +65,7 @@ ELSEWHERE = (*ELSEWHERE, T.DART, T.GroupTokens, T.Points, T.RandomAffine, T.Rand
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
 IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean)
-WITHIN = (T.Each, T.Graph2Grid, T.NodeFeatures, T.RandomTemporalCrop, T.RandomTranslate, T.Stacks)
+WITHIN = (T.Each, T.Graph2Grid, T.NodeFeatures, T.RandomTemporalCrop, T.RandomTranslate, T.Stacks, T.WithBoxes)
 
 
 def in_last_corner(size):
