@@ -41,11 +41,17 @@ class AtisRecording(PiecedFile):
     format = "atis"
     record_size = 5
     block = 256
+    keeps_index = True
+    _extent = (1, 1)  # of its events, as a walk found it
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(Contents(path, head), sensor_size, strict)
 
     def decode_size(self) -> tuple[int, int]:
+        if self.strict and not self._short:
+            assert self.blocks is not None
+            assert self._size is not None
+            return self._size
         walk = self._walk()[0]
         return int(walk[RIGHT]), int(walk[BOTTOM])
 
@@ -74,9 +80,17 @@ class AtisRecording(PiecedFile):
 
     def _index(self) -> Blocks:
         walk, times, offsets = self._walk()
-        if self._size is None:
-            self._size = int(walk[RIGHT]), int(walk[BOTTOM])
+        self._extent = int(walk[RIGHT]), int(walk[BOTTOM])
+        self._size = self._size or self._extent
         return Blocks(times, offsets, not walk[FALLS], (int(walk[ATIS_FIRST]), int(walk[ATIS_LAST])))
+
+    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
+        return {**super()._to_keep(blocks), "extent": np.array(self._extent)}
+
+    def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
+        width, height = kept["extent"].tolist()
+        self._size = self._size or (width, height)
+        return super()._restored(kept)
 
     def _state(self, record: int) -> np.ndarray:
         overflow = int(self.blocks.states[record // self.block, 0]) if record else 0

@@ -34,6 +34,11 @@ class Contents:
         self._file = None if len(head) < HEAD else OnDisk(path)
         self.size = len(head) if self._file is None else self._file.size
 
+    @property
+    def stamp(self) -> tuple[int, int] | None:
+        """Size in bytes and time of the last change (ns since 1970); None if `head` is the whole file."""
+        return None if self._file is None else self._file.stamp
+
     def let_go(self) -> None:
         """Forget the head unless it is the whole file: the heads of many recordings would add up."""
         if self._file is not None:

@@ -35,6 +35,7 @@ class EvtRecording(PiecedFile):
     """
 
     block = 4096
+    keeps_index = True
     low_bits: ClassVar[int]  # of the time, that other words hold than those of its high bits
     high_bits: ClassVar[int]
     state_size: ClassVar[int] = 1
@@ -87,6 +88,13 @@ class EvtRecording(PiecedFile):
             walk = self._walk()
         seen, states, times = walk
         return Blocks(times, states, not seen[FALLS], (max(int(seen[FIRST]), 0), max(int(seen[LAST]), 0)))
+
+    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
+        return {**super()._to_keep(blocks), "events": self._events}
+
+    def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
+        self._events = kept["events"]
+        return super()._restored(kept)
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What a walk over all words has seen (see `kernels.evt`), and the blocks' states and times."""

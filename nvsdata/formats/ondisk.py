@@ -32,6 +32,11 @@ class OnDisk:
         """Bytes in the file."""
         return self._stamp[0]
 
+    @property
+    def stamp(self) -> tuple[int, int]:
+        """Size in bytes, and time of the last change in ns since 1970."""
+        return self._stamp[0], self._stamp[1]
+
     def opened(self) -> OpenFile:
         """A context manager that opens the file while its block runs."""
         return OpenFile(self)

@@ -10,6 +10,7 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_sensor_size
+from nvsdata.formats import kept_index
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.kernels.order import is_sorted
@@ -38,6 +39,7 @@ class RecordFile(FileRecording):
 
     record_size: int
     block: int  # records per entry of the index
+    keeps_index = False  # whether an index is worth keeping, because it takes a pass over the whole file
 
     def __init__(
         self, contents: Contents, sensor_size: tuple[int, int] | None, strict: bool, header_size: int = 0
@@ -78,10 +80,29 @@ class RecordFile(FileRecording):
 
     @property
     def blocks(self) -> Blocks:
-        """The index, built at its first use."""
+        """The index: built at its first use, or kept from an earlier one."""
         if self._blocks is None:
-            self._blocks = self._index()
+            stamp = self.contents.stamp
+            if not (self.keeps_index and self.strict and stamp and stamp[0] >= kept_index.LEAST):
+                self._blocks = self._index()
+                return self._blocks
+            about = {"format": self.format, "block": self.block, "size": stamp[0], "modified": stamp[1]}
+            kept = kept_index.restore(self.path, about)
+            if kept is None:
+                self._blocks = self._index()
+                kept_index.keep(self.path, about, stamp[1], self._to_keep(self._blocks))
+            else:
+                self._blocks = self._restored(kept)
         return self._blocks
+
+    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
+        """What is kept of an index."""
+        return {name: np.asarray(value) for name, value in blocks._asdict().items()}
+
+    def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
+        """The index that was kept."""
+        first, last = kept["span"].tolist()
+        return Blocks(kept["times"], kept["states"], bool(kept["ordered"]), (first, last))
 
     def decode_span(self) -> tuple[int, int] | None:
         if not self.strict:

@@ -182,7 +182,12 @@ def evt3_encode(t, x, y, p, state):
         stop = i + 1
         while stop < t.size and t[stop] == t[i] and y[stop] == y[i] and p[stop] == p[i] and x[stop] > x[stop - 1]:
             stop += 1
-        kept = _write_row(words, kept, x[i:stop], np.int64(p[i]) << 11)
+        if stop - i < 3:
+            for j in range(i, stop):
+                words[kept] = EVT3_X << 12 | np.int64(p[i]) << 11 | np.int64(x[j])
+                kept += 1
+        else:
+            kept = _write_row(words, kept, x[i:stop], np.int64(p[i]) << 11)
         i = stop
     state[0], state[1], state[2] = high, low, row
     return words[:kept]

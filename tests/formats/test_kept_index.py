@@ -1,0 +1,154 @@
+"""Indices that are kept beside large files."""
+
+import errno
+import os
+
+import numpy as np
+import pytest
+
+import nvsdata
+from nvsdata import Events
+from nvsdata.formats import kept_index
+
+KINDS = {"evt2": ".raw", "evt2.1": ".raw", "evt3": ".raw", "atis": ".bin"}
+every = pytest.mark.parametrize("kind", KINDS)
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    monkeypatch.setattr(kept_index, "LEAST", 1_000)
+
+
+def made(kind, folder, seed=0, count=40_000):
+    """A file of a kind that was written long ago, and its events."""
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, 2_000_000, count))
+    ev = Events(t, rng.integers(0, 240, count), rng.integers(0, 180, count), rng.integers(0, 2, count), (240, 180))
+    path = folder / f"a{KINDS[kind]}"
+    nvsdata.write(ev, path, kind)
+    os.utime(path, ns=(10**18 + seed, 10**18 + seed))
+    return path, ev
+
+
+def forbidden(self):
+    raise AssertionError("the file was walked over")
+
+
+@every
+def test_the_second_time_the_file_is_not_walked_over(tmp_path, monkeypatch, kind):
+    path, ev = made(kind, tmp_path)
+    assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+    assert kept_index.path_of(str(path)).is_file()
+    assert {p.name for p in tmp_path.iterdir()} == {path.name, f".{path.name}.nvsdata-index"}
+    again = nvsdata.open(path)
+    monkeypatch.setattr(type(again), "_walk", forbidden)
+    for start, stop in ((0, 10), (500_000, 600_000), (1_999_000, 2_000_001), (-5, 3_000_000)):
+        assert nvsdata.read(path, start, stop) == ev.window(start, stop)
+    assert again.span == (ev.t[0], ev.t[-1])
+    assert again.sensor_size == (240, 180)
+    assert nvsdata.open(path, sensor_size=(300, 200)).read(0, 10).sensor_size == (300, 200)
+
+
+@every
+def test_a_changed_file_gets_another_index(tmp_path, kind):
+    path, ev = made(kind, tmp_path)
+    nvsdata.read(path, 0, 10)
+    before = kept_index.path_of(str(path)).read_bytes()
+    path, other = made(kind, tmp_path, seed=1)
+    assert other != ev
+    assert nvsdata.read(path, 500_000, 600_000) == other.window(500_000, 600_000)
+    assert kept_index.path_of(str(path)).read_bytes() != before
+
+
+def test_an_index_of_another_version_is_not_used(tmp_path, monkeypatch):
+    path, ev = made("evt3", tmp_path)
+    nvsdata.read(path, 0, 10)
+    monkeypatch.setattr(kept_index, "VERSION", kept_index.VERSION + 1)
+    assert kept_index.restore(str(path), about(path)) is None
+    assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+    assert kept_index.restore(str(path), about(path)) is not None
+
+
+def about(path):
+    recording = nvsdata.open(path)
+    size, modified = recording.contents.stamp
+    return {"format": recording.format, "block": recording.block, "size": size, "modified": modified}
+
+
+@every
+def test_a_broken_index_is_made_again(tmp_path, kind):
+    path, ev = made(kind, tmp_path)
+    nvsdata.read(path, 0, 10)
+    index = kept_index.path_of(str(path))
+    whole = index.read_bytes()
+    rng = np.random.default_rng(0)
+    broken = [b"", b"nonsense", whole[:100], whole[:-30], whole + b"more"]
+    for _ in range(20):
+        changed = bytearray(whole)
+        changed[int(rng.integers(len(whole)))] ^= 1 << int(rng.integers(8))
+        broken.append(bytes(changed))
+    for content in broken:
+        index.write_bytes(content)
+        assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+    index.write_bytes(b"")
+    nvsdata.read(path, 0, 10)
+    assert index.read_bytes() == whole
+
+
+def test_what_cannot_be_kept_is_not(tmp_path, monkeypatch):
+    path, ev = made("evt3", tmp_path)
+    index = kept_index.path_of(str(path))
+
+    def full(*args, **kwargs):
+        raise OSError(errno.ENOSPC, "no space")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kept_index.np, "savez", full)
+        assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+    # it may change again within the same tick of the clock
+    path.touch()
+    assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+    assert not index.exists()
+    os.utime(path, ns=(10**18, 10**18))
+    monkeypatch.setattr(kept_index, "LEAST", path.stat().st_size + 1)
+    nvsdata.read(path, 0, 10)
+    assert not index.exists()
+    monkeypatch.setattr(kept_index, "LEAST", path.stat().st_size)
+    nvsdata.open(path, strict=False).read(0, 10)
+    assert not index.exists()
+    nvsdata.read(path)
+    assert not index.exists()
+    nvsdata.read(path, 0, 10)
+    assert index.exists()
+
+
+@every
+def test_damage_is_named_and_no_index_kept(tmp_path, kind):
+    path, _ = made(kind, tmp_path)
+    raw = bytearray(path.read_bytes())
+    begin = nvsdata.open(path).header_size
+    if kind == "atis":
+        raw[5 * 20_000 + 1] = 250
+    else:
+        # a word of time far away
+        size = {"evt2": 4, "evt2.1": 8, "evt3": 2}[kind]
+        at = begin + 20_000 * size
+        word = {2: 0x8A00, 4: 0x8FF00000, 8: 0x8FF00000}[size]
+        raw[at : at + size] = word.to_bytes(size, "little")
+    path.write_bytes(raw)
+    os.utime(path, ns=(10**18, 10**18))
+    for _ in range(2):
+        with pytest.raises(nvsdata.FormatError, match=path.name):
+            nvsdata.read(path, 500_000, 600_000)
+    assert not kept_index.path_of(str(path)).exists()
+
+
+def test_datasets_do_not_take_an_index_for_a_recording(tmp_path):
+    (tmp_path / "cat").mkdir()
+    path, ev = made("evt3", tmp_path / "cat")
+    nvsdata.read(path, 0, 10)
+    assert kept_index.path_of(str(path)).exists()
+    dataset = nvsdata.EventFolder(tmp_path)
+    assert len(dataset) == 1
+    assert dataset[0][0] == ev
