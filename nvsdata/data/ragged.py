@@ -98,6 +98,29 @@ class EventBatch(_Tensors):
         return len(self.sensor_sizes)
 
     @property
+    def sensor_size(self) -> tuple[int, int]:
+        """(width, height) of all samples; ValueError if they differ."""
+        if len(set(self.sensor_sizes)) > 1:
+            sizes = sorted(set(self.sensor_sizes))
+            raise ValueError(f"samples have several sensor sizes: {sizes}; crop or resize them")
+        return self.sensor_sizes[0]
+
+    @property
+    def starts(self) -> torch.Tensor:
+        """Time of each sample's first event in µs, 0 if it has none: int64 [B]."""
+        return self._times(self.offsets[:-1])
+
+    @property
+    def durations(self) -> torch.Tensor:
+        """µs from each sample's first event to its last: int64 [B]."""
+        return self._times(self.offsets[1:] - 1) - self.starts
+
+    def _times(self, at: torch.Tensor) -> torch.Tensor:
+        """Times of the events at [B] places, 0 for samples without any."""
+        empty = self.offsets.diff() == 0
+        return torch.cat((self.t, self.t.new_zeros(1)))[at.masked_fill(empty, len(self.t))]
+
+    @property
     def batch(self) -> torch.Tensor:
         """Number of each event's sample: int64 [N]."""
         return torch.repeat_interleave(self.offsets.diff())

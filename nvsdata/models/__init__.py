@@ -18,6 +18,7 @@ from nvsdata.models.fusing import fused
 from nvsdata.models.graph_cnn import GCNN, RGCNN, Pooling
 from nvsdata.models.graph_cnn3d import RGCNN3D
 from nvsdata.models.grid import Graph2Grid
+from nvsdata.models.matrix_lstm import MatrixLSTM
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.operations import Complexity, complexity
 from nvsdata.models.pool import GraphPool
@@ -42,6 +43,7 @@ __all__ = [
     "Complexity",
     "Graph2Grid",
     "GraphPool",
+    "MatrixLSTM",
     "SplineConv",
     "Trained",
     "complexity",

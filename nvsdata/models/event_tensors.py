@@ -82,10 +82,7 @@ class EST(nn.Module):
 
     def forward(self, events: EventBatch) -> torch.Tensor:
         """float32 [B, 2 C, H, W]."""
-        if len(set(events.sensor_sizes)) > 1:
-            raise ValueError(
-                f"samples have several sensor sizes: {sorted(set(events.sensor_sizes))}; crop or resize them"
-            )
+        columns, rows = events.sensor_size
         edges = self._edges()
         left, width = edges[:-1], np.diff(edges)
         device = self._weights[0][0].device
@@ -93,7 +90,6 @@ class EST(nn.Module):
         at_near, at_far = self.kernel(near), self.kernel(far)
         slope = (at_far - at_near) / (far - near)
         line = torch.stack((at_near - slope * near, slope), 1)
-        (columns, rows) = events.sensor_sizes[0]
         shape = len(events), 2, self.bins, rows, columns
         out: torch.Tensor = _Splat.apply(line, events, edges[1:], shape)  # type: ignore[no-untyped-call]
         return out.flatten(1, 2)

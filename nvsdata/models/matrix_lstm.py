@@ -1,0 +1,83 @@
+"""Tensors of events by a recurrent cell at each pixel (Matrix-LSTM)."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+from torch.nn.utils.rnn import PackedSequence
+
+from nvsdata.common.validation import whole
+from nvsdata.data.ragged import EventBatch
+
+
+class MatrixLSTM(nn.Module):
+    """LSTMs with common weights, each of which reads the events of its pixel one after the other (Cannici et al. 2020).
+
+    An event is given as its polarity, ±1, and the time since the pixel's event before, as a share of the sample's time
+    (0 for the first one). What the LSTM puts out after the last event is the pixel's features; pixels without events
+    are 0, and cost nothing. (The authors give times in the recording's unit; shares don't depend on it.)
+
+    - `hidden`: C, the LSTM's units (default 8)
+    - `bins`: parts of equal length into which a sample's time is divided, each read anew (default 1)
+    - `most`: events of a pixel that are read, the latest ones (default 512, as in the authors' code)
+
+    Takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size; gives float32
+    [B, bins C, H, W]. ValueError for settings that aren't positive whole numbers, and for samples of several sensor
+    sizes. There is no gradient with respect to times.
+    """
+
+    def __init__(self, hidden: int = 8, bins: int = 1, most: int = 512) -> None:
+        super().__init__()
+        for name, value in (("hidden", hidden), ("bins", bins), ("most", most)):
+            whole(name, value, 1)
+        self.hidden, self.bins, self.most = int(hidden), int(bins), int(most)
+        self.lstm = nn.LSTM(2, self.hidden)
+
+    def extra_repr(self) -> str:
+        """Settings for repr()."""
+        return f"bins={self.bins}, most={self.most}"
+
+    def forward(self, events: EventBatch) -> torch.Tensor:
+        """float32 [B, bins C, H, W]."""
+        width, height = events.sensor_size
+        place, delay, polarity = self._in_order(events, width, height)
+        out = delay.new_zeros(len(events) * self.bins * height * width, self.hidden)
+        if len(place):
+            pixels, first, counts = _runs(place)
+            step = torch.arange(len(place), device=place.device) - first.repeat_interleave(counts)
+            # the longest first, as a PackedSequence has them
+            longest = counts.argsort(descending=True, stable=True)
+            rank = torch.empty_like(longest)
+            rank[longest] = torch.arange(len(longest), device=place.device)
+            order = (step * len(pixels) + rank.repeat_interleave(counts)).argsort()
+            given = torch.stack((polarity, delay), 1)[order]
+            steps = torch.bincount(step).cpu()
+            _, (last, _) = self.lstm(PackedSequence(given, steps))
+            out = out.index_copy(0, pixels[longest], last[0])
+        shape = len(events), self.bins, height, width, self.hidden
+        return out.view(shape).permute(0, 1, 4, 2, 3).flatten(1, 2)
+
+    def _in_order(self, events: EventBatch, width: int, height: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Place in the result, delay and polarity of the events, pixel by pixel, the latest `most` of each."""
+        batch = events.batch
+        start, duration = events.starts[batch], events.durations[batch].clamp_min(1)
+        part = ((events.t - start) * self.bins // duration).clamp_max(self.bins - 1)
+        row = (batch * self.bins + part) * height + events.y
+        place, order = (row * width + events.x).sort(stable=True)
+        t = events.t[order]
+        first = torch.ones_like(place, dtype=torch.bool)
+        first[1:] = place[1:] != place[:-1]
+        delay = torch.zeros_like(t)
+        delay[1:] = t[1:] - t[:-1]
+        share = (delay.masked_fill(first, 0) / duration[order]).float()
+        polarity = 2.0 * events.p[order] - 1
+        _, begin, counts = _runs(place)
+        from_end = (begin + counts).repeat_interleave(counts) - torch.arange(len(place), device=place.device)
+        kept = from_end <= self.most
+        return place[kept], share[kept], polarity[kept].float()
+
+
+def _runs(place: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """The values of a sorted tensor, each once; where each begins, and how often it occurs."""
+    values, counts = torch.unique_consecutive(place, return_counts=True)
+    return values, counts.cumsum(0) - counts, counts
