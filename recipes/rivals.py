@@ -5,7 +5,7 @@
 Whole recordings; as in train_objects.py, a fifth of each class is held back by the seed if the data has no test split.
 
 - HATS (Sironi et al. 2018): averaged time surfaces and a linear SVM, as in the paper; its cell, window and the SVM's
-  penalty are those that are best in five parts of the training set
+  penalty are those that are best in three parts of the training set
 - HOTS (Lagorce et al. 2017): three layers of prototypes of time surfaces, found by k-means; then histograms of the last
   layer's prototypes, which a linear SVM, or the Bhattacharyya distance to each class's mean, tells apart
 - counts: the numbers of events per pixel and a linear SVM, to compare with
@@ -93,9 +93,9 @@ def _by_svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.n
 
 
 def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, float]:
-    """The penalty with the best accuracy over five parts that are held back in turn, and that accuracy."""
+    """The penalty with the best accuracy over three parts that are held back in turn, and that accuracy."""
     names = [(str(label), str(i)) for i, label in enumerate(labels)]
-    parts = [stratified(names, 0.2, seed=seed) for seed in range(5)]
+    parts = [stratified(names, 0.2, seed=seed) for seed in range(3)]
     shares = {
         penalty: np.mean(
             [(svm(*_scaled(features[a], features[b]), labels[a], penalty) == labels[b]).mean() for a, b in parts]
@@ -116,17 +116,22 @@ def _scaled(train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, penalty: float) -> np.ndarray:
     """Classes of `test` by linear SVMs, one against the rest, of squared hinge loss (as in LIBLINEAR)."""
     classes = np.unique(labels)
+    if len(train) < train.shape[1]:
+        # the weights are sums of training features, so coordinates among these are enough
+        axes, coordinates = np.linalg.qr(train.T)
+        train, test = coordinates.T, test @ axes
     seen, unseen = (np.hstack((part, np.ones((len(part), 1)))) for part in (train, test))
-    scores = []
-    for one in classes:
-        sign = np.where(labels == one, 1.0, -1.0)
+    sign = np.where(labels[:, None] == classes, 1.0, -1.0)
+    shape = seen.shape[1], classes.size
 
-        def loss(w: np.ndarray, sign: np.ndarray = sign) -> tuple[float, np.ndarray]:
-            lacking = np.maximum(1 - sign * (seen @ w), 0)
-            return 0.5 * w @ w + penalty * lacking @ lacking, w - 2 * penalty * seen.T @ (sign * lacking)
+    def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        w = flat.reshape(shape)
+        lacking = np.maximum(1 - sign * (seen @ w), 0)
+        slope = w - 2 * penalty * seen.T @ (sign * lacking)
+        return 0.5 * (w**2).sum() + penalty * (lacking**2).sum(), slope.ravel()
 
-        scores.append(unseen @ minimize(loss, np.zeros(seen.shape[1]), jac=True, method="L-BFGS-B").x)
-    return classes[np.argmax(scores, 0)]
+    weights = minimize(loss, np.zeros(np.prod(shape)), jac=True, method="L-BFGS-B", options={"maxiter": 200}).x
+    return classes[np.argmax(unseen @ weights.reshape(shape), 1)]
 
 
 def hots(train: list[Any], test: list[Any], sensor_size: tuple[int, int], seed: int) -> list[np.ndarray]:

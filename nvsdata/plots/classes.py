@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
-from nvsdata.plots.drawing import FAINT, INK, OFF, ON, shortened, width_of, words
+from nvsdata.plots.axes import LINES, drawn, dress, empty
 
-SIDE = 1_400  # pixels that a large matrix takes
-CELL = 48  # most pixels of a cell
-COUNTED = 30  # pixels from which a cell has room for a number
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CELL, FEWEST, MOST = 40, 320, 1_300  # pixels of a cell, and of a whole matrix
+COUNTED = 26  # pixels from which a cell has room for a number
 LINE = 13  # pixels that a small line of text takes
-SMALL = 0.36  # size of font
-LONGEST_NAME = 150  # pixels
+LONGEST = 24  # letters of a name
 MOST_BARS = 120
 SHARES = (0.01, 0.05, 0.2, 0.5, 1.0)  # in the legend
+RIGHT, WRONG = (10, 60, 130), (160, 20, 20)
 
 
 def confusion(counts: np.ndarray, classes: Sequence[str], title: str) -> np.ndarray:
@@ -31,59 +33,39 @@ def confusion(counts: np.ndarray, classes: Sequence[str], title: str) -> np.ndar
     - `title`: drawn above
     """
     count = len(classes)
-    cell = min(CELL, max(2, SIDE // count))
-    every = -(-LINE // cell)
-    names = [shortened(name, LONGEST_NAME, SMALL) for name in classes]
-    margin = max(width_of(name, SMALL) for name in names) + 12
-    left, top, side = max(margin, 44) + 12, margin + 56, cell * count
-    picture = np.full((top + side + 60, max(left + side, 460) + 20, 3), 255, np.uint8)
+    side = min(max(CELL * count, FEWEST), MOST)
+    cell = side / count
+    names = [_short(name) for name in classes]
+    margin = 60 + 6 * max(map(len, names))
+    figure = empty((side + margin, side + margin + 80))
+    axes, legend = figure.subplots(2, 1, height_ratios=(side, 36))
+    dress(axes, title, "predicted class", "true class")
+    axes.grid(visible=False)
     shares = counts / np.maximum(counts.sum(1, keepdims=True), 1)
-    shades = _shade(shares, np.eye(count, dtype=bool))
-    picture[top : top + side, left : left + side] = shades.repeat(cell, 0).repeat(cell, 1)
-    if cell >= 8:
-        picture[top : top + side + 1 : cell, left : left + side + 1] = FAINT
-        picture[top : top + side + 1, left : left + side + 1 : cell] = FAINT
-    for i in range(0, count, every):
-        middle = i * cell + cell / 2
-        words(picture, names[i], (left - 6, top + middle + 4), size=SMALL, align=1)
-        _upright(picture, names[i], round(left + middle), top - 6)
+    axes.imshow(_shade(shares, np.eye(count, dtype=bool)), interpolation="nearest")
+    written = range(0, count, max(round(LINE / cell), 1))
+    axes.set_xticks(written, [names[i] for i in written], rotation=90)
+    axes.set_yticks(written, [names[i] for i in written])
     if cell >= COUNTED:
         for i, j in np.argwhere(counts):
-            color = (255, 255, 255) if shares[i, j] > 0.3 else INK
-            at = (left + (j + 0.5) * cell, top + (i + 0.5) * cell + 4)
-            words(picture, str(counts[i, j]), at, size=0.42, color=color, align=0.5)
-    words(picture, title, (12, 22), size=0.55)
-    words(picture, "rows: true class, columns: predicted class", (12, 42), size=0.4)
-    _legend(picture, left, top + side + 20)
-    return picture
+            color = "white" if shares[i, j] > 0.3 else "0.25"
+            axes.text(j, i, str(counts[i, j]), fontsize=8, ha="center", va="center", color=color)
+    _legend(legend)
+    return drawn(figure)
 
 
 def _shade(shares: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Colors [..., 3] of shares [...], blue where `right`, else red."""
-    full = np.where(right[..., None], np.array((130, 60, 10)), np.array((20, 20, 160)))
+    """Colors RGB [..., 3] of shares [...], blue where `right`, else red."""
+    full = np.where(right[..., None], np.array(RIGHT), np.array(WRONG))
     return np.asarray(255 + (full - 255) * np.sqrt(shares)[..., None], np.uint8)
 
 
-def _upright(picture: np.ndarray, text: str, x: int, bottom: int) -> None:
-    """Text that is read from below, centered at x and ending at `bottom`."""
-    strip = np.full((LINE + 3, width_of(text, SMALL) + 2, 3), 255, np.uint8)
-    words(strip, text, (1, 12), size=SMALL)
-    turned = cv2.rotate(strip, cv2.ROTATE_90_COUNTERCLOCKWISE)
-    height, width = turned.shape[:2]
-    place = picture[bottom - height : bottom, x - width // 2 : x - width // 2 + width]
-    # names of neighbors may touch
-    np.minimum(place, turned[:, : place.shape[1]], out=place)
-
-
-def _legend(picture: np.ndarray, x: int, y: int) -> None:
-    for row, (name, right) in enumerate((("right", True), ("wrong", False))):
-        words(picture, name, (x - 6, y + 11 + row * 16), size=SMALL, align=1)
-        for i, share in enumerate(SHARES):
-            color = _shade(np.array(share), np.array(right)).tolist()
-            start = (x + i * 44, y + row * 16)
-            cv2.rectangle(picture, start, (start[0] + 42, start[1] + 13), color, -1)
-            if right:
-                words(picture, f"{share:.0%}", (start[0] + 21, y - 4), size=SMALL, align=0.5)
+def _legend(axes: Axes) -> None:
+    axes.imshow(_shade(np.array([SHARES, SHARES]), np.array([[True], [False]])), aspect="auto")
+    axes.set_xticks(range(len(SHARES)), [f"{share:.0%}" for share in SHARES], fontsize=8)
+    axes.set_yticks((0, 1), ("right", "wrong"), fontsize=8)
+    axes.tick_params(length=0)
+    axes.set_xlabel("share of the row", fontsize=8)
 
 
 def class_bars(
@@ -98,28 +80,25 @@ def class_bars(
     """
     there = np.flatnonzero(counts)
     order = there[np.argsort(kinds[0][1][there], kind="stable")][:MOST_BARS]
-    names = [shortened(classes[i], LONGEST_NAME, SMALL) for i in order]
-    row = 22 if len(order) <= 40 else LINE
-    left = max(width_of(name, SMALL) for name in names) + 24
-    top, length = 70, 480
-    picture = np.full((top + row * len(order) + 16, left + length + 110, 3), 255, np.uint8)
-    bottom = top + row * len(order)
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        x = left + round(share * length)
-        cv2.line(picture, (x, top), (x, bottom), FAINT, 1)
-        words(picture, f"{share:.0%}", (x, top - 6), size=SMALL, align=0.5)
-    for n, i in enumerate(order):
-        high, low = top + n * row + 2, top + (n + 1) * row - 2
-        words(picture, names[n], (left - 8, (high + low) / 2 + 4), size=SMALL, align=1)
-        cv2.rectangle(picture, (left, high), (left + round(kinds[0][1][i] * length), low), OFF, -1)
-        for _, values in kinds[1:]:
-            x = left + round(values[i] * length)
-            cv2.line(picture, (x, high - 1), (x, low + 1), ON, 2)
-        value = f"{kinds[0][1][i]:.1%} of {counts[i]}"
-        words(picture, value, (left + length + 12, (high + low) / 2 + 4), size=SMALL)
     shown = f", the {len(order)} worst of {len(there)} classes" if len(order) < len(there) else ""
-    words(picture, title + shown, (12, 22), size=0.5)
-    for (name, _), color, x in zip(kinds, (OFF, ON), (12, 172), strict=False):
-        cv2.rectangle(picture, (x, 33), (x + 14, 43), color, -1)
-        words(picture, name, (x + 20, 43), size=SMALL)
-    return picture
+    figure = empty((760, 110 + (22 if len(order) <= 40 else LINE) * len(order)))
+    axes = figure.add_subplot()
+    dress(axes, title + shown, "accuracy")
+    places, (name, values) = np.arange(len(order)), kinds[0]
+    axes.barh(places, values[order], 0.8, color=LINES[0], label=name)
+    for name, values in kinds[1:]:
+        axes.vlines(values[order], places - 0.45, places + 0.45, color=LINES[1], linewidth=2, label=name)
+    axes.set_yticks(places, [_short(classes[i]) for i in order])
+    axes.grid(visible=False, axis="y")
+    axes.set_xlim(0, 1)
+    axes.set_ylim(len(order) - 0.4, -0.6)
+    axes.xaxis.set_major_formatter(lambda share, _: f"{share:.0%}")
+    for place, i in enumerate(order):
+        text = f"{kinds[0][1][i]:.1%} of {counts[i]}"
+        axes.text(1.02, place, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
+    figure.legend(loc="outside lower right", ncols=len(kinds), fontsize=8, frameon=False)
+    return drawn(figure)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= LONGEST else name[: LONGEST - 2] + ".."
