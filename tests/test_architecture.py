@@ -103,3 +103,33 @@ def test_documents_name_files_that_are_there(document):
     named = set(re.findall(r"\b[a-z]\w*\.py\b", document.read_text(encoding="utf-8")))
     # one of them stands for any recipe
     assert named - {"recipe.py"} <= there
+
+
+# what changes while it lives: writers, cameras, searches
+CHANGING = {
+    "Decoder",
+    "FolderReport",
+    "Format",
+    "Outlines",
+    "PackReport",
+    "PlaybackLog",
+    "RecordingReport",
+    "Search",
+    "Shelf",
+    "SimulatedDavis",
+    "Spikes",
+    "Take",
+    "Tally",
+    "Watched",
+    "_Room",
+}
+
+
+def test_dataclasses_are_frozen_unless_they_live_by_change():
+    found = set()
+    for path in (ROOT / "nvsdata").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                made = [ast.unparse(one) for one in node.decorator_list if "dataclass" in ast.unparse(one)]
+                found |= {node.name for one in made if "frozen=True" not in one}
+    assert found == CHANGING

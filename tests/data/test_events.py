@@ -163,3 +163,8 @@ def test_a_window_lasts_no_longer_than_what_it_is_cut_from(ev, start, length):
 def test_a_time_that_does_not_hold_the_events_is_refused(bounds):
     with pytest.raises(ValueError, match=r"events|lie between"):
         make([5, 9], **bounds)
+
+
+def test_wrong_polarities_are_told_but_not_all_of_them():
+    with pytest.raises(ValueError, match=r"polarity must be 0 \(OFF\) or 1 \(ON\), not \[2, 3, 4, 5\]$"):
+        Events(range(6), [0] * 6, [0] * 6, [2, 7, 3, 4, 5, 6])

@@ -296,3 +296,15 @@ def test_names_with_newlines_work_and_others_than_utf8_are_refused_at_the_beginn
     assert not (tmp_path / "none").exists()
     with pytest.raises(nvsdata.FormatError, match="isn't UTF-8"):
         PIX2NVS().emulate(bad)
+
+
+def test_the_command_says_by_its_exit_code_whether_any_video_failed(videos, tmp_path, capsys):
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out")]) == 0
+    assert "4 converted, 0 were there, 0 failed" in capsys.readouterr().out
+    (videos / "run/broken.avi").write_bytes(b"no video at all" * 100)
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out")]) == 1
+    found = capsys.readouterr()
+    assert "run/broken.avi" in found.err
+    assert "0 converted, 4 were there, 1 failed" in found.out
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "other"), "--dry-run"]) == 0
+    assert not (tmp_path / "other").exists()

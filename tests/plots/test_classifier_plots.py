@@ -89,6 +89,17 @@ def test_marked_values_lie_within(values):
     assert 40 < columns.min() < columns.max() < 715
 
 
+@pytest.mark.parametrize(("count", "written"), [(1, 1), (12, 12), (13, 7), (40, 10)])
+def test_of_many_marked_values_some_are_written_from_the_first_on(count, written, monkeypatch):
+    seen = []
+    monkeypatch.setattr("matplotlib.axes.Axes.annotate", lambda axes, text, at, *more, **how: seen.append((text, at)))
+    values = [0.5 + n / 100 for n in range(count)]
+    plots.marked(values, [str(n) for n in range(count)], "title", "x")
+    step = -(-count // 12)
+    assert len(seen) == written
+    assert seen == [(f"{values[n]:.3f}", (n, values[n])) for n in range(0, count, step)]
+
+
 def test_a_captioned_sheet_shows_images_of_all_sizes_whole():
     tiles = [(np.full((h, w, 3), 7, np.uint8), ("true: a", "predicted: " + "long" * 20)) for h, w in SIZES]
     sheet = plots.captioned_sheet(tiles, columns=3, side=100)

@@ -1,6 +1,7 @@
 import multiprocessing
 import pickle
 import shutil
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -14,6 +15,7 @@ import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata import transforms as T
 from nvsdata.datasets import ASLANDVS, ASLDVS, NMNIST, DVS128Gesture, NCaltech101
+from nvsdata.datasets.store import reader
 from nvsdata.datasets.store import writer as packing
 from nvsdata.datasets.store.reader import INDEX, Store, checksum
 from nvsdata.datasets.store.writer import pack
@@ -306,3 +308,19 @@ def test_soft_links_within_a_store_are_followed(store):
         file.move("events/x", "elsewhere")
         file["events/x"] = h5py.SoftLink("/elsewhere")
     assert [nvsdata.NMNIST(store).recording(i).read() for i in range(3)] == expected
+
+
+def test_a_column_that_ends_beyond_the_file_is_refused(tmp_path):
+    (tmp_path / "a.h5").write_bytes(bytes(100))
+
+    def column(offset, size):
+        numbers = SimpleNamespace(size=size, nbytes=4 * size, chunks=None, dtype=np.dtype("i4"), name="/t")
+        numbers.id = SimpleNamespace(get_offset=lambda: offset)
+        return reader._place(tmp_path / "a.h5", numbers)
+
+    assert column(20, 20) == (np.dtype("i4"), 4, 20)
+    with pytest.raises(FormatError, match=r"a\.h5.*byte 24: cut short within /t"):
+        column(24, 20)
+    # nothing is stored of an empty one
+    assert column(None, 0) == (np.dtype("i4"), 4, 0)
+    assert column(None, 3) is None
