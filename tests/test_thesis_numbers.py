@@ -120,6 +120,7 @@ TRANSFORMS = [
         "HATS(cell=10, radius=3, window=100000, tau=1000000000.0)",
     ),
     ("Gehrig 2023: 10 bins, numbers up to 10", T.StackedHistogram, "StackedHistogram(bins=10, most=10)"),
+    ("ours", T.BagOfEvents, "BagOfEvents(count=300)"),
     ("ours", T.MixedDensityStack, "MixedDensityStack(bins=10, most=None)"),
     ("Baldwin et al. 2022: 150 µs to 5 s", T.TORE, "TORE(k=3, shortest=150, longest=5000000)"),
     ("ours", T.LeakyFrame, "LeakyFrame(leak=2e-05, increment=1.0)"),

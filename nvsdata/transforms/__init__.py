@@ -18,6 +18,7 @@ from nvsdata.transforms.augment import (
     shift,
 )
 from nvsdata.transforms.averaged_surfaces import HATS, hats
+from nvsdata.transforms.bags import BagOfEvents, bag_of_events, bag_weights
 from nvsdata.transforms.boxes import WithBoxes
 from nvsdata.transforms.cascades import FilterCascade, filter_cascade
 from nvsdata.transforms.choice import RandomApply, RandomChoice
@@ -109,6 +110,7 @@ __all__ = [
     "TRANSFORMS",
     "Age",
     "BackgroundActivity",
+    "BagOfEvents",
     "CenterCrop",
     "Compose",
     "Crop",
@@ -173,6 +175,8 @@ __all__ = [
     "add_noise",
     "affine",
     "background_activity",
+    "bag_of_events",
+    "bag_weights",
     "center_crop",
     "crop",
     "crop_events",

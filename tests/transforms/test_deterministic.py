@@ -18,6 +18,7 @@ FRAMES = torch.rand(30, 30, 40, generator=torch.Generator().manual_seed(0))
 EXAMPLES = [
     (T.Age(), (EVENTS, T.radius_graph(EVENTS))),
     (T.BackgroundActivity(), EVENTS),
+    (T.BagOfEvents(100), EVENTS),
     (T.CenterCrop(9), FRAMES),
     (T.Compose([T.Window(0, 9_000), T.RadiusGraph()]), EVENTS),
     (T.Compose([T.Window(0, 9_000), T.NonUniformSample()]), EVENTS),

@@ -37,6 +37,7 @@ ANYWHERE = [
     T.HotPixels(300),
     T.LeakyFrame(),
     T.MergePolarities(),
+    T.BagOfEvents(3),
     T.MixedDensityStack(3),
     T.StackedHistogram(3),
     T.RandomApply(T.SelectPolarity(), 1.0),
