@@ -15,6 +15,7 @@ import pytest
 
 from nvsdata import Events
 from nvsdata.data.samples import Frame
+from nvsdata.plots.events import event_image
 from nvsdata.plots.page import page
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -97,7 +98,9 @@ window.onerror = message => report.push({ error: String(message) });
   $("frames").click(); await wait(200);
   report.push({ step: "no frames", behind: Object.keys(colors("behind")).length });
   send("window", 1); await wait(200);
-  report.push({ step: "window", length: $("length").textContent, drawn: viewer.state.drawn });
+  const shown = $("events"), all = shown.getContext("2d").getImageData(0, 0, shown.width, shown.height).data;
+  report.push({ step: "window", length: $("length").textContent, drawn: viewer.state.drawn,
+    size: [shown.height, shown.width], picture: Array.from(all) });
   viewer.setWindow(25000);
   $("speed").value = "0.1"; $("speed").dispatchEvent(new Event("change")); viewer.seek(0); $("play").click();
   await wait(1000);
@@ -194,6 +197,16 @@ def test_the_window_s_length_and_speed(browsed):
     assert 60_000 < browsed["play"]["moved"] < 140_000
     assert browsed["play"]["after"] < 40_000
     assert browsed["play"]["label"] == "Play"
+
+
+def test_the_player_draws_what_event_image_draws(browsed):
+    found = np.array(browsed["window"]["picture"], np.uint8).reshape(*browsed["window"]["size"], 4)
+    # the scrubber stands at three quarters
+    expected = event_image(MOVING[:3_000])[..., ::-1]
+    # where there are no events, what lies behind is seen
+    there = (expected != 255).any(2)
+    assert np.array_equal(found[..., 3] > 0, there)
+    assert np.array_equal(found[there][:, :3], expected[there])
 
 
 def test_the_cloud_turns(browsed):
