@@ -256,6 +256,7 @@ def test_other_formats_hold_events_alone(tmp_path):
         ("frames/height", np.full(3, 181, np.int16), "pixels"),
         ("frames/start", np.zeros(3), "columns of"),
         ("frames/pixels", np.zeros(5, np.uint16), "pixels"),
+        ("frames/pixels", np.zeros(1_000_000, np.uint16), "pixels"),
         ("inertial/t", np.zeros(5, np.int64), "columns of"),
         ("inertial/rotation", np.zeros((3_000, 2), np.float32), "columns of"),
         ("inertial/temperature", None, "there is no /inertial/temperature"),

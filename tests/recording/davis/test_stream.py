@@ -201,3 +201,19 @@ def test_more_special_events_than_the_kernel_has_room_for():
     ours.feed(np.full(5000, 0x0004, "<u2").tobytes())
     assert ours.specials.word.tolist() == list(range(5000))
     assert {SPECIALS[kind] for kind in ours.specials.kind.tolist()} == {"external_pulse"}
+
+
+@pytest.mark.parametrize("size", [1, 3, 100])
+def test_rising_edges_and_pulses_after_the_first_reset_are_triggers(size):
+    rising, falling, pulse, generator = 0x0003, 0x0002, 0x0004, 0x0011
+    before = [0x8005, rising, pulse]
+    words = [*before, 0x0001, 0x800A, rising, 0x8014, falling, 0x801E, pulse, 0x8028, generator, 0x8032, rising]
+    blocks = [np.array(words[i : i + size], "<u2").tobytes() for i in range(0, len(words), size)]
+
+    def times(last):
+        found = [times for _, times in Decoder(240, 180, steady=True).decoded(blocks, last)]
+        return np.concatenate(found).tolist()
+
+    assert times(None) == [10, 30, 50]
+    assert times(50) == [10, 30]
+    assert times(30) == [10]
