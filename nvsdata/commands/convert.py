@@ -29,10 +29,11 @@ def run(args: argparse.Namespace) -> int:
         formats.writer_of(args.target, args.format)
     with creating(args.target, overwrite=args.overwrite):
         recording = formats.open(args.source, sensor_size=args.sensor_size, strict=not args.repair)
-        if formats.left_out(recording, args.target):
-            print(f"{shown(args.target)} holds events alone: frames and inertial samples are left out", file=sys.stderr)
-        written = formats.write(recording, args.target, args.format)
-        if args.source == args.target.with_name(f"{args.target.name}.davis") and not recording.repairs:
+        lost = formats.left_out(recording, args.target, args.format)
+        if lost:
+            print(f"{shown(args.target)} can't hold everything: {' and '.join(lost)} are left out", file=sys.stderr)
+        written = formats.write(recording, args.target, format=args.format)
+        if args.source == args.target.with_name(f"{args.target.name}.davis") and not (recording.repairs or lost):
             # IN is OUT's journal, and OUT is whole now
             args.source.unlink()
     for what, count in recording.repairs.items():

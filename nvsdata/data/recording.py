@@ -25,12 +25,14 @@ class Recording(ABC):
     - `path`: the file that the events come from
     - `format`: name of the file's format
     - `holds_samples`: whether frames and inertial samples can be read; default False
+    - `holds_triggers`: whether external triggers can be read; default False
     - `repairs`: kinds of what was left out or corrected when it was read without `strict`, with counts
     """
 
     path: str = ""
     format: str = "recording"
     holds_samples: bool = False
+    holds_triggers: bool = False
     repairs: Mapping[str, int] = MappingProxyType({})
 
     @property

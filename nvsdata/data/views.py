@@ -12,7 +12,7 @@ from nvsdata.data.pieces import in_pieces
 from nvsdata.data.recording import Recording
 
 if TYPE_CHECKING:
-    from nvsdata.data.samples import Frame, Inertial
+    from nvsdata.data.samples import Frame, Inertial, Triggers
 
 
 class _View(Recording):
@@ -47,6 +47,13 @@ class _View(Recording):
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         return self.whole.inertial(start, stop)
+
+    @property
+    def holds_triggers(self) -> bool:  # type: ignore[override]
+        return self.whole.holds_triggers
+
+    def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
+        return self.whole.triggers(start, stop)
 
     @property
     def about(self) -> Mapping[str, Any]:
@@ -99,6 +106,9 @@ class Slice(_View):
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         return self.whole.inertial(*self._cut(start, stop))
+
+    def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
+        return self.whole.triggers(*self._cut(start, stop))
 
     def read(self, start: int | None = None, stop: int | None = None) -> Events:
         events = self.whole.read(*self._cut(start, stop))
@@ -153,11 +163,14 @@ class Scaled(_View):
     """A recording of events alone whose file counts time in units of `unit` µs, with times in µs."""
 
     format = "scaled"
-    holds_samples = False
+    holds_samples = holds_triggers = False
 
     def __init__(self, whole: Recording, unit: int) -> None:
         super().__init__(whole)
         self.unit = unit
+
+    def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
+        return Recording.triggers(self, start, stop)
 
     @property
     def span(self) -> tuple[int, int]:

@@ -16,11 +16,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import LATEST, Columns
+from nvsdata.data.events import LATEST, Columns, check_window
 from nvsdata.data.samples import Frame, Inertial, Triggers, within
 from nvsdata.formats.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
 from nvsdata.formats.aedat4_samples import frame_of, inertial_of, triggers_of
-from nvsdata.formats.aedat4_writer import write
+from nvsdata.formats.aedat4_writer import SOURCE, write
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.flatbuffer import Table
@@ -38,6 +38,8 @@ class Aedat4Recording(FileRecording):
     """An AEDAT 4 file. If not `strict`, or if the file has no table, each window decodes the whole file."""
 
     format = "aedat4"
+    holds_triggers = True
+    _ends_checked = False  # whether the first and the last packet hold what the table says
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(path, sensor_size, strict)
@@ -69,7 +71,8 @@ class Aedat4Recording(FileRecording):
 
     @property
     def about(self) -> Mapping[str, Any]:
-        return {"camera": self._stated["source"]} if "source" in self._stated else {}
+        source = self._stated.get("source", SOURCE)
+        return {} if source == SOURCE else {"camera": source}
 
     def _fault(self, at: int, error: BaseException) -> FormatError:
         return FormatError(self.path, f"damaged AEDAT 4: {error}", offset=at)
@@ -98,9 +101,14 @@ class Aedat4Recording(FileRecording):
     def _read_table(self, kind: str) -> Packets | None:
         try:
             table = self._inflate(self._contents.read(self._end, self._contents.size).data)
-            return packets_of(memoryview(table), self._streams[kind][0], self._first, self._end)
+            found = packets_of(memoryview(table), self._first, self._end)
         except Exception:  # lz4 and zstandard raise their own errors
             return None
+        # a wrong number of a stream would hide a packet
+        places = [(at - HEADER, at) for at in found.at.tolist()]
+        heads = b"".join(head.tobytes() for head in self._contents.ranges(places))
+        same = np.array_equal(np.frombuffer(heads, "<i4").reshape(-1, 2), np.stack((found.stream, found.size), 1))
+        return found.of(self._streams[kind][0]) if same else None
 
     def _chosen(self, packets: Packets) -> Iterator[tuple[int, memoryview]]:
         """Byte offset and content of some packets of the table."""
@@ -123,7 +131,7 @@ class Aedat4Recording(FileRecording):
         """The columns of packets' events, of which the first has the number `first`."""
         if not parts:
             return Columns.empty(0)
-        events = self._timed(np.concatenate(parts))
+        events = self._timed(np.concatenate(parts), first)
         columns = self._inside([events[name] for name in EVENTS], first)
         return Columns(*(np.ascontiguousarray(column) for column in columns))
 
@@ -132,7 +140,9 @@ class Aedat4Recording(FileRecording):
         if packets is None or not packets.ordered:
             return None
         lo, hi = int(packets.end.searchsorted(start)), int(packets.start.searchsorted(stop))
-        touched = packets.take(slice(lo, max(lo, hi)))
+        # neighbors, too, to see that the window doesn't reach into them
+        lo, hi = max(lo - 1, 0), min(max(lo, hi) + 1, packets.at.size)
+        touched = packets.take(slice(lo, hi))
         parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(touched)]
         columns = self._columns(parts, int(packets.elements[:lo].sum()))
         if not (is_sorted(columns.t) and self._agree(touched, parts)):
@@ -147,9 +157,13 @@ class Aedat4Recording(FileRecording):
             return None
         if not packets.at.size:
             return 0, 0
-        ends = packets.take(np.array([0, -1]))
-        parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(ends)]
-        return (int(ends.start[0]), int(ends.end[1])) if self._agree(ends, parts) else None
+        if not self._ends_checked:
+            ends = packets.take(np.array([0, -1]))
+            parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(ends)]
+            if not self._agree(ends, parts):
+                return None
+            self._ends_checked = True
+        return int(packets.start[0]), int(packets.end[-1])
 
     def _agree(self, packets: Packets, parts: list[np.ndarray]) -> bool:
         """Whether packets hold what the table says."""
@@ -158,13 +172,13 @@ class Aedat4Recording(FileRecording):
         ends = [(part["t"][0], part["t"][-1]) for part in parts]
         return ends == list(zip(packets.start.tolist(), packets.end.tolist(), strict=True))
 
-    def _timed(self, events: np.ndarray) -> np.ndarray:
-        """The events whose times Events can hold."""
+    def _timed(self, events: np.ndarray, first: int) -> np.ndarray:
+        """The events whose times Events can hold; the first has the number `first`."""
         late = (events["t"] <= -LATEST) | (events["t"] >= LATEST)
         if not late.any():
             return events
         if self.strict:
-            raise FormatError(self.path, f"event {int(np.argmax(late))}: a time at or beyond 2^62 µs")
+            raise FormatError(self.path, f"event {first + int(np.argmax(late))}: a time at or beyond 2^62 µs")
         self._repair("events at or beyond 2^62 µs, dropped", int(np.count_nonzero(late)))
         return events[~late]
 
@@ -179,6 +193,7 @@ class Aedat4Recording(FileRecording):
         self, kind: str, read: Callable[[memoryview], What], start: int | None, stop: int | None
     ) -> Iterator[What]:
         """What the packets of a stream hold; those that lie outside a window, as the table says, are left out."""
+        check_window(start, stop)
         if kind not in self._streams:
             return
         table = self._table(kind)
@@ -187,8 +202,13 @@ class Aedat4Recording(FileRecording):
         else:
             least, most = -LATEST if start is None else start - LONG, LATEST if stop is None else stop + LONG
             packets = self._chosen(table.take((table.end >= least) & (table.start < most)))
-        for at, packet in packets:
-            yield self._content(at, packet, read)
+        try:
+            for at, packet in packets:
+                yield self._content(at, packet, read)
+        except FormatError:
+            if self.strict:
+                raise
+            self._repair(f"packets of {kind} from the first damaged one on, cut off", 1)
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
         return within(self._samples("FRME", frame_of, start, stop), start, stop)

@@ -18,13 +18,15 @@ MAX_INFLATED = 1 << 30  # bytes that a packet may inflate to
 
 
 class Packets(NamedTuple):
-    """Packets of one stream as the table at a file's end tells them, each [N].
+    """Packets as the table at a file's end tells them, each [N].
 
+    - `stream`: number of each one's stream
     - `at`, `size`: first byte of the content, and number of bytes
     - `elements`: number of elements
     - `start`, `end`: times of the first and the last one in µs
     """
 
+    stream: np.ndarray
     at: np.ndarray
     size: np.ndarray
     elements: np.ndarray
@@ -35,35 +37,37 @@ class Packets(NamedTuple):
         """Some of the packets."""
         return Packets(*(column[which] for column in self))
 
+    def of(self, stream: int) -> Packets | None:
+        """The packets of a stream; None if the table doesn't tell how many elements each has."""
+        found = self.take(self.stream == stream)
+        # some programs write zeros for what they don't know
+        return found if found.elements.all() else None
+
     @property
     def ordered(self) -> bool:
         """Whether each begins no earlier than the one before it ends."""
         return bool((self.start <= self.end).all() and (self.start[1:] >= self.end[:-1]).all())
 
 
-def packets_of(data: memoryview, stream: int, first: int, end: int) -> Packets:
-    """The packets of a stream in an inflated table; all packets fill the bytes first..end of the file.
+def packets_of(data: memoryview, first: int, end: int) -> Packets:
+    """The packets in an inflated table, which must fill the bytes first..end of the file.
 
     struct.error or ValueError if the table is broken, or leaves any out.
     """
     rows = Rows(data, *Table.root(data, 4, b"FTAB").vector(0))
     at, elements, start, stop = (rows.column(field, "<i8") for field in (0, 2, 3, 4))
-    size = rows.column(1, "<i4", inside=4).astype(np.int64)
+    stream, size = rows.column(1, "<i4"), rows.column(1, "<i4", inside=4).astype(np.int64)
     begin = np.sort(at) - HEADER
     if not np.array_equal(np.append(begin, end), np.append(first, begin + HEADER + size[np.argsort(at)])):
         raise ValueError("a table that doesn't tell all packets")
-    found = Packets(at, size, elements, start, stop).take(rows.column(1, "<i4") == stream)
-    # some programs write zeros for what they don't know
-    if not found.elements.all():
-        raise ValueError("a table without the packets' numbers of elements")
-    return found
+    return Packets(stream, at, size, elements, start, stop)
 
 
 def inflater(path: str, compression: int) -> Callable[[memoryview], bytes]:
     """What inflates a packet. ImportError if its package is missing, ValueError for an unknown compression."""
     if compression in LZ4:
         lz4 = _package(path, "lz4.frame")
-        return lambda packet: bytes(lz4.decompress(packet))
+        return lambda packet: _unlz4(lz4, packet)
     if compression in ZSTD:
         zstandard = _package(path, "zstandard")
         return lambda packet: _unzstd(zstandard, packet)
@@ -74,8 +78,8 @@ def inflater(path: str, compression: int) -> Callable[[memoryview], bytes]:
 
 def deflater(path: str) -> Callable[[bytes], bytes]:
     """What compresses a packet with LZ4. ImportError if its package is missing."""
-    compress: Callable[[bytes], bytes] = _package(path, "lz4.frame").compress
-    return compress
+    compress = _package(path, "lz4.frame").compress
+    return lambda content: bytes(compress(content, content_checksum=True))
 
 
 def _package(path: str, name: str) -> Any:
@@ -86,6 +90,14 @@ def _package(path: str, name: str) -> Any:
     except ImportError as error:
         reason = f"{path}: AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata[aedat4]'"
         raise ImportError(reason) from error
+
+
+def _unlz4(lz4: Any, packet: memoryview) -> bytes:
+    decompressor = lz4.LZ4FrameDecompressor()
+    inflated: bytes = decompressor.decompress(packet, max_length=MAX_INFLATED)
+    if not decompressor.eof:
+        raise ValueError(f"a packet that is cut short, or inflates to more than {MAX_INFLATED} bytes")
+    return inflated
 
 
 def _unzstd(zstandard: Any, packet: memoryview) -> bytes:

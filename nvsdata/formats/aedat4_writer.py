@@ -15,6 +15,7 @@ from nvsdata.formats.writing import Pieces, headed, time_comment
 
 MOST = 8192  # events in a packet
 STREAM = 0
+SOURCE = "nvsdata"  # where a file names the camera
 # a row of the table: where its layout is described, then its fields
 ROW = np.dtype("<i4, <i4, <i8, <i4, <i4, <i8, <i8, <i8")
 LAYOUT = struct.pack(
@@ -31,7 +32,7 @@ XML = """<dv version="2.0">
             <node name="info" path="/mainloop/Recorder/outInfo/0/info/">
                 <attr key="sizeX" type="int">{0}</attr>
                 <attr key="sizeY" type="int">{1}</attr>
-                <attr key="source" type="string">nvsdata</attr>
+                <attr key="source" type="string">{source}</attr>
                 <attr key="time" type="string">{2}</attr>
             </node>
         </node>
@@ -46,7 +47,7 @@ def write(pieces: Pieces, path: Path) -> None:
     end = -1  # where the table begins
 
     def header(pieces: Pieces) -> bytes:
-        return _header(XML.format(*pieces.sensor_size, time_comment(pieces)), end)
+        return _header(XML.format(*pieces.sensor_size, time_comment(pieces), source=SOURCE), end)
 
     with headed(path, pieces, header) as file:
         for part in chain.from_iterable(map(_parts, pieces)):

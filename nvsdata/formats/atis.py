@@ -49,9 +49,9 @@ class AtisRecording(PiecedFile):
 
     def decode_size(self) -> tuple[int, int]:
         if self.strict and not self._short:
-            assert self.blocks is not None
-            assert self._size is not None
-            return self._size
+            # the index has it
+            self._blocks = self.blocks
+            return self._size or self._extent
         walk = self._walk()[0]
         return int(walk[RIGHT]), int(walk[BOTTOM])
 

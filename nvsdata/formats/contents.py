@@ -35,8 +35,8 @@ class Contents:
         self.size = len(head) if self._file is None else self._file.size
 
     @property
-    def stamp(self) -> tuple[int, int] | None:
-        """Size in bytes and time of the last change (ns since 1970); None if `head` is the whole file."""
+    def stamp(self) -> tuple[int, ...] | None:
+        """Numbers that change with the file, its size first (see `OnDisk.stamp`); None if `head` is the whole file."""
         return None if self._file is None else self._file.stamp
 
     def let_go(self) -> None:

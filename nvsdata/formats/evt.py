@@ -7,7 +7,6 @@ the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
 from __future__ import annotations
 
 import re
-from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import Columns
+from nvsdata.data.events import Columns, check_window
 from nvsdata.data.samples import Triggers
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, PiecedFile, stated_size
@@ -25,36 +24,34 @@ from nvsdata.kernels.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, UNSE
 from nvsdata.kernels.order import is_sorted
 
 MAX_ADDRESS = 0x7FF
-MAX_TIME = 1 << 40  # µs; the file tells every wrap since 0, so that a time of today's date would take gigabytes
 
 
 class EvtRecording(PiecedFile):
     """A file of words of one type and size. Events before the first time word are left out, because they have no time.
 
-    A subclass must define `record_size` and what is below it.
+    A subclass must define `record_size` and
+
+    - `low_bits`, `high_bits`: of the time, in events and in words of its own
+    - `state_size`: numbers of the kernels' state
+    - `walk`, `decode_words`: its kernels, as in `kernels.evt2`
+    - `highs`, `find_triggers`: those that take the words that `_heads` gives
     """
 
     block = 4096
     keeps_index = True
-    low_bits: ClassVar[int]  # of the time, that other words hold than those of its high bits
+    holds_triggers = True
+    low_bits: ClassVar[int]
     high_bits: ClassVar[int]
     state_size: ClassVar[int] = 1
-    _events: np.ndarray  # number of events in each block
+    walk: ClassVar[Callable[..., Any]]
+    decode_words: ClassVar[Callable[..., Any]]
+    highs: ClassVar[Callable[..., Any]]
+    find_triggers: ClassVar[Callable[..., Any]]
     _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
 
-    @abstractmethod
-    def _pass(
-        self, raw: np.ndarray, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
-    ) -> None:
-        """Walk over a piece of the words, which begins with a block."""
-
-    @abstractmethod
-    def _highs(self, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which words of a piece hold the high part of the time, and that part."""
-
-    @abstractmethod
-    def _triggers(self, raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times, channels and levels of the external triggers in a piece; `state` is updated."""
+    def _heads(self, raw: np.ndarray) -> np.ndarray:
+        """The words of a piece that have a type."""
+        return raw
 
     def _count(self, raw: np.ndarray) -> int:
         """The largest number of events that a piece can hold."""
@@ -68,7 +65,6 @@ class EvtRecording(PiecedFile):
         contents = Contents(path, head)
         lines, end = contents.header(b"%")
         self.header = "\n".join(lines)
-        self._seen = np.array(UNSEEN)
         super().__init__(contents, sensor_size, strict, header_size=end)
         stated = _stated_size(self.header)
         if self._size is None and stated:
@@ -89,27 +85,19 @@ class EvtRecording(PiecedFile):
         seen, states, times = walk
         return Blocks(times, states, not seen[FALLS], (max(int(seen[FIRST]), 0), max(int(seen[LAST]), 0)))
 
-    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
-        return {**super()._to_keep(blocks), "events": self._events}
-
-    def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
-        self._events = kept["events"]
-        return super()._restored(kept)
-
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What a walk over all words has seen (see `kernels.evt`), and the blocks' states and times."""
-        count, state = -(-self.records // self.block), self._undated()
+        count, (state, seen) = -(-self.records // self.block), self._parts(self._begun())
         states, times = np.empty((count, state.size), np.int64), np.empty(count, np.int64)
-        seen, self._events = np.array(UNSEEN), np.zeros(count, np.int64)
         for raw in self._pieces(0, self.records):
-            self._pass(raw, state, seen, states, times)
+            type(self).walk(raw, self.block, state, seen, states, times)
         return seen, states, times
 
     def _strays(self) -> np.ndarray:
         """Indices of the time words that no camera wrote."""
         begin, places, highs = 0, [], []
         for raw in self._pieces(0, self.records):
-            where, high = self._highs(raw)
+            where, high = type(self).highs(self._heads(raw))
             places.append(begin + where)
             highs.append(high)
             begin += raw.size // self.record_size
@@ -131,36 +119,45 @@ class EvtRecording(PiecedFile):
             yield raw
 
     def _state(self, record: int) -> np.ndarray:
-        return self.blocks.states[record // self.block].copy() if record else self._undated()
+        state = self._begun()
+        if record:
+            state[: self.state_size] = self.blocks.states[record // self.block]
+        return state
 
-    def _undated(self) -> np.ndarray:
-        return np.array([NO_TIME] + [0] * (self.state_size - 1))
+    def _begun(self) -> np.ndarray:
+        """The state before any word, and what was seen until then."""
+        return np.array([NO_TIME, *[0] * (self.state_size - 1), *UNSEEN])
+
+    def _parts(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The kernels' state, and what they have seen."""
+        return state[: self.state_size], state[self.state_size :]
 
     def _room(self, lo: int, hi: int) -> int:
-        if self._blocks is None:
-            count = sum(self._count(raw) for raw in self._pieces(lo, hi))
-        else:
-            count = int(self._events[lo // self.block : -(-hi // self.block)].sum())
         # one more, because words that are no events are written, too, and then written over
-        return count + 1
+        return sum(self._count(raw) for raw in self._pieces(lo, hi)) + 1
+
+    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
+        width, height = self._size or (0, 0)
+        count, bad = type(self).decode_words(raw, width, height, *self._parts(state), kept, *columns)
+        return count, bad
 
     def decode(self) -> Columns:
         """All events, without the index unless the clock is damaged."""
-        self._seen[:] = UNSEEN
-        columns = super().decode()
-        if self._seen[JUMP] >= 0 and self._blocks is None:
+        columns, state = self._run(0, self.records)
+        if self._parts(state)[1][JUMP] >= 0 and self._blocks is None:
             # an error, or words that are dropped
             self._blocks = self._index()
-            columns = super().decode()
+            columns, _ = self._run(0, self.records)
         self._rises = is_sorted(columns.t)
         return columns
 
     def triggers(self, start: int | None = None, stop: int | None = None) -> Triggers:
         """External triggers with start <= t < stop (µs, as in the file); all words are walked over."""
-        # damage is found first
-        assert self.blocks is not None
-        state = self._undated()
-        parts = [Triggers(*self._triggers(raw, state)) for raw in self._pieces(0, self.records)]
+        check_window(start, stop)
+        # so that damage is found
+        self._blocks = self.blocks
+        state = self._begun()
+        parts = [Triggers(*type(self).find_triggers(self._heads(raw), state)) for raw in self._pieces(0, self.records)]
         return Triggers.joined(parts).window(start, stop)
 
 
@@ -178,11 +175,18 @@ def names_encoding(pattern: str) -> Callable[[bytes], Any]:
 
 
 def write_words(
-    pieces: Pieces, path: Path, version: str, encode: Callable[..., np.ndarray], state: int, option: str = ""
+    pieces: Pieces,
+    path: Path,
+    version: str,
+    encode: Callable[..., np.ndarray],
+    *,
+    state: int = 1,
+    bits: int = 51,
+    option: str = "",
 ) -> None:
     """Write a file: `encode` gives the words of a piece, and updates a state of `state` numbers, -1 at first.
 
-    ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^40 µs.
+    ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^bits µs: the file tells every wrap since 0.
     """
     name = f"EVT {version}"
     if max(pieces.sensor_size) > MAX_ADDRESS + 1:
@@ -199,8 +203,8 @@ def write_words(
 
     with headed(path, pieces, header) as file:
         for events in pieces:
-            if events.t[0] < 0 or events.t[-1] >= MAX_TIME:
+            if events.t[0] < 0 or events.t[-1] >= 1 << bits:
                 first, last = events.t[0], events.t[-1]
                 hint = "T.RelativeTime() counts them from the recording's beginning"
-                raise ValueError(f"times from {first} to {last} µs: {name} holds those from 0 to 2^40 only; {hint}")
+                raise ValueError(f"times from {first} to {last} µs: {name} holds those from 0 to 2^{bits} only; {hint}")
             file.write(encode(*events.columns, shown).data)

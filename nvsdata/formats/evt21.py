@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.data.events import Columns
 from nvsdata.formats.evt import EvtRecording, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
@@ -27,6 +26,8 @@ class Evt21Recording(EvtRecording):
     format = "evt2.1"
     record_size = 8
     low_bits, high_bits = 6, 28
+    walk, decode_words = evt21_walk, evt21_decode
+    highs, find_triggers = evt2_highs, evt2_triggers
     _reversed = False  # whether the half with the type comes second
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
@@ -43,32 +44,21 @@ class Evt21Recording(EvtRecording):
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
         if not self._reversed:
             return raw
-        return np.ascontiguousarray(raw.view(np.uint32).reshape(-1, 2)[:, ::-1]).reshape(-1).view(np.uint8)
+        raw = np.ascontiguousarray(raw.view(np.uint32).reshape(-1, 2)[:, ::-1]).reshape(-1).view(np.uint8)
+        # numba compiles kernels again for writable arrays
+        raw.flags.writeable = False
+        return raw
 
-    def _pass(
-        self, raw: np.ndarray, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
-    ) -> None:
-        evt21_walk(raw, self.block, state, seen, states, times, self._events)
-
-    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        count, bad = evt21_decode(raw, *(self._size or (0, 0)), state, self._seen, kept, *columns)
-        return count, bad
-
-    def _highs(self, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        where, high = evt2_highs(raw.view(np.uint32)[::2])
-        return where, high
-
-    def _triggers(self, raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        t, channel, level = evt2_triggers(raw.view(np.uint32)[::2], state)
-        return t, channel, level
+    def _heads(self, raw: np.ndarray) -> np.ndarray:
+        return raw.view(np.uint32)[::2]
 
     def _count(self, raw: np.ndarray) -> int:
         return int(evt21_count(raw))
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write EVT 2.1. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^40 µs."""
-    write_words(pieces, path, "2.1", evt21_encode, 1, ";endianness=legacy")
+    """Write EVT 2.1. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^51 µs."""
+    write_words(pieces, path, "2.1", evt21_encode, option=";endianness=legacy")
 
 
 FORMAT = Format("evt2.1", (".raw",), Evt21Recording, begins=names_encoding(r"2\.?1"), write=write)

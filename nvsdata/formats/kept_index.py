@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.common.files import atomic
+from nvsdata.common.files import PART, atomic, sweep
 
 VERSION = 1  # of what is kept, and of the kernels that make it
 LEAST = 1 << 23  # bytes; the pass over smaller files takes less than 20 ms
@@ -41,11 +41,13 @@ def restore(path: str, about: dict[str, object]) -> Arrays | None:
 
 
 def keep(path: str, about: dict[str, object], modified: int, arrays: Arrays) -> None:
-    """Keep arrays for a file that was `modified` at a time (ns since 1970), if it was long enough ago."""
-    if time.time_ns() - modified < SETTLED_NS:
+    """Keep arrays for a file that was `modified` at a time (ns since 1970), if that is long enough ago."""
+    if time.time_ns() - modified < SETTLED_NS or path.endswith(PART):
         return
     described = np.frombuffer(_described(about), np.uint8)
     try:
+        # what killed processes left
+        sweep(path_of(path).parent, path_of(path).name)
         with atomic(path_of(path)) as temporary, temporary.open("wb") as file:
             np.savez(file, about=described, **arrays)  # type: ignore[arg-type]
     except OSError:

@@ -25,7 +25,8 @@ class OnDisk:
 
     def __init__(self, path: str) -> None:
         self.path = path
-        self._stamp = _stamp(os.stat(path))
+        status = os.stat(path)
+        self._stamp, self._changed = _stamp(status), status.st_ctime_ns
 
     @property
     def size(self) -> int:
@@ -33,9 +34,12 @@ class OnDisk:
         return self._stamp[0]
 
     @property
-    def stamp(self) -> tuple[int, int]:
-        """Size in bytes, and time of the last change in ns since 1970."""
-        return self._stamp[0], self._stamp[1]
+    def stamp(self) -> tuple[int, ...]:
+        """Size in bytes, times of the last change of content and of anything (ns since 1970), and inode.
+
+        The second time can't be set: it tells a file that was put in the place of another with its size and time.
+        """
+        return self._stamp[0], self._stamp[1], self._changed, self._stamp[2]
 
     def opened(self) -> OpenFile:
         """A context manager that opens the file while its block runs."""

@@ -19,7 +19,7 @@ from nvsdata.kernels.order import is_sorted
 class Blocks(NamedTuple):
     """The index of a file of M blocks.
 
-    - `times`: time of each block's first record in µs, int64 [M]
+    - `times`: time of each block's first record in µs, int64 [M]; in EVT files, of the last event before the block
     - `states`: the decoder's state before each block, [M, ...]
     - `ordered`: whether times never fall; None if only the first records of blocks were read
     - `span`: first and last time in µs, valid if `ordered` is true
@@ -83,26 +83,35 @@ class RecordFile(FileRecording):
         """The index: built at its first use, or kept from an earlier one."""
         if self._blocks is None:
             stamp = self.contents.stamp
-            if not (self.keeps_index and self.strict and stamp and stamp[0] >= kept_index.LEAST):
-                self._blocks = self._index()
-                return self._blocks
-            about = {"format": self.format, "block": self.block, "size": stamp[0], "modified": stamp[1]}
-            kept = kept_index.restore(self.path, about)
-            if kept is None:
-                self._blocks = self._index()
-                kept_index.keep(self.path, about, stamp[1], self._to_keep(self._blocks))
-            else:
-                self._blocks = self._restored(kept)
+            keeps = self.keeps_index and self.strict and stamp is not None and stamp[0] >= kept_index.LEAST
+            self._blocks = self._kept_or_made(*stamp) if keeps and stamp is not None else self._index()
         return self._blocks
+
+    def _kept_or_made(self, size: int, *stamp: int) -> Blocks:
+        """The index kept beside the file, or a new one, which is kept."""
+        about = {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
+        kept = kept_index.restore(self.path, about)
+        try:
+            if kept is not None:
+                return self._restored(kept)
+        except (KeyError, ValueError, TypeError):
+            pass  # of other arrays than ours: made anew
+        blocks = self._index()
+        kept_index.keep(self.path, about, max(stamp[:2]), self._to_keep(blocks))
+        return blocks
 
     def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
         """What is kept of an index."""
         return {name: np.asarray(value) for name, value in blocks._asdict().items()}
 
     def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
-        """The index that was kept."""
+        """The index that was kept. KeyError, ValueError or TypeError if it isn't one of this file."""
         first, last = kept["span"].tolist()
-        return Blocks(kept["times"], kept["states"], bool(kept["ordered"]), (first, last))
+        times, states = kept["times"], kept["states"]
+        count = -(-self.records // self.block)
+        if times.shape != (count,) or len(states) != count or times.dtype != np.int64 or states.dtype != np.int64:
+            raise ValueError("an index of another file")
+        return Blocks(times, states, bool(kept["ordered"]), (first, last))
 
     def decode_span(self) -> tuple[int, int] | None:
         if not self.strict:
@@ -179,7 +188,7 @@ class PiecedFile(RecordFile):
             if self.strict:
                 self._check(state)
                 if bad >= 0:
-                    width, height = self.sensor_size
+                    width, height = self._limits
                     reason = f"coordinates outside the sensor of {width}x{height}"
                     raise FormatError(self.path, reason, offset=self._byte(record + bad))
             kept += count

@@ -20,7 +20,7 @@ READ_BACK = 4096  # events at the end of a file that are compared after it was w
 
 
 def write(
-    events: Events | Recording | Iterable[Events], path: str | os.PathLike[str], format: str | None = None
+    events: Events | Recording | Iterable[Events], path: str | os.PathLike[str], *, format: str | None = None
 ) -> int:
     """Write events in the format that the extension of `path` names; returns the number of events.
 
@@ -48,14 +48,32 @@ def write(
     return pieces.count
 
 
-def left_out(recording: Recording, path: str | os.PathLike[str]) -> bool:
-    """Whether a recording has frames or inertial samples that a file with the extension of `path` can't hold.
+def left_out(recording: Recording, path: str | os.PathLike[str], format: str | None = None) -> list[str]:
+    """What a recording has that a file with the extension of `path`, in this format, can't hold.
 
-    ValueError for an extension that no format can write.
+    ValueError for an extension, or a format, that can't be written.
     """
-    if not recording.holds_samples or writer_of(path).holds_samples:
-        return False
-    return bool(recording.inertial().t.size) or next(iter(recording.frames()), None) is not None
+    how, found = writer_of(path, format), []
+    if recording.holds_samples and not how.holds_samples and _has_samples(recording):
+        found.append("frames and inertial samples")
+    # no format is written with them
+    if recording.holds_triggers and _has_triggers(recording):
+        found.append("external triggers")
+    return found
+
+
+def _has_samples(recording: Recording) -> bool:
+    try:
+        return bool(recording.inertial().t.size) or next(iter(recording.frames()), None) is not None
+    except FormatError:  # damaged ones are some, too
+        return True
+
+
+def _has_triggers(recording: Recording) -> bool:
+    try:
+        return bool(recording.triggers().t.size)
+    except FormatError:
+        return True
 
 
 def _check_written(how: Format, path: Path, pieces: Pieces) -> None:

@@ -22,6 +22,7 @@ NO_TIME = -1  # before the first word with high bits: events there have no time
 # Times of the last and the first event, number of times that fell, number of words, first word that no camera wrote
 LAST, FIRST, FALLS, WORDS, JUMP = range(5)
 UNSEEN = (-1, -1, 0, 0, -1)
+FAR = 32_767  # pixels; events have x and y below it
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -9,15 +9,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.evt import FALLS, FIRST, LAST, WORDS, count_shown, next_high, note_jump, ones, shown_next
+from nvsdata.kernels.evt import FALLS, FAR, FIRST, LAST, WORDS, count_shown, next_high, note_jump, ones, shown_next
 from nvsdata.kernels.evt2 import EVT2_ON, EVT2_TIME
 
 GROUP = 32  # pixels
 
 
 @njit(cache=True, nogil=True)
-def evt21_walk(raw, block, state, seen, states, times, events):
-    """Walk over a piece of the words. O(N). Like `evt2_walk`; also counts each block's events."""
+def evt21_walk(raw, block, state, seen, states, times):
+    """Walk over a piece of the words. O(N). Like `evt2_walk`."""
     words = raw.view(np.uint32).reshape(-1, 2)
     begin, last, first = seen[WORDS], seen[LAST], seen[FIRST]
     high = state[0]
@@ -25,7 +25,6 @@ def evt21_walk(raw, block, state, seen, states, times, events):
     for start in range(0, len(words), block):
         k = (begin + start) // block
         states[k, 0], times[k] = high, last
-        count = 0
         for i in range(start, min(start + block, len(words))):
             word, mask = words[i]
             kind = word >> 28
@@ -35,11 +34,9 @@ def evt21_walk(raw, block, state, seen, states, times, events):
                 note_jump(seen, before, high, 34, i)
             elif kind <= EVT2_ON and high >= 0 and mask:
                 time = high + np.int64(word >> 22 & 0x3F)
-                count += ones(np.int64(mask))
                 falls += time < last
                 last = time
                 first = time if first < 0 else first
-        events[k] += count
     state[0] = high
     seen[LAST], seen[FIRST], seen[WORDS] = last, first, begin + len(words)
     seen[FALLS] += falls
@@ -59,7 +56,7 @@ def evt21_decode(raw, width, height, state, seen, kept, t, x, y, p):
     """Decode a piece of the words. O(N + events)."""
     words = raw.view(np.uint32).reshape(-1, 2)
     bad, begin = np.int64(-1), kept
-    right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 11)
+    right, bottom = (width, height) if width > 0 else (FAR, 1 << 11)
     high = state[0]
     for i in range(len(words)):
         word, mask = words[i]
@@ -75,7 +72,7 @@ def evt21_decode(raw, width, height, state, seen, kept, t, x, y, p):
                 if mask & 1:
                     if (column >= right or row >= bottom) and bad < 0:
                         bad = i
-                    t[kept], x[kept], y[kept], p[kept] = time, column, row, kind
+                    t[kept], x[kept], y[kept], p[kept] = time, min(column, FAR), row, kind
                     kept += 1
                 mask >>= 1
                 column += 1

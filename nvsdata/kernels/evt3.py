@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.evt import FALLS, FIRST, LAST, WORDS, count_shown, next_high, note_jump, ones, shown_next
+from nvsdata.kernels.evt import FALLS, FAR, FIRST, LAST, WORDS, count_shown, next_high, note_jump, ones, shown_next
 
 EVT3_Y, EVT3_X, EVT3_BASE, EVT3_VECTOR_12, EVT3_VECTOR_8, EVT3_LOW, EVT3_HIGH = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x8
 EVT3_TRIGGER = 0xA
@@ -19,8 +19,8 @@ SPECIAL = 1 << EVT3_BASE | 1 << EVT3_VECTOR_12 | 1 << EVT3_VECTOR_8 | 1 << EVT3_
 
 
 @njit(cache=True, nogil=True)
-def evt3_walk(raw, block, state, seen, states, times, events):
-    """Walk over a piece of the words. O(N). Like `evt2_walk` (states int64 [M, 5]); also counts each block's events."""
+def evt3_walk(raw, block, state, seen, states, times):
+    """Walk over a piece of the words. O(N). Like `evt2_walk` (states int64 [M, 5])."""
     words = raw.view(np.uint16)
     begin, last, first = seen[WORDS], seen[LAST], seen[FIRST]
     high, low, row, base, polarity = state
@@ -29,7 +29,6 @@ def evt3_walk(raw, block, state, seen, states, times, events):
         k = (begin + start) // block
         states[k] = high, low, row, base, polarity
         times[k] = last
-        count = 0
         for i in range(np.uint64(start), np.uint64(min(start + block, words.size))):
             word = np.int64(words[i])
             kind = word >> 12
@@ -49,12 +48,10 @@ def evt3_walk(raw, block, state, seen, states, times, events):
                     found = ones(word & ((1 << size) - 1))
                     base += size
             found = found if high >= 0 else 0
-            count += found
             time = high + low if found else last
             falls += time < last
             last = time
             first = time if found and first < 0 else first
-        events[k] += count
     state[0], state[1], state[2], state[3], state[4] = high, low, row, base, polarity
     seen[LAST], seen[FIRST], seen[WORDS] = last, first, begin + words.size
     seen[FALLS] += falls
@@ -88,7 +85,7 @@ def evt3_decode(raw, width, height, state, seen, kept, t, x, y, p):
     bad = np.int64(-1)
     begin, kept = np.uint64(kept), np.uint64(kept)
     one = np.uint64(1)
-    right, bottom = (width, height) if width > 0 else (1 << 15, 1 << 11)
+    right, bottom = (width, height) if width > 0 else (FAR, 1 << 11)
     high, low, row, base, polarity = state
     for i in range(np.uint64(words.size)):
         word = np.int64(words[i])
@@ -117,7 +114,7 @@ def evt3_decode(raw, width, height, state, seen, kept, t, x, y, p):
                     if bits & 1:
                         if (column >= right or row >= bottom) and bad < 0:
                             bad = np.int64(i)
-                        t[kept], x[kept], y[kept], p[kept] = high + low, column, row, polarity
+                        t[kept], x[kept], y[kept], p[kept] = high + low, min(column, FAR), row, polarity
                         kept += one
                     bits >>= 1
                     column += 1

@@ -8,6 +8,7 @@ from lookalikes import aedat4_events
 
 import nvsdata
 from nvsdata import Events, FormatError
+from nvsdata.cli import main
 
 GRAY8, GRAY16, COLOR, COLOR_ALPHA = 0, 2, 16, 24  # as OpenCV numbers types
 
@@ -149,3 +150,37 @@ def test_the_real_file_with_frames(shared_samples):
             assert np.array_equal(column[:, i], samples[f"{names}_{axis}"])
     assert np.array_equal(inertial.temperature, samples["temperature"])
     assert found.span == (1589163147368868, 1589163147538809)
+
+
+def test_damaged_samples_stop_no_repair(tmp_path):
+    packets = [("IMUS", inertial(SAMPLES)), ("FRME", b"\0" * 100), ("FRME", b"\0" * 100)]
+    strict = recording(tmp_path / "a.aedat4", packets)
+    with pytest.raises(FormatError, match="no FRME"):
+        list(strict.frames())
+    found = nvsdata.open(tmp_path / "a.aedat4", strict=False, sensor_size=(20, 20))
+    assert list(found.frames()) == []
+    assert found.repairs == {"packets of FRME from the first damaged one on, cut off": 1}
+    assert found.inertial().t.size == len(SAMPLES)
+    raw = (tmp_path / "a.aedat4").read_bytes()
+    (tmp_path / "a.aedat4").write_bytes(raw[:-50])
+    found = nvsdata.open(tmp_path / "a.aedat4", strict=False, sensor_size=(20, 20))
+    assert len(found.read()) == 2
+    assert found.inertial().t.size == len(SAMPLES)
+    assert list(found.frames()) == []
+    # what isn't needed stops nothing
+    assert main(["convert", str(tmp_path / "a.aedat4"), str(tmp_path / "b.dat"), "--repair"]) == 0
+    assert len(nvsdata.read(tmp_path / "b.dat")) == 2
+
+
+def test_convert_says_what_is_lost_and_keeps_its_journal(tmp_path, capsys):
+    packets = [("IMUS", inertial(SAMPLES)), ("TRIG", triggers([(5, 1)]))]
+    recording(tmp_path / "a.aedat4", packets)
+    for words, lost in (
+        (["b.dat"], "frames and inertial samples and external triggers"),
+        (["b.aedat", "--format", "aedat3"], "frames and inertial samples and external triggers"),
+        (["b.h5"], "external triggers"),
+    ):
+        name, *rest = words
+        args = ["convert", str(tmp_path / "a.aedat4"), str(tmp_path / name), *rest, "--sensor-size", "20x20"]
+        assert main([*args, "--overwrite"]) == 0
+        assert f"{name} can't hold everything: {lost} are left out" in capsys.readouterr().err

@@ -2,6 +2,7 @@ import importlib
 import itertools
 import struct
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from strategies import events
 
 import nvsdata
 from nvsdata import Events, FormatError
+from nvsdata.data.views import FlippedY, Scaled, Slice
 
 WRITERS = {"evt2": evt2_bytes, "evt2.1": evt21_bytes, "evt3": evt3_bytes}
 STATED = {"evt2": b"% evt 2.0\n", "evt2.1": b"% evt 2.1\n", "evt3": b"% evt 3.0\n"}
@@ -143,7 +145,7 @@ def test_what_is_written_is_read_back(tmp_path, kind, ev, first, gaps):
     for place, gap in gaps:
         t[place:] += gap  # several wraps without an event
     ev = Events(t, ev.x, ev.y, ev.p, (2048, 2048))
-    nvsdata.write(ev, tmp_path / "a.raw", kind)
+    nvsdata.write(ev, tmp_path / "a.raw", format=kind)
     recording = nvsdata.open(tmp_path / "a.raw")
     assert (recording.format, recording.sensor_size) == (kind, (2048, 2048))
     assert recording.read() == ev
@@ -155,7 +157,7 @@ def test_what_is_written_is_read_back(tmp_path, kind, ev, first, gaps):
 def test_pieces_are_written_as_one(tmp_path, kind, ev, cuts):
     edges = [0, *sorted(cuts), 300]
     pieces = [ev.of(ev.columns.take(slice(a, b))) for a, b in itertools.pairwise(edges)]
-    nvsdata.write(iter(pieces), tmp_path / "a.raw", kind)
+    nvsdata.write(iter(pieces), tmp_path / "a.raw", format=kind)
     assert nvsdata.read(tmp_path / "a.raw") == nvsdata.Events(*ev.columns, ev.sensor_size)
 
 
@@ -165,7 +167,7 @@ def test_neighbors_take_less_room():
         ev = Events(np.full(len(x), 5), x, np.full(len(x), 3), np.ones(len(x), int), (2048, 4))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.raw"
-            nvsdata.write(ev, path, kind)
+            nvsdata.write(ev, path, format=kind)
             return (len(path.read_bytes()) - nvsdata.open(path).header_size) // encoding.FORMAT.open.record_size
 
     # a word each for the high and the low part of the time and for the row
@@ -181,11 +183,12 @@ def test_neighbors_take_less_room():
 
 @every
 def test_what_files_cannot_hold_is_refused(tmp_path, kind):
-    for times in ([-1, 5], [0, 2**40], [2**40, 2**40]):
-        with pytest.raises(ValueError, match=r"holds those from 0 to 2\^40 only; T.RelativeTime"):
-            nvsdata.write(Events(times, [0, 0], [0, 0], [0, 1], (4, 4)), tmp_path / "a.raw", kind)
+    bits = 40 if kind == "evt3" else 51
+    for times in ([-1, 5], [0, 2**bits], [2**bits, 2**bits]):
+        with pytest.raises(ValueError, match=rf"holds those from 0 to 2\^{bits} only; T.RelativeTime"):
+            nvsdata.write(Events(times, [0, 0], [0, 0], [0, 1], (4, 4)), tmp_path / "a.raw", format=kind)
     with pytest.raises(ValueError, match="holds coordinates up to 2047 only"):
-        nvsdata.write(Events([0], [0], [0], [0], (4, 2049)), tmp_path / "a.raw", kind)
+        nvsdata.write(Events([0], [0], [0], [0], (4, 2049)), tmp_path / "a.raw", format=kind)
     assert not list(tmp_path.iterdir())
 
 
@@ -194,9 +197,9 @@ def test_the_name_of_a_format_chooses_among_those_of_an_extension(tmp_path):
     nvsdata.write(ev, tmp_path / "a.raw")
     assert nvsdata.open(tmp_path / "a.raw").format == "evt3"
     with pytest.raises(ValueError, match=r"can't write a file with '.raw' as 'evt4'; known are .*evt2 \(.raw\)"):
-        nvsdata.write(ev, tmp_path / "a.raw", "evt4")
+        nvsdata.write(ev, tmp_path / "a.raw", format="evt4")
     with pytest.raises(ValueError, match=r"can't write a file with '.dat' as 'evt2'"):
-        nvsdata.write(ev, tmp_path / "a.dat", "evt2")
+        nvsdata.write(ev, tmp_path / "a.dat", format="evt2")
 
 
 @pytest.mark.parametrize(
@@ -261,7 +264,78 @@ def test_faery_reads_what_is_written(tmp_path, kind):
     x, y, p = rng.integers(0, 60, t.size), rng.integers(0, 2, t.size), rng.integers(0, 2, t.size)
     order = np.lexsort((x, p, y, t))
     ev = Events(t[order], x[order], y[order], p[order], (1280, 720))
-    nvsdata.write(ev, tmp_path / "a.raw", kind)
+    nvsdata.write(ev, tmp_path / "a.raw", format=kind)
     theirs = np.concatenate(list(faery.events_stream_from_file(tmp_path / "a.raw")))
     for ours, name in zip(ev.columns, theirs.dtype.names, strict=True):
         assert np.array_equal(ours, theirs[name])
+
+
+@pytest.mark.parametrize("kind", ["evt2", "evt2.1"])
+def test_times_of_today_fit(tmp_path, kind):
+    ev = Events([1_763_856_000_000_000, 1_763_856_000_000_007], [1, 2], [3, 0], [1, 0], (4, 4))
+    nvsdata.write(ev, tmp_path / "a.raw", format=kind)
+    assert nvsdata.read(tmp_path / "a.raw") == ev
+    assert (tmp_path / "a.raw").stat().st_size < 4_000_000
+
+
+@every
+def test_threads_share_a_recording(tmp_path, kind):
+    t = np.arange(60_000) * 13
+    ev = Events(t, t % 1279, t % 719, t % 2, (1280, 720))
+    nvsdata.write(ev, tmp_path / "a.raw", format=kind)
+    for _ in range(5):
+        recording = nvsdata.open(tmp_path / "a.raw")
+        with ThreadPoolExecutor(8) as pool:
+            windows = list(pool.map(lambda n: recording.read(n * 50_000, n * 50_000 + 9_000), range(15)))  # noqa: B023
+        assert windows == [ev.window(n * 50_000, n * 50_000 + 9_000) for n in range(15)]
+
+
+def test_damage_is_an_error_for_each_of_several_threads(tmp_path):
+    ev = Events(np.arange(20_000) * 10, np.arange(20_000) % 60, np.arange(20_000) % 40, np.arange(20_000) % 2, (64, 64))
+    raw = bytearray(evt2_bytes(ev))
+    raw[40_000:40_004] = struct.pack("<I", 0x8 << 28 | 0xFF00000)
+    (tmp_path / "a.raw").write_bytes(raw)
+    recording = nvsdata.open(tmp_path / "a.raw", sensor_size=(64, 64))
+
+    def damaged(_):
+        try:
+            return recording.read()
+        except FormatError:
+            return None
+
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(damaged, range(24))) == [None] * 24
+
+
+def test_vectors_that_leave_every_sensor(tmp_path):
+    """A base at the end, and vectors that go on and on."""
+    words = [0x8000, 0x6005, 0x0003, 0x3FFF, *[0x4FFF] * 3_000, 0x4001]
+    path = tmp_path / "a.raw"
+    path.write_bytes(b"% evt 3.0\n% end\n" + struct.pack(f"<{len(words)}H", *words))
+    with pytest.raises(FormatError, match="coordinates outside the sensor of 32767x32767"):
+        nvsdata.read(path)
+    recording = nvsdata.open(path, strict=False)
+    found = recording.read()
+    # those within what a sensor can have, each once, and in their places
+    assert found.x.tolist() == list(range(2047, 32_767))
+    assert recording.repairs["events outside the sensor, dropped"] == 3_001 * 12 - 11 - len(found)
+
+
+def test_windows_of_triggers_that_end_before_they_begin(tmp_path):
+    nvsdata.write(Events([5], [1], [2], [1], (4, 4)), tmp_path / "a.raw")
+    with pytest.raises(ValueError, match="ends before it begins"):
+        nvsdata.open(tmp_path / "a.raw").triggers(10, 5)
+
+
+def test_views_pass_triggers_on(tmp_path):
+    body = b"".join(trigger("evt3", t, 1, 1) for t in (10, 50, 90))
+    (tmp_path / "a.raw").write_bytes(b"% evt 3.0\n% geometry 8x8\n% end\n" + body)
+    recording = nvsdata.open(tmp_path / "a.raw")
+    part = Slice(recording, 20, 60)
+    assert part.holds_triggers
+    assert part.triggers().t.tolist() == [50]
+    assert part.triggers(55, None).t.tolist() == []
+    assert FlippedY(recording).triggers(None, 60).t.tolist() == [10, 50]
+    assert not Scaled(recording, 10).holds_triggers
+    with pytest.raises(FormatError, match="external triggers aren't read from scaled files"):
+        Scaled(recording, 10).triggers()

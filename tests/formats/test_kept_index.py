@@ -8,6 +8,7 @@ import pytest
 
 import nvsdata
 from nvsdata import Events
+from nvsdata.common.files import atomic
 from nvsdata.formats import kept_index
 
 KINDS = {"evt2": ".raw", "evt2.1": ".raw", "evt3": ".raw", "atis": ".bin"}
@@ -17,6 +18,7 @@ every = pytest.mark.parametrize("kind", KINDS)
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     monkeypatch.setattr(kept_index, "LEAST", 1_000)
+    monkeypatch.setattr(kept_index, "SETTLED_NS", 0)
 
 
 def made(kind, folder, seed=0, count=40_000):
@@ -25,7 +27,7 @@ def made(kind, folder, seed=0, count=40_000):
     t = np.sort(rng.integers(0, 2_000_000, count))
     ev = Events(t, rng.integers(0, 240, count), rng.integers(0, 180, count), rng.integers(0, 2, count), (240, 180))
     path = folder / f"a{KINDS[kind]}"
-    nvsdata.write(ev, path, kind)
+    nvsdata.write(ev, path, format=kind)
     os.utime(path, ns=(10**18 + seed, 10**18 + seed))
     return path, ev
 
@@ -71,8 +73,8 @@ def test_an_index_of_another_version_is_not_used(tmp_path, monkeypatch):
 
 def about(path):
     recording = nvsdata.open(path)
-    size, modified = recording.contents.stamp
-    return {"format": recording.format, "block": recording.block, "size": size, "modified": modified}
+    size, *stamp = recording.contents.stamp
+    return {"format": recording.format, "block": recording.block, "size": size, "stamp": stamp}
 
 
 @every
@@ -107,10 +109,10 @@ def test_what_cannot_be_kept_is_not(tmp_path, monkeypatch):
         assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     # it may change again within the same tick of the clock
-    path.touch()
-    assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+    with monkeypatch.context() as patch:
+        patch.setattr(kept_index, "SETTLED_NS", 10**12)
+        assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
     assert not index.exists()
-    os.utime(path, ns=(10**18, 10**18))
     monkeypatch.setattr(kept_index, "LEAST", path.stat().st_size + 1)
     nvsdata.read(path, 0, 10)
     assert not index.exists()
@@ -152,3 +154,60 @@ def test_datasets_do_not_take_an_index_for_a_recording(tmp_path):
     dataset = nvsdata.EventFolder(tmp_path)
     assert len(dataset) == 1
     assert dataset[0][0] == ev
+
+
+@every
+def test_a_file_put_in_the_place_of_another_with_its_size_and_time(tmp_path, kind):
+    path, ev = made(kind, tmp_path)
+    nvsdata.read(path, 0, 10)
+    index = kept_index.path_of(str(path)).read_bytes()
+    (tmp_path / "new").mkdir()
+    other_path, _ = made(kind, tmp_path / "new", seed=1)
+    raw, size = other_path.read_bytes(), path.stat().st_size
+    if kind.startswith("evt"):
+        # as long as the other, filled up with words that mean nothing
+        raw = raw[:size] + b"\0\0\0\xf0" * (max(size - len(raw), 0) // 4)
+        raw += bytes(size - len(raw))
+    path.write_bytes(raw)
+    os.utime(path, ns=(10**18, 10**18))
+    assert path.stat().st_size == size
+    whole = nvsdata.read(path)
+    assert nvsdata.read(path, 500_000, 600_000) == whole.window(500_000, 600_000) != ev.window(500_000, 600_000)
+    assert kept_index.path_of(str(path)).read_bytes() != index
+
+
+@every
+@pytest.mark.parametrize("change", ["shorter", "other type", "missing", "more states"])
+def test_arrays_of_another_file_are_not_used(tmp_path, kind, change):
+    path, ev = made(kind, tmp_path)
+    nvsdata.read(path, 0, 10)
+    arrays = kept_index.restore(str(path), about(path))
+    if change == "shorter":
+        arrays["times"] = arrays["times"][:-1]
+    elif change == "other type":
+        arrays["times"] = arrays["times"].astype(np.float32)
+    elif change == "missing":
+        del arrays["span"]
+    else:
+        arrays["states"] = np.concatenate((arrays["states"], arrays["states"]))
+    kept_index.keep(str(path), about(path), 0, arrays)
+    assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+
+
+def test_a_file_that_is_being_written_gets_no_index(tmp_path):
+    path, _ = made("evt3", tmp_path)
+    part = path.rename(tmp_path / "a.raw.part")
+    nvsdata.read(part, 0, 10)
+    assert [p.name for p in tmp_path.iterdir()] == [part.name]
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path):
+    path, _ = made("evt3", tmp_path)
+    with atomic(kept_index.path_of(str(path))) as temporary:
+        name = temporary.name
+    # of a process of this machine that is no more
+    left = tmp_path / name.replace(f"-{os.getpid()}-", "-999999999-")
+    left.write_bytes(b"half")
+    nvsdata.read(path, 0, 10)
+    assert not left.exists()
+    assert kept_index.path_of(str(path)).stat().st_size > 1_000

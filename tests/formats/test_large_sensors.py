@@ -57,10 +57,10 @@ def test_what_is_written_is_read_or_refused(tmp_path, name, size):
     for path in written_by(name, tmp_path):
         if size in TOO_LARGE.get(name, ()):
             with pytest.raises(ValueError, match=r"up to (\d+x\d+|x|255)|holds x up to 255 and y up to 239"):
-                nvsdata.write(ev, path, name)
+                nvsdata.write(ev, path, format=name)
             assert not path.exists()
             continue
-        nvsdata.write(ev, path, name)
+        nvsdata.write(ev, path, format=name)
         assert nvsdata.open(path).format == name
         check(path, ev)
     assert list(tmp_path.iterdir()) or size in TOO_LARGE[name]
@@ -99,5 +99,5 @@ def test_a_file_of_each_format_becomes_every_other(tmp_path, size):
     kept = [path for name in FORMATS for path in (tmp_path / f"{name}{s}" for s in FORMATS[name].suffixes[:1])]
     kept = [p for p in kept if FORMATS[p.stem].write and size not in TOO_LARGE.get(p.stem, ())]
     for before, after in zip([None, *kept], kept, strict=False):
-        nvsdata.write(ev if before is None else nvsdata.open(before, sensor_size=size), after, after.stem)
+        nvsdata.write(ev if before is None else nvsdata.open(before, sensor_size=size), after, format=after.stem)
         assert nvsdata.read(after, sensor_size=size) == ev
