@@ -5,7 +5,7 @@
 Whole recordings; as in train_objects.py, a fifth of each class is held back by the seed if the data has no test split.
 
 - HATS (Sironi et al. 2018): averaged time surfaces and a linear SVM, as in the paper; its cell, window and the SVM's
-  penalty are those that are best in three parts of the training set
+  penalty are those that are best over three random fifths of the training set
 - HOTS (Lagorce et al. 2017): three layers of prototypes of time surfaces, found by k-means; then histograms of the last
   layer's prototypes, which a linear SVM, or the Bhattacharyya distance to each class's mean, tells apart
 - counts: the numbers of events per pixel and a linear SVM, to compare with
@@ -93,7 +93,7 @@ def _by_svm(train: np.ndarray, test: np.ndarray, labels: np.ndarray, truth: np.n
 
 
 def _best_penalty(features: np.ndarray, labels: np.ndarray) -> tuple[float, float]:
-    """The penalty with the best accuracy over three parts that are held back in turn, and that accuracy."""
+    """The penalty with the best accuracy over three random fifths that are held back, and that accuracy."""
     names = [(str(label), str(i)) for i, label in enumerate(labels)]
     parts = [stratified(names, 0.2, seed=seed) for seed in range(3)]
     shares = {
@@ -138,6 +138,11 @@ def hots(train: list[Any], test: list[Any], sensor_size: tuple[int, int], seed: 
     """Histograms of the last layer's prototypes: of the recordings for training, and for testing, each sums to 1."""
     rng = np.random.default_rng(seed)
     features, found = 2, [[events.p.astype(np.int64) for events in part] for part in (train, test)]
+    longest = max(events.duration for events in (*train, *test))
+    if longest > 500 * LAYERS[0][2]:
+        raise ValueError(
+            f"a recording of {longest / 1e6:.1f} s: HOTS's first layer takes those of up to 10 s; cut windows"
+        )
     for count, radius, tau in LAYERS:
         shape = features, sensor_size[1] + 2 * radius, sensor_size[0] + 2 * radius
         side = 2 * radius + 1
@@ -151,7 +156,7 @@ def hots(train: list[Any], test: list[Any], sensor_size: tuple[int, int], seed: 
         prototypes = centers.reshape(count, features, side, side).astype(np.float32)
         for part, there in zip((train, test), found, strict=True):
             for number, events in enumerate(part):
-                new = np.empty(len(events), np.int64)
+                new = np.zeros(len(events), np.int64)
                 columns = events.t, events.x, events.y, there[number]
                 nearest_prototypes(*columns, tau, radius, prototypes, np.zeros(shape), new)
                 there[number] = new

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 
@@ -21,12 +22,18 @@ class Boxes:
     index: torch.Tensor
 
     @classmethod
-    def of(cls, edges: torch.Tensor, sensor_size: tuple[int, int]) -> Boxes:
-        """Boxes with these edges. ValueError unless they are numbers [N, 4] whose right and bottom come last."""
-        edges = torch.as_tensor(edges, dtype=torch.float32).reshape(-1, 4) if len(edges) == 0 else edges.float()
+    def of(cls, edges: Any, sensor_size: tuple[int, int]) -> Boxes:
+        """Boxes with these edges, a tensor, array or list; ValueError unless they are [N, 4], right and bottom last."""
+        edges = torch.as_tensor(edges, dtype=torch.float32, device="cpu")
+        edges = edges.reshape(-1, 4) if edges.numel() == 0 else edges
         if edges.ndim != 2 or edges.shape[1] != 4 or not bool((edges[:, :2] <= edges[:, 2:]).all()):
             raise ValueError(f"boxes must be [N, 4] of left, top, right and bottom edges, not {edges.tolist()}")
-        return cls(edges, sensor_size, torch.arange(len(edges)))
+        return cls(edges, sensor_size, torch.arange(len(edges)))._cut(edges, sensor_size)
+
+    def equal(self, other: Boxes) -> bool:
+        """Whether these are the same boxes at the same places of the same sensor."""
+        same = self.sensor_size == other.sensor_size and torch.equal(self.index, other.index)
+        return same and torch.equal(self.edges, other.edges)
 
     @property
     def pos(self) -> torch.Tensor:

@@ -29,7 +29,18 @@ TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; wh
 SHARD = 1000  # samples per folder
 CHECKSUM = 4  # bytes, CRC-32 of all that follows
 # attributes of a dataset that don't change the head's output
-INDIFFERENT = ("transform", "target_transform", "seed", "errors", "split", "fold", "_damage", "_passes")
+INDIFFERENT = (
+    "transform",
+    "target_transform",
+    "transforms",
+    "boxes",
+    "seed",
+    "errors",
+    "split",
+    "fold",
+    "_damage",
+    "_passes",
+)
 # attributes that follow from the samples and their files' stamps
 FOUND = ("source", "class_to_idx", "samples", "targets", "skipped")
 

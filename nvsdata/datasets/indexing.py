@@ -167,6 +167,7 @@ class Samples(Dataset[tuple[Any, Any]]):
             recordings = self.recordings(index)
             for recording in recordings:
                 recording.read()
+            self.target(index)
         except UNREADABLE as error:
             return f"replaced: {error}"
         return f"repaired: {_repairs(recordings)}" if repaired else "replaced, but it can be read now"

@@ -107,6 +107,8 @@ class NCaltech101(RandomSplitDataset):
     ) -> None:
         if transforms is not None and (transform is not None or target_transform is not None):
             raise ValueError("transforms takes the place of transform and target_transform: give it, or them")
+        if transforms is not None and not callable(transforms):
+            raise TypeError(f"transforms must be callable, not {transforms!r}")
         self.background, self.boxes, self.transforms = background, boxes, transforms
         super().__init__(
             root,

@@ -15,15 +15,16 @@ class MatrixLSTM(nn.Module):
 
     An event is given as its polarity, ±1, and the time since the pixel's event before, as a share of the sample's time
     (0 for the first one). What the LSTM puts out after the last event is the pixel's features; pixels without events
-    are 0, and cost nothing. (The authors give times in the recording's unit; shares don't depend on it.)
+    are 0, and cost nothing. (The authors' configurations scale a pixel's delays by its largest, or give times from 0 to
+    1, and keep the earliest events of a pixel that has too many.)
 
     - `hidden`: C, the LSTM's units (default 8)
     - `bins`: parts of equal length into which a sample's time is divided, each read anew (default 1)
     - `most`: events of a pixel that are read, the latest ones (default 512, as in the authors' code)
 
-    Takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size; gives float32
-    [B, bins C, H, W]. ValueError for settings that aren't positive whole numbers, and for samples of several sensor
-    sizes. There is no gradient with respect to times.
+    Takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size; gives
+    [B, bins C, H, W] of its weights' type. ValueError for settings that aren't positive whole numbers, and for samples
+    of several sensor sizes. There is no gradient with respect to times.
     """
 
     def __init__(self, hidden: int = 8, bins: int = 1, most: int = 512) -> None:
@@ -38,10 +39,12 @@ class MatrixLSTM(nn.Module):
         return f"bins={self.bins}, most={self.most}"
 
     def forward(self, events: EventBatch) -> torch.Tensor:
-        """float32 [B, bins C, H, W]."""
+        """[B, bins C, H, W]."""
         width, height = events.sensor_size
         place, delay, polarity = self._in_order(events, width, height)
-        out = delay.new_zeros(len(events) * self.bins * height * width, self.hidden)
+        weight = next(self.lstm.parameters())
+        # a sum over nothing, so that a batch without events has gradients, too
+        out = weight.new_zeros(len(events) * self.bins * height * width, self.hidden) + weight[:0].sum()
         if len(place):
             pixels, first, counts = _runs(place)
             step = torch.arange(len(place), device=place.device) - first.repeat_interleave(counts)
@@ -50,7 +53,7 @@ class MatrixLSTM(nn.Module):
             rank = torch.empty_like(longest)
             rank[longest] = torch.arange(len(longest), device=place.device)
             order = (step * len(pixels) + rank.repeat_interleave(counts)).argsort()
-            given = torch.stack((polarity, delay), 1)[order]
+            given = torch.stack((polarity, delay), 1)[order].to(weight.dtype)
             steps = torch.bincount(step).cpu()
             _, (last, _) = self.lstm(PackedSequence(given, steps))
             out = out.index_copy(0, pixels[longest], last[0])
@@ -69,12 +72,12 @@ class MatrixLSTM(nn.Module):
         first[1:] = place[1:] != place[:-1]
         delay = torch.zeros_like(t)
         delay[1:] = t[1:] - t[:-1]
-        share = (delay.masked_fill(first, 0) / duration[order]).float()
-        polarity = 2.0 * events.p[order] - 1
+        share = delay.masked_fill(first, 0).double() / duration[order]
+        polarity = 2 * events.p[order].double() - 1
         _, begin, counts = _runs(place)
         from_end = (begin + counts).repeat_interleave(counts) - torch.arange(len(place), device=place.device)
         kept = from_end <= self.most
-        return place[kept], share[kept], polarity[kept].float()
+        return place[kept], share[kept], polarity[kept]
 
 
 def _runs(place: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

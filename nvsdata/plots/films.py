@@ -76,7 +76,9 @@ class Film:
         """Moments from beginning to end, each with its time and number of events: uint8 [H, W, 3], BGR."""
         tiles = []
         for window in self._moments(events):
-            at = (window.start - events.start) / 1e3
+            # slices by number keep the whole's beginning
+            first = window.start if self.count is None or not len(window) else int(window.t[0])
+            at = (first - events.start) / 1e3
             tiles.append((event_image(window), [f"{at:,.1f} ms: {len(window):,} events"]))
         return captioned_sheet(tiles, columns=4, side=240)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 from collections.abc import Iterable
 from importlib.resources import files
 
@@ -53,9 +54,8 @@ def page(events: Events, title: str, frames: Iterable[Frame] = (), window: int |
     about += f", {events.p.mean():.0%} ON" if len(events) else ""
     filled = {"__TITLE__": html.escape(title), "__ABOUT__": about, "__DATA__": json.dumps(data)}
     text = files("nvsdata.plots").joinpath("viewer.html").read_text("utf-8")
-    for place, value in filled.items():
-        text = text.replace(place, value)
-    return text
+    # at once, because a title may hold another's name
+    return re.sub("|".join(filled), lambda found: filled[found[0]], text)
 
 
 def _text(column: np.ndarray) -> str:

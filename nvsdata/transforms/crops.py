@@ -38,7 +38,8 @@ class Crop:
             whole(name, getattr(self, name), least)
 
     def __call__(self, sample: Any) -> Any:
-        return move_all(sample, lambda events: crop_events(events, self.x, self.y, self.width, self.height))
+        rectangle = int(self.x), int(self.y), int(self.width), int(self.height)
+        return move_all(sample, lambda events: crop_events(events, *rectangle))
 
 
 @dataclass(frozen=True)

@@ -62,11 +62,11 @@ class ToFrames:
 
     def _bounds(self, events: Events) -> np.ndarray:
         if self.bins is not None:
-            return equal_bounds(events, self.bins)
+            return equal_bounds(events, int(self.bins))
         if self.duration is not None:
-            return duration_bounds(events, self.duration)
+            return duration_bounds(events, int(self.duration))
         assert self.count is not None
-        return count_bounds(events, self.count)
+        return count_bounds(events, int(self.count))
 
 
 def to_frames(

@@ -8,14 +8,15 @@ from typing import ClassVar
 import torch
 from torch.nn import functional as F
 
-from nvsdata.common.validation import positive
+from nvsdata.common.validation import positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_bounds, frame_edges
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.frames import sum_frames as kernel
+from nvsdata.transforms.crops import downsample
 from nvsdata.transforms.draws import place
 from nvsdata.transforms.image import center_crop, crop
-from nvsdata.transforms.together import stay
+from nvsdata.transforms.together import follow, stay
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,13 @@ class SumFrames:
 
     def __post_init__(self) -> None:
         positive("fps", self.fps)
-        positive("factor", self.factor)
+        whole("factor", self.factor, 1)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        return sum_frames(sample, self.fps, self.factor)
+        frames = sum_frames(sample, self.fps, int(self.factor))
+        if self.factor > 1:
+            follow(sample, lambda boxes: downsample(boxes, int(self.factor)))
+        return frames
 
 
 @dataclass(frozen=True)
@@ -54,10 +58,10 @@ class RandomTemporalCrop:
     length: int = 160
 
     def __post_init__(self) -> None:
-        positive("length", self.length)
+        whole("length", self.length, 1)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
-        return volume(frames, place(max(frames.shape[0] - self.length, 0) + 1), self.length)
+        return volume(frames, place(max(frames.shape[0] - int(self.length), 0) + 1), int(self.length))
 
 
 @dataclass(frozen=True)
@@ -73,10 +77,10 @@ class Stacks:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        positive("length", self.length)
+        whole("length", self.length, 1)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
-        return stacks(frames, self.length)
+        return stacks(frames, int(self.length))
 
 
 @dataclass(frozen=True)
@@ -92,11 +96,11 @@ class MotionCrop:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        positive("size", self.size)
+        whole("size", self.size, 1)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
         stay("MotionCrop")
-        return motion_crop(frames, self.size)
+        return motion_crop(frames, int(self.size))
 
 
 @dataclass(frozen=True)
@@ -114,11 +118,11 @@ class FourCrops:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        positive("size", self.size)
+        whole("size", self.size, 1)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
         stay("FourCrops")
-        return four_crops(frames, self.size)
+        return four_crops(frames, int(self.size))
 
 
 @dataclass(frozen=True)

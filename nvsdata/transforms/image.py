@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeVar
 import torch
 from torch.nn.functional import interpolate
 
-from nvsdata.common.validation import positive, probability
+from nvsdata.common.validation import positive, probability, whole
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
@@ -49,10 +49,10 @@ class Resize:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        positive("size", self.size)
+        whole("size", self.size, 1)
 
     def __call__(self, image: Any) -> Any:
-        return _each(image, lambda part: resize(part, self.size))
+        return _each(image, lambda part: resize(part, int(self.size)))
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class RandomCrop:
     scales: tuple[float, ...] = (1.0,)
 
     def __post_init__(self) -> None:
-        positive("size", self.size)
+        whole("size", self.size, 1)
         if not self.scales:
             raise ValueError("scales must hold at least one number")
         for scale in self.scales:
@@ -84,7 +84,7 @@ class RandomCrop:
 
         def cut(part: Any) -> Any:
             square = crop(part, x, y, side)
-            return square if side == self.size else resize(square, self.size)
+            return square if side == self.size else resize(square, int(self.size))
 
         return _each(image, cut)
 
@@ -103,10 +103,10 @@ class CenterCrop:
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        positive("size", self.size)
+        whole("size", self.size, 1)
 
     def __call__(self, image: Any) -> Any:
-        return _each(image, lambda part: center_crop(part, self.size))
+        return _each(image, lambda part: center_crop(part, int(self.size)))
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class RandomHorizontalFlip:
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
         if uniform(0, 1) >= self.p:
             return image
-        follow(lambda boxes: flip(boxes, 0))
+        follow(image, lambda boxes: flip(boxes, 0))
         return image.flip(-1)
 
 
@@ -184,7 +184,7 @@ def normalize(image: torch.Tensor) -> torch.Tensor:
 
 def _each(image: Any, change: Callable[[Any], Any]) -> Any:
     """`change` of an image, or of events, or of each of a list of them; boxes follow."""
-    follow(change)
+    follow(image, change)
     return change(image) if isinstance(image, torch.Tensor) else change_all(image, change)
 
 

@@ -122,8 +122,8 @@ class RandomRun:
 
     def __call__(self, sample: Events | Recording) -> Events:
         events = as_events(sample)
-        first = place(max(len(events) - self.count, 0) + 1)
-        return events if len(events) <= self.count else events[first : first + self.count]
+        first = place(max(len(events) - int(self.count), 0) + 1)
+        return events if len(events) <= int(self.count) else events[first : first + int(self.count)]
 
 
 def jitter_space(events: Events, sigma: float) -> Events:

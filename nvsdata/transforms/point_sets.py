@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from nvsdata.common.validation import positive
+from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import generator
@@ -25,16 +25,16 @@ class Points:
     count: int = 1024
 
     def __post_init__(self) -> None:
-        positive("count", self.count)
+        whole("count", self.count, 1)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events, count = as_events(sample), int(self.count)
         if not len(events):
-            return torch.zeros(self.count, 4)
-        if len(events) >= self.count:
-            drawn = torch.randperm(len(events), generator=generator())[: self.count]
+            return torch.zeros(count, 4)
+        if len(events) >= count:
+            drawn = torch.randperm(len(events), generator=generator())[:count]
         else:
-            drawn = torch.randint(len(events), (self.count,), generator=generator())
+            drawn = torch.randint(len(events), (count,), generator=generator())
         return points(events, drawn.sort().values)
 
 

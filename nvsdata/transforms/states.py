@@ -33,7 +33,9 @@ class _State:
             )
         if self.latest is not None and len(events) and events.t[0] < self.latest:
             raise ValueError(f"events at {events.t[0]} µs come after a state at {self.latest} µs")
-        self.latest = events.end if self.latest is None else max(events.end, self.latest)
+        # an empty piece that states no time says nothing
+        if len(events) or events.stated_end is not None:
+            self.latest = events.end if self.latest is None else max(events.end, self.latest)
 
     def _moment(self, at: int | None) -> int:
         if at is None:
@@ -101,8 +103,10 @@ class FocusState(_State):
     def update(self, events: Events) -> None:
         """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
         self._take(events)
-        self._origin = events.start if self._origin is None else self._origin
-        queue_bins(*events.columns, self._origin, self._duration, *self._kept)
+        if self._origin is None and self.latest is not None:
+            self._origin = events.start
+        if self._origin is not None:
+            queue_bins(*events.columns, self._origin, self._duration, *self._kept)
 
     def tensor(self, at: int | None = None) -> torch.Tensor:
         """The representation at `at` (µs; default: the end of the last events' time); ValueError for a time before."""

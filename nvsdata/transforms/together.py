@@ -34,16 +34,33 @@ def followed(boxes: Boxes) -> Iterator[_Following]:
         _FOLLOWING.reset(token)
 
 
-def follow(change: Callable[[Any], Any]) -> None:
-    """Apply a change of place to the boxes that follow the sample, if there are any."""
+def follow(sample: Any, change: Callable[[Any], Any]) -> None:
+    """Apply a change of a sample's place to the boxes that follow it, if there are any.
+
+    ValueError if the sample has another size than the boxes' sensor: then a step that boxes can't follow came before.
+    """
     following = _FOLLOWING.get()
-    if following is not None:
-        following.boxes = change(following.boxes)
+    if following is None:
+        return
+    for size in _sizes(sample):
+        if size != following.boxes.sensor_size:
+            seen, known = ("{}x{}".format(*one) for one in (size, following.boxes.sensor_size))
+            raise ValueError(f"boxes can't follow: the sample has {seen} pixels, and they lie on {known}")
+    following.boxes = change(following.boxes)
+
+
+def _sizes(sample: Any) -> set[tuple[int, int]]:
+    """(width, height) of a sample, or of each of a list, as far as they are known."""
+    if isinstance(sample, list | tuple):
+        return set().union(*map(_sizes, sample))
+    shape = getattr(sample, "shape", None)
+    size = getattr(sample, "sensor_size", None) if shape is None else (shape[-1], shape[-2])
+    return set() if size is None else {size}
 
 
 def move_all(sample: Any, change: Callable[[Any], Any]) -> Any:
     """`change_all` for a change of place, which boxes follow: it takes `Boxes`, too."""
-    follow(change)
+    follow(sample, change)
     return change_all(sample, change)
 
 
@@ -57,7 +74,7 @@ def each(change: Callable[[Any], Any], parts: Iterable[Any]) -> list[Any]:
         following.boxes = before
         made.append(change(part))
         moved.append(following.boxes)
-    if any(boxes.edges.tolist() != moved[0].edges.tolist() for boxes in moved):
+    if any(not boxes.equal(moved[0]) for boxes in moved):
         raise no_boxes(f"{change!r} applied to each part of a sample")
     return made
 

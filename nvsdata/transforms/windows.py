@@ -33,7 +33,7 @@ class Window:
         check_window(self.start, self.stop)
 
     def __call__(self, sample: Events | Recording) -> Events:
-        return window(sample, self.start, self.stop)
+        return window(sample, int(self.start), int(self.stop))
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class RandomWindow:
             raise ValueError(f"within must be (low, high) with 0 <= low < high <= 1, not {self.within}")
 
     def __call__(self, sample: Events | Recording) -> Events:
-        return random_window(sample, self.duration, within=self.within)
+        return random_window(sample, int(self.duration), within=self.within)
 
     def longest(self, sample: Events | Recording) -> int:
         """The longest duration that isn't cut off at the sample's end, in µs."""
@@ -88,7 +88,7 @@ class Volumes:
         microseconds("duration", self.duration)
 
     def __call__(self, sample: Events | Recording) -> list[Events]:
-        return volumes(sample, self.count, self.duration)
+        return volumes(sample, int(self.count), int(self.duration))
 
     def longest(self, sample: Events | Recording) -> int:
         """The longest duration that stays within a part of the sample, in µs; at least 1."""

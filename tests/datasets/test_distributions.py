@@ -176,6 +176,16 @@ def test_ncaltech101_boxes_as_targets(home):
     assert changed[ant][1] == 1
     with pytest.raises(ValueError, match="transforms takes the place of transform and target_transform"):
         NCaltech101(root, transforms=T.WithBoxes(T.EventImage()), transform=T.EventImage())
+    with pytest.raises(TypeError, match="transforms must be callable, not 3"):
+        NCaltech101(root, transforms=3)
+    broken = root / "Caltech101_annotations" / "ant" / "annotation_0002.bin"
+    broken.write_bytes(b"\x01\x02")
+    skipping = NCaltech101(root, "all", boxes=True, errors="skip")
+    with pytest.warns(UserWarning, match="annotation_0002.bin"):
+        skipping[ant]
+    ((name, reason),) = skipping.damaged().items()
+    assert name == "Caltech101/ant/image_0002.bin"
+    assert "annotation_0002.bin" in reason
     with pytest.raises(ValueError, match="a cache keeps what `transform` makes"):
         nvsdata.cache(moved, root / "cache")
 

@@ -94,3 +94,17 @@ def test_settings_and_sensors_that_make_no_sense():
     with pytest.raises(ValueError, match=r"several sensor sizes: \[\(4, 3\), \(5, 3\)\]"):
         network()(EventBatch.of(two))
     assert "bins=1, most=512" in repr(MatrixLSTM())
+
+
+def test_a_batch_without_events_has_gradients_of_zero():
+    net = network()
+    net(EventBatch.of([Events.empty((4, 3))])).sum().backward()
+    assert all(weight.grad is None or not weight.grad.any() for weight in net.parameters())
+
+
+def test_it_computes_in_the_type_of_its_weights():
+    ev = Events([0, 5, 9], [1, 1, 2], [0, 0, 1], [1, 0, 1], (4, 3))
+    net = network().double()
+    found = net(EventBatch.of([ev]))
+    assert found.dtype == torch.float64
+    torch.testing.assert_close(found, by_definition(net, [ev]), rtol=1e-12, atol=1e-12)

@@ -105,3 +105,17 @@ def test_too_many_pictures_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match="frames, more than"):
         next(Film(speed=1e-12).windows(EVENTS))
+
+
+def test_a_sheet_says_when_each_picture_is(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "nvsdata.plots.films.captioned_sheet", lambda tiles, **how: seen.extend(words for _, words in tiles)
+    )
+    events = Events(10**15 + np.arange(1_000) * 1_000, np.zeros(1_000, int), np.zeros(1_000, int), [1] * 1_000, (4, 4))
+    Film(count=100).sheet(events)
+    assert [words[0] for words in seen] == [f"{n * 900 // 11:,.1f} ms: 100 events" for n in range(12)]
+    seen.clear()
+    Film(duration=50_000).sheet(events)
+    assert seen[0] == ["0.0 ms: 50 events"]
+    assert seen[-1] == ["949.0 ms: 50 events"]

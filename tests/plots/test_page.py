@@ -70,6 +70,12 @@ def test_long_recordings_and_empty_ones():
     assert embedded(page(MOVING, "", window=500))[0]["window"] == 500
 
 
+def test_a_title_may_hold_any_words():
+    text = page(MOVING, "__DATA__ <b> __ABOUT__")
+    assert text.count("__DATA__ &lt;b&gt; __ABOUT__") == page(MOVING, "plain words").count("plain words")
+    assert embedded(text)[0]["size"] == [40, 30]
+
+
 DRIVER = """
 <script>
 const report = [], drawn = () => new Promise(requestAnimationFrame);

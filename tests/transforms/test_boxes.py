@@ -252,3 +252,63 @@ def test_only_the_window_is_decoded(tmp_path):
     assert recording._whole is None
     assert not pipeline.deterministic
     assert T.WithBoxes(T.Window(0, 10)).deterministic
+
+
+def test_coarser_frames_take_boxes_along_or_say_that_they_cannot():
+    ((left, top, right, bottom),) = T.WithBoxes(T.Compose([T.SumFrames(30, 4), T.CenterCrop(8)]))(
+        filled(), target(BOX)
+    )[1]["boxes"].tolist()
+    # 15x10 pixels, of which the middle 8x8 are left
+    assert [left, top, right, bottom] == [20 / 4 - 3, 12 / 4 - 1, 33 / 4 - 3, 25 / 4 - 1]
+    pooled = T.Compose([T.ToFrames(1), torch.nn.AvgPool2d(2), T.RandomHorizontalFlip(1.0)])
+    with pytest.raises(ValueError, match="boxes can't follow: the sample has 30x20 pixels, and they lie on 60x40"):
+        T.WithBoxes(pooled)(filled(), target(BOX))
+    pooled(filled())
+    apart = T.Compose([T.Volumes(2, 20), T.Each(T.RandomChoice([T.Crop(0, 0, 50, 40), T.Crop(0, 0, 40, 40)]))])
+    refused = 0
+    for seed in range(10):
+        torch.manual_seed(seed)
+        try:
+            T.WithBoxes(apart)(filled(), target(BOX))
+        except ValueError as error:
+            refused += "applied to each part" in str(error)
+    assert 0 < refused < 10
+
+
+@pytest.mark.parametrize(
+    "transform", [T.Compose([]), T.RandomFlip(0, 0.0), T.RandomApply(T.RandomFlip(), 0.0)], ids=str
+)
+def test_boxes_are_cut_whether_or_not_anything_moves_them(transform):
+    given = target((-10, -5, 20, 20), (50, 30, 70, 60), (5, 5, 5, 9), (70, 0, 80, 10))
+    _, found = T.WithBoxes(transform)(filled(), {**given, "labels": [1, 2, 3, 4]})
+    assert found["boxes"].tolist() == [[0, 0, 20, 20], [50, 30, 60, 40]]
+    assert found["labels"] == [1, 2]
+
+
+def test_entries_of_the_image_stay_and_those_of_boxes_go_in_any_container():
+    given = {
+        **target((0, 0, 5, 5), (30, 20, 40, 30)),
+        "labels": [3, 4],
+        "names": ("a", "b"),
+        "area": np.array([25, 100]),
+        "image_id": torch.tensor([7, 8]),
+        "size": torch.tensor([180, 240]),
+    }
+    _, found = T.WithBoxes(T.Crop(20, 10, 40, 30))(filled(), given)
+    assert (found["labels"], found["names"], found["area"].tolist()) == ([4], ("b",), [100])
+    assert (found["image_id"].tolist(), found["size"].tolist()) == ([7, 8], [180, 240])
+    for name in ("masks", "keypoints"):
+        with pytest.raises(ValueError, match=f"only boxes follow a sample, not {name}"):
+            T.WithBoxes(T.RandomFlip())(filled(), {**target(BOX), name: torch.zeros(1, 3)})
+
+
+@pytest.mark.parametrize("make", [list, np.array, lambda box: torch.tensor(box).double()])
+def test_boxes_come_in_any_form(make):
+    _, found = T.WithBoxes(T.RandomFlip(0, 1.0))(filled(), {"boxes": make([list(BOX)])})
+    assert found["boxes"].tolist() == [[27, 12, 40, 25]]
+    assert found["boxes"].dtype == torch.float32
+
+
+def test_a_list_as_sample_is_misplaced():
+    with pytest.raises(TypeError, match="it takes Events, a Recording or an image"):
+        T.WithBoxes(T.RandomFlip())([filled()], target(BOX))

@@ -321,3 +321,23 @@ def test_a_stated_time_decides_about_frames():
 def test_settings_out_of_range(make, reason):
     with pytest.raises(ValueError, match=reason):
         make()
+
+
+@pytest.mark.parametrize("late", [0, -(10**9), 1_600_000_000_000_003])
+@pytest.mark.parametrize(
+    "transform", [T.TimeSurface(1_000), T.TORE(2), T.TAF(2, duration=10), T.LeakyFrame(1e-4)], ids=str
+)
+def test_pieces_without_events_that_state_no_time_say_nothing(transform, late):
+    pieces = [Events([late + a, late + b], [1, 2], [0, 1], [1, 0], (4, 3)) for a, b in ((0, 5), (8, 30))]
+    nothing = Events.empty((4, 3))
+    plain, mixed = transform.state((4, 3)), transform.state((4, 3))
+    for piece in pieces:
+        plain.update(piece)
+    for piece in (nothing, pieces[0], nothing, pieces[1], nothing):
+        mixed.update(piece)
+    assert torch.equal(plain.tensor(), mixed.tensor())
+    assert plain.latest == mixed.latest == late + 30
+    # one that states its end does
+    mixed.update(Events.empty((4, 3), late + 30, late + 50))
+    assert mixed.latest == late + 50
+    assert torch.equal(plain.tensor(late + 50), mixed.tensor())
