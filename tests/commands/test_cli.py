@@ -103,6 +103,9 @@ def test_demo_makes_data_pictures_and_the_same_model_again(tmp_path, monkeypatch
     before = {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}
     demo_training.make_dataset(out / "shapes", 3)
     assert before == {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}
+    # another seed's are made anew
+    demo_training.make_dataset(out / "shapes", 4)
+    assert not before.items() & {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}.items()
 
 
 @pytest.fixture
