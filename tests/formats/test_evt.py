@@ -339,3 +339,17 @@ def test_views_pass_triggers_on(tmp_path):
     assert not Scaled(recording, 10).holds_triggers
     with pytest.raises(FormatError, match="external triggers aren't read from scaled files"):
         Scaled(recording, 10).triggers()
+
+
+@every
+def test_padding_words_mean_nothing(tmp_path, kind):
+    t = np.arange(300) * 40
+    ev = Events(t, t % 1279, t % 719, t % 2, (1280, 720))
+    nvsdata.write(ev, tmp_path / "a.raw", format=kind)
+    recording = nvsdata.open(tmp_path / "a.raw")
+    raw, begin, size = (tmp_path / "a.raw").read_bytes(), recording.header_size, recording.record_size
+    words = [raw[i : i + size] for i in range(begin, len(raw), size)]
+    padded = b"".join(word + b"\x99" * size * (n % 3 == 0) for n, word in enumerate(words))
+    (tmp_path / "a.raw").write_bytes(raw[:begin] + b"\x99" * size * 5 + padded)
+    assert nvsdata.read(tmp_path / "a.raw") == ev
+    assert nvsdata.read(tmp_path / "a.raw", 2_000, 7_000) == ev.window(2_000, 7_000)
