@@ -66,29 +66,29 @@ def packets_of(data: memoryview, first: int, end: int) -> Packets:
 def inflater(path: str, compression: int) -> Callable[[memoryview], bytes]:
     """What inflates a packet. ImportError if its package is missing, ValueError for an unknown compression."""
     if compression in LZ4:
-        lz4 = _package(path, "lz4.frame")
+        lz4 = _package("lz4.frame", f"{path}: ")
         return lambda packet: _unlz4(lz4, packet)
     if compression in ZSTD:
-        zstandard = _package(path, "zstandard")
+        zstandard = _package("zstandard", f"{path}: ")
         return lambda packet: _unzstd(zstandard, packet)
     if compression:
         raise ValueError(f"unknown compression {compression}")
     return bytes
 
 
-def deflater(path: str) -> Callable[[bytes], bytes]:
+def deflater() -> Callable[[bytes], bytes]:
     """What compresses a packet with LZ4. ImportError if its package is missing."""
-    compress = _package(path, "lz4.frame").compress
+    compress = _package("lz4.frame").compress
     return lambda content: bytes(compress(content, content_checksum=True))
 
 
-def _package(path: str, name: str) -> Any:
+def _package(name: str, where: str = "") -> Any:
     from importlib import import_module
 
     try:
         return import_module(name)
     except ImportError as error:
-        reason = f"{path}: AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata[aedat4]'"
+        reason = f"{where}AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata[aedat4]'"
         raise ImportError(reason) from error
 
 

@@ -43,7 +43,7 @@ XML = """<dv version="2.0">
 
 def write(pieces: Pieces, path: Path) -> None:
     """Write events. ImportError if the package lz4 is missing."""
-    compress, rows = deflater(str(path)), []
+    compress, rows = deflater(), []
     end = -1  # where the table begins
 
     def header(pieces: Pieces) -> bytes:

@@ -233,7 +233,7 @@ def test_without_its_packages_the_error_says_what_to_install(tmp_path, monkeypat
     monkeypatch.setitem(sys.modules, "lz4", None)
     monkeypatch.setitem(sys.modules, "lz4.frame", None)
     with pytest.raises(
-        ImportError, match=r"AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata\[aedat4"
+        ImportError, match=r"^AEDAT 4 needs the packages lz4 and zstandard: pip install 'nvsdata\[aedat4"
     ):
         nvsdata.write(Events([1], [2], [3], [1], SIZE), tmp_path / "a.aedat4")
     assert not list(tmp_path.iterdir())
