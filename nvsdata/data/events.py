@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
-from nvsdata.kernels.order import is_sorted, stable_order
+from nvsdata.kernels.order import is_sorted, late, merge_late, stable_order
 from nvsdata.kernels.select import copy_at, copy_where
 
 if TYPE_CHECKING:
     import torch
 
 MAX_COORDINATE = 32766
+FEW = 32  # of so many events, at most one is mended where it is; if there are more, all are sorted
 LATEST = 1 << 62  # µs; times lie between this and its negative, so that differences can't overflow
 ORDER = "; the order is Events(t, x, y, p)"
 EVER = (-(2**63), 2**63 - 1)
@@ -247,6 +248,11 @@ def sort_by_time(columns: Columns) -> Columns:
     """The columns sorted stably by time; returned as they are if they are sorted."""
     if is_sorted(columns.t):
         return columns
+    strays = late(columns.t, columns.t.size // FEW)
+    if strays[0] >= 0:
+        mended = Columns.empty(columns.t.size)
+        merge_late(strays, strays[np.argsort(columns.t[strays], kind="stable")], *columns, *mended)
+        return mended
     # digits are faster than comparisons, unless there are few events or many digits
     digits = 1 << 10 < columns.t.size < 1 << 31 and int(columns.t.max()) - int(columns.t.min()) < 1 << 44
     order = stable_order(columns.t) if digits else np.argsort(columns.t, kind="stable")

@@ -21,6 +21,47 @@ def is_sorted(t):
 
 
 @njit(cache=True, nogil=True)
+def late(t, most):
+    """Indices int64 of the events that come after one with a later time; all -1 if there are more than `most`. O(N)."""
+    found = np.empty(most + 1, np.int64)
+    count = 0
+    latest = t[0] if t.size else 0
+    for i in range(t.size):
+        if t[i] < latest:
+            found[count] = i
+            count += 1
+            if count > most:
+                found[:] = -1
+                return found
+        else:
+            latest = t[i]
+    return found[:count]
+
+
+@njit(cache=True, nogil=True)
+def merge_late(late, order, t, x, y, p, t_out, x_out, y_out, p_out):
+    """Copy columns, with the `late` events where their times belong, after others of the same time. O(N).
+
+    `order` are the late ones by time; all others are in order of time.
+    """
+    kept = following = merged = 0
+    for i in range(np.uint64(t.size)):
+        if following < late.size and late[following] == i:
+            following += 1
+            continue
+        while merged < order.size and t[order[merged]] < t[i]:
+            j = order[merged]
+            t_out[kept], x_out[kept], y_out[kept], p_out[kept] = t[j], x[j], y[j], p[j]
+            kept += 1
+            merged += 1
+        t_out[kept], x_out[kept], y_out[kept], p_out[kept] = t[i], x[i], y[i], p[i]
+        kept += 1
+    for j in order[merged:]:
+        t_out[kept], x_out[kept], y_out[kept], p_out[kept] = t[j], x[j], y[j], p[j]
+        kept += 1
+
+
+@njit(cache=True, nogil=True)
 def stable_order(t):
     """Indices int32 [N] that sort times, equal ones in the order that they have, by digits. O(N) per 11 bits of span.
 

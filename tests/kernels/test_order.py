@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nvsdata import Events
-from nvsdata.kernels.order import is_sorted, stable_order
+from nvsdata.data.events import Columns, sort_by_time
+from nvsdata.kernels.order import is_sorted, late, stable_order
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 4_095, 4_096, 4_097, 9_000])
@@ -35,3 +36,26 @@ def test_events_are_sorted_whatever_their_span(n, span):
     order = np.argsort(t, kind="stable")
     assert ev.t.tolist() == t[order].tolist()
     assert ev.x.tolist() == order.tolist()
+
+
+@given(
+    t=st.lists(st.integers(-30, 30), min_size=40, max_size=300),
+    strays=st.lists(st.tuples(st.integers(0, 299), st.integers(-60, 60)), max_size=8),
+    late_by=st.integers(0, 2**61),
+)
+def test_a_few_late_events_are_put_where_they_belong(t, strays, late_by):
+    t = np.sort(np.array(t, np.int64)) + late_by
+    for place, shift in strays:
+        t[place % t.size] += shift
+    number = np.arange(t.size)
+    columns = Columns(t, number.astype(np.int16), (number % 7).astype(np.int16), (number % 2).astype(np.uint8))
+    found = sort_by_time(columns)
+    order = np.argsort(t, kind="stable")
+    for column, expected in zip(found, columns.take(order), strict=True):
+        assert column.dtype == expected.dtype
+        assert np.array_equal(column, expected)
+    # late is what comes after a later one
+    wanted = [i for i in range(t.size) if i and t[i] < t[:i].max()]
+    assert late(t, t.size).tolist() == wanted
+    for most in (0, 2):
+        assert late(t, most).tolist() == (wanted if len(wanted) <= most else [-1] * (most + 1))
