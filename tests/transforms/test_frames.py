@@ -104,10 +104,10 @@ def test_a_spike_on_its_own_is_noise():
     ("build", "says"),
     [
         (lambda: T.SumFrames(0), "fps must be positive"),
-        (lambda: T.SumFrames(factor=0), "factor must be positive"),
-        (lambda: T.RandomTemporalCrop(0), "length must be positive"),
-        (lambda: T.Stacks(0), "length must be positive"),
-        (lambda: T.MotionCrop(0), "size must be positive"),
+        (lambda: T.SumFrames(factor=0), "factor must be a whole number"),
+        (lambda: T.RandomTemporalCrop(0), "length must be a whole number"),
+        (lambda: T.Stacks(0), "length must be a whole number"),
+        (lambda: T.MotionCrop(0), "size must be a whole number"),
     ],
 )
 def test_settings_out_of_range(build, says):
