@@ -10,9 +10,10 @@ import pytest
 from nvsdata import Events
 from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
+from nvsdata.plots.drawing import ON
 from nvsdata.recording import session
 from nvsdata.recording.rig import calibrate
-from nvsdata.recording.rig.calibration import corners_of, lines_of, rectangles, spectrum_of
+from nvsdata.recording.rig.calibration import ZOOM, _picture, corners_of, lines_of, rectangles, spectrum_of
 from nvsdata.recording.rig.clock_fit import NoSync
 from nvsdata.recording.rig.live_view import sharpness
 from nvsdata.recording.simulated.scenes import CORNERS
@@ -110,3 +111,16 @@ def test_a_sharp_edge_is_sharper_than_a_blurred_one():
 
     assert sharpness(edge(0.5)) > 1.5 * sharpness(edge(5))
     assert sharpness(Events([], [], [], [], (240, 180))) == 0
+
+
+def test_the_picture_marks_the_screens_own_upper_left():
+    corners = np.array([[20.0, 30.0], [200.0, 25.0], [210.0, 150.0], [15.0, 160.0]])
+    found = MagicMock(corners=corners, response=np.zeros((180, 240)), roi=(5, 10, 220, 160), crop=(30, 40, 100, 90))
+    picture = _picture(found)
+    # a disc there, and no more than the line's own width elsewhere
+    reds = [
+        int((picture[y - 8 : y + 9, x - 8 : x + 9] == ON).all(2).sum())
+        for x, y in ((corners + 0.5) * ZOOM).round().astype(int).tolist()
+    ]
+    assert reds[0] > 90
+    assert max(reds[1:]) < 60
