@@ -54,3 +54,9 @@ def whole_microseconds(name: str, value: float) -> None:
     if not math.isfinite(value) or value != int(value):
         meant = f" ({value} s are {round(value * 1e6)})" if 0 < value < 1000 else ""
         raise ValueError(f"{name} counts whole µs, not {value}{meant}")
+
+
+def transform(value: object) -> None:
+    """TypeError unless `value` can be called."""
+    if not callable(value):
+        raise TypeError(f"a transform must be callable, not {value!r}")

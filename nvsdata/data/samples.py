@@ -67,7 +67,7 @@ class Inertial(NamedTuple):
 
     def window(self, start: int | None, stop: int | None) -> Inertial:
         """The samples with start <= t < stop (µs); None is without bound."""
-        return self.take((self.t >= _least(start)) & (self.t < _most(stop)))
+        return self.take(_during(self.t, start, stop))
 
     def shifted(self, time: int) -> Inertial:
         """The samples with `time` µs subtracted from their times."""
@@ -94,7 +94,7 @@ class Triggers(NamedTuple):
 
     def window(self, start: int | None, stop: int | None) -> Triggers:
         """The triggers with start <= t < stop (µs); None is without bound."""
-        which = (self.t >= _least(start)) & (self.t < _most(stop))
+        which = _during(self.t, start, stop)
         return Triggers(*(column[which] for column in self))
 
 
@@ -140,6 +140,12 @@ def is_bare(events: Events) -> bool:
 def within(frames: Iterable[Frame], start: int | None, stop: int | None) -> Iterator[Frame]:
     """The frames whose exposure begins at start <= t < stop (µs); None is without bound."""
     return (frame for frame in frames if _least(start) <= frame.exposure_start < _most(stop))
+
+
+def _during(t: np.ndarray, start: int | None, stop: int | None) -> np.ndarray:
+    """Mask of the times with start <= t < stop (µs); None is without bound."""
+    mask: np.ndarray = (t >= _least(start)) & (t < _most(stop))
+    return mask
 
 
 def _least(time: int | None) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import Any, TypeVar
 from xml.etree import ElementTree
 
@@ -95,10 +96,15 @@ class Aedat4Recording(FileRecording):
     def _table(self, kind: str) -> Packets | None:
         """The packets of a stream by the table at the file's end; None if there is none that makes sense."""
         if kind not in self._listed:
-            self._listed[kind] = self._read_table(kind) if self.strict and self._end < self._contents.size else None
+            told = self._told
+            self._listed[kind] = None if told is None else told.of(self._streams[kind][0])
         return self._listed[kind]
 
-    def _read_table(self, kind: str) -> Packets | None:
+    @cached_property
+    def _told(self) -> Packets | None:
+        """The packets of all streams by that table; None if there is none that tells what lies where."""
+        if not self.strict or self._end == self._contents.size:
+            return None
         try:
             table = self._inflate(self._contents.read(self._end, self._contents.size).data)
             found = packets_of(memoryview(table), self._first, self._end)
@@ -108,7 +114,7 @@ class Aedat4Recording(FileRecording):
         places = [(at - HEADER, at) for at in found.at.tolist()]
         heads = b"".join(head.tobytes() for head in self._contents.ranges(places))
         same = np.array_equal(np.frombuffer(heads, "<i4").reshape(-1, 2), np.stack((found.stream, found.size), 1))
-        return found.of(self._streams[kind][0]) if same else None
+        return found if same else None
 
     def _chosen(self, packets: Packets) -> Iterator[tuple[int, memoryview]]:
         """Byte offset and content of some packets of the table."""

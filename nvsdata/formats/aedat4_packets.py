@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,8 +84,6 @@ def deflater() -> Callable[[bytes], bytes]:
 
 
 def _package(name: str, where: str = "") -> Any:
-    from importlib import import_module
-
     try:
         return import_module(name)
     except ImportError as error:

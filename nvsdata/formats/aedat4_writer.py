@@ -18,9 +18,8 @@ STREAM = 0
 SOURCE = "nvsdata"  # where a file names the camera
 # a row of the table: where its layout is described, then its fields
 ROW = np.dtype("<i4, <i4, <i8, <i4, <i4, <i8, <i8, <i8")
-LAYOUT = struct.pack(
-    "<7H2x", 14, ROW.itemsize, 8, 16, 24, 32, 40
-)  # place, stream and size, number, first and last time
+# of place, stream and size, number, first and last time
+LAYOUT = struct.pack("<7H2x", 14, ROW.itemsize, 8, 16, 24, 32, 40)
 XML = """<dv version="2.0">
     <node name="outInfo" path="/mainloop/Recorder/outInfo/">
         <node name="0" path="/mainloop/Recorder/outInfo/0/">
@@ -85,12 +84,12 @@ def _events(events: Events) -> bytes:
 
 def _table(rows: np.ndarray) -> bytes:
     """The table of the packets; `rows` is changed."""
-    begin = 32 + 4 * rows.size  # of the rows' layout, from where the length is on; aligned, as the numbers after it
-    begin += -begin % 8
-    first = begin + len(LAYOUT)
-    at = first + ROW.itemsize * np.arange(rows.size)
+    # bytes from where the length is on; the rows and their layout are aligned
+    slots = 32 + 4 * np.arange(rows.size + 1)
+    begin = int(slots[-1] + -slots[-1] % 8)
+    at = begin + len(LAYOUT) + ROW.itemsize * np.arange(rows.size)
     rows["f0"] = at - begin
-    slots = (at - (32 + 4 * np.arange(rows.size))).astype("<u4").tobytes()
-    flat = struct.pack("<I4s3H2xiII", 16, b"FTAB", 6, 8, 4, 8, 4, rows.size) + slots
+    ways = (at - slots[:-1]).astype("<u4").tobytes()
+    flat = struct.pack("<I4s3H2xiII", 16, b"FTAB", 6, 8, 4, 8, 4, rows.size) + ways
     flat += bytes(begin - 4 - len(flat)) + LAYOUT + rows.tobytes()
     return struct.pack("<I", len(flat)) + flat

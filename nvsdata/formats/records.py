@@ -83,8 +83,10 @@ class RecordFile(FileRecording):
         """The index: built at its first use, or kept from an earlier one."""
         if self._blocks is None:
             stamp = self.contents.stamp
-            keeps = self.keeps_index and self.strict and stamp is not None and stamp[0] >= kept_index.LEAST
-            self._blocks = self._kept_or_made(*stamp) if keeps and stamp is not None else self._index()
+            if stamp is not None and stamp[0] >= kept_index.LEAST and self.keeps_index and self.strict:
+                self._blocks = self._kept_or_made(*stamp)
+            else:
+                self._blocks = self._index()
         return self._blocks
 
     def _kept_or_made(self, size: int, *stamp: int) -> Blocks:

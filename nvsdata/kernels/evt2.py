@@ -14,6 +14,14 @@ from nvsdata.kernels.evt import FALLS, FIRST, LAST, WORDS, count_shown, next_hig
 EVT2_OFF, EVT2_ON, EVT2_TIME, EVT2_TRIGGER = 0x0, 0x1, 0x8, 0xA
 
 
+@njit(cache=True, nogil=True, inline="always")
+def evt2_tick(seen, high, word, i):
+    """The high part of the time after `word`, word i of a piece, which has it; a jump is noted."""
+    now = next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
+    note_jump(seen, high, now, 34, i)
+    return now
+
+
 @njit(cache=True, nogil=True)
 def evt2_walk(raw, block, state, seen, states, times):
     """Walk over a piece of the words, which begins with a block. O(N). Writes for every `block`-th word of the file
@@ -36,9 +44,7 @@ def evt2_walk(raw, block, state, seen, states, times):
                 last = time
                 first = time if first < 0 else first
             elif kind == EVT2_TIME:
-                before = high
-                high = next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
-                note_jump(seen, before, high, 34, i)
+                high = evt2_tick(seen, high, word, i)
     state[0] = high
     seen[LAST], seen[FIRST], seen[WORDS] = last, first, begin + words.size
     seen[FALLS] += falls
@@ -64,9 +70,7 @@ def evt2_decode(raw, width, height, state, seen, kept, t, x, y, p):
         word = words[i]
         kind = word >> 28
         if kind == EVT2_TIME:
-            before = high
-            high = next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
-            note_jump(seen, before, high, 34, i)
+            high = evt2_tick(seen, high, word, i)
         column, row = np.int32(word >> 11 & 0x7FF), np.int32(word & 0x7FF)
         event = (kind <= EVT2_ON) & (high >= 0)
         t[kept] = high + np.int64(word >> 22 & 0x3F)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nvsdata.kernels.evt import FALLS, FAR, FIRST, LAST, WORDS, count_shown, next_high, note_jump, ones, shown_next
-from nvsdata.kernels.evt2 import EVT2_ON, EVT2_TIME
+from nvsdata.kernels.evt import FALLS, FAR, FIRST, LAST, WORDS, count_shown, ones, shown_next
+from nvsdata.kernels.evt2 import EVT2_ON, EVT2_TIME, evt2_tick
 
 GROUP = 32  # pixels
 
@@ -29,9 +29,7 @@ def evt21_walk(raw, block, state, seen, states, times):
             word, mask = words[i]
             kind = word >> 28
             if kind == EVT2_TIME:
-                before = high
-                high = next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
-                note_jump(seen, before, high, 34, i)
+                high = evt2_tick(seen, high, word, i)
             elif kind <= EVT2_ON and high >= 0 and mask:
                 time = high + np.int64(word >> 22 & 0x3F)
                 falls += time < last
@@ -62,9 +60,7 @@ def evt21_decode(raw, width, height, state, seen, kept, t, x, y, p):
         word, mask = words[i]
         kind = word >> 28
         if kind == EVT2_TIME:
-            before = high
-            high = next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
-            note_jump(seen, before, high, 34, i)
+            high = evt2_tick(seen, high, word, i)
         elif kind <= EVT2_ON and high >= 0:
             time, row = high + np.int64(word >> 22 & 0x3F), np.int64(word & 0x7FF)
             column = np.int64(word >> 11 & 0x7FF)
@@ -83,7 +79,7 @@ def evt21_decode(raw, width, height, state, seen, kept, t, x, y, p):
 
 @njit(cache=True, nogil=True)
 def evt21_encode(t, x, y, p, state):
-    """Words of sorted events, uint64. O(N). `state` int64 [1]: the high part that was written last, -1 before any."""
+    """Words of sorted events, uint32 [M, 2]. O(N). `state` as in `evt2_encode`."""
     high = state[0]
     words = np.empty((t.size + count_shown(t, high, 28, 6), 2), np.uint32)
     kept = i = 0

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from nvsdata.common import validation
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.recording import misplaced
 from nvsdata.transforms.compose import is_deterministic
-from nvsdata.transforms.together import followed
+from nvsdata.transforms.together import followed, size_of
 
 OF_IMAGE = ("image_id", "size", "orig_size")  # of a target, as torchvision names them
 
@@ -38,8 +39,7 @@ class WithBoxes:
     transform: Callable[[Any], Any]
 
     def __post_init__(self) -> None:
-        if not callable(self.transform):
-            raise TypeError(f"a transform must be callable, not {self.transform!r}")
+        validation.transform(self.transform)
 
     def __call__(self, sample: Any, target: Any) -> tuple[Any, dict[str, Any]]:
         if not isinstance(target, Mapping) or "boxes" not in target:
@@ -49,7 +49,10 @@ class WithBoxes:
             raise ValueError(
                 f"only boxes follow a sample, not {', '.join(sorted(unmoved))}: take them out of the target"
             )
-        before, count = Boxes.of(target["boxes"], _sensor_size(sample)), len(target["boxes"])
+        size = size_of(sample)
+        if size is None:
+            raise misplaced("Events, a Recording or an image", sample)
+        before, count = Boxes.of(target["boxes"], size), len(target["boxes"])
         with followed(before) as following:
             sample = self.transform(sample)
         after = following.boxes
@@ -69,10 +72,3 @@ def _taken(value: Any, boxes: Boxes, count: int) -> Any:
     if isinstance(value, torch.Tensor | np.ndarray) and value.shape[:1] == (count,):
         return value[boxes.index if isinstance(value, torch.Tensor) else boxes.index.numpy()]
     return value
-
-
-def _sensor_size(sample: Any) -> tuple[int, int]:
-    size = getattr(sample, "sensor_size", None)
-    if size is None and not isinstance(sample, torch.Tensor):
-        raise misplaced("Events, a Recording or an image", sample)
-    return (sample.shape[-1], sample.shape[-2]) if size is None else size

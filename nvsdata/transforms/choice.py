@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nvsdata.common import validation
 from nvsdata.common.validation import probability
 from nvsdata.transforms.draws import randint, uniform
 
@@ -24,8 +25,7 @@ class RandomApply:
     p: float = 0.5
 
     def __post_init__(self) -> None:
-        if not callable(self.transform):
-            raise TypeError(f"a transform must be callable, not {self.transform!r}")
+        validation.transform(self.transform)
         probability("p", self.p)
 
     def __call__(self, sample: Any) -> Any:
@@ -47,8 +47,7 @@ class RandomChoice:
         if not self.transforms:
             raise ValueError("RandomChoice needs at least one transform")
         for transform in self.transforms:
-            if not callable(transform):
-                raise TypeError(f"a transform must be callable, not {transform!r}")
+            validation.transform(transform)
 
     def __call__(self, sample: Any) -> Any:
         return self.transforms[randint(len(self.transforms))](sample)

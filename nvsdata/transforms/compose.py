@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nvsdata.common import validation
 from nvsdata.data.recording import misplaced
 from nvsdata.transforms.together import each
 
@@ -22,8 +23,7 @@ class Each:
     transform: Callable[[Any], Any]
 
     def __post_init__(self) -> None:
-        if not callable(self.transform):
-            raise TypeError(f"a transform must be callable, not {self.transform!r}")
+        validation.transform(self.transform)
 
     def __call__(self, samples: Iterable[Any]) -> list[Any]:
         if not isinstance(samples, list | tuple):
@@ -51,8 +51,7 @@ class Compose:
         if not isinstance(self.transforms, list | tuple):
             raise TypeError(f"Compose takes a list of transforms, not {self.transforms!r}")
         for transform in self.transforms:
-            if not callable(transform):
-                raise TypeError(f"a transform must be callable, not {transform!r}")
+            validation.transform(transform)
 
     def __call__(self, sample: Any) -> Any:
         for number, transform in enumerate(self.transforms, 1):

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
+import torch
+
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
@@ -43,19 +45,23 @@ def follow(sample: Any, change: Callable[[Any], Any]) -> None:
     if following is None:
         return
     for size in _sizes(sample):
-        if size != following.boxes.sensor_size:
+        if size not in (None, following.boxes.sensor_size):
             seen, known = ("{}x{}".format(*one) for one in (size, following.boxes.sensor_size))
             raise ValueError(f"boxes can't follow: the sample has {seen} pixels, and they lie on {known}")
     following.boxes = change(following.boxes)
 
 
-def _sizes(sample: Any) -> set[tuple[int, int]]:
-    """(width, height) of a sample, or of each of a list, as far as they are known."""
-    if isinstance(sample, list | tuple):
-        return set().union(*map(_sizes, sample))
-    shape = getattr(sample, "shape", None)
-    size = getattr(sample, "sensor_size", None) if shape is None else (shape[-1], shape[-2])
-    return set() if size is None else {size}
+def _sizes(sample: Any) -> set[tuple[int, int] | None]:
+    """`size_of` a sample, or of each of a list."""
+    return set().union(*map(_sizes, sample)) if isinstance(sample, list | tuple) else {size_of(sample)}
+
+
+def size_of(sample: Any) -> tuple[int, int] | None:
+    """(width, height) of an image, or of a sample's sensor, if it's known."""
+    if isinstance(sample, torch.Tensor):
+        return sample.shape[-1], sample.shape[-2]
+    size: tuple[int, int] | None = getattr(sample, "sensor_size", None)
+    return size
 
 
 def move_all(sample: Any, change: Callable[[Any], Any]) -> Any:
