@@ -31,6 +31,7 @@ COMMANDS = {
     "compare": Command("compare", "measure the distances between two recordings: Chamfer, repeatability, EMD"),
     "tune": Command("tune", "search for settings of PIX2NVS that come closest to a real recording"),
     "record": Command("record", "record a DAVIS camera's events, or videos that it sees on a monitor"),
+    "bench": Command("bench", "measure run time, memory and error, beside other libraries"),
     "verify": Command("verify", "open every recording, report what is wrong or missing; exit code 1 if anything is"),
 }
 CODES = "exit codes: 0 fine, 1 something was wrong with data, 2 wrong usage, 130 interrupted"

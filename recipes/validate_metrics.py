@@ -23,9 +23,10 @@ import numpy as np
 import nvsdata
 from nvsdata import Events, metrics
 from nvsdata.common.files import put
+from nvsdata.common.tables import aligned
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.emulation import PRESETS
-from nvsdata.emulation.tuning.objective import Pair, aligned
+from nvsdata.emulation.tuning.objective import Pair
 
 Figures = dict[str, Any]
 EPSILON = 2.5  # of Table 3.2

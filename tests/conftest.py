@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import runpy
 import signal
@@ -19,6 +20,8 @@ from hypothesis import HealthCheck, settings
 from lookalikes import atis_bytes, saccade
 from places import RECIPES, SHARED
 
+from nvsdata.models import spline
+
 # a shell's background job ignores the one, nohup the other; some tests send them
 for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
     number = getattr(signal, name, None)
@@ -35,9 +38,24 @@ settings.register_profile(
 settings.load_profile("suite")
 
 
+def pytest_collection_finish():
+    # what libraries and tests are made of stays: it needn't be gone through whenever garbage is collected
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def _seeded():
     torch.manual_seed(0)
+
+
+@pytest.fixture(params=["dense", "sparse", "torch"])
+def spline_way(request, monkeypatch) -> str:
+    """Each way that the B-spline convolution can go."""
+    if request.param == "torch":
+        monkeypatch.setattr(spline, "spline_conv", spline.spline_conv_torch)
+    else:
+        monkeypatch.setattr(spline, "DENSE", 10**9 if request.param == "dense" else 0)
+    return request.param
 
 
 @pytest.fixture

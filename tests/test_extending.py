@@ -21,7 +21,8 @@ from nvsdata.common import registry
 from nvsdata.datasets import DATASETS, EventDataset, dataset_named, register_dataset
 from nvsdata.emulation.convert import convert_videos
 from nvsdata.emulation.tuning.objective import Pair
-from nvsdata.emulation.tuning.search import Range, search
+from nvsdata.emulation.tuning.search import search
+from nvsdata.emulation.tuning.space import Range
 from nvsdata.formats import FORMATS, Format, register_format
 from nvsdata.models import NETWORKS
 from nvsdata.recording.camera import Camera

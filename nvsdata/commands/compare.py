@@ -8,6 +8,7 @@ from pathlib import Path
 from nvsdata import formats, metrics, plots
 from nvsdata.commands.options import path, positive, sensor_size
 from nvsdata.common.errors import shown
+from nvsdata.common.locks import check_place
 from nvsdata.common.tables import aligned
 from nvsdata.plots.comparison import side_by_side
 
@@ -15,7 +16,7 @@ from nvsdata.plots.comparison import side_by_side
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
-    add("emulated", type=path, metavar="A", help="a recording; distances go from it to B")
+    add("emulated", type=path, metavar="A", help="a recording, such as an emulated one")
     add("real", type=path, metavar="B", help="the recording that A is compared with")
     add("--fps", type=positive, default=30.0, help="frames per second into which events are summed")
     add("--offset", type=int, default=0, metavar="US", help="µs to add to the times of B")
@@ -37,16 +38,20 @@ def compare_files(
 
     `size` is the sensor's, for files that don't state it.
     """
+    check_place(picture)
     a, b = (formats.read(path, sensor_size=size) for path in (emulated, real))
     found = metrics.compare(a, b, fps, offset=offset)
-    rows = [("distance", "value", "frames", "empty in A", "empty in B")]
-    for name, distance in (
-        ("Chamfer", found.chamfer),
-        ("e-repeatability", found.repeatability),
-        ("EMD", found.emd),
+    rows = [("distance", "A to B", "B to A", "frames", "empty in A", "empty in B")]
+    for name, there, back in (
+        ("Chamfer", found.chamfer, found.chamfer_back),
+        ("e-repeatability", found.repeatability, found.repeatability_back),
+        ("EMD", found.emd, found.emd),
     ):
-        rows.append(
-            (name, f"{distance.value:.4f}", str(distance.used), str(distance.empty_emulated), str(distance.empty_real))
-        )
+        used, empty = str(there.used), (str(there.empty_emulated), str(there.empty_real))
+        rows.append((name, f"{there.value:.4f}", f"{back.value:.4f}", used, *empty))
+    counts = [("events", "A", "B", "A / B")]
+    for name, ours, theirs in zip(("OFF", "ON"), found.emulated_events, found.real_events, strict=True):
+        counts.append((name, f"{ours:,}", f"{theirs:,}", f"{ours / theirs:.3f}" if theirs else ""))
     plots.save(side_by_side(a, b, fps, offset), picture)
-    return f"A  {shown(emulated)}  {a}\nB  {shown(real)}  {b}\n{aligned(rows)}\ndrawn in {shown(picture)}"
+    about = f"A  {shown(emulated)}  {a}\nB  {shown(real)}  {b}"
+    return f"{about}\n{aligned(rows)}\n\n{aligned(counts)}\ndrawn in {shown(picture)}"

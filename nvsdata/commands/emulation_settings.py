@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Collection
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
+from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from nvsdata.commands.options import usage
+from nvsdata.commands.options import path, usage
+from nvsdata.common.errors import shown
+from nvsdata.common.files import put
 from nvsdata.emulation import PIX2NVS, PRESETS
 
 PRESET = "table-3.3-row-5"
+FORMAT = "nvsdata-pix2nvs"
 # in the words of Table 3.1
 HELP = {
     "hue": "see hue, b / (r + g), in place of luminance",
@@ -41,7 +46,11 @@ def add_settings(
 ) -> None:
     """Add an option per setting, except those to skip."""
     group = parser.add_argument_group("settings of PIX2NVS", "each replaces what the preset says")
-    group.add_argument("--preset", choices=PRESETS, default=PRESET, help="rows of Table 3.3, or section 3.4.1")
+    base = group.add_mutually_exclusive_group()
+    base.add_argument(
+        "--preset", choices=PRESETS, default=PRESET, help="rows of Table 3.3, section 3.4.1, or footage with dark parts"
+    )
+    base.add_argument("--settings", type=path, metavar="FILE", help="best.json of `nvsdata tune` (default: the preset)")
     kinds = get_type_hints(PIX2NVS)
     for field in fields(PIX2NVS):
         if field.name in skip:
@@ -58,9 +67,26 @@ def add_settings(
 
 
 def settings_of(args: argparse.Namespace) -> PIX2NVS:
-    """The preset, with the settings that were given in place of its own."""
+    """The preset or the file's settings, with those that were given in place of its own."""
+    base = read_settings(args.settings) if args.settings else PRESETS[args.preset]
     with usage():
-        return replace(PRESETS[args.preset], **given(args))
+        return replace(base, **given(args))
+
+
+def write_settings(settings: PIX2NVS, path: Path) -> None:
+    """Write settings as JSON, for `--settings`."""
+    put(path, (json.dumps({FORMAT: 1, **asdict(settings)}, indent=1) + "\n").encode())
+
+
+def read_settings(path: Path) -> PIX2NVS:
+    """The settings that `write_settings` wrote; ValueError for another file, and for settings out of range."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+        if content.pop(FORMAT) != 1:
+            raise ValueError("of another version")
+        return PIX2NVS(**content)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{shown(path)}: not the settings of PIX2NVS that `nvsdata tune` writes: {error}") from None
 
 
 def given(args: argparse.Namespace) -> dict[str, Any]:

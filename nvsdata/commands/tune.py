@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from nvsdata import formats, plots
-from nvsdata.commands.emulation_settings import add_settings, given, settings_of
+from nvsdata.commands.emulation_settings import add_settings, given, settings_of, write_settings
 from nvsdata.commands.options import UsageError, add_jobs, at_least_1, path, positive
+from nvsdata.common.errors import shown
 from nvsdata.common.files import claimed, put
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.tuning.objective import Pair, table
-from nvsdata.emulation.tuning.search import SPACE, search
+from nvsdata.emulation.tuning.objective import Pair, measured_on
+from nvsdata.emulation.tuning.report import table
+from nvsdata.emulation.tuning.search import search
+from nvsdata.emulation.tuning.space import SPACE
 from nvsdata.plots.comparison import score_curve, side_by_side
 
 
@@ -22,13 +27,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.description = "Settings that are given stay as they are; the others are searched."
     add = parser.add_argument
-    add("--real", type=path, required=True, metavar="REC", help="what a camera saw of the video")
-    add("--video", type=path, required=True, metavar="VID", help="the video that was shown to it")
+    for name, metavar, what in (
+        ("--real", "REC", "what a camera saw of the video; once more, with its --video, for several pairs"),
+        ("--video", "VID", "the video that was shown to it"),
+    ):
+        add(name, type=path, required=True, action="append", metavar=metavar, help=what)
     add("--out", type=path, default=Path("tuning"), metavar="DIR", help="folder for trials, table and pictures")
     add("--trials", type=at_least_1, default=100, metavar="N", help="number of settings to try")
     add("--seconds", type=positive, help="compare the first seconds only (default: all)")
     add("--fps", type=positive, help="frames per second, whatever the video says (default: as it says)")
     add("--offset", type=int, default=0, metavar="US", help="µs to add to the recording's times")
+    add(
+        "--one-way", action="store_true", help="distances as in the thesis, which choose emulators that fire too little"
+    )
     add_jobs(add, "trials at once")
     # the seed of the imperfections stays the preset's
     add_settings(parser, skip=("seed",), searched=SPACE)
@@ -41,14 +52,16 @@ def run(args: argparse.Namespace) -> int:
     held = given(args)
     if not SPACE.keys() - held.keys():
         raise UsageError("every setting is given: there is nothing to search for")
-    options = {name: getattr(args, name) for name in ("trials", "fps", "seconds", "offset", "jobs")}
+    if len(args.real) != len(args.video):
+        raise UsageError(f"{len(args.real)} --real and {len(args.video)} --video: each recording needs its video")
+    options = {name: getattr(args, name) for name in ("trials", "fps", "seconds", "offset", "one_way", "jobs")}
     print(tune_files(args.real, args.video, args.out, settings_of(args), held=held, seed=seed, **options))
     return 0
 
 
 def tune_files(
-    real: Path,
-    video: Path,
+    real: Sequence[Path],
+    video: Sequence[Path],
     out: Path,
     base: PIX2NVS,
     *,
@@ -57,26 +70,36 @@ def tune_files(
     fps: float | None,
     seconds: float | None,
     offset: int,
+    one_way: bool,
     seed: int,
     jobs: int,
 ) -> str:
     """Search for all settings except those `held`; return a table of what was found.
 
-    Trials, table and pictures go to `out`. ValueError if no settings gave a finite score.
+    Trials, table, pictures and the best settings go to `out`. ValueError if no settings gave a finite score.
     """
-    pair = Pair(formats.open(real), video, fps=fps, seconds=seconds, offset=offset)
-    note = {"real": str(real), "video": str(video), "fps": fps, "seconds": seconds, "offset": offset}
-    space = {name: choices for name, choices in SPACE.items() if name not in held}
+    common: dict[str, Any] = {"fps": fps, "seconds": seconds, "offset": offset, "one_way": one_way}
+    pairs = [Pair(formats.open(a), b, **common) for a, b in zip(real, video, strict=True)]
+    note = {"real": [*map(str, real)], "video": [*map(str, video)], **common}
+    left = {*held, *(() if all(pair.colored for pair in pairs) else ("hue",))}
+    space = {name: choices for name, choices in SPACE.items() if name not in left}
+    if not space:
+        raise ValueError("every setting is given, and the videos have no hue: there is nothing to search for")
     out.mkdir(parents=True, exist_ok=True)
     with claimed(out):
-        found = search(
-            pair, space=space, base=base, trials=trials, seed=seed, jobs=jobs, journal=out / "trials.jsonl", note=note
-        )
+        journal = out / "trials.jsonl"
+        measure = partial(measured_on, pairs)
+        found = search(measure, space=space, base=base, trials=trials, seed=seed, jobs=jobs, journal=journal, note=note)
         if not np.isfinite(found.scores).any():
             raise ValueError("no settings gave events in a frame that has real ones, too: is it the same scene?")
-        text = f"{table(found)}\n\n{found.best.settings!r}\n"
+        off, on = (sum(pair.real_events[p] for pair in pairs) for p in (0, 1))
+        text = f"{table(found, real=(off, on))}\n\n{found.best.settings!r}\n"
         put(out / "table.txt", text.encode())
+        write_settings(found.best.settings, out / "best.json")
         plots.save(score_curve(found.scores), out / "score.png")
-        best = pair.emulate(found.best.settings)
-        plots.save(side_by_side(best, pair.real, pair.fps, offset), out / "best.png")
-    return f"{text}\ntrials, table and pictures are in {out}"
+        first = pairs[0]
+        plots.save(side_by_side(first.emulate(found.best.settings), first.real, first.fps, offset), out / "best.png")
+    return (
+        f"{text}\ntrials, table and pictures are in {shown(out)}; "
+        f"nvsdata convert-videos IN --settings {shown(out / 'best.json')}"
+    )

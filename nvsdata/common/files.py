@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any, Self
 
-from nvsdata.common.locks import is_dead, locked, owner
+from nvsdata.common.locks import check_place, is_dead, locked, owner
 
 FLUSH_EVERY = 0.03  # s
 PART = ".part"  # suffix of unfinished files
@@ -30,8 +30,7 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     # a plain `open` would also write to where a link points
     target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
-    if not target.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(target.parent))
+    check_place(target)
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f"{_prefix(target.name)}{owner()}-", suffix=PART)
     os.close(handle)
     temporary = Path(name)

@@ -26,6 +26,12 @@ class OutputInUse(OSError):
     """Another process writes to the same file or folder; the message names it."""
 
 
+def check_place(path: Path) -> None:
+    """FileNotFoundError, which names the folder, if that of a file that is to be written doesn't exist."""
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
+
+
 @contextmanager
 def locked(output: str | os.PathLike[str]) -> Iterator[None]:
     """Keep other processes from writing to `output`, a file or a folder, while the block runs.
@@ -38,8 +44,7 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
     Raises OutputInUse at once if another process (or thread) holds it, FileNotFoundError if the folder doesn't exist.
     """
     place = lock_path(output)
-    if not place.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(place.parent))
+    check_place(place)
     file = _acquired(place, output)
     try:
         yield

@@ -30,12 +30,11 @@ def read_author_graphs(path: str | os.PathLike[str], pseudo: Pseudo = "signed") 
 
     FormatError for a file that is neither.
     """
-    try:
-        found = scipy.io.loadmat(path)
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # on a damaged file scipy may raise anything
-        raise FormatError(path, f"can't be read as MATLAB v5: {error!r}") from None
+    with open(path, "rb") as file:
+        try:
+            found = scipy.io.loadmat(file)
+        except Exception as error:  # on a damaged file scipy may raise anything
+            raise FormatError(path, f"can't be read as MATLAB v5: {error!r}") from None
     if {"feature", "pseudo", "edge"} <= found.keys():
         label = int(found["label"].ravel()[0]) if "label" in found else None
         return [_graph(path, found["feature"], found["pseudo"], found["edge"], *RADIUS, pseudo, label)]
@@ -62,7 +61,7 @@ def _graph(
     places = torch.from_numpy(pos.astype(np.float32))
     heard = torch.from_numpy(edge[::-1].astype(np.int64))
     try:
-        source, target, _ = grouped(heard, torch.zeros(heard.shape[1], 2), len(pos))
+        source, target, _ = grouped(heard, torch.zeros_like(heard.T, dtype=torch.float32), len(pos))
     except ValueError as error:
         raise FormatError(path, str(error)) from None
     edges = torch.stack((source, target))

@@ -254,7 +254,7 @@ def sort_by_time(columns: Columns) -> Columns:
         merge_late(strays, strays[np.argsort(columns.t[strays], kind="stable")], *columns, *mended)
         return mended
     # digits are faster than comparisons, unless there are few events or many digits
-    digits = 1 << 10 < columns.t.size < 1 << 31 and int(columns.t.max()) - int(columns.t.min()) < 1 << 44
+    digits = 1_000 < columns.t.size <= np.iinfo(np.int32).max and int(columns.t.max()) - int(columns.t.min()) < 1e13
     order = stable_order(columns.t) if digits else np.argsort(columns.t, kind="stable")
     sorted_columns = Columns.empty(order.size)
     copy_at(order, *columns, *sorted_columns)

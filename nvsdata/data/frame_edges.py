@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nvsdata.data.events import LATEST, Events
+from nvsdata.data.events import EVER, LATEST, Events
 
 MICROSECONDS = 1_000_000
 MAX_FRAMES = 1 << 24  # frames in a sequence, six days at 30 per second: more means that a clock is wrong
@@ -20,11 +20,17 @@ def frame_edges(duration: int, fps: float | None) -> np.ndarray:
     """
     if fps is None:
         return np.array([0, max(duration, 1)])
-    count = math.ceil(duration * fps / MICROSECONDS) + 1
+    count = math.ceil(min(duration * fps / MICROSECONDS, 1e18))
     if count > MAX_FRAMES:
         seconds = duration / MICROSECONDS
         raise ValueError(f"{seconds:,.0f} s are {count:,} frames: do the events begin when they say (`Events.start`)?")
-    edges = np.round(np.arange(count + 1) * MICROSECONDS / fps).astype(np.int64)
+    # one more, because rounding may move the last edge before the end
+    with np.errstate(over="ignore"):
+        edges = np.round(np.arange(count + 2) * MICROSECONDS / fps)
+    # one beyond the end may be beyond int64, too
+    last = max(duration, LATEST)
+    edges = np.where(edges < last, edges, -1).astype(np.int64)
+    edges[edges < 0] = last
     return edges[: max(int(np.searchsorted(edges, duration)), 1) + 1]
 
 
@@ -64,7 +70,7 @@ def duration_bounds(events: Events, duration: int) -> np.ndarray:
     """
     count = max(-(-(events.end - events.start) // int(duration)), 1)
     check_count(count)
-    return _bounds(events, events.start + np.arange(count) * min(int(duration), LATEST))
+    return _bounds(events, events.start + np.arange(count) * min(int(duration), EVER[1]))
 
 
 def count_bounds(events: Events, count: int) -> np.ndarray:

@@ -112,7 +112,8 @@ class ASLANDVS(CountedFromBottom):
             try:
                 for row in csv.DictReader(io.StringIO(listed)):
                     yield int(row["fold"]), row["video_a"].strip(), row["video_b"].strip(), int(row["same"])
-            except (KeyError, TypeError, ValueError) as error:
+            # a row that is too short has None at its end
+            except (AttributeError, KeyError, TypeError, ValueError) as error:
                 reason = f"{CSV} must have the columns fold, video_a, video_b and same: {error!r}"
                 raise ValueError(reason) from None
             return

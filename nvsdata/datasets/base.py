@@ -256,7 +256,7 @@ class EventDataset(Samples):
         return None
 
     def _what(self) -> str:
-        files = len(self.recording_names())
+        files = len(self.files_of(self.samples))
         return "recordings" if files == len(self) else f"samples of {files} recordings"
 
     def _repr_html_(self) -> str:

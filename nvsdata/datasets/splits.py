@@ -32,7 +32,7 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
         digests = [_followed(begun, recordings[index][1]) for index in members]
         ranked = sorted(range(len(members)), key=digests.__getitem__)
         for place in ranked[: math.floor(len(members) * test + 0.5)]:
-            held[members[place]] = 1
+            held[members[place]] = True
     return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
 
 

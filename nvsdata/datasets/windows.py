@@ -77,8 +77,9 @@ def _checked(duration: int | None, events: int | None, step: int | None) -> int:
 
 def _in_time(sample: Sample, places: Places, duration: int, step: int) -> Iterator[Sample]:
     begins, end = places
-    for start in range(begins[0][0], end, step) if begins else ():
-        yield sample._replace(window=(start, min(start + duration, end)))
+    for begin, _ in begins:
+        for start in range(begin, end, step):
+            yield sample._replace(window=(start, min(start + duration, end)))
 
 
 def _in_events(sample: Sample, places: Places, count: int, step: int) -> Iterator[Sample]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -93,8 +94,10 @@ class Emulator:
         self._last = first
         plane = np.empty((height, width), number)
         level = plane if settings.mode == "LI" else np.empty_like(plane)
-        local = settings.difference == "co-located" and TILE[0] % settings.inhibition == 0
-        difference = np.zeros((min(height, BAND) if local else height, width), number)
+        # whole tiles and whole blocks
+        whole = math.lcm(TILE[0], settings.inhibition)
+        band = max(BAND // whole, 1) * whole if settings.difference == "co-located" else height
+        difference = np.zeros((min(height, band), width), number)
         self._pixels = Pixels(plane, level, np.empty_like(plane), difference)
         self._see(first)
         self._pixels.reference[:] = level
@@ -165,7 +168,8 @@ def _rule(settings: Settings, shape: tuple[int, int], number: Any, table: np.nda
         timing=TIMINGS.get(settings.timestamps, AT_ONCE),
         alpha=number(settings.alpha if settings.exp else 1),
         everywhere=settings.new,
-        calm=threshold / max(number(1), sensitivity.max(initial=0)),
+        # a little less, so that rounding never lets a pixel of a still tile reach its threshold
+        calm=threshold / max(number(1), sensitivity.max(initial=0)) * (1 - 4 * np.finfo(number).eps),
     )
 
 
@@ -246,9 +250,13 @@ def _slope(settings: Settings) -> float:
 
 
 def _precision(settings: Settings) -> Any:
-    """float32 where its rounding shifts no event by 1 µs at 25 frames per second: logarithms, no tiny threshold."""
+    """float32 where its rounding shifts no event by 1 µs at 25 frames/s: logarithms, no tiny threshold or alpha.
+
+    A moving average in float32 stays up to 2^-22 / alpha away from its level, because smaller steps are lost.
+    """
     plain = settings.mode == "LI" and settings.t_log <= 32
-    return np.float32 if plain and settings.threshold >= 0.05 else np.float64
+    follows = not settings.exp or settings.alpha >= 0.01
+    return np.float32 if plain and follows and settings.threshold >= 0.05 else np.float64
 
 
 def _sensitivity(settings: Settings, shape: tuple[int, int]) -> np.ndarray:

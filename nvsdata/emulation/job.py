@@ -12,7 +12,7 @@ from nvsdata.data.events import Events
 from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.video.folder import Video
 from nvsdata.video.frames import TruncatedVideo
-from nvsdata.video.manifest import noted
+from nvsdata.video.manifest import file_facts, noted
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ def convert(job: Job) -> dict[str, Any]:
     video = job.video
     line: dict[str, Any] = {"video": video.name, "status": "converted"}
     with noted(video, line):
+        line |= file_facts(video)
         video.target.parent.mkdir(parents=True, exist_ok=True)
         pieces = job.settings.stream(video.path, job.fps, size=job.size)
         formats.write(_counted(pieces, line), video.target)

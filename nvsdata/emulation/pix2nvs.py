@@ -118,4 +118,6 @@ PRESETS = {
     "table-3.3-row-4": PIX2NVS(t_log=0, inhibition=2, max_events=1, threshold=0.2, new=True, exp=True),
     "table-3.3-row-5": PIX2NVS(),
     "section-3.4.1": PIX2NVS(t_log=20, max_events=1, threshold=0.4, timestamps="fixed", exp=False),
+    # the logarithm alone makes events of a single level of noise in the dark
+    "footage": PIX2NVS(t_log=20, continuous=True),
 }

@@ -135,9 +135,7 @@ class Aedat3Recording(FileRecording):
         begins, ends = packets[:, FIRST_BYTE], packets[:, FIRST_BYTE] + 8 * packets[:, NUMBER]
         # half a piece, because the last packet reaches beyond it: together they seldom exceed a piece
         half = PIECE // 2
-        edges = [0, len(packets)]
-        if len(packets) and begins[0] // half != begins[-1] // half:
-            edges[1:1] = (np.flatnonzero(np.diff(begins // half)) + 1).tolist()
+        edges = [0, *(np.flatnonzero(np.diff(begins // half)) + 1).tolist(), len(packets)]
         parts = [(lo, hi) for lo, hi in pairwise(edges) if lo < hi]
         pieces = self._contents.ranges([(int(begins[lo]), int(ends[hi - 1])) for lo, hi in parts])
         for (lo, hi), raw in zip(parts, pieces, strict=True):

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import LATEST, Columns, check_window
+from nvsdata.data.events import LATEST, Columns, check_window, concatenate
 from nvsdata.data.samples import Frame, Inertial, Triggers, within
 from nvsdata.formats.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
 from nvsdata.formats.aedat4_samples import frame_of, inertial_of, triggers_of
@@ -28,6 +28,7 @@ from nvsdata.formats.flatbuffer import Table
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import stated_time
+from nvsdata.kernels.aedat4 import aedat4_decode
 from nvsdata.kernels.order import is_sorted
 
 EVENTS = ("t", "x", "y", "on")
@@ -123,23 +124,41 @@ class Aedat4Recording(FileRecording):
             yield at, content.data[HEADER:]
 
     def decode(self) -> Columns:
-        parts: list[np.ndarray] = []
+        columns: list[Columns] = []
+        for part in self._parts():
+            # at once, while its bytes are in the cache
+            valid = self._valid(part)
+            if valid is None:
+                return self._columns(list(self._parts()))
+            columns.append(valid)
+        return concatenate(columns) if columns else Columns.empty(0)
+
+    def _parts(self) -> Iterator[np.ndarray]:
+        """The events of each packet."""
+        count = 0
         try:
             for at, packet in self._packets("EVTS"):
-                parts.append(self._content(at, packet, _events_of))
+                yield self._content(at, packet, _events_of)
+                count += 1
         except FormatError:
-            if self.strict or not parts:
+            if self.strict or not count:
                 raise
             self._repair("packets from the first damaged one on, cut off", 1)
-        return self._columns(parts)
+
+    def _valid(self, events: np.ndarray) -> Columns | None:
+        """The columns of a packet's events; None if any of them is odd."""
+        columns = Columns.empty(events.size)
+        words = np.frombuffer(events.tobytes(), np.int64)
+        return columns if aedat4_decode(words, LATEST, *self._limits, *columns) else None
 
     def _columns(self, parts: list[np.ndarray], first: int = 0) -> Columns:
         """The columns of packets' events, of which the first has the number `first`."""
-        if not parts:
-            return Columns.empty(0)
+        valid = [columns for part in parts if (columns := self._valid(part)) is not None]
+        if len(valid) == len(parts):
+            return concatenate(valid) if valid else Columns.empty(0)
         events = self._timed(np.concatenate(parts), first)
-        columns = self._inside([events[name] for name in EVENTS], first)
-        return Columns(*(np.ascontiguousarray(column) for column in columns))
+        kept = self._inside([events[name] for name in EVENTS], first)
+        return Columns(*(np.ascontiguousarray(column) for column in kept))
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
         packets = self._table("EVTS")
@@ -181,9 +200,7 @@ class Aedat4Recording(FileRecording):
     def _timed(self, events: np.ndarray, first: int) -> np.ndarray:
         """The events whose times Events can hold; the first has the number `first`."""
         late = (events["t"] <= -LATEST) | (events["t"] >= LATEST)
-        if not late.any():
-            return events
-        if self.strict:
+        if self.strict and late.any():
             raise FormatError(self.path, f"event {first + int(np.argmax(late))}: a time at or beyond 2^62 µs")
         self._repair("events at or beyond 2^62 µs, dropped", int(np.count_nonzero(late)))
         return events[~late]

@@ -125,7 +125,7 @@ def looks_like(head: bytes, size: int) -> bool:
     raw = np.frombuffer(head[: 5 * 256], np.uint8)
     if size % 5 or raw.size < 5 * 16:
         return False
-    raw = raw[: raw.size - raw.size % 5].reshape(-1, 5).astype(np.int64)
+    raw = raw.reshape(-1, 5).astype(np.int64)
     t = (raw[:, 2] & 0x7F) << 16 | raw[:, 3] << 8 | raw[:, 4]
     return bool((np.diff(t) >= 0).all() and t[-1] > t[0] and (raw[:, 1] <= ATIS_OVERFLOW_Y).all())
 

@@ -132,9 +132,10 @@ class EvtRecording(PiecedFile):
         """The kernels' state, and what they have seen."""
         return state[: self.state_size], state[self.state_size :]
 
-    def _room(self, lo: int, hi: int) -> int:
+    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
+        others = self._pieces(lo + first.size // self.record_size, hi)
         # one more, because words that are no events are written, too, and then written over
-        return sum(self._count(raw) for raw in self._pieces(lo, hi)) + 1
+        return self._count(first) + sum(map(self._count, others)) + 1
 
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         width, height = self._size or (0, 0)

@@ -24,7 +24,7 @@ class Evt2Recording(EvtRecording):
     def _heads(self, raw: np.ndarray) -> np.ndarray:
         return raw.view(np.uint32)
 
-    def _room(self, lo: int, hi: int) -> int:
+    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
         return hi - lo
 
 

@@ -45,7 +45,10 @@ class NpyRecording(RecordFile):
         if lost > 0:
             self._repair("events that are cut off", lost)
         self.records = min(self.records, shape[0])
+        # its bytes are here already
+        contents.head = head
         first = self._array(0, min(self.records, self.block))
+        contents.let_go()
         self._fields = _fields(path, first)
         t = self._column(first, "t")
         self._scale = MICROSECONDS if t.dtype.kind == "f" and (t != np.rint(t)).any() else 1
@@ -112,8 +115,8 @@ def _header(path: str, head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any
         shape, transposed, kind = read(file)
     except Exception as error:  # numpy parses the header as Python, so it may raise anything
         raise FormatError(path, f"damaged header of a NumPy array: {str(error)[:100]}", offset=0) from None
-    numbers = kind.fields or {"": (kind, 0)}
-    if any(field[0].kind not in "biuf" for field in numbers.values()):
+    numbers = [field[0] for field in kind.fields.values()] if kind.fields else [kind]
+    if any(number.kind not in "biuf" for number in numbers):
         raise FormatError(path, f"an array of {kind}, not of numbers", offset=0)
     if not (len(shape) == 1 and kind.fields) and not (len(shape) == 2 and shape[1] == 4 and not kind.fields):
         raise FormatError(

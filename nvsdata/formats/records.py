@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -171,8 +172,8 @@ class PiecedFile(RecordFile):
     def _check(self, state: np.ndarray) -> None:
         """FormatError if `state` shows damage; called after each piece if `strict`."""
 
-    def _room(self, lo: int, hi: int) -> int:
-        """The largest number of events that records lo..hi can hold."""
+    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
+        """The largest number of events that records lo..hi can hold; `first` are the bytes of the first of them."""
         return hi - lo
 
     def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
@@ -183,9 +184,11 @@ class PiecedFile(RecordFile):
     def _run(self, lo: int, hi: int) -> tuple[Columns, np.ndarray]:
         """Events of records lo..hi, and the state after them; `lo` is the first record of a block."""
         state = self._state(lo)
-        columns = Columns.empty(self._room(lo, hi))
+        pieces = self._pieces(lo, hi)
+        first = next(pieces, None)
+        columns = Columns.empty(0 if first is None else self._room(lo, hi, first))
         kept, record = 0, lo
-        for raw in self._pieces(lo, hi):
+        for raw in () if first is None else chain((first,), pieces):
             count, bad = self._piece(raw, state, kept, columns)
             if self.strict:
                 self._check(state)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nvsdata.kernels.clock import LAST as LAST_TIME
 from nvsdata.kernels.clock import MIXED, WRAP_US, begin, go_evenly, nearest, unwrap
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.reading import pread
 
 DVS128, DAVIS = 0, 1
@@ -15,7 +15,7 @@ PROBE = 4096  # records that are checked for records other than events
 _U = np.uint64
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _swapped(word):
     """The word with its four bytes in the other order."""
     # numba widens a shift to 64 bits
@@ -27,7 +27,7 @@ def _swapped(word):
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _little_endian(raw, j):
     return (
         np.uint32(raw[j])
@@ -37,7 +37,7 @@ def _little_endian(raw, j):
     )
 
 
-@njit(cache=True, nogil=True)
+@njit
 def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, state, kept, t, x, y, p):
     """Decode AEDAT 2 records. O(N).
 
@@ -99,7 +99,7 @@ def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, st
     return np.int64(count), bad
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _dvs128_odd(words, before, offset, right, bottom, t, x, y, p):
     """Decode DVS128 records as if all were events; returns how many are not, or step back in time.
 
@@ -117,7 +117,7 @@ def _dvs128_odd(words, before, offset, right, bottom, t, x, y, p):
     return odd
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _davis_odd(words, before, offset, right, bottom, t, x, y, p):
     """The same for DAVIS records; those outside the chip are counted, too."""
     odd = 0
@@ -134,7 +134,7 @@ def _davis_odd(words, before, offset, right, bottom, t, x, y, p):
     return odd
 
 
-@njit(cache=True, nogil=True)
+@njit
 def aedat2_encode(t, x, y, p, layout, chip_width, chip_height):
     """AEDAT 2 bytes, eight per event. O(N)."""
     raw = np.empty((t.size, 8), np.uint8)
@@ -162,7 +162,7 @@ FINE, TORN, NONSENSE, CUT = 0, 1, 2, 3
 FIRST_BYTE, NUMBER, ADDED, FIRST, LAST, SOME_INVALID = range(6)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def aedat3_packets(known, handle, size, start):
     """Walk the packet headers of a file of `size` bytes from byte `start` on. O(packets).
 
@@ -217,7 +217,7 @@ def aedat3_packets(known, handle, size, start):
     return packets[:count], FINE, at
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _near(near, begin, handle, at, end, size):
     """Bytes that include at..end, and where they begin: `near` (at `begin`) or new ones; empty if the file was cut."""
     if begin <= at and end <= begin + near.size:
@@ -228,7 +228,7 @@ def _near(near, begin, handle, at, end, size):
     return fresh, at
 
 
-@njit(cache=True, nogil=True)
+@njit
 def aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p):
     """Decode polarity packets of the index. O(events).
 
@@ -272,7 +272,7 @@ def aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p):
     return kept - begin, bad, unmarked, strayed
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _packet_sound(records, add, right, bottom, early, late, t, x, y, p):
     """Decode a packet as if all its events were sound, without branches; returns whether they were."""
     odd = 0

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 # the facts of a frame: times of its begin, its exposure's begin and end, and its end; its edges; numbers of readings of
 # both kinds; the column that was read last, and the direction of columns (1 or -1, 0 if not known yet)
@@ -24,7 +25,7 @@ from numba import njit
 ) = range(13)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def next_frame(addresses, t, at, before, light, state, facts):
     """Process readings from `at` on, up to the first one of the next frame, or to their end. O(N + pixels per frame).
 
@@ -79,7 +80,7 @@ def next_frame(addresses, t, at, before, light, state, facts):
     return addresses.size, False
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _ended(state, facts):
     """Whether the frame so far is complete; resets `state` and the counts for the next frame."""
     area = (facts[RIGHT] + 1 - facts[LEFT]) * (facts[BOTTOM] + 1 - facts[TOP])

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def counted(x, y, p, bounds, out):
     """Add the events from `bounds[n]` to `bounds[n + 1]` to frame n of `out` [T, C, H, W]. O(N).
 
@@ -21,7 +22,7 @@ def counted(x, y, p, bounds, out):
             frame[channel, np.uint64(y[i]), np.uint64(x[i])] += step
 
 
-@njit(cache=True, nogil=True)
+@njit
 def marked(x, y, p, bounds, out):
     """Set `out` [T, 2, H, W] to 1 wherever a frame has events of a polarity, ON first. O(N)."""
     for n in range(bounds.size - 1):
@@ -30,7 +31,7 @@ def marked(x, y, p, bounds, out):
             frame[np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])] = 1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def spread(t, x, y, p, linear, out):
     """Add +1 or -1 for each event to `out` [B, H, W] at its time, scaled to 0 .. B - 1. O(N).
 

@@ -9,7 +9,8 @@ and so is a step across a wrap that lasts longer than `SILENT_US`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 BACK_US = 100_000
 # No camera is silent for longer, because of its noise: a longer silence across a wrap comes from a damaged word. Within
@@ -29,7 +30,7 @@ LAST, BEGUN, DENSE, FELL, NEXT, JUMP, HIDDEN, MIXED = range(8)
 SOON_US, PEEK, PEEK_US = 1 << 26, 16, 100_000
 
 
-@njit(cache=True, nogil=True)
+@njit
 def clock_at(time, record):
     """The state before `record`, the first of a block, whose time up to whole wraps is `time` or UNKNOWN."""
     state = np.full(8, NONE, np.int64)
@@ -39,34 +40,34 @@ def clock_at(time, record):
     return state
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def nearest(raw, last, bits):
     """The time nearest to `last` that a counter of `bits` bits shows as `raw`."""
     half = np.int64(1) << (bits - 1)
     return last + ((np.int64(raw) - last + half) & (2 * half - 1)) - half
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def first_time(raw, bits):
     """The time of a first word: its value, but -1 for 28 ones or more, which is what lost memory holds."""
     return np.int64(-1) if bits > 12 and np.int64(raw) == (np.int64(1) << bits) - 1 else np.int64(raw)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def is_jump(before, after, bits, back, silent):
     """Whether no camera continues at `after`: over `back` earlier, before 0, or across a wrap by over `silent`."""
     step = after - before
     return step < -back or after < 0 or (step > silent and after >> bits != before >> bits)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def begin(state, raw):
     """Set the state's time from the first word of a 32-bit counter, unless it is known."""
     if state[LAST] == UNKNOWN:
         state[LAST] = state[BEGUN] = max(first_time(raw, 32), 0)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def unwrap(state, t, block):
     """Turn the words of a 32-bit counter, `t` int64 [N], into times in place, and advance the state. O(N)."""
     if t.size == 0:
@@ -96,7 +97,7 @@ def unwrap(state, t, block):
     _pass_blocks(state, t, block)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def go_evenly(state, t, block):
     """Advance the state by records of times `t` [N], N > 0, that never fall and span less than half a wrap."""
     begin(state, t[0])
@@ -107,7 +108,7 @@ def go_evenly(state, t, block):
     _pass_blocks(state, t, block)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _pass_blocks(state, t, block):
     first = state[NEXT]
     for i in range((block - first % block) % block, t.size, block):
@@ -121,7 +122,7 @@ def _pass_blocks(state, t, block):
     state[NEXT] = first + t.size
 
 
-@njit(cache=True, nogil=True)
+@njit
 def lasting(raw):
     """µs from the first to the last of a 32-bit counter's words, uint32 [N]; and whether a word is damaged."""
     time = np.int64(raw[0])
@@ -132,7 +133,7 @@ def lasting(raw):
     return time - np.int64(raw[0]), damaged
 
 
-@njit(cache=True, nogil=True)
+@njit
 def extremes(t, block, starts, lowest, highest):
     """First, lowest and highest time of each block of `block` records in `t`, int64 [N]. O(N)."""
     for k in range((t.size + block - 1) // block):
@@ -140,7 +141,7 @@ def extremes(t, block, starts, lowest, highest):
         starts[k], lowest[k], highest[k] = part[0], part.min(), part.max()
 
 
-@njit(cache=True, nogil=True)
+@njit
 def kept_words(raw, bits, back, silent=ANY):
     """Mask of the largest set of words without a jump between them (see `is_jump`). O(N log N).
 
@@ -174,7 +175,7 @@ def kept_words(raw, bits, back, silent=ANY):
     return keep
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _heaviest_chain(first, last, span, weight, bits, back, silent):
     """Start times of the runs that form the heaviest chain without a jump; UNKNOWN for the other runs.
 
@@ -226,13 +227,13 @@ def _heaviest_chain(first, last, span, weight, bits, back, silent):
     return chosen
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _is_better(k, other, total, end):
     """Whether chain `k` is heavier than `other`, or as heavy and nearer to the next run; -1: no chain."""
     return k >= 0 and (other < 0 or total[k] > total[other] or (total[k] == total[other] and end[k] > end[other]))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _best_of(best, total, end, lo, hi, found):
     """The best of the chain `found` and those at the tree's leaves lo..hi."""
     lo += best.size // 2

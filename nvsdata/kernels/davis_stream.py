@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 # the state between chunks: an int64 array, by index
 (
@@ -71,7 +72,7 @@ DARK = 384  # a reset sample below it was cut off by the light
 WHITE = 1023
 
 
-@njit(cache=True, nogil=True)
+@njit
 def decode(words, start, state, error_counts, setting, pixels, t, x, y, p, specials, samples):
     """Decode words from `start` on, until they end, a frame is complete or an output is full. O(words).
 
@@ -247,7 +248,7 @@ def decode(words, start, state, error_counts, setting, pixels, t, x, y, p, speci
     return np.int64(i), np.int64(events), n_specials, n_samples, frame
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _note(specials, n, word, now, kind, events):
     """Store a special event; returns the new number of them."""
     specials[n, 0] = word
@@ -257,7 +258,7 @@ def _note(specials, n, word, now, kind, events):
     return n + 1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _aim(state, setting):
     """Set where the next pixel of the current column goes."""
     signal = state[SIGNAL]
@@ -273,7 +274,7 @@ def _aim(state, setting):
     state[ROOM] = max(rows - row, 0) if column < columns else 0
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _complete(state, error_counts, setting):
     """Whether the frame that ends here has all its columns, and its region was announced completely."""
     columns = state[SIZE_Y if setting[5] else SIZE_X]
@@ -284,7 +285,7 @@ def _complete(state, error_counts, setting):
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _byte(kind, value, state, error_counts, setting):
     """Process eight data bits of a region or of an inertial sample; returns whether a new region came into force."""
     if kind == 1:
@@ -336,7 +337,7 @@ def _byte(kind, value, state, error_counts, setting):
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit
 def measure(rows, flips, slope, zero, acceleration, rotation, temperature):
     """Samples of `decode` (int64 [N, 12]) in physical units: g and degrees/s, float32 [N, 3]; °C, float32 [N]. O(N).
 

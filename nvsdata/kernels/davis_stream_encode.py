@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from numba import njit
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def encode(t, x, y, p, state, words):
     """Words of events, as a camera sends them: a new time before its row, a row before its columns. O(N).
 

@@ -9,9 +9,9 @@ whose coordinates lie outside the sensor (-1 if none; a width of 0 means "unknow
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nvsdata.kernels.clock import LAST, WRAP_US, begin, go_evenly, nearest, unwrap
+from nvsdata.kernels.compiling import njit
 
 BLOCK = 512  # ATIS records that are decoded together
 ATIS_OVERFLOW_Y = 240
@@ -27,7 +27,7 @@ OVERFLOW, ATIS_LAST, ATIS_FIRST, FALLS, RIGHT, BOTTOM, MARKERS, RECORDS, DAMAGED
 ATIS_BEGUN = (0, 0, 0, 0, 1, 1, 0, 0, 0, -1)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def atis_walk(raw, block, state, times, offsets):
     """Walk over a piece of ATIS records, and update the `state` before them to the state after them. O(N).
 
@@ -61,7 +61,7 @@ def atis_walk(raw, block, state, times, offsets):
     state[RECORDS] = begin + n
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _atis_walk_with_markers(raw, block, state, times, offsets):
     begin = state[RECORDS]
     for i in range(raw.size // 5):
@@ -87,12 +87,12 @@ def _atis_walk_with_markers(raw, block, state, times, offsets):
         state[BOTTOM] = max(state[BOTTOM], np.int64(raw[j + 1]) + 1)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _atis_time(raw, j):
     return np.int64(raw[j + 2] & 0x7F) << 16 | np.int64(raw[j + 3]) << 8 | np.int64(raw[j + 4])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def atis_decode(raw, width, height, state, kept, t, x, y, p):
     """Decode a piece of ATIS records. O(N).
 
@@ -135,7 +135,7 @@ def atis_decode(raw, width, height, state, kept, t, x, y, p):
     return count, bad
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _atis_words(raw, record):
     """The first records of `raw`, each as a word of 8 bytes of which 5 count."""
     # the last record may lack the other three
@@ -150,7 +150,7 @@ def _atis_words(raw, record):
             record[i] |= _U(raw[5 * i + byte]) << _U(8 * byte)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _atis_odd(record, offset, right, bottom, t, x, y, p):
     """Decode records as if they were events within the sensor; returns how many are not."""
     odd = 0
@@ -165,7 +165,7 @@ def _atis_odd(record, offset, right, bottom, t, x, y, p):
     return odd
 
 
-@njit(cache=True, nogil=True)
+@njit
 def atis_encode(t, x, y, p, offset):
     """ATIS bytes of sorted events, with overflow markers as late as possible. O(N + markers).
 
@@ -195,7 +195,7 @@ def atis_encode(t, x, y, p, offset):
     return raw, offset
 
 
-@njit(cache=True, nogil=True)
+@njit
 def dat_decode(raw, block, version, width, height, state, kept, t, x, y, p):
     """Decode Prophesee .dat records. O(N).
 
@@ -236,7 +236,7 @@ def dat_decode(raw, block, version, width, height, state, kept, t, x, y, p):
     return size, bad
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _dat_odd(words, before, offset, right, bottom, t, x, y, p):
     """Decode version 2 records as if none were odd; returns how many are, or step back from the record `before`."""
     odd = 0

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 MARGIN = 6  # pixels around a map, and the distance up to which neighbors are looked up one by one
 CELL = 16  # side in pixels of the cells that are searched beyond that
@@ -13,7 +14,7 @@ SPARSE = 64  # pixels per spike from which on cells are searched immediately
 _U = np.uint64
 
 
-@njit(cache=True, nogil=True)
+@njit
 def sum_polarity(x, y, p, sums, touched):
     """P_sigma: +1 for ON and -1 for OFF summed at each position, (3.18), into `sums` [H, W], which must be zero.
 
@@ -31,7 +32,7 @@ def sum_polarity(x, y, p, sums, touched):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit
 def spikes(sums, touched, count):
     """Positions (x, y) and values of the sums other than 0, in raster order; `sums` is zeroed. O(count log count)."""
     flat = sums.reshape(-1)
@@ -57,7 +58,7 @@ def _around() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 _DY, _DX, _SQUARES = _around()
 
 
-@njit(cache=True, nogil=True)
+@njit
 def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
     """For each of N spikes the least dx² + dy² + weight (value - value')² to any of M others, if M > 0.
 
@@ -104,7 +105,7 @@ def nearest(x, y, value, bx, by, bvalue, shape, weight, limit):
     return best
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _apart(lattice, steps, home, k, own):
     """Distance of `own` from the nearest value at the four steps from `k` on."""
     one, two = abs(own - lattice[_U(home + steps[k])]), abs(own - lattice[_U(home + steps[k + _U(1)])])
@@ -112,7 +113,7 @@ def _apart(lattice, steps, home, k, own):
     return np.float64(min(min(one, two), min(three, four)))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _search_cells(x, y, value, bx, by, bvalue, shape, weight, settled, best):
     """Search cells, and lower `best` where it is above `settled`."""
     rows, columns = (shape[0] + CELL - 1) // CELL, (shape[1] + CELL - 1) // CELL
@@ -148,7 +149,7 @@ def _search_cells(x, y, value, bx, by, bvalue, shape, weight, settled, best):
         best[i] = least
 
 
-@njit(cache=True, nogil=True)
+@njit
 def cancel(place_a, a, place_b, b):
     """Remove mass that lies at the same place on both sides; returns what is left of `a` and `b`.
 

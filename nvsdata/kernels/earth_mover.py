@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 TOLERANCE = 1e-11  # of reduced costs: below it a pivot gains only rounding errors
 
 
-@njit(cache=True, nogil=True)
+@njit
 def least_work(ax, ay, am, bx, by, bm):
     """Least sum of mass times Euclidean distance that moves min(sum am, sum bm) from a to b, (3.15).
 
@@ -79,7 +80,7 @@ def least_work(ax, ay, am, bx, by, bm):
     return work
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "nnan", "nsz"})
+@njit(fastmath={"reassoc", "nnan", "nsz"})
 def _best_sink(x, y, bx, by, own, potential, offers, dummy):
     """Least reduced cost of an arc from a source, the sink it leads to, and its cost."""
     least = np.inf
@@ -97,7 +98,7 @@ def _best_sink(x, y, bx, by, own, potential, offers, dummy):
     return 0.0, 0, 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _pivot(u, v, price, reduced, parent, depth, mass, cost, up, potential, child, following, previous, stack):
     """Bring the arc from u to v into the tree, and push as much mass along its cycle as possible."""
     # where the two paths to the root meet, and the arc that blocks first
@@ -150,7 +151,7 @@ def _pivot(u, v, price, reduced, parent, depth, mass, cost, up, potential, child
             node = following[node]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _attach(node, above, parent, child, following, previous):
     parent[node] = above
     first = child[above]
@@ -159,7 +160,7 @@ def _attach(node, above, parent, child, following, previous):
         previous[first] = node
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _detach(node, parent, child, following, previous):
     before, after = previous[node], following[node]
     if before >= 0:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.logarithm import logarithm
 from nvsdata.kernels.spikes import fire
 from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, TILE, bounds, look
@@ -22,7 +22,7 @@ _U = np.uint64
 _one = np.float32(1)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def luminance(frame, first_weight, rule, tiles, plane):
     """`plane` = the perceived brightness of pixels of one byte (gray) or three.
 
@@ -54,7 +54,7 @@ def luminance(frame, first_weight, rule, tiles, plane):
                     logarithm(q, rule.t_log, rule.slope, scratch, plane[y, x0:x1])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _weigh(row, weight, other, thousandths):
     """Luminance of pixels in a row, in thousandths. Faster by half if the weights are int32."""
     for i in range(_U(thousandths.size)):
@@ -63,13 +63,13 @@ def _weigh(row, weight, other, thousandths):
         thousandths[i] = weight * a + np.int32(587) * g + other * b
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _look_up(places, table, out):
     for i in range(_U(out.size)):
         out[i] = table[_U(np.uint32(places[i]))]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def contrast(plane, tiles, then_log, t_log, slope, level):
     """Mean distance from the four neighbors, (3.2), borders replicated; then (3.1) if `then_log`."""
     height, width = plane.shape
@@ -88,37 +88,64 @@ def contrast(plane, tiles, then_log, t_log, slope, level):
                 level[y, x] = value
 
 
-@njit(cache=True, nogil=True)
+@njit
 def differ(level, reference, method, sensitivity, tiles, difference):
     """`difference` of level and reference by (3.3) or (3.4), borders replicated; times `sensitivity` if not empty."""
-    height, width = level.shape
+    height = level.shape[0]
     for tile in np.ndindex(tiles.shape):
         if not tiles[tile]:
             continue
         y0, y1, x0, x1 = bounds(tile, level.shape)
         for y in range(y0, y1):
-            up, down = max(y - 1, 0), min(y + 1, height - 1)
+            above, below = reference[max(y - 1, 0)], reference[min(y + 1, height - 1)]
             if method == CO_LOCATED:
                 for x in range(_U(x0), _U(x1)):
                     difference[y, x] = level[y, x] - reference[y, x]
             else:
-                for x in range(x0, x1):
-                    left, right = max(x - 1, 0), min(x + 1, width - 1)
-                    if method == AVERAGE:
-                        row = np.float64(reference[y, left]) + reference[y, right]
-                        other = (row + reference[up, x] + reference[down, x]) / 4
-                    else:
-                        other = np.float64(min(reference[up, left], reference[down, right]))
-                    difference[y, x] = level[y, x] - other
+                _differ_from_neighbors(level[y], above, reference[y], below, method, x0, x1, difference[y])
             if sensitivity.size:
                 for x in range(_U(x0), _U(x1)):
                     difference[y, x] *= sensitivity[y, x]
 
 
-@njit(cache=True, nogil=True)
+@njit
+def _differ_from_neighbors(level, above, here, below, method, x0, x1, difference):
+    """`differ` in a row from `x0` to `x1`; only the pixels at its ends have a neighbor in common with themselves."""
+    last = level.size - 1
+    begin, end = max(x0, 1), min(x1, last)
+    if method == AVERAGE:
+        for x in range(_U(begin), _U(end)):
+            difference[x] = level[x] - _average(above, here, below, x - _U(1), x, x + _U(1))
+    else:
+        for x in range(_U(begin), _U(end)):
+            difference[x] = level[x] - _least(above, below, x - _U(1), x + _U(1))
+    for x in (0, last):
+        if x0 <= x < x1:
+            left, right = max(x - 1, 0), min(x + 1, last)
+            is_average = method == AVERAGE
+            other = _average(above, here, below, left, x, right) if is_average else _least(above, below, left, right)
+            difference[x] = level[x] - other
+
+
+@njit
+def _average(above, here, below, left, x, right):
+    return (np.float64(here[left]) + here[right] + above[x] + below[x]) / 4
+
+
+@njit
+def _least(above, below, left, right):
+    return np.float64(min(above[left], below[right]))
+
+
+@njit
 def inhibit(difference, side, active):
     """Keep the largest |d| (the first of equals) of each `side` x `side` block, (3.5). Blocks count from the corner."""
     height, width = difference.shape
+    if side == 2:
+        _inhibit_pairs(difference, active)
+        return
+    if TILE[0] % side:
+        _clear(difference, side, active)
     for top in range(0, height, side):
         bottom = min(top + side, height)
         for left in range(0, width, side):
@@ -136,7 +163,51 @@ def inhibit(difference, side, active):
                         difference[y, x] = 0
 
 
-@njit(cache=True, nogil=True)
+@njit
+def _clear(difference, side, active):
+    """Zero what lies in blocks across tiles on the side of still ones: no |d| there reaches the threshold."""
+    height, width = difference.shape
+    for tile in np.ndindex(active.shape):
+        if active[tile]:
+            continue
+        y0, y1, x0, x1 = bounds(tile, difference.shape)
+        bottom, right = min(-(-y1 // side) * side, height), min(-(-x1 // side) * side, width)
+        if _touches(active, y0 // side * side, bottom, x0 // side * side, right):
+            difference[y0:y1, x0:x1] = 0
+
+
+@njit
+def _inhibit_pairs(difference, active):
+    """`inhibit` for blocks of 2 x 2, without branches; none lies across tiles."""
+    zero = difference.dtype.type(0)
+    for tile in np.ndindex(active.shape):
+        if not active[tile]:
+            continue
+        y0, y1, x0, x1 = bounds(tile, difference.shape)
+        for y in range(y0, y1, 2):
+            upper = difference[y, x0:x1]
+            # a block that sticks out has fewer pixels
+            lower = difference[y + 1, x0:x1] if y + 1 < y1 else np.zeros_like(upper)
+            pairs = upper.size // 2
+            for i in range(_U(pairs)):
+                j = _U(2) * i
+                a, b, c, d = upper[j], upper[j + _U(1)], lower[j], lower[j + _U(1)]
+                m, n, o, p = abs(a), abs(b), abs(c), abs(d)
+                first, second = m >= max(n, o, p), n >= max(m, o, p)
+                third = o >= max(m, n, p)
+                upper[j] = a if first else zero
+                upper[j + _U(1)] = b if second and not first else zero
+                lower[j] = c if third and not (first or second) else zero
+                lower[j + _U(1)] = zero if first or second or third else d
+            if upper.size > 2 * pairs:
+                j = upper.size - 1
+                if abs(upper[j]) >= abs(lower[j]):
+                    lower[j] = zero
+                else:
+                    upper[j] = zero
+
+
+@njit
 def _touches(active, top, bottom, left, right):
     found = False
     for r in range(top // TILE[0], (bottom - 1) // TILE[0] + 1):
@@ -145,7 +216,7 @@ def _touches(active, top, bottom, left, right):
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit
 def update(level, reference, difference, rule, active, still):
     """New references of active tiles, (3.9) and (3.10); then which tiles are still.
 
@@ -174,7 +245,7 @@ def update(level, reference, difference, rule, active, still):
         still[tile] = not restless
 
 
-@njit(cache=True, nogil=True)
+@njit
 def step(frame, previous, first_weight, rule, tiles, pixels, span, seed, keys):
     """Process a frame, band by band; returns the keys of its events and their number, see `fire`.
 

@@ -13,9 +13,9 @@ and at least once in each half of one, so that any reader counts the wraps alike
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nvsdata.kernels.clock import BACK_US, SILENT_US, first_time, is_jump, nearest
+from nvsdata.kernels.compiling import njit
 
 IGNORED = 0xF  # a type of word that all decoders skip
 NO_TIME = -1  # before the first word with high bits: events there have no time
@@ -25,7 +25,7 @@ UNSEEN = (-1, -1, 0, 0, -1)
 FAR = 32_767  # pixels; events have x and y below it
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def next_high(before, raw, bits, shift):
     """The high part that `raw` (of `bits` bits) stands for, in µs."""
     if before >= 0:
@@ -33,20 +33,20 @@ def next_high(before, raw, bits, shift):
     return first_time(raw, bits) << shift
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _is_jump(before, high, bits):
     """Whether no camera continues at `high` µs or, for a counter's first word, begins there."""
     return high < 0 if before < 0 else is_jump(before, high, bits, BACK_US, SILENT_US)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def note_jump(seen, before, high, bits, i):
     """Note word i of a piece, if it's the first that no camera wrote; `seen` counts the words before the piece."""
     if seen[JUMP] < 0 and _is_jump(before, high, bits):
         seen[JUMP] = seen[WORDS] + np.int64(i)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def ones(bits):
     """Number of ones of at most 32 bits."""
     pairs = bits - (bits >> 1 & 0x55555555)
@@ -55,7 +55,7 @@ def ones(bits):
     return (eights * 0x01010101 & 0xFFFFFFFF) >> 24
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def shown_next(before, high, bits):
     """The high part to write after `before` on the way to `high`, both without wraps taken off; -1 before the first."""
     half = np.int64(1) << (bits - 1)
@@ -63,7 +63,7 @@ def shown_next(before, high, bits):
     return end + 1 if before == end else min(before + half - 1, end, high)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def count_shown(t, before, bits, shift):
     """Number of words with high parts that events at sorted times `t` (µs) need after the part `before`. O(N)."""
     count = 0

@@ -7,14 +7,14 @@ a word of time has the high 28 bits. `state` is int64 [1].
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.evt import FALLS, FIRST, LAST, WORDS, count_shown, next_high, note_jump, shown_next
 
 EVT2_OFF, EVT2_ON, EVT2_TIME, EVT2_TRIGGER = 0x0, 0x1, 0x8, 0xA
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def evt2_tick(seen, high, word, i):
     """The high part of the time after `word`, word i of a piece, which has it; a jump is noted."""
     now = next_high(high, np.int64(word & 0xFFFFFFF), 28, 6)
@@ -22,7 +22,7 @@ def evt2_tick(seen, high, word, i):
     return now
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt2_walk(raw, block, state, seen, states, times):
     """Walk over a piece of the words, which begins with a block. O(N). Writes for every `block`-th word of the file
 
@@ -50,14 +50,14 @@ def evt2_walk(raw, block, state, seen, states, times):
     seen[FALLS] += falls
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt2_highs(words):
     """Which words of a piece, uint32 [N], hold the high part of the time, and that part."""
     found = np.flatnonzero(words >> 28 == EVT2_TIME)
     return found, (words[found] & 0xFFFFFFF).astype(np.int64)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt2_decode(raw, width, height, state, seen, kept, t, x, y, p):
     """Decode a piece of the words. O(N)."""
     words = raw.view(np.uint32)
@@ -85,7 +85,7 @@ def evt2_decode(raw, width, height, state, seen, kept, t, x, y, p):
     return np.int64(kept - begin), bad
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt2_triggers(words, state):
     """Times in µs, channels and levels of the external triggers in a piece of words, uint32 [N]; updates `state`."""
     high = state[0]
@@ -103,7 +103,7 @@ def evt2_triggers(words, state):
     return t[:kept], channel[:kept], level[:kept]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt2_encode(t, x, y, p, state):
     """Words of sorted events, uint32. O(N). `state` int64 [1]: the high part that was written last, -1 before any."""
     high = state[0]

@@ -7,15 +7,15 @@ cameras write the halves the other way round, they are exchanged before.) `state
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.evt import FALLS, FAR, FIRST, LAST, WORDS, count_shown, ones, shown_next
 from nvsdata.kernels.evt2 import EVT2_ON, EVT2_TIME, evt2_tick
 
 GROUP = 32  # pixels
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt21_walk(raw, block, state, seen, states, times):
     """Walk over a piece of the words. O(N). Like `evt2_walk`."""
     words = raw.view(np.uint32).reshape(-1, 2)
@@ -40,7 +40,7 @@ def evt21_walk(raw, block, state, seen, states, times):
     seen[FALLS] += falls
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt21_count(raw):
     """Number of events in a piece of the words, those before any time included. O(N)."""
     count = 0
@@ -49,7 +49,7 @@ def evt21_count(raw):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt21_decode(raw, width, height, state, seen, kept, t, x, y, p):
     """Decode a piece of the words. O(N + events)."""
     words = raw.view(np.uint32).reshape(-1, 2)
@@ -77,7 +77,7 @@ def evt21_decode(raw, width, height, state, seen, kept, t, x, y, p):
     return kept - begin, bad
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt21_encode(t, x, y, p, state):
     """Words of sorted events, uint32 [M, 2]. O(N). `state` as in `evt2_encode`."""
     high = state[0]

@@ -8,8 +8,8 @@ time in µs, the low part, y, base x and polarity.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.evt import FALLS, FAR, FIRST, LAST, WORDS, count_shown, next_high, note_jump, ones, shown_next
 
 EVT3_Y, EVT3_X, EVT3_BASE, EVT3_VECTOR_12, EVT3_VECTOR_8, EVT3_LOW, EVT3_HIGH = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x8
@@ -18,7 +18,7 @@ EVT3_TRIGGER = 0xA
 SPECIAL = 1 << EVT3_BASE | 1 << EVT3_VECTOR_12 | 1 << EVT3_VECTOR_8 | 1 << EVT3_HIGH
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt3_walk(raw, block, state, seen, states, times):
     """Walk over a piece of the words. O(N). Like `evt2_walk` (states int64 [M, 5])."""
     words = raw.view(np.uint16)
@@ -57,7 +57,7 @@ def evt3_walk(raw, block, state, seen, states, times):
     seen[FALLS] += falls
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt3_highs(raw):
     """Which words of a piece hold the high part of the time, and that part."""
     words = raw.view(np.uint16)
@@ -65,7 +65,7 @@ def evt3_highs(raw):
     return found, (words[found] & 0xFFF).astype(np.int64)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt3_count(raw):
     """Number of events in a piece of the words, those before any time included. O(N)."""
     words = raw.view(np.uint16)
@@ -78,7 +78,7 @@ def evt3_count(raw):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt3_decode(raw, width, height, state, seen, kept, t, x, y, p):
     """Decode a piece of the words. O(N + events). There must be room for one more event."""
     words = raw.view(np.uint16)
@@ -124,7 +124,7 @@ def evt3_decode(raw, width, height, state, seen, kept, t, x, y, p):
     return np.int64(kept - begin), bad
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _tick(high, low, word):
     """High and low part of the time after a word with the high part."""
     now = next_high(high, word & 0xFFF, 12, 12)
@@ -132,7 +132,7 @@ def _tick(high, low, word):
     return now, low if now == high else np.int64(0)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt3_triggers(raw, state):
     """Times in µs, channels and levels of the external triggers in a piece of the words; updates `state`."""
     words = raw.view(np.uint16)
@@ -154,7 +154,7 @@ def evt3_triggers(raw, state):
     return t[:kept], channel[:kept], level[:kept]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def evt3_encode(t, x, y, p, state):
     """Words of sorted events, uint16. O(N).
 
@@ -190,7 +190,7 @@ def evt3_encode(t, x, y, p, state):
     return words[:kept]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _write_row(words, kept, x, polarity):
     """Write events of one row and time at rising `x`, as vectors where these are shorter; returns the next place."""
     i = 0

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 NEVER = np.int64(-(2**63))  # more than 2^62 µs before all events
 
 
-@njit(cache=True, nogil=True)
+@njit
 def after_pause(t, x, y, size, period):
     """Mask of the events at least `period` µs after the last one of their pixel that passed. O(N + pixels).
 
@@ -23,7 +24,7 @@ def after_pause(t, x, y, size, period):
     return keep
 
 
-@njit(cache=True, nogil=True)
+@njit
 def in_company(t, x, y, size, window):
     """Mask of the events up to `window` µs, at most 2^62, after one of the eight pixels around. O(N + pixels)."""
     # a border of one pixel, so that none is outside
@@ -39,7 +40,7 @@ def in_company(t, x, y, size, window):
     return keep
 
 
-@njit(cache=True, nogil=True)
+@njit
 def counts(x, y, size):
     """Number of events of each pixel: int64 [H, W]."""
     out = np.zeros((size[1], size[0]), np.int64)
@@ -48,7 +49,7 @@ def counts(x, y, size):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit
 def in_rectangle(x, y, left, top, width, height):
     """Mask of the events of a rectangle of pixels. O(N)."""
     inside = np.empty(x.size, np.bool_)

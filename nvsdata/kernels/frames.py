@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def sum_frames(x, y, p, bounds, sensor_size, factor):
     """Polarity, +1 or -1, summed at each pixel, and its mean over cells: float32 [frames, H, W]. O(N + output).
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.neighbors import near_sources
 
 
-@njit(cache=True, nogil=True)
+@njit
 def event_graph(t, x, y, p, start, radius, alpha, beta, k, reach, signed):
     """Arrays of a graph of events: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges, pseudo-coordinates.
 
@@ -25,7 +25,7 @@ def event_graph(t, x, y, p, start, radius, alpha, beta, k, reach, signed):
     return feature, pos, t - start, edges, u
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _edges(degree, source, pos, t, reach, signed):
     """Edges from lists of sources, and their pseudo-coordinates. O(N + E)."""
     axes, count = len(reach), degree.sum()
@@ -41,7 +41,7 @@ def _edges(degree, source, pos, t, reach, signed):
     return edges, out
 
 
-@njit(cache=True, nogil=True)
+@njit
 def pseudo_coordinates(pos, t, edges, reach, signed):
     """Differences from target to source of every edge, as shares of `reach`: float32 [E, len(reach)]. O(E).
 
@@ -60,7 +60,7 @@ def pseudo_coordinates(pos, t, edges, reach, signed):
     return out
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _place(out, e, pos, t, j, i, wide, high, long, signed):
     """Pseudo-coordinates of the edge `e` from `j` to `i`."""
     out[e, 0] = _share((pos[j, 0] - pos[i, 0]) / wide, signed)
@@ -69,7 +69,7 @@ def _place(out, e, pos, t, j, i, wide, high, long, signed):
         out[e, 2] = _share(np.float32(t[j] - t[i]) / long, signed)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _share(d, signed):
     if signed:
         return min(max(d * np.float32(0.5) + np.float32(0.5), np.float32(0)), np.float32(1))
@@ -79,7 +79,7 @@ def _share(d, signed):
 GROUPED, UNGROUPED, NO_SUCH_NODE, NOT_FINITE = 0, 1, 2, 3
 
 
-@njit(cache=True, nogil=True)
+@njit
 def check_edges(source, target, u, nodes):
     """Whether edges are valid, and whether they are grouped by target: one of the codes above. O(E)."""
     code = GROUPED
@@ -96,7 +96,7 @@ def check_edges(source, target, u, nodes):
     return code
 
 
-@njit(cache=True, nogil=True)
+@njit
 def with_self_loops(source, target, u, nodes, origin):
     """Edges grouped by target, with a self-loop of pseudo-coordinates `origin` in front of each group. O(E + N).
 

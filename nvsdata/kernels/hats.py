@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from nvsdata.kernels.surfaces import EPOCH
+from nvsdata.kernels.compiling import njit
+from nvsdata.kernels.surfaces import epoch_of
 
 
-@njit(cache=True, nogil=True)
+@njit
 def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
     """Local memory time surfaces, summed over the events of each cell: float64 [cells, 2, side, side], int64 [cells].
 
@@ -22,14 +22,16 @@ def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
     sums, epochs, members = np.zeros(pixels), np.zeros(pixels, np.int64), np.zeros(pixels, np.int64)
     value, epoch = np.empty(t.size), np.empty(t.size, np.int64)
     entered = left = 0
+    length = epoch_of(tau)
+    old = np.exp(-length / tau)
     for i in range(t.size):
-        epoch[i] = np.int64((t[i] - t[0]) / (EPOCH * tau))
-        value[i] = np.exp(((t[i] - t[0]) - epoch[i] * (EPOCH * tau)) / tau)
+        epoch[i] = (t[i] - t[0]) // length
+        value[i] = np.exp((t[i] - t[0] - epoch[i] * length) / tau)
         while t[entered] < t[i]:
-            _enter(entered, x, y, p, value, epoch, sums, epochs, members)
+            _enter(entered, x, y, p, value, epoch, old, sums, epochs, members)
             entered += 1
         while left < entered and t[i] - t[left] > window:
-            _leave(left, x, y, p, value, epoch, sums, epochs, members)
+            _leave(left, x, y, p, value, epoch, old, sums, epochs, members)
             left += 1
         row, column = y[i] // cell, x[i] // cell
         home, channel = row * columns + column, 1 - p[i]
@@ -43,27 +45,27 @@ def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
             for c in range(np.uint64(x1 - x0)):
                 # mostly nothing was there
                 if near[r, c]:
-                    surface[r, c] += near[r, c] * _faded(epoch[i] - ages[r, c]) * shrink
+                    surface[r, c] += near[r, c] * _faded(epoch[i] - ages[r, c], old) * shrink
     return out, events
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _faded(epochs):
-    """What is left of a value after some epochs."""
-    return 1.0 if epochs == 0 else np.exp(-np.float64(EPOCH)) if epochs == 1 else 0.0
+@njit(inline="always")
+def _faded(epochs, old):
+    """What is left of a value after some epochs, `old` being that after one."""
+    return 1.0 if epochs == 0 else old if epochs == 1 else 0.0
 
 
-@njit(cache=True, nogil=True)
-def _enter(j, x, y, p, value, epoch, sums, epochs, members):
+@njit
+def _enter(j, x, y, p, value, epoch, old, sums, epochs, members):
     place = 1 - p[j], y[j], x[j]
-    sums[place] = sums[place] * _faded(epoch[j] - epochs[place]) + value[j]
+    sums[place] = sums[place] * _faded(epoch[j] - epochs[place], old) + value[j]
     epochs[place] = epoch[j]
     members[place] += 1
 
 
-@njit(cache=True, nogil=True)
-def _leave(j, x, y, p, value, epoch, sums, epochs, members):
+@njit
+def _leave(j, x, y, p, value, epoch, old, sums, epochs, members):
     place = 1 - p[j], y[j], x[j]
     members[place] -= 1
     # the oldest value is the smallest, so little is lost; nothing at all of the last one
-    sums[place] = sums[place] - value[j] * _faded(epochs[place] - epoch[j]) if members[place] else 0.0
+    sums[place] = sums[place] - value[j] * _faded(epochs[place] - epoch[j], old) if members[place] else 0.0

@@ -7,10 +7,11 @@ less than 700 tau.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def feature_surfaces(t, x, y, feature, tau, radius, wanted, grown, out):
     """Fill `out` float32 [M, F, side, side] with the surfaces of all features around the events `wanted`, sorted.
 
@@ -25,7 +26,7 @@ def feature_surfaces(t, x, y, feature, tau, radius, wanted, grown, out):
             m += 1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def nearest_prototypes(t, x, y, feature, tau, radius, prototypes, grown, found):
     """Write the number of each event's nearest prototype, float32 [K, F, side, side], to `found` int64 [N].
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def counts_and_times(t, x, y, p, start, duration, out):
     """Add events to `out` [4, H, W]: numbers of ON and OFF events, and their latest times as shares of `duration`."""
     for i in range(np.uint64(t.size)):
@@ -15,7 +16,7 @@ def counts_and_times(t, x, y, p, start, duration, out):
         out[channel + np.uint64(2), row, column] = np.float64(t[i] - start) / duration
 
 
-@njit(cache=True, nogil=True)
+@njit
 def leak_into(t, x, y, increment, leak, value, since):
     """Add `increment` to `value` for each event; values fall by `leak` per µs, not below 0. O(N).
 
@@ -28,7 +29,7 @@ def leak_into(t, x, y, increment, leak, value, since):
         since[row, column] = t[i]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def remember(t, x, y, p, times, counts):
     """Put times into the rings `times` int64 [2, k, H, W], counted by `counts` int64 [2, H, W], ON first. O(N)."""
     k = times.shape[1]
@@ -38,12 +39,12 @@ def remember(t, x, y, p, times, counts):
         counts[channel, row, column] += 1
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _logarithm(age, least, most):
     return min(max(np.log1p(np.float64(age)), least), most) - least
 
 
-@njit(cache=True, nogil=True)
+@njit
 def logarithms(age, known, least, most):
     """`logarithms_of_ages` for ages int64 [N]: float32 [N], as of age `most` where they aren't `known`. O(N)."""
     out = np.full(age.size, np.float32(most - least))
@@ -53,7 +54,7 @@ def logarithms(age, known, least, most):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit
 def logarithms_of_ages(t, x, y, p, end, least, most, have, out):
     """Put log(age + 1), from `least` up to `most`, minus `least`, of pixels' latest events into `out` [2, k, H, W].
 
@@ -69,7 +70,7 @@ def logarithms_of_ages(t, x, y, p, end, least, most, have, out):
             have[channel, row, column] = slot + 1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def queue_bins(t, x, y, p, origin, duration, bins, within, used):
     """Add times to queues of the latest bins of `duration` from `origin` on that have events, OFF first. O(N).
 
@@ -93,7 +94,7 @@ def queue_bins(t, x, y, p, origin, duration, bins, within, used):
             within[channel, row, column, slot, 0], within[channel, row, column, slot, 1] = gap, 1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def ages_of_bins(since, duration, bins, within, used, out):
     """Put 1 - log(1 + age) / 8.7, not below 0, of what `queue_bins` kept into `out` [K, 2, H, W], the latest last.
 
@@ -111,7 +112,7 @@ def ages_of_bins(since, duration, bins, within, used, out):
                     out[depth - 1 - back, c, row, column] = max(1 - np.log1p(max(age / duration, 0.0)) / 8.7, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def latest_ticks(t, x, y, p, start, tick, now, decay, out):
     """Put what is left of each pixel's latest event, as of 1, 2, ... ticks ago, into `out` [K, 2, H, W]. O(N K).
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _piece(tau, ends, nearby):
     """Number of the piece that `tau` in [-1, 1] lies in; `ends` are where pieces end, `nearby` where to begin."""
     piece = np.uint64(nearby[np.uint64((tau + 1) * (0.5 * (nearby.size - 1)))])
@@ -15,7 +16,7 @@ def _piece(tau, ends, nearby):
     return piece
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _through(t, x, y, p, offsets, ends, nearby, line, image, backwards):
     """Every event and channel: from `line` to `image` or, `backwards`, from `image` to the gradient `line`."""
     bins = image.shape[2]
@@ -40,7 +41,7 @@ def _through(t, x, y, p, offsets, ends, nearby, line, image, backwards):
                     image[b, channel, c, row, column] += np.float32(value)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def splat(t, x, y, p, offsets, ends, nearby, line, out):
     """Add s f(s - c / (C - 1)) of each event to channel c of its pixel and polarity, OFF first. O(N C).
 
@@ -50,7 +51,7 @@ def splat(t, x, y, p, offsets, ends, nearby, line, out):
     _through(t, x, y, p, offsets, ends, nearby, line, out, False)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def splat_gradient(t, x, y, p, offsets, ends, nearby, wanted, gradient):
     """Add the gradient of `splat` with respect to `line` to `gradient` float64 [P, 2], from `wanted`, that of `out`."""
     _through(t, x, y, p, offsets, ends, nearby, gradient, wanted, True)

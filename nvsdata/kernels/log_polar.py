@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def around_events(x, y, queue, dx, dy, weights, count, out):
     """Put the weighted numbers of the events in the queue around each event into `out` float32 [N, bins], of sum 1.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 _U, _U32, _F = np.uint64, np.uint32, np.float32
 _ROOT_HALF, _ONE = 0x3F3504F3, 0x3F800000  # bits of the square root of a half, and of 1
@@ -16,7 +17,7 @@ _C3, _C4, _C5, _C6, _C7, _C8, _C9 = (
 )
 
 
-@njit(cache=True, nogil=True)
+@njit
 def logarithm(thousandths, t_log, slope, scratch, out):
     """`out` = ln q where q > t_log, else slope q, of brightness q in thousandths, (3.1); off by at most 4e-7.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 COUNT, POLARITY, TIME = 0, 1, 2
 SUM, MEAN, MAX, VARIANCE = 0, 1, 2, 3
 
 
-@njit(cache=True, nogil=True)
+@njit
 def measured(t, x, y, p, start, span, first, last, wanted, quantity, measure, scratch, out):
     """Put a measure of each pixel's events from `first` to `last` into `out` float32 [H, W], 0 without events. O(N).
 
@@ -43,7 +44,7 @@ def measured(t, x, y, p, start, span, first, last, wanted, quantity, measure, sc
             results[q] = mean if measure == MEAN else sums[q]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def tokens(t, x, y, p, bounds, patch, out):
     """Add events to `out` [K, 2, 2, patch², H', W']: their number, and the sum of their times from 0 to 1. O(N).
 

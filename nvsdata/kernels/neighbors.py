@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.bits import bit_sets
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.pixels import FAR, TABLE, by_pixel, flat_map, near_pixels, offsets_within
-from nvsdata.kernels.rings import by_rings, first_at, marks
+from nvsdata.kernels.rings import by_rings, first_at
 from nvsdata.kernels.sweep import ascend, comes_before, pairs_in_time, swept
 
 SWEEP = 48  # mean number of events near in time up to which testing all of them is fastest
 ROUNDING = 1e-12  # by how much more than a rounded bound is searched
 
 
-@njit(cache=True, nogil=True)
+@njit
 def near_edges(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     """Edges to each event from its near ones, see `near_sources`: int64 [2, E], sorted by (target, source)."""
     degree, source = near_sources(t, x, y, radius, alpha, beta, k, sweep_below)
@@ -26,7 +27,7 @@ def near_edges(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     return edges
 
 
-@njit(cache=True, nogil=True)
+@njit
 def near_sources(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     """The `k` nearest others within `radius` of each event: how many, int32 [N], and in each row which, ascending.
 
@@ -53,7 +54,7 @@ def near_sources(t, x, y, radius, alpha, beta, k, sweep_below=SWEEP):
     return degree, source
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _by_pixels(t, x, y, limit, alpha, beta, k, degree, source):
     """Fill the lists of sources: the pixels near a pixel are found once for all of its events, nearest first."""
     n = t.size
@@ -71,7 +72,7 @@ def _by_pixels(t, x, y, limit, alpha, beta, k, degree, source):
     flat, steps = flat_map(n, place, tiles, offsets)
     pixels = first.size - 1
     near, apart = np.empty(pixels + 1, np.int32), np.empty(pixels + 1, np.int64)
-    marked, used = marks(n)
+    marked, used = bit_sets(2, n)
     whole, last, both = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(n + 1, np.int32)
     at = np.empty(n + 1, np.uint64)
     distance, gap = np.empty(k, np.float64), np.empty(k, np.int64)
@@ -106,7 +107,7 @@ def _by_pixels(t, x, y, limit, alpha, beta, k, degree, source):
             )
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _within_time(pixel, m, limit, alpha, beta, slack, t, order, first, near, apart):
     """Keep the near pixels of which some event is near in time, too: how many, their events, and whether all are."""
     kept, total, sure = 0, 0, True
@@ -124,7 +125,7 @@ def _within_time(pixel, m, limit, alpha, beta, slack, t, order, first, near, apa
     return kept, total, sure
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _any_within(dt, a, b, t, order, first):
     """Whether some event of pixel `a` and another of pixel `b` are at most `dt` apart in time."""
     i, j = first[a], first[b]
@@ -139,13 +140,13 @@ def _any_within(dt, a, b, t, order, first):
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _earlier_run(t, order, start, last):
     """First place from `start` on of the events that have the time of the one at `last`."""
     return np.int64(first_at(t, order, np.uint64(start), np.uint64(last), t[order[last]]))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _one_by_one(pixel, m, k, limit, alpha, beta, t, order, first, near, apart, place, distance, gap, degree, source):
     """Sources of a pixel's events where distances in space and time add up: pixel by pixel, outward in time."""
     for q in range(m):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def is_sorted(t):
     """Whether no value is smaller than the one before it. O(N), no memory."""
     block = 4096
@@ -20,7 +21,7 @@ def is_sorted(t):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit
 def late(t, most):
     """Indices int64 of the events that come after one with a later time; all -1 if there are more than `most`. O(N)."""
     found = np.empty(most + 1, np.int64)
@@ -38,7 +39,7 @@ def late(t, most):
     return found[:count]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def merge_late(late, order, t, x, y, p, t_out, x_out, y_out, p_out):
     """Copy columns, with the `late` events where their times belong, after others of the same time. O(N).
 
@@ -61,7 +62,7 @@ def merge_late(late, order, t, x, y, p, t_out, x_out, y_out, p_out):
         kept += 1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def stable_order(t):
     """Indices int32 [N] that sort times, equal ones in the order that they have, by digits. O(N) per 11 bits of span.
 
@@ -93,10 +94,17 @@ def stable_order(t):
     return order
 
 
-@njit(cache=True, nogil=True)
+@njit
 def moved(t, moves, sigma, start, end):
     """Times plus `sigma` times `moves` float32 [N], rounded to µs, not before `start` or after `end`: int64 [N]."""
     out = np.empty(t.size, np.int64)
     for i in range(np.uint64(t.size)):
-        out[i] = min(max(t[i] + np.int64(np.rint(np.float64(moves[i]) * sigma)), start), end)
+        move = np.rint(np.float64(moves[i]) * sigma)
+        # compared before it's added, because it may be beyond int64
+        if move >= np.float64(end - t[i]):
+            out[i] = end
+        elif move <= np.float64(start - t[i]):
+            out[i] = start
+        else:
+            out[i] = t[i] + np.int64(move)
     return out

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.pixels import PAD, SIDE, by_pixel
 
 
-@njit(cache=True, nogil=True)
+@njit
 def merged_pixels(t, x, y, p):
     """The events of each pixel as one node, in order of their mean times.
 
@@ -24,7 +24,9 @@ def merged_pixels(t, x, y, p):
         for e in range(first[q], first[q + 1]):
             total += t[order[e]] - begin
         mean[q] = begin + total // (first[q + 1] - first[q])
-    by_time = np.argsort(mean, kind="mergesort")
+    # of equal means the pixel that fired first
+    by_time = np.argsort(order[first[:-1]])
+    by_time = by_time[np.argsort(mean[by_time], kind="mergesort")]
     pos, time = np.empty((pixels, 2), np.float32), np.empty(pixels, np.int64)
     ends, counts = np.empty((pixels, 2), np.int64), np.zeros((pixels, 2), np.float32)
     for node in range(pixels):
@@ -37,7 +39,7 @@ def merged_pixels(t, x, y, p):
     return pos, time, ends, counts
 
 
-@njit(cache=True, nogil=True)
+@njit
 def patch_counts(x, y, p, pos, size):
     """Events by pixel of the patch around each node: float32 [N, 2, size, size], polarity 1 and then 0.
 

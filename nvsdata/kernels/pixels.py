@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.bits import ascending, bit_sets, mark, trailing_zeros
+from nvsdata.kernels.compiling import njit
 
 FAR = np.int64(1) << 40  # squared pixels: beyond every sensor
 TABLE = 8  # pixels up to which the offsets to look at are listed, nearest first
@@ -12,9 +14,9 @@ FLAT = 8  # places per event up to which one array for all is made
 PAD = 8  # pixels around the events, at least TABLE, so that no look-up leaves the tiles
 
 
-@njit(cache=True, nogil=True)
+@njit
 def by_pixel(x, y):
-    """Events grouped by pixel. O(N + tiles of the box around all events).
+    """Events grouped by pixel, and pixels by tile, row by row. O(N + tiles of the box around all events).
 
     Returns the events' indices int32 [N], pixel by pixel and in order within each; where each pixel's begin int32
     [P + 1]; the pixels' places int32 [P, 2] within the padded box; and `tiles` int32 [rows, columns], of 8 x 8
@@ -30,36 +32,54 @@ def by_pixel(x, y):
     one, low, shift = np.uint64(1), np.uint64(_LOW), np.uint64(_SHIFT)
     left, top = x0 - PAD, y0 - PAD
     tiles = np.zeros(((y1 - top + PAD) // SIDE + 1, (x1 - left + PAD) // SIDE + 1), np.int32)
-    occupied = 1
+    columns, marked, used = np.uint64(tiles.shape[1]), *bit_sets(1, tiles.size)
     for i in range(np.uint64(n)):
-        row, column = np.uint64(y[i] - top) >> shift, np.uint64(x[i] - left) >> shift
-        if tiles[row, column] == 0:
-            tiles[row, column] = occupied
-            occupied += 1
-    blocks = np.full((occupied, SIDE * SIDE), -1, np.int32)
-    pixel, place, count = np.empty(n, np.int32), np.empty((n, 2), np.int32), np.zeros(n + 1, np.int32)
-    pixels = np.uint64(0)
+        mark((np.uint64(y[i] - top) >> shift) * columns + (np.uint64(x[i] - left) >> shift), marked[0], used)
+    occupied = ascending(marked[0], used, np.empty(min(n, tiles.size), np.int64))
+    for q in range(np.uint64(occupied.size)):
+        tiles.ravel()[occupied[q]] = q + one
+    cells = np.zeros(occupied.size + 1, np.uint64)
     for i in range(np.uint64(n)):
         row, column = np.uint64(y[i] - top), np.uint64(x[i] - left)
-        tile, cell = np.uint64(tiles[row >> shift, column >> shift]), ((row & low) << shift) + (column & low)
-        if blocks[tile, cell] < 0:
-            blocks[tile, cell] = pixels
-            place[pixels, 0], place[pixels, 1] = column, row
-            pixels += one
-        pixel[i] = blocks[tile, cell]
+        tile = np.uint64(tiles[row >> shift, column >> shift])
+        cells[tile] |= one << (((row & low) << shift) + (column & low))
+    place, blocks = _pixels_of(occupied, columns, cells, n)
+    pixel, count = np.empty(n, np.int32), np.zeros(len(place) + 1, np.int32)
+    for i in range(np.uint64(n)):
+        row, column = np.uint64(y[i] - top), np.uint64(x[i] - left)
+        tile = np.uint64(tiles[row >> shift, column >> shift])
+        pixel[i] = blocks[tile, ((row & low) << shift) + (column & low)]
         count[np.uint64(pixel[i]) + one] += 1
-    for q in range(pixels):
+    for q in range(np.uint64(len(place))):
         count[q + one] += count[q]
-    first = count[: pixels + one].copy()
-    order = np.empty(n, np.int32)
+    first, order = count.copy(), np.empty(n, np.int32)
     for i in range(np.uint64(n)):
         q = np.uint64(pixel[i])
         order[np.uint64(count[q])] = i
         count[q] += 1
-    return order, first, place[:pixels], tiles, blocks
+    return order, first, place, tiles, blocks
 
 
-@njit(cache=True, nogil=True)
+@njit
+def _pixels_of(tiles, columns, cells, events):
+    """Places of the pixels of some tiles, for each of which `cells` has a bit, and their numbers in blocks."""
+    one, low, shift = np.uint64(1), np.uint64(_LOW), np.uint64(_SHIFT)
+    place, blocks = np.empty((events, 2), np.int32), np.full((cells.size, SIDE * SIDE), -1, np.int32)
+    pixels = np.uint64(0)
+    for q in range(np.uint64(tiles.size)):
+        row = np.uint64(tiles[q]) // columns
+        column = np.uint64(tiles[q]) - row * columns
+        bits = cells[q + one]
+        while bits:
+            cell = trailing_zeros(bits)
+            bits &= bits - one
+            place[pixels, 0], place[pixels, 1] = column << shift | cell & low, row << shift | cell >> shift
+            blocks[q + one, cell] = pixels
+            pixels += one
+    return place[:pixels], blocks
+
+
+@njit
 def offsets_within(furthest):
     """Offsets (dx, dy) of squared length up to `furthest`, nearest first: int32 [M, 2].
 
@@ -91,7 +111,7 @@ def offsets_within(furthest):
     return offsets, begins[: rings + 1], lengths[:rings]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def flat_map(events, place, tiles, offsets):
     """Numbers of pixels by place, row by row in one array, -1 where there are none, and `offsets` in it as steps.
 
@@ -109,7 +129,7 @@ def flat_map(events, place, tiles, offsets):
     return flat, steps
 
 
-@njit(cache=True, nogil=True)
+@njit
 def near_pixels(
     pixel, enough, furthest, blur, first, place, tiles, blocks, flat, offsets, steps, begins, lengths, near, apart
 ):
@@ -153,7 +173,7 @@ def near_pixels(
     return m, total
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, listed, near, apart):
     """Go on with the pixels further than `listed`, in squares of tiles around the one at x, y."""
     rows, columns = tiles.shape
@@ -192,7 +212,7 @@ def _beyond(x, y, m, total, enough, bound, blur, first, place, tiles, blocks, li
     return m, total
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _sort(near, apart, start, ordered, m):
     """Sort the pixels from `start` up to `m` by distance, of which those before `ordered` are in order."""
     if m - ordered <= 8:
@@ -209,7 +229,7 @@ def _sort(near, apart, start, ordered, m):
         near[start + k], apart[start + k] = pixels[order[k]], distances[order[k]]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _distance_of(enough, first, near, apart):
     """Squared distance up to which pixels have `enough` events together."""
     have = q = 0

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def clusters(pos, t, ptr, width, height, columns, rows):
     """Cluster of every node, and positions and times of the clusters. O(N + B · columns · rows).
 
@@ -26,7 +27,8 @@ def clusters(pos, t, ptr, width, height, columns, rows):
     new_ptr = np.zeros(graphs + 1, np.int64)
     # float64: sums of whole pixels must be exact for the floor to be
     sums = np.zeros((most, 2), np.float64)
-    time = np.zeros(most, np.int64)
+    # times are summed from that of the first node on: a sum of dates in µs may be beyond int64
+    first, time = np.empty(most, np.int64), np.zeros(most, np.int64)
     members = np.zeros(most, np.int64)
     m = 0
     for b in range(graphs):
@@ -47,17 +49,19 @@ def clusters(pos, t, ptr, width, height, columns, rows):
             cluster[i] = c
             sums[c, 0] += pos[i, 0]
             sums[c, 1] += pos[i, 1]
-            time[c] += t[i]
+            if members[c] == 0:
+                first[c] = t[i]
+            time[c] += t[i] - first[c]
             members[c] += 1
         new_ptr[b + 1] = m
     for c in range(m):
         position[c, 0] = np.floor(sums[c, 0] / members[c])
         position[c, 1] = np.floor(sums[c, 1] / members[c])
-        time[c] //= members[c]
+        time[c] = first[c] + time[c] // members[c]
     return cluster, position[:m], time[:m], graph[:m], new_ptr
 
 
-@njit(cache=True, nogil=True)
+@njit
 def merged_edges(source, target, cluster, count):
     """Edges between clusters that any edge of their nodes joins: each once, no loops.
 
@@ -92,7 +96,7 @@ def merged_edges(source, target, cluster, count):
     return edges[:, :kept]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def max_rows(features, cluster, count):
     """Maximum of each channel over each cluster, and the first node that has it. O(N · C).
 
@@ -118,27 +122,29 @@ def max_rows(features, cluster, count):
     return best, where
 
 
-@njit(cache=True, nogil=True)
+@njit
 def mean_rows(features, cluster, count):
     """Mean of each channel over each cluster. O(N · C + M · C).
 
     Returns float [M, C], and how many nodes each cluster has, in the type of the features [M].
     """
     channels = features.shape[1]
-    mean = np.zeros((count, channels), features.dtype)
+    # sums in float64: they may be beyond float32 where the mean isn't
+    sums = np.zeros((count, channels))
+    mean = np.empty((count, channels), features.dtype)
     members = np.zeros(count, features.dtype)
     for i in range(cluster.size):
         m = cluster[i]
         members[m] += 1
         for c in range(channels):
-            mean[m, c] += features[i, c]
+            sums[m, c] += features[i, c]
     for m in range(count):
         for c in range(channels):
-            mean[m, c] /= members[m]
+            mean[m, c] = sums[m, c] / members[m]
     return mean, members
 
 
-@njit(cache=True, nogil=True)
+@njit
 def max_rows_back(gradient, where, nodes):
     """Gradient of `max_rows`: what arrives at a cluster goes to the node that gave the maximum."""
     channels = gradient.shape[1]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from nvsdata.kernels.compiling import njit
 
 # the C library's function, on systems that have it
 pread = types.ExternalFunction("pread", types.int64(types.int32, types.uintp, types.uintp, types.int64))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def read_samples(handle, begin, step, out):
     """Fill the rows of `out`, uint8 [N, size], with the bytes from `begin` on, one row every `step` bytes.
 

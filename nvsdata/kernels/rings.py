@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
 
-_SHIFT, _LOW = np.uint64(6), np.uint64(63)  # of a word of 64 events, and of 64 words
+from nvsdata.kernels.bits import SHIFT, mark, trailing_zeros
+from nvsdata.kernels.compiling import njit
 
-
-@njit(cache=True, nogil=True)
-def marks(events):
-    """Bit sets, empty: events of whole rings and of the last one, uint64 [2, words], and words in use, uint64."""
-    words = (events >> 6) + 1
-    return np.zeros((2, words), np.uint64), np.zeros((words >> 6) + 1, np.uint64)
+FEW = 144  # squared number of events up to which insertion sorts faster than bit sets
 
 
-@njit(cache=True, nogil=True)
+@njit
 def by_rings(pixel, m, total, k, t, order, first, near, apart, marked, used, whole, last, both, at, degree, source):
     """Sources of a pixel's events where no time makes up for a difference in space, and all are near enough in time.
 
@@ -31,9 +24,12 @@ def by_rings(pixel, m, total, k, t, order, first, near, apart, marked, used, who
         while q and apart[q - 1] == apart[m - 1]:
             q -= 1
             left += first[near[q] + 1] - first[near[q]]
-    _mark(0, q, order, first, near, marked[0], used)
-    _mark(q, m, order, first, near, marked[1], used)
-    wholes, lasts = _listed(marked, used, whole, last, both, at)
+    if q == m and total * total <= FEW + used.size:
+        wholes, lasts = _few(m, order, first, near, whole), np.uint64(0)
+    else:
+        _mark(0, q, order, first, near, marked[0], used)
+        _mark(q, m, order, first, near, marked[1], used)
+        wholes, lasts = _listed(marked, used, whole, last, both, at)
     left = min(np.uint64(left), lasts)
     one, own, none = np.uint64(1), q == 0, np.uint64(0)
     chosen = none
@@ -56,30 +52,34 @@ def by_rings(pixel, m, total, k, t, order, first, near, apart, marked, used, who
         degree[i] = _copied(whole, done, wholes, source, i, n)
 
 
-@intrinsic
-def _trailing_zeros(typing, word):
-    """Place of the lowest bit of a word that isn't 0."""
+@njit
+def _few(m, order, first, near, whole):
+    """List the events of the near pixels, ascending: how many. By insertion, so they should be few."""
+    one = np.uint64(1)
+    n = np.uint64(0)
+    for p in range(np.uint64(m)):
+        pixel = np.uint64(near[p])
+        for e in range(np.uint64(first[pixel]), np.uint64(first[pixel + one])):
+            event, at = order[e], n
+            while at > 0 and whole[at - one] > event:
+                whole[at] = whole[at - one]
+                at -= one
+            whole[at] = event
+            n += one
+    return n
 
-    def code(context, builder, signature, args):
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
-    return types.uint64(types.uint64), code
-
-
-@njit(cache=True, nogil=True)
+@njit
 def _mark(q, stop, order, first, near, marked, used):
     """Set the bits of the events of the near pixels from `q` up to `stop`."""
     one = np.uint64(1)
     for p in range(np.uint64(q), np.uint64(stop)):
         pixel = np.uint64(near[p])
         for e in range(np.uint64(first[pixel]), np.uint64(first[pixel + one])):
-            event = np.uint64(order[e])
-            word = event >> _SHIFT
-            marked[word] |= one << (event & _LOW)
-            used[word >> _SHIFT] |= one << (word & _LOW)
+            mark(np.uint64(order[e]), marked, used)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _listed(marked, used, whole, last, both, at):
     """Turn bit sets into ascending lists, and empty them: how many events of whole rings there are, and of the last.
 
@@ -91,15 +91,15 @@ def _listed(marked, used, whole, last, both, at):
         words = used[group]
         used[group] = 0
         while words:
-            word = (group << _SHIFT) | _trailing_zeros(words)
+            word = (group << SHIFT) | trailing_zeros(words)
             words &= words - one
             lasting = marked[1, word]
             bits = marked[0, word] | lasting
             marked[0, word] = marked[1, word] = 0
             while bits:
-                bit = _trailing_zeros(bits)
+                bit = trailing_zeros(bits)
                 bits &= bits - one
-                event = (word << _SHIFT) | bit
+                event = (word << SHIFT) | bit
                 # no branch, because which events are the last ring's is unpredictable
                 both[n] = whole[n - lasts] = last[lasts] = event
                 at[lasts] = n
@@ -108,7 +108,7 @@ def _listed(marked, used, whole, last, both, at):
     return n - lasts, lasts
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _copied(events, start, stop, source, i, n):
     """Put events from `start` up to `stop` into the row of event `i`, without itself, from `n` on: the new length."""
     for q in range(start, stop):
@@ -117,13 +117,13 @@ def _copied(events, start, stop, source, i, n):
     return n
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _is_no_further(later, earlier, time):
     """Whether the later of two times is nearer to `time`, or the same as the earlier one: then either will do."""
     return later == earlier or abs(later - time) < abs(earlier - time)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _smallest_first(chosen, left, lasts, last, t, i, own):
     """Of equally near events those of smallest index, where `left` events from `chosen` on are nearest to event `i`.
 
@@ -147,7 +147,7 @@ def _smallest_first(chosen, left, lasts, last, t, i, own):
     return begin, begin + count, stop, end
 
 
-@njit(cache=True, nogil=True)
+@njit
 def first_at(t, order, low, high, time):
     """First place from `low` up to `high` of an event at `time` or later, `high` if there is none. O(log N)."""
     while low < high:

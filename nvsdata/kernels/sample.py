@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.random import STEP, random_bits
 
 BUCKETS = 256  # in the histogram that finds a median
 
 
-@njit(cache=True, nogil=True)
+@njit
 def nonuniform_sample(t, x, y, k, wx, wt, seed):
     """Indices (sorted, int64) of one random event from each box of at most `k` events.
 
@@ -56,7 +56,7 @@ def nonuniform_sample(t, x, y, k, wx, wt, seed):
     return np.flatnonzero(chosen)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _below(state, bound):
     """Next state of a generator and a number in [0, bound)."""
     state += np.uint64(STEP)
@@ -64,7 +64,7 @@ def _below(state, bound):
     return state, np.int64(((random_bits(state) >> np.uint64(32)) * np.uint64(bound)) >> np.uint64(32))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _range(values, lo, hi):
     """Least and greatest of values[lo:hi]."""
     least = most = values[lo]
@@ -73,7 +73,7 @@ def _range(values, lo, hi):
     return least, most
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _median(values, lo, hi, first, last, nth, counts):
     """The `nth` smallest of values[lo:hi], which lie in first..last, and how many equal to it come before it."""
     shift = 0
@@ -98,7 +98,7 @@ def _median(values, lo, hi, first, last, nth, counts):
         shift = 0
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _partition(index, columns, spare, lo, hi, axis, border, equal):
     """Move events below `border` on `axis`, and the first `equal` events at it, to the front, stably."""
     # unsigned indices spare numba's test for negative ones

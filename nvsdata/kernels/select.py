@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit
 def copy_where(keep, t, x, y, p, to_t, to_x, to_y, to_p):
     """Copy the events at which `keep` is true; the targets need room for one more. O(N), without a branch."""
     n = np.uint64(0)
@@ -15,7 +16,7 @@ def copy_where(keep, t, x, y, p, to_t, to_x, to_y, to_p):
         n += np.uint64(keep[i])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def copy_at(index, t, x, y, p, to_t, to_x, to_y, to_p):
     """Copy the events at indices that are valid. O(N)."""
     for i in range(np.uint64(index.size)):

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.random import STEP, random_bits
 from nvsdata.kernels.tiles import TILE
 
@@ -20,7 +20,7 @@ _U, _U32, _I32 = np.uint64, np.uint32, np.int32
 
 
 # with Python's error model every division tests for zero, and isn't vectorized
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy")
 def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
     """Events where |difference| >= threshold, (3.6) and (3.8), as keys in raster order.
 
@@ -87,7 +87,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
     return keys, n
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _fired(difference, active, threshold, mask, x):
     """Write to `x` where a row's |difference| >= threshold in active tiles; returns how many. `mask`: scratch."""
     words = mask.view(np.uint64)
@@ -111,7 +111,7 @@ def _fired(difference, active, threshold, mask, x):
     return np.int64(m)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _grown(keys, n, more):
     """The first `n` keys in an array with room for `more`."""
     larger = np.empty(2 * keys.size + more, np.uint64)
@@ -120,13 +120,13 @@ def _grown(keys, n, more):
     return larger
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _random(seed, place):
     """64 random bits that depend only on the two numbers."""
     return random_bits(seed + (place + _U(1)) * _U(STEP))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def read(keys, bits, start, t, x, y, p):
     """Unpack keys into columns of events; if `bits` > 0, sort them first by their times below 2^bits, in place."""
     if bits:
@@ -140,7 +140,7 @@ def read(keys, bits, start, t, x, y, p):
         p[i] = np.uint8(key & _U(1))
 
 
-@njit(cache=True, nogil=True)
+@njit
 def sort_keys(keys, spare, bits):
     """Sort keys stably by their times below 2^bits, in two digits; `spare` is scratch. O(N + 2^(bits / 2))."""
     digit = _U((bits + 1) // 2)
@@ -154,7 +154,7 @@ def sort_keys(keys, spare, bits):
     _spread(spare, keys, major, mask, majors)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _spread(keys, out, shift, mask, places):
     """Write keys to `out` in order of a digit; `places`: how often each value occurs, overwritten."""
     total = _U32(0)
@@ -166,7 +166,7 @@ def _spread(keys, out, shift, mask, places):
         places[d] += _U32(1)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def read_out(t, x, y, width, ready, refractory, gap, busy, start):
     """Times at which events leave a sensor that reads out one per `gap` µs, and which of them do. O(N).
 

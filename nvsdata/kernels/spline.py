@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 _ONE = np.uint64(1)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def spline_entries(source, target, u, size, nodes):
     """What each edge adds to which kernel cell of its target, for B-splines of degree 1 in any number of dimensions.
 
@@ -57,7 +58,7 @@ def spline_entries(source, target, u, size, nodes):
     return entry_node[:n], entry_cell[:n], entry_from[:n], entry_share[:n]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def spline_shares(source, target, u, size, nodes):
     """Entries of the dense aggregation: row, source and share of each.
 
@@ -70,7 +71,7 @@ def spline_shares(source, target, u, size, nodes):
     return cell, of, share
 
 
-@njit(cache=True, nogil=True)
+@njit
 def spline_plan(source, target, u, size, nodes):
     """The rows of a graph's aggregation, sorted by kernel cell.
 
@@ -105,7 +106,7 @@ def spline_plan(source, target, u, size, nodes):
     return cell_start, row_node, row, of, share
 
 
-@njit(cache=True, nogil=True)
+@njit
 def add_shares(out, into, features, of, share):
     """out[into[n]] += share[n] * features[of[n]] for every n. O(n · C)."""
     channels = features.shape[1]
@@ -117,7 +118,7 @@ def add_shares(out, into, features, of, share):
             out[a, c] += w * features[b, c]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def add_rows(out, into, rows):
     """out[into[n]] += rows[n] for every n. O(n · C)."""
     channels = rows.shape[1]

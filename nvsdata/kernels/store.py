@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.reading import pread
 
 _U = np.uint64
 
 
-@njit(cache=True, nogil=True)
+@njit
 def marked_range(marks, base, start, stop):
     """The blocks of a recording that hold events with start <= t < stop; `marks`: the blocks' first times.
 
@@ -20,7 +20,7 @@ def marked_range(marks, base, start, stop):
     return first, max(_bisect(marks, base, stop), first)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def read_window(
     out_t, out_x, out_y, out_p, base, start, stop, handle, lo, t0, x0, y0, p0, like_t, like_x, like_y, like_p
 ):
@@ -38,13 +38,13 @@ def read_window(
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _filled(column, handle, begin, lo):
     size = column.size * column.itemsize
     return pread(handle, column.ctypes.data, size, begin + lo * column.itemsize) == size
 
 
-@njit(cache=True, nogil=True)
+@njit
 def stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p):
     """Events of stored columns with start <= t + base < stop. O(log N + events found).
 
@@ -65,7 +65,7 @@ def stored_window(out_t, out_x, out_y, out_p, base, start, stop, t, x, y, p):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _bisect(t, base, time):
     """First index in `t` whose time is at least `time`."""
     lo, hi = 0, t.size

@@ -1,19 +1,20 @@
 """Time surfaces: how long ago pixels had their last event, as exponentials.
 
 A value is kept as exp((t - begin) / tau), where `begin` is that of the event's epoch, so that a later look at it costs
-a product, no exponential. An epoch lasts EPOCH tau; what is older than the last epoch counts as nothing.
+a product, no exponential. An epoch lasts EPOCH tau, in whole µs; what is older than the last epoch counts as nothing.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 EPOCH = 300  # exp(300) fits float64, and so does its product with exp(-300)
 TABLE = 64  # µs between events up to which the exponential is looked up
 
 
-@njit(cache=True, nogil=True)
+@njit
 def surfaces(t, x, y, p, times, bounds, tau, grown, out):
     """Fill `out` [T, 2, H, W] with exp(-(times[n] - t) / tau) of each pixel's and polarity's last event, ON first.
 
@@ -42,18 +43,25 @@ def surfaces(t, x, y, p, times, bounds, tau, grown, out):
             frame[q] = flat[q] * shrink
 
 
-@njit(cache=True, nogil=True)
+@njit
+def epoch_of(tau):
+    """Length of an epoch in µs, int64: whole numbers, so that times within it are exact however late."""
+    return np.int64(min(np.ceil(EPOCH * tau), 2.0**62))
+
+
+@njit
 def event_surfaces(t, x, y, p, tau, radius, grown, epochs, out):
     """Fill `out` [N, side, side] with the surface of each event's polarity around it, itself included.
 
     `grown` float64 and `epochs` int64, both [2, H + 2 radius, W + 2 radius], are scratch, 0. O(N side²).
     """
     side = np.uint64(2 * radius + 1)
-    length, old = EPOCH * tau, np.exp(-np.float64(EPOCH))
+    length = epoch_of(tau)
+    old = np.exp(-length / tau)
     for i in range(np.uint64(t.size)):
         # from 1 on, because 0 is that of no event
-        epoch = np.int64((t[i] - t[0]) / length) + 1
-        value = np.exp(((t[i] - t[0]) - (epoch - 1) * length) / tau)
+        epoch = (t[i] - t[0]) // length + 1
+        value = np.exp((t[i] - t[0] - (epoch - 1) * length) / tau)
         channel, row, column = np.uint64(1 - p[i]), np.uint64(y[i]), np.uint64(x[i])
         middle = np.uint64(radius)
         grown[channel, row + middle, column + middle], epochs[channel, row + middle, column + middle] = value, epoch

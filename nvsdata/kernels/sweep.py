@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 CHUNK = 4096  # pairs that are processed together
 
 
-@njit(cache=True, nogil=True)
+@njit
 def pairs_in_time(t, reach):
     """Number of pairs that are at most `reach` apart in time. O(N)."""
     pairs = first = 0
@@ -19,7 +20,7 @@ def pairs_in_time(t, reach):
     return pairs
 
 
-@njit(cache=True, nogil=True)
+@njit
 def swept(t, x, y, limit, alpha, beta, k, reach, side, degree, source):
     """Fill the lists of sources of `near_sources`, for events at most `reach` apart in time and `side` along x and y.
 
@@ -41,7 +42,7 @@ def swept(t, x, y, limit, alpha, beta, k, reach, side, degree, source):
         ascend(source, i, degree[i])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def comes_before(d, dt, j, other_d, other_dt, other):
     """Whether one source of an event is nearer than another: by distance, then time, then index."""
     if d != other_d:
@@ -51,7 +52,7 @@ def comes_before(d, dt, j, other_d, other_dt, other):
     return j < other
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _sweep(i, first, t, place, reach, side, later, earlier):
     """Pairs of events i, i + 1, ... with near earlier ones (from `first` on), up to a chunk of pairs."""
     # both differences lie in 0..2 side, or in the next power of two, if no bit outside is set
@@ -75,7 +76,7 @@ def _sweep(i, first, t, place, reach, side, later, earlier):
     return np.int64(i), np.int64(first), np.int64(found)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _joined(t, x, y, limit, alpha, beta, later, earlier, found):
     """Keep the pairs within the radius, in place; returns how many."""
     kept = np.uint64(0)
@@ -86,7 +87,7 @@ def _joined(t, x, y, limit, alpha, beta, later, earlier, found):
     return np.int64(kept)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _insert(t, x, y, alpha, beta, later, earlier, k, degree, source, worst):
     """Add every pair to the lists of both events; in a full list it replaces the furthest source if it is nearer."""
     for pair in range(np.uint64(later.size)):
@@ -104,7 +105,7 @@ def _insert(t, x, y, alpha, beta, later, earlier, k, degree, source, worst):
             target, other = other, target
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _furthest(t, x, y, target, k, source, alpha, beta):
     """Place of the source that a nearer one would replace. O(k)."""
     worst = 0
@@ -114,14 +115,14 @@ def _furthest(t, x, y, target, k, source, alpha, beta):
     return worst
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _is_nearer(t, x, y, i, j, other, alpha, beta):
     """Whether event `j` is nearer to `i` than another is."""
     d, other_d = _distance(t, x, y, i, j, alpha, beta), _distance(t, x, y, i, other, alpha, beta)
     return comes_before(d, abs(t[j] - t[i]), j, other_d, abs(t[other] - t[i]), other)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _distance(t, x, y, i, j, alpha, beta):
     """Squared distance of eq. 4.2; differences are taken in integers."""
     dx = np.float64(np.int32(x[i]) - np.int32(x[j]))
@@ -130,7 +131,7 @@ def _distance(t, x, y, i, j, alpha, beta):
     return alpha * (dx * dx + dy * dy) + beta * (dt * dt)
 
 
-@njit(cache=True, nogil=True)
+@njit
 def ascend(source, i, count):
     """Sort the first `count` sources of event `i` in place, by insertion, because they are few."""
     one = np.uint64(1)

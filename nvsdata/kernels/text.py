@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 NEWLINE, RETURN, SPACE, TAB, COMMA, MINUS, DOT, HASH = 10, 13, 32, 9, 44, 45, 46, 35
 
@@ -12,7 +13,7 @@ OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE, TOO_LATE = 0, 1, 2, 3, 4
 LATEST = 2**62
 
 
-@njit(cache=True, nogil=True)
+@njit
 def text_decode(raw, start, stop, seconds_first, skip_faults, columns):
     """Parse lines of four numbers between bytes `start` and `stop`. O(bytes).
 
@@ -50,7 +51,7 @@ def text_decode(raw, start, stop, seconds_first, skip_faults, columns):
     return kept, OK, 0, dropped
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _line(raw, i, stop, seconds_first, values):
     """Numbers of the line at byte i: (how many, fault code, where, byte after the line)."""
     where = i
@@ -78,7 +79,7 @@ def _line(raw, i, stop, seconds_first, values):
     return found, fault, where, i + 1
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _number(raw, i, stop, seconds):
     """One decimal number at byte i: (value, byte after it, whether it is one).
 

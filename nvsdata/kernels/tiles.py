@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from nvsdata.kernels.compiling import njit
 
 TILE = (8, 64)  # rows, columns: 64 pixels of 3 bytes are three cache lines
 CO_LOCATED, AVERAGE, MINIMUM = range(3)
@@ -63,14 +64,14 @@ class Pixels(NamedTuple):
     difference: np.ndarray
 
 
-@njit(cache=True, nogil=True)
+@njit
 def bounds(tile, shape):
     """First and last row and column of a tile."""
     y, x = tile[0] * TILE[0], tile[1] * TILE[1]
     return y, min(y + TILE[0], shape[0]), x, min(x + TILE[1], shape[1])
 
 
-@njit(cache=True, nogil=True)
+@njit
 def look(frame, previous, rule, tiles, pixels):
     """Find the tiles that a frame makes dirty and active, and update references; returns whether any are active."""
     width = pixels.level.shape[1]
@@ -88,7 +89,7 @@ def look(frame, previous, rule, tiles, pixels):
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit
 def find_dirty(frame, previous, tile_bytes, dirty):
     """Mark the tiles that differ from the `previous` frame's; return how many. O(bytes)."""
     count = 0
@@ -109,7 +110,7 @@ def find_dirty(frame, previous, tile_bytes, dirty):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _changed(row, previous):
     found = False
     for i in range(_U(row.size)):
@@ -117,7 +118,7 @@ def _changed(row, previous):
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _wake(rule, tiles):
     """Set which tiles are affected and active: changed ones, those not still, and neighbors that matter."""
     affected, active = tiles.affected, tiles.active
@@ -127,12 +128,12 @@ def _wake(rule, tiles):
         active[tile] = affected[tile] or not tiles.still[tile]
     if rule.method != CO_LOCATED:
         spread(active.copy(), active)
-    if TILE[0] % rule.side:
-        # blocks lie across tiles
+    if TILE[0] % rule.side and rule.method != CO_LOCATED:
+        # blocks lie across tiles, and a pixel in a still one may be about to fire as soon as its block lets it
         active[:] = True
 
 
-@njit(cache=True, nogil=True)
+@njit
 def spread(marks, out):
     """Write to `out` whether each tile or any of its eight neighbors is marked."""
     rows, columns = marks.shape
@@ -144,7 +145,7 @@ def spread(marks, out):
         out[r, c] = found
 
 
-@njit(cache=True, nogil=True)
+@njit
 def catch_up(reference, level, alpha, behind, tiles):
     """Update moving averages that are behind, (3.10), by exactly the omitted steps, until none changes a value."""
     for tile in np.ndindex(tiles.shape):

@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from nvsdata.common.validation import at_least
+from nvsdata.models.spline import occurrences
 
 
 class GCNConv(nn.Module):
@@ -116,7 +117,7 @@ CONVOLUTIONS: dict[str, Callable[[int, int, int, int], nn.Module]] = {
 
 def _degree(ends: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
     """Number of edges at each node, [N] in the type of `x`; `ends` are the sources or the targets of all edges."""
-    return torch.bincount(ends, minlength=x.shape[0]).to(x.dtype)
+    return occurrences(ends, x.shape[0]).to(x.dtype)
 
 
 def _gather(x: torch.Tensor, source: torch.Tensor, target: torch.Tensor, start: torch.Tensor) -> torch.Tensor:

@@ -77,9 +77,10 @@ def _real(out: Any) -> bool:
     return isinstance(out, torch.Tensor) and (out.is_floating_point() or out.is_complex())
 
 
-def _each(out: torch.Tensor, /, *_: Any, **__: Any) -> int:
-    """One for each value."""
-    return out.numel() if _real(out) else 0
+def _each(out: Any, /, *_: Any, **__: Any) -> int:
+    """One for each value of a result, or of several."""
+    parts = out if isinstance(out, list | tuple) else (out,)
+    return sum(part.numel() for part in parts if _real(part))
 
 
 def _twice(out: torch.Tensor, /, *_: Any, **__: Any) -> int:

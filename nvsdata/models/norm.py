@@ -26,31 +26,44 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Normalize `x` [N, C, ...]."""
         if not self.training:
-            return self._normalized(x, learn=False)
+            return self._by_running(x)
         here = x.numel() // self.num_features
         count = here if processes() == 1 else int(all_reduce_sum(torch.tensor(float(here), device=x.device)))
         if count < 2:
-            return self._normalized(x, learn=False)
+            return self._by_running(x)
         self.num_batches_tracked += 1
-        factor = max(self.momentum or 0.0, 1 / int(self.num_batches_tracked))
-        return self._normalized(x, learn=True, factor=factor) if processes() == 1 else self._shared(x, count, factor)
+        assert self.running_mean is not None
+        assert self.running_var is not None
+        # not as Python's number: the host would wait for the device, at each layer of each step
+        factor = self.num_batches_tracked.to(self.running_mean.dtype).reciprocal().clamp(min=self.momentum or 0.0)
+        if processes() > 1:
+            return self._shared(x, count, factor)
+        mean, variance = torch.zeros_like(self.running_mean), torch.zeros_like(self.running_var)
+        out = functional.batch_norm(x, mean, variance, self.weight, self.bias, True, 1.0, self.eps)
+        self._learn(mean, variance, factor)
+        return out
 
-    def _normalized(self, x: torch.Tensor, *, learn: bool, factor: float = 0.0) -> torch.Tensor:
+    def _by_running(self, x: torch.Tensor) -> torch.Tensor:
+        """Normalize by the running statistics."""
         return functional.batch_norm(
-            x, self.running_mean, self.running_var, self.weight, self.bias, learn, factor, self.eps
+            x, self.running_mean, self.running_var, self.weight, self.bias, False, 0.0, self.eps
         )
 
-    def _shared(self, x: torch.Tensor, count: int, factor: float) -> torch.Tensor:
+    def _learn(self, mean: torch.Tensor, variance: torch.Tensor, factor: torch.Tensor) -> None:
+        """Move the running statistics towards those of a batch."""
+        assert self.running_mean is not None
+        assert self.running_var is not None
+        with torch.no_grad():
+            self.running_mean.lerp_(mean, factor)
+            self.running_var.lerp_(variance, factor)
+
+    def _shared(self, x: torch.Tensor, count: int, factor: torch.Tensor) -> torch.Tensor:
         """Normalize by the statistics over the values of all processes."""
         over, shape = [0, *range(2, x.ndim)], [1, -1] + [1] * (x.ndim - 2)
         mean = all_reduce_sum(x.sum(over)) / count
         centered = x - mean.view(shape)
         variance = all_reduce_sum(centered.square().sum(over)) / count
-        assert self.running_mean is not None
-        assert self.running_var is not None
-        with torch.no_grad():
-            self.running_mean.lerp_(mean, factor)
-            self.running_var.lerp_(variance * (count / (count - 1)), factor)
+        self._learn(mean, variance * (count / (count - 1)), factor)
         scale = (self.weight * (variance + self.eps).rsqrt()).view(shape)
         return centered * scale + self.bias.view(shape)
 

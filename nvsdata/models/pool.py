@@ -13,7 +13,7 @@ from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.grid import cells, check_cluster, grid_shape
 from nvsdata.data.pseudo import Reach, pseudo
 from nvsdata.kernels import pool as kernel
-from nvsdata.models.spline import has_kernels, widened
+from nvsdata.models.spline import has_kernels, occurrences, widened
 
 
 class GraphPool(nn.Module):
@@ -103,10 +103,12 @@ def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int,
     count = occupied.numel()
     # float64: sums of whole pixels must be exact for the floor to be
     pos = mean_rows_torch(batch.pos.double(), index, count).floor().float()
-    times = batch.t.new_zeros(count).index_add_(0, index, batch.t)
-    t = torch.div(times, torch.bincount(index, minlength=count), rounding_mode="floor")
+    # from the earliest node's time on: a sum of dates in µs may be beyond int64
+    first = batch.t.new_zeros(count).scatter_reduce_(0, index, batch.t, "amin", include_self=False)
+    times = batch.t.new_zeros(count).index_add_(0, index, batch.t - first[index])
+    t = first + torch.div(times, occurrences(index, count), rounding_mode="floor")
     graph = occupied // total
-    sizes = torch.bincount(graph, minlength=batch.num_graphs)
+    sizes = occurrences(graph, batch.num_graphs)
     ptr = torch.cat((sizes.new_zeros(1), sizes.cumsum(0)))
     source, target = index[batch.edge_index]
     keys = torch.unique((target * count + source)[source != target])
@@ -117,7 +119,7 @@ def clusters_torch(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int,
 def mean_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
     """Mean of `x` [N, C] over clusters, on any device: [M, C]."""
     wide = widened(x)
-    members = torch.bincount(cluster, minlength=count).to(wide.dtype).unsqueeze(1)
+    members = occurrences(cluster, count).to(wide.dtype).unsqueeze(1)
     return (wide.new_zeros(count, x.shape[1]).index_add(0, cluster, wide) / members).to(x.dtype)
 
 

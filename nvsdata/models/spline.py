@@ -126,6 +126,11 @@ def widened(x: torch.Tensor) -> torch.Tensor:
     return x.float() if x.dtype in (torch.float16, torch.bfloat16) else x
 
 
+def occurrences(index: torch.Tensor, count: int) -> torch.Tensor:
+    """How often each number below `count` occurs, int64; the host doesn't wait for the device, as for `bincount`."""
+    return index.new_zeros(count).scatter_add_(0, index, torch.ones_like(index))
+
+
 def spline_conv_torch(
     out: torch.Tensor,
     x: torch.Tensor,
@@ -142,7 +147,7 @@ def spline_conv_torch(
     # NaN has no integer value; it stays in `upper`
     lower = v.nan_to_num(0).floor().clamp(max=max(kernel_size - 2, 0)).long()
     upper = v - lower
-    degree = torch.bincount(target, minlength=nodes)
+    degree = occurrences(target, nodes)
     gathered = wide[source] / degree[target].unsqueeze(1)
     sums = wide.new_zeros(nodes * cells, x.shape[1])
     for corner in itertools.product(range(min(kernel_size, 2)), repeat=v.shape[1]):

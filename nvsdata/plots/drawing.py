@@ -41,7 +41,7 @@ def width_of(text: str, size: float = 0.45) -> int:
 
 def shortened(text: str, width: int, size: float = 0.45) -> str:
     """The text, or as much of its beginning as fits `width` pixels, and dots."""
-    if width_of(text, size) <= width:
+    if not text or width_of(text, size) <= width:
         return text
     while text and width_of(text + "..", size) > width:
         text = text[:-1]

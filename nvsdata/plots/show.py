@@ -155,7 +155,7 @@ def _tensor(axes: Axes, tensor: torch.Tensor | np.ndarray) -> None:
     images = values.reshape(-1, *values.shape[-2:]).astype(np.float64)
     count, height, width = images.shape
     columns = max(1, min(count, round(np.sqrt(count * height / width * 1.5))))
-    rows = -(-count // columns)
+    rows = max(1, -(-count // columns))
     # a pixel between images
     sheet = np.full((rows * (height + 1) - 1, columns * (width + 1) - 1), np.nan)
     for n, image in enumerate(images):

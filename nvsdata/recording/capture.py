@@ -18,6 +18,7 @@ from typing import Any
 
 from nvsdata import formats
 from nvsdata.common.clock import host_time
+from nvsdata.common.locks import check_place
 from nvsdata.common.prefetch import prefetch
 from nvsdata.common.signals import ENDING, Ended
 from nvsdata.data.events import Events
@@ -171,12 +172,6 @@ def check_format(path: Path, settings: Any) -> bool:
     if getattr(settings, "frames", False) and not holds:
         raise ValueError(f"{path.suffix} files hold no frames: record to .h5 or .aedat, or without frames")
     return holds
-
-
-def check_place(path: Path) -> None:
-    """FileNotFoundError for a folder that isn't there."""
-    if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
 
 
 @contextmanager

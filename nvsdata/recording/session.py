@@ -14,9 +14,10 @@ from typing import Any
 from tqdm import tqdm
 
 from nvsdata.common.files import claimed, creating
+from nvsdata.common.locks import check_place
 from nvsdata.common.terminal import Terminal, say
 from nvsdata.data.events import Events
-from nvsdata.recording.capture import RecordingReport, check_format, check_place, record, stopped_by_interrupt
+from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from nvsdata.common.validation import microseconds, positive, whole
-from nvsdata.data.events import Events
+from nvsdata.data.events import EVER, Events
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels.hats import summed_surfaces
 
@@ -46,7 +46,12 @@ class HATS:
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
         events = as_events(sample)
         sums, counts = summed_surfaces(
-            *events.columns, int(self.cell), int(self.radius), int(self.window), float(self.tau), events.sensor_size
+            *events.columns,
+            int(self.cell),
+            int(self.radius),
+            min(int(self.window), EVER[1]),
+            float(self.tau),
+            events.sensor_size,
         )
         return torch.from_numpy((sums / np.maximum(counts, 1)[:, None, None, None]).astype(np.float32))
 

@@ -40,7 +40,7 @@ def randint(bound: int) -> int:
 
 def place(bound: int) -> int:
     """Where in time a window begins, an integer in [0, bound): random, or fixed for a voter (`of_voter`)."""
-    return randint(bound) if _drawn.share is None else min(int(_drawn.share * bound), bound - 1)
+    return randint(bound) if _drawn.share is None else int(_drawn.share * bound)
 
 
 def generator() -> torch.Generator | None:

@@ -168,7 +168,7 @@ def motion_crop(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
     whole = F.pad(activity.cumsum(0).cumsum(1), (1, 0, 1, 0))
     squares = whole[size:, size:] - whole[:-size, size:] - whole[size:, :-size] + whole[:-size, :-size]
     # rounding errors must not distinguish equal squares
-    best = int((squares >= squares.max() - 1e-9 * max(float(whole[-1, -1]), 1.0)).flatten().to(torch.uint8).argmax())
+    best = int((squares >= squares.max() - 1e-9 * float(whole[-1, -1])).flatten().to(torch.uint8).argmax())
     y, x = divmod(best, squares.shape[1])
     return crop(frames, x, y, size)
 

@@ -19,6 +19,7 @@ from nvsdata.kernels.neighbors import near_edges
 from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
 
 MOST = 2**31 - 1  # neighbors; a kernel takes no larger number, and no graph has more
+SHORTEST = float(np.finfo(np.float32).tiny)
 FURTHEST = 32_767  # pixels between nodes, as between events
 
 
@@ -134,7 +135,8 @@ def radius_graph(
 
 
 def _reach(wide: float, high: float, reach_t: int, kind: Pseudo) -> Reach:
-    return (float(wide), float(high), float(reach_t))[: axes(kind)]
+    # in float32 a smaller one would be 0, which nothing can be a share of
+    return tuple(max(float(end), SHORTEST) for end in (wide, high, reach_t))[: axes(kind)]
 
 
 Metric = tuple[float, float, float, int]  # radius, alpha, beta and D_max

@@ -76,7 +76,7 @@ class DropByTime:
             return parts
         start = listed[0].start
         moments = max(part.end for part in listed) - start + 1
-        length = round(self.share * moments)
+        length = min(round(self.share * moments), moments)
         begin = start + randint(moments - length + 1)
         return change_all(parts, lambda events: drop_interval(events, begin, begin + length))
 
@@ -128,7 +128,7 @@ class RandomRun:
 
 def jitter_space(events: Events, sigma: float) -> Events:
     """Events at pixels that moved at random; see `SpatialJitter`."""
-    moves = torch.randn(2, len(events), generator=generator()).numpy() * np.float32(sigma)
+    moves = torch.randn(2, len(events), generator=generator()).numpy() * np.float32(min(sigma, 1e9))
     width, height = events.sensor_size
     x, y = events.x + np.rint(moves[0]), events.y + np.rint(moves[1])
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)

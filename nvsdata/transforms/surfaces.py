@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from nvsdata.common.validation import microseconds, positive, whole
-from nvsdata.data.events import Events
+from nvsdata.data.events import EVER, Events
 from nvsdata.data.frame_edges import duration_bounds
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.kernels import surfaces as kernel
@@ -44,7 +44,7 @@ class TimeSurface:
         count = bounds.size - 1
         times = np.full(count, events.end)
         if self.every is not None:
-            times[:-1] = events.start + np.arange(1, count) * self.every
+            times[:-1] = events.start + np.arange(1, count) * min(int(self.every), EVER[1])
         out = np.empty((count, 2, height, width), np.float32)
         kernel.surfaces(*events.columns, times, bounds, float(self.tau), np.zeros(out.shape[1:]), out)
         return torch.from_numpy(out if self.every is not None else out[0])

@@ -96,7 +96,9 @@ class TimeJitter:
 
 
 def relative_time(events: Events) -> Events:
-    """Events whose time begins at 0; see `RelativeTime`."""
+    """Events whose time begins at 0; see `RelativeTime`. ValueError for times that become 2^62 µs or more."""
+    if events.end - events.start >= LATEST:
+        raise ValueError(f"times of {events!r} don't fit if they count from their beginning")
     return _at(events, events.t - events.start, 0, events.end - events.start)
 
 

@@ -125,8 +125,9 @@ def random_window(
     """Events of a random window of `duration` µs; see `RandomWindow`."""
     first, last = _span(sample)
     places = max(last + 1 - duration - first, 0) + 1
-    low = int(within[0] * places)
-    high = max(int(within[1] * places), low + 1)
+    # products of large numbers are rounded, maybe upwards
+    low = min(int(within[0] * places), places - 1)
+    high = min(max(int(within[1] * places), low + 1), places)
     start = first + low + place(high - low)
     return _cut(sample, start, start + duration)
 

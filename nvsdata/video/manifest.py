@@ -129,14 +129,18 @@ class FolderRun:
         self.bar.close()
 
 
+def file_facts(video: Video) -> dict[str, Any]:
+    """What a video's line says about its file. OSError if it can't be read."""
+    return {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
+
+
 @contextmanager
 def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
-    """While the block makes a video's recording: put the file's size and hash into `line`, and why it failed if it did.
+    """While the block makes a video's recording, from reading its file on: put into `line` why it failed if it did.
 
     Errors that the next video would have, too, are raised: those of the disk, and `fatal_too` (default: none more).
     """
     try:
-        line |= {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
         yield
     except fatal_too:
         raise
@@ -148,7 +152,7 @@ def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], 
 
 def _flat(made: dict[str, Any]) -> dict[str, Any]:
     """Settings with those inside "settings" beside the others."""
-    return {**made.get("settings", {}), **{key: value for key, value in made.items() if key != "settings"}}
+    return {**(made.get("settings") or {}), **{key: value for key, value in made.items() if key != "settings"}}
 
 
 def _versions() -> dict[str, str]:

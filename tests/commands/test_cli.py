@@ -90,7 +90,12 @@ def test_demo_makes_data_pictures_and_the_same_model_again(tmp_path, monkeypatch
     for name in ("one", "two"):
         out = tmp_path / name
         assert main(["demo", "--out", str(out), "--epochs", "2", "--seed", "3"]) == 0
-        assert "accuracy on 5 recordings not trained on" in capsys.readouterr().out
+        told = capsys.readouterr().out.splitlines()
+        assert told[0] == f"15 recordings to train on, 5 to test on, in {out / 'shapes'}"
+        assert told[-3].startswith("accuracy on 5 recordings not trained on, one 30 ms window each: 0.")
+        assert told[-2].startswith("the same, 5 windows of each recording voting: ")
+        network = out / "model.safetensors"
+        assert told[-1] == f"pictures: {out / 'samples.png'}, {out / 'learning.png'}; network: {network}"
         lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
         logs.append([{k: v for k, v in line.items() if k != "seconds"} for line in lines])
     # not by the clock
@@ -99,7 +104,10 @@ def test_demo_makes_data_pictures_and_the_same_model_again(tmp_path, monkeypatch
     for name in ("samples.png", "learning.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
     assert len(nvsdata.EventFolder(out / "shapes", "train")) == 15
-    assert nvsdata.models.load(out / "model.safetensors").classes == tuple(demo_training.SHAPES)
+    published = nvsdata.models.load(out / "model.safetensors")
+    assert published.classes == tuple(demo_training.SHAPES)
+    assert repr(published.transform) == repr(demo_training.pipeline(augmented=False))
+    assert published.metrics == lines[-1]
     before = {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}
     demo_training.make_dataset(out / "shapes", 3)
     assert before == {p: p.stat().st_mtime_ns for p in out.glob("shapes/**/*.h5")}

@@ -122,3 +122,26 @@ def test_a_notebook_shows_a_dataset(classes):
     assert re.findall(r'title="(.*?)"', text) == ["cat", "dog &amp; co"]
     (classes / "cat" / "0.bin").write_bytes(b"abc")
     assert re.findall(r'title="(.*?)"', nvsdata.EventFolder("pets", "all")._repr_html_()) == ["dog &amp; co"]
+
+
+def test_a_gallery_of_pairs_is_none(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    trees.put(tmp_path / "aslan", trees.aslandvs(view2=True))
+    assert main(["gallery", "aslan", "--dataset", "aslan-dvs"]) == 1
+    assert "samples of ASLANDVS are pairs: look at their recordings with `nvsdata view`" in capsys.readouterr().err
+    assert not (tmp_path / "aslan.html").exists()
+
+
+def test_a_gallery_draws_from_all_and_shows_six(classes, capsys):
+    for i in range(4, 30):
+        (classes / "cat" / f"{i}.bin").write_bytes(trees.atis(trees.some(i, 10)))
+    assert main(["gallery", "pets"]) == 0
+    # 20 of 30 cats, and 3 dogs
+    assert "23 of 33 recordings read" in capsys.readouterr().out
+    page = (classes.parent / "pets.html").read_text("utf-8")
+    assert (rows(page)["cat"][0][:2], rows(page)["cat"][1]) == (["30", "20"], 6)
+    shown = set(re.findall(r"cat/(\d+)\.bin", page))
+    assert len(shown) == 6
+    assert shown != {str(i) for i in range(6)}
+    assert main(["gallery", "pets", "again.HTML"]) == 0
+    assert set(re.findall(r"cat/(\d+)\.bin", (classes.parent / "again.HTML").read_text("utf-8"))) == shown

@@ -19,14 +19,6 @@ HOLD = """
 """
 
 
-@pytest.fixture(params=["file", "folder"])
-def output(tmp_path, request):
-    path = tmp_path / "out"
-    if request.param == "folder":
-        path.mkdir()
-    return path
-
-
 def test_the_second_is_told_who_the_first_is(output):
     with another_process(HOLD.format(path=str(output))) as (first, _):
         with (

@@ -3,7 +3,8 @@ import time
 
 import pytest
 
-from nvsdata.common.prefetch import DEPTH, prefetch
+from nvsdata.common import prefetch as module
+from nvsdata.common.prefetch import DEPTH, in_one_thread, prefetch, stay_in_one_thread
 
 
 def makers(costs):
@@ -60,3 +61,94 @@ def test_leaving_early_closes_what_makes_the_items(worth):
     items.close()
     assert closed
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("worth", [0, 10])
+def test_whatever_ends_the_making_comes_through(worth):
+    def ended():
+        yield 1
+        raise KeyboardInterrupt
+
+    found = prefetch(ended(), worth)
+    assert next(found) == 1
+    with pytest.raises(KeyboardInterrupt):
+        next(found)
+
+
+def test_a_process_may_be_told_to_stay_in_one_thread(monkeypatch):
+    monkeypatch.setattr(module, "_alone", False)
+    assert not in_one_thread()
+    stay_in_one_thread()
+    assert in_one_thread()
+    here = threading.current_thread().name
+    assert list(prefetch(makers([0] * 20))) == [here] * 20
+    assert list(prefetch(makers([0.002] * 12), worth=0.001)) == [here] * 12
+
+
+def test_so_many_are_made_ahead_and_no_more():
+    made = []
+    line = module._Line(made.append(n) or n for n in range(3 * DEPTH))
+    maker = threading.Thread(target=line.fill)
+    maker.start()
+    deadline = time.monotonic() + 30
+    while len(made) < DEPTH:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    time.sleep(0.02)
+    assert made == list(range(DEPTH))
+    assert line.take() == made[:DEPTH]
+    line.stop()
+    maker.join()
+    assert len(made) <= 2 * DEPTH
+
+
+def test_what_was_made_is_taken_before_the_end_is_told():
+    line = module._Line(iter([1, 2, 3]))
+    line.fill()
+    assert line.take() == [1, 2, 3]
+    assert line.take() == []
+
+
+class Camera:
+    """Items that can be closed."""
+
+    def __init__(self, items):
+        self.items, self.closed = iter(items), 0
+
+    def __iter__(self):
+        return self
+
+    def __next__(self):
+        return next(self.items)
+
+    def close(self):
+        self.closed += 1
+
+
+@pytest.mark.parametrize("worth", [0, 10])
+def test_what_can_be_closed_is_closed_at_the_end(worth):
+    camera = Camera(range(20))
+    assert list(prefetch(camera, worth)) == list(range(20))
+    assert camera.closed == 1
+    camera = Camera(range(20))
+    next(left := prefetch(camera, worth))
+    left.close()
+    assert camera.closed == 1
+    assert list(prefetch(iter(range(20)), worth)) == list(range(20))
+
+
+def test_an_item_is_taken_before_the_next_is_there():
+    taken, waited = threading.Event(), []
+
+    def slow():
+        for n in range(3):
+            yield n
+            waited.append(taken.wait(10))
+            taken.clear()
+
+    found = []
+    for item in prefetch(slow()):
+        found.append(item)
+        taken.set()
+    assert found == [0, 1, 2]
+    assert waited == [True] * 3

@@ -67,6 +67,36 @@ def test_what_is_no_such_file_is_refused(tmp_path):
         read_author_graphs(tmp_path / "e.mat")
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        # MATLAB knows no arrays of one dimension: this one is a row
+        ({"feature": np.ones(2)}, r"feature \(1, 2\), positions \(2, 2\)"),
+        ({"feature": np.ones((2, 1, 1))}, r"feature \(2, 1, 1\), positions \(2, 2\) and edges \(2, 2\), not \[N, F\]"),
+        ({"pseudo": np.ones((2, 3))}, r"positions \(2, 3\)"),
+        ({"edge": np.zeros((3, 2))}, r"edges \(3, 2\), not \[N, F\], \[N, 2\] and \[2, E\]$"),
+        ({"edge": np.zeros((2, 2, 2))}, r"edges \(2, 2, 2\)"),
+    ],
+)
+def test_arrays_of_other_shapes_are_told(tmp_path, change, message):
+    good = {"feature": np.ones((2, 1)), "pseudo": np.ones((2, 2)), "edge": np.array([[0, 1], [1, 0]])}
+    with pytest.raises(FormatError, match=message):
+        read_author_graphs(released(tmp_path / "a.mat", **good | change))
+    (graph,) = read_author_graphs(released(tmp_path / "a.mat", **good))
+    assert (graph.y, graph.t.tolist(), graph.t.dtype, graph.reach) == (None, [0, 0], torch.int64, (3.0, 3.0))
+    with pytest.raises(FormatError, match=r"neither feature, pseudo and edge nor such a graph, but \['graph'\]$"):
+        read_author_graphs(released(tmp_path / "b.mat", graph=np.ones(3)))
+
+
+@pytest.mark.parametrize("form", [str, lambda path: path])
+def test_a_file_that_is_not_there_is_told_as_such(tmp_path, form):
+    with pytest.raises(FileNotFoundError, match=r"a\.mat"):
+        read_author_graphs(form(tmp_path / "a.mat"))
+    (tmp_path / "b.mat").write_bytes(b"MATLAB 5.0")
+    with pytest.raises(FormatError, match=r"b\.mat: can't be read as MATLAB v5: "):
+        read_author_graphs(form(tmp_path / "b.mat"))
+
+
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="no released graphs here")
 def test_released_graphs_of_objects_can_be_learnt():
     graphs = [read_author_graphs(path)[0] for path in sorted((FOLDER / "cifar10-dvs").glob("*.mat"))]

@@ -1,7 +1,9 @@
 """How batches travel from worker processes."""
 
+from dataclasses import replace
 from multiprocessing.reduction import ForkingPickler
 
+import numpy as np
 import pytest
 import torch
 from torch.utils.data import DataLoader
@@ -68,3 +70,50 @@ def test_a_loader_without_collate_fn_makes_the_same_batches(fake_nmnist):
     whole = nvsdata.NMNIST(fake_nmnist)
     events, _ = next(iter(DataLoader(whole, 4)))
     assert events == [whole[i][0] for i in range(4)]
+
+
+def test_small_batches_are_copied_and_large_ones_shared(samples, monkeypatch):
+    batch = nvsdata.collate(samples)
+    tensors = [*(getattr(batch.inputs, name) for name in FIELDS), batch.inputs.y, batch.targets]
+    size = sum(tensor.numel() * tensor.element_size() for tensor in tensors if tensor is not None)
+    for limit, kind in ((size, np.ndarray), (size - 1, torch.Tensor)):
+        monkeypatch.setattr(batching, "SMALL", limit)
+        _, (piece, layout, _) = batching._send(batch)
+        assert type(piece) is kind
+        assert len(piece) == size
+        # the widest first, so that all are aligned
+        widths = [dtype.itemsize for _, dtype, _ in layout]
+        assert widths == sorted(widths, reverse=True)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda graphs, targets: (graphs, [{"boxes": [1]}, {"boxes": []}]),
+        lambda graphs, targets: (targets, targets),
+        lambda graphs, targets: (replace(graphs, x=graphs.x.clone().requires_grad_()), targets),
+        lambda graphs, targets: (graphs, targets.float().requires_grad_()),
+    ],
+    ids=["listed targets", "no graphs", "gradients of features", "gradients of targets"],
+)
+def test_batches_that_cannot_be_one_piece_travel_as_they_are(samples, change):
+    inputs, targets = change(*nvsdata.collate(samples))
+    assert batching._send(batching.Batch(inputs, targets)) == (batching.Batch, (inputs, targets))
+
+
+def test_targets_are_collated_by_what_they_are():
+    def targets(*given):
+        return nvsdata.collate([(torch.ones(1), target) for target in given]).targets
+
+    assert targets(3, True).tolist() == [3, 1]
+    assert targets(3, 4).dtype == torch.int64
+    assert targets(0.5, 1.5).dtype == torch.float64
+    assert targets(3, 0.5).tolist() == [3, 0.5]
+    boxes = {"boxes": [[1, 2, 3, 4]], "label": 5}
+    assert targets(boxes, boxes) == [boxes, boxes]
+    # without boxes, what has one name goes into one tensor
+    assert targets({"label": 5}, {"label": 6})["label"].tolist() == [5, 6]
+    with pytest.raises(KeyError):
+        targets(boxes, {"label": 6})
+    assert nvsdata.collate([([], 0), ([], 1)]).inputs == []
+    assert nvsdata.collate([([2.0, 3.0], 0), ([4.0, 5.0], 1)]).inputs[1].tolist() == [3, 5]

@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import nvsdata
-from nvsdata import Events, GraphBatch, models
+from nvsdata import Events, Graph, GraphBatch, models
+from nvsdata.data.graph import grouped, sequence_of
 from nvsdata.transforms import radius_graph
 
 
@@ -115,3 +117,73 @@ def test_moving_to_a_device_keeps_all():
     batch = GraphBatch.of(graph()).to("cpu")
     assert batch.reach == (3.0, 3.0)
     assert batch.sensor_size == (34, 34)
+
+
+def test_what_graphs_say_of_themselves():
+    a, b = graph(5), graph(3)
+    batch = GraphBatch.from_graphs([a, b])
+    assert (a.num_nodes, a.num_edges, b.num_edges) == (5, 14, 6)
+    assert repr(a) == "Graph(5 nodes, 14 edges)"
+    assert repr(batch) == "GraphBatch(2 graphs, 8 nodes, 20 edges)"
+    assert (batch.num_nodes, batch.num_edges, batch.volumes) == (8, 20, 1)
+    assert GraphBatch.from_graphs([a, b], volumes=2).volumes == 2
+    bare = Graph(a.x, a.pos, a.t, a.edge_index, a.edge_attr)
+    assert (bare.y, bare.sensor_size, bare.reach, bare.pseudo) == (None, None, (3.0, 3.0), "abs")
+    with pytest.raises(ValueError, match=r"^a batch needs at least one graph$"):
+        GraphBatch.from_graphs([])
+
+
+def test_a_batch_is_as_large_as_its_largest_and_labeled_if_all_are():
+    a, b, c = (replace(graph(2), sensor_size=size, y=y) for size, y in (((9, 3), 4), ((4, 7), 5), (None, None)))
+    assert GraphBatch.from_graphs([a, b]).sensor_size == (9, 7)
+    assert GraphBatch.from_graphs([c, b]).sensor_size == (4, 7)
+    assert GraphBatch.from_graphs([c, c]).sensor_size is None
+    assert GraphBatch.from_graphs([a, b]).y.tolist() == [4, 5]
+    assert GraphBatch.from_graphs([a, c]).y is None
+    several = replace(GraphBatch.from_graphs([a, b]), y=torch.tensor([[1, 2], [3, 4]]))
+    assert several[1].y.tolist() == several.to_graphs()[1].y.tolist() == [3, 4]
+
+
+def test_what_is_a_batch_of_one():
+    batch = GraphBatch.of(graph())
+    assert GraphBatch.of(batch) is batch
+    assert batch.ptr.tolist() == [0, 5]
+    with pytest.raises(TypeError, match="it takes a graph, or a batch of graphs, but was given str:"):
+        GraphBatch.of("graph")
+
+
+def test_edges_are_grouped_by_their_target():
+    edges, u = torch.tensor([[0, 1, 2, 3], [2, 0, 2, 0]]), torch.arange(8.0).reshape(4, 2)
+    source, target, attributes = grouped(edges, u, 4)
+    assert (source.tolist(), target.tolist()) == ([1, 3, 0, 2], [0, 0, 2, 2])
+    assert attributes.tolist() == [[2, 3], [6, 7], [0, 1], [4, 5]]
+    # those of one target stay in order
+    many = torch.stack((torch.arange(3_000), torch.arange(3_000) % 2))
+    assert grouped(many, torch.zeros(3_000, 2), 3_000)[0].tolist() == [*range(0, 3_000, 2), *range(1, 3_000, 2)]
+    # what is in order already stays where it is
+    assert grouped(torch.stack((source, target)), attributes, 4)[2].data_ptr() == attributes.data_ptr()
+    for wrong, nodes, message in (
+        (u[:3], 4, "edge_attr has 3 rows for 4 edges"),
+        (u, 3, "edge_index names nodes from 0 to 3; there are 3"),
+        (u / 0, 4, "edge_attr holds numbers that are not finite"),
+    ):
+        with pytest.raises(ValueError, match=f"^{message}$"):
+            grouped(edges, wrong, nodes)
+    assert grouped(torch.tensor([[3], [0]]), u[:1], 4)[0].tolist() == [3]
+    with pytest.raises(ValueError, match="names nodes from -1 to 0; there are 4"):
+        grouped(torch.tensor([[-1], [0]]), u[:1], 4)
+
+
+def test_a_sequence_is_a_list_or_tuple_of_graphs():
+    a, b = graph(1), graph(2)
+    assert sequence_of((a, b)) == sequence_of([a, b]) == [a, b]
+    for wrong in (a, [a, 5], "ab", iter([a])):
+        with pytest.raises(TypeError, match="it takes a graph, or a list of graphs, but was given"):
+            sequence_of(wrong)
+
+
+def test_without_pytorch_geometric(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch_geometric.data", None)
+    for each in (graph(1), GraphBatch.of(graph(1))):
+        with pytest.raises(ImportError, match=r"to_pyg needs PyTorch Geometric: pip install 'nvsdata\[pyg\]'"):
+            each.to_pyg()

@@ -14,7 +14,12 @@ from hypothesis import strategies as st
 from nvsdata import Graph, GraphBatch, models
 from nvsdata.data.pseudo import pseudo
 
-pyg = pytest.importorskip("torch_geometric.data")
+
+@pytest.fixture(scope="module", autouse=True)
+def _pyg():
+    # not while tests are collected: every process does that, and it takes seconds
+    global pyg
+    pyg = pytest.importorskip("torch_geometric.data")
 
 
 def conventional(g, **more):
@@ -134,6 +139,18 @@ WRONG = {
     "no such node": ({"edge_index": torch.tensor([[0], [5]])}, "names nodes from 0 to 5; there are 5"),
     "distances": ({"edge_attr": torch.zeros(3, 1)}, r"pseudo-coordinates \[3, 2\], not \[3, 1\]; without edge_attr"),
     "tensor of reach": ({"reach": torch.ones(2)}, "reach must be numbers or words, not a tensor"),
+    "no x": ({"x": None}, "this Data lacks x$"),
+    "more positions than nodes": ({"pos": torch.zeros(6, 2)}, r"not \[5, 1\] and \[6, 2\]$"),
+    "fewer positions than nodes": ({"pos": torch.zeros(4, 2)}, r"not \[5, 1\] and \[4, 2\]$"),
+    "a time too few": ({"t": torch.zeros(4, dtype=torch.int64)}, r"t must be whole µs, \[5\], not torch.int64 \[4\]$"),
+    "edges in pixels": ({"edge_index": torch.zeros(2, 3)}, r"edge_index must be .*, not torch.float32 \[2, 3\]$"),
+    "edges in a row": ({"edge_index": torch.zeros(2, dtype=torch.int64)}, r"not torch.int64 \[2\]$"),
+    "a node before the first": ({"edge_index": torch.tensor([[-1], [0]])}, "names nodes from -1 to 0; there are 5"),
+    "attributes of fewer edges": ({"edge_attr": torch.zeros(2, 2)}, r"pseudo-coordinates \[3, 2\], not \[2, 2\]"),
+    "attributes without time": (
+        {"edge_attr": torch.zeros(3, 2), "reach": (3.0, 3.0, 9.0)},
+        r"pseudo-coordinates \[3, 3\], not \[3, 2\]",
+    ),
     "several graphs": ({"batch": torch.zeros(5, dtype=torch.int64)}, "GraphBatch.from_pyg takes"),
 }
 
@@ -150,7 +167,9 @@ def test_what_is_wrong_is_named(name):
     ("change", "message"),
     [
         ({"batch": [1, 0, 0, 0, 0]}, "batch must be the rising numbers"),
-        ({"batch": [0, 0]}, "batch must be the rising numbers"),
+        ({"batch": [0, 0]}, r"batch must be the rising numbers of the nodes' graphs, \[5\]$"),
+        ({"batch": [-1, 0, 0, 0, 1]}, "batch must be the rising numbers"),
+        ({"pseudo": ["abs", "signed"]}, r"graphs of different pseudo in one batch: \['abs', 'signed'\]$"),
         ({"batch": [0, 0, 0, 1, 1]}, "edges from one graph to another"),
         ({"reach": [(3.0, 3.0), (4.0, 4.0)]}, "graphs of different reach in one batch"),
     ],
@@ -162,6 +181,50 @@ def test_batches_that_contradict_themselves(change, message):
     data.update(values)
     with pytest.raises(ValueError, match=message):
         GraphBatch.from_pyg(data)
+
+
+def test_fields_of_other_types_become_those_of_graphs():
+    data = pyg.Data(
+        x=torch.tensor([[1], [2], [3]]),
+        pos=torch.tensor([[0, 0], [1, 1], [2, 2]], dtype=torch.float64),
+        t=torch.tensor([5, 6, 7], dtype=torch.int32),
+        edge_index=torch.tensor([[2, 0], [1, 0]], dtype=torch.int32),
+        edge_attr=torch.tensor([[1, 2, 3], [4, 5, 6]]),
+        reach=[3.0, 3.0, 9.0],
+        sensor_size=[4, 5],
+    )
+    found = Graph.from_pyg(data)
+    assert (found.x.dtype, found.pos.dtype, found.t.dtype) == (torch.float32, torch.float32, torch.int64)
+    assert found.edge_index.tolist() == [[0, 2], [0, 1]]
+    assert found.edge_index.dtype == torch.int64
+    assert found.edge_attr.tolist() == [[4, 5, 6], [1, 2, 3]]
+    assert found.edge_attr.dtype == torch.float32
+    # with a third axis, there is time
+    assert (found.reach, found.sensor_size, found.pseudo) == ((3.0, 3.0, 9.0), (4, 5), "signed-time")
+    assert Graph.from_pyg(pyg.Data(x=data.x.double(), pos=data.pos, edge_index=data.edge_index)).x.dtype == torch.double
+
+
+def test_edges_in_order_stay_as_they_are():
+    edges = torch.tensor([[1, 0, 2], [0, 0, 1]])
+    data = pyg.Data(x=torch.zeros(3, 1), pos=torch.zeros(3, 2), edge_index=edges, edge_attr=torch.zeros(3, 2))
+    assert Graph.from_pyg(data).edge_index.data_ptr() == edges.data_ptr()
+    data.edge_index = torch.zeros(2, 0, dtype=torch.int64)
+    data.edge_attr = torch.zeros(0, 2)
+    assert Graph.from_pyg(data).num_edges == 0
+
+
+def test_a_batch_is_as_large_as_its_largest_graph():
+    graphs = [replace(graph(3), sensor_size=size, y=float(n)) for n, size in enumerate(((9, 3), (4, 7)))]
+    theirs = pyg.Batch.from_data_list([g.to_pyg() for g in graphs])
+    assert GraphBatch.from_pyg(theirs).sensor_size == (9, 7)
+    assert GraphBatch.from_pyg(theirs).y.tolist() == [0, 1]
+    one = GraphBatch.from_pyg(graph(4, y=torch.tensor([[1, 2]])).to_pyg())
+    assert one.y.tolist() == [[1, 2]]
+    assert GraphBatch.from_pyg(graph(4).to_pyg()).y is None
+    assert (one.ptr.tolist(), one.batch.tolist()) == ([0, 4], [0] * 4)
+    # graphs without nodes at the end are known by their number only
+    last = pyg.Batch.from_data_list([graph(4).to_pyg(), graph(0).to_pyg()])
+    assert GraphBatch.from_pyg(last).ptr.tolist() == [0, 4, 4]
 
 
 def test_networks_do_not_import_it():

@@ -81,3 +81,25 @@ def test_samples_that_do_not_fit_are_named():
         nvsdata.collate(frames, events="offsets")
     assert nvsdata.collate(frames[:2]).inputs.shape == (2, 3, 2)
     assert nvsdata.collate([(torch.tensor(1.0), 0)] * 2, pad=True).inputs.tolist() == [1, 1]
+
+
+def test_when_samples_begin_and_how_long_they_last():
+    batch = EventBatch.of([make([7, 9, 30]), make([]), make([5]), make([])])
+    assert batch.starts.tolist() == [7, 0, 5, 0]
+    assert batch.durations.tolist() == [23, 0, 0, 0]
+    assert batch.batch.tolist() == [0, 0, 0, 2]
+    assert EventBatch.of([make([])]).starts.tolist() == [0]
+    assert EventBatch.of([make([])]).durations.tolist() == [0]
+    assert len(batch) == 4
+
+
+def test_sensors_of_one_size_have_it():
+    assert EventBatch.of([make([1], (9, 3)), make([2], (9, 3))]).sensor_size == (9, 3)
+    several = EventBatch.of([make([1], (9, 3)), make([2], (4, 5)), make([2], (9, 3))])
+    assert several.sensor_sizes == ((9, 3), (4, 5), (9, 3))
+    with pytest.raises(ValueError, match=r"several sensor sizes: \[\(4, 5\), \(9, 3\)\]; crop or resize them$"):
+        _ = several.sensor_size
+
+
+def make(t, size=(9, 3)):
+    return Events(t, [0] * len(t), [0] * len(t), [0] * len(t), size)

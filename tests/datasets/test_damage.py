@@ -1,5 +1,6 @@
 """Damaged recordings among many, and the random numbers of samples, for any number of workers."""
 
+import errno
 import pickle
 import warnings
 from multiprocessing.reduction import ForkingPickler
@@ -95,6 +96,56 @@ def test_many_in_a_row_are_no_damaged_file(digits, monkeypatch):
     (digits / "Train/9/00003.bin").write_bytes(b"abc")
     with pytest.raises(FormatError, match=r"9/00001\.bin"):
         quietly(lambda: dataset[27])
+
+
+@pytest.mark.parametrize(("count", "found"), [(99, 99), (100, None), (150, None)])
+def test_a_hundred_in_a_row_are_too_many(count, found):
+    def make(index):
+        if index < count:
+            raise FormatError("x.bin", f"is {index}")
+        return index
+
+    if found is None:
+        with pytest.raises(FormatError, match="is 0"):
+            quietly(lambda: damage.Damage(200).first_sound(0, make))
+    else:
+        told = damage.Damage(200)
+        assert quietly(lambda: told.first_sound(0, make)) == found
+        assert told.found() == dict.fromkeys(range(count), damage.REPLACED)
+    # of a few, each is tried once
+    tried = []
+    with pytest.raises(FormatError, match="is 2"):
+        quietly(lambda: damage.Damage(3).first_sound(2, lambda index: tried.append(index) or make(index)))
+    assert tried == [2, 0, 1]
+
+
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE, errno.ENOMEM])
+def test_a_machine_that_has_run_out_is_no_damage(number):
+    def make(index):
+        raise OSError(number, "none left")
+
+    told = damage.Damage(3)
+    with pytest.raises(OSError, match="none left"):
+        told.first_sound(0, make)
+    assert told.found() == {}
+
+
+def test_nothing_is_counted_where_damage_raises(digits):
+    dataset = NMNIST(digits)
+    assert (dataset.num_damaged, dataset.damaged()) == (0, {})
+    assert "damaged" not in repr(dataset)
+    careful = NMNIST(digits, errors="skip")
+    assert "damaged" not in repr(careful)
+    for i in (1, 8, 1):
+        quietly(lambda i=i: careful[i])
+    assert careful.num_damaged == 2
+
+
+def test_what_can_be_read_again_is_told(digits):
+    dataset = NMNIST(digits, errors="skip")
+    quietly(lambda: dataset[1])
+    (digits / TORN).write_bytes(trees.atis(trees.some(1)))
+    assert dataset.damaged() == {TORN: "replaced, but it can be read now"}
 
 
 def test_a_fault_of_a_transform_is_no_damage(digits):

@@ -7,7 +7,7 @@ import trees
 
 from nvsdata.common.locks import owner
 from nvsdata.datasets import source
-from nvsdata.datasets.source import INDEX, Folder
+from nvsdata.datasets.source import CACHE_TAG, INDEX, Folder, recordings_in
 
 
 @pytest.fixture
@@ -84,3 +84,66 @@ def test_names_of_any_bytes_are_remembered(tree, monkeypatch):
     assert Folder(tree).listing()["c\n\udc80"] == sorted(odd)
     monkeypatch.setattr(os, "walk", lambda *_, **__: pytest.fail("walked again"))
     assert Folder(tree).listing()["c\n\udc80"] == sorted(odd)
+
+
+def test_2000_files_are_worth_an_index(tmp_path):
+    for number in range(1_999):
+        (tmp_path / f"{number}.bin").touch()
+    for files in (1_999, 2_000):
+        (tmp_path / f"{files - 1}.bin").touch()
+        assert len(Folder(tmp_path).listing()["."]) == files
+        assert (tmp_path / INDEX).exists() == (files == 2_000)
+
+
+@pytest.mark.parametrize(
+    ("folder", "version", "made", "trusted"),
+    [
+        # of ns since 1970: an index counts if it was made more than 2 s after the last change
+        ("a", 1, 10**18 + 2 * 10**9, True),
+        ("a", 1, 10**18 + 2 * 10**9 - 1, False),
+        ("a", 0, 10**18 + 10**10, False),
+        ("a", 2, 10**18 + 10**10, False),
+        ("gone", 1, 10**18 + 10**10, False),
+    ],
+)
+def test_which_index_is_trusted(tmp_path, folder, version, made, trusted):
+    trees.put(tmp_path, {"a/1.bin": b""})
+    files = {".": [], folder: ["of the index.bin"]}
+    index = {"version": version, "made": made, "times": {".": 10**18, folder: 10**18}, "files": files}
+    (tmp_path / INDEX).write_text(json.dumps(index))
+    for path in (tmp_path / "a", tmp_path):
+        os.utime(path, ns=(10**18, 10**18))
+    assert Folder(tmp_path).listing() == (files if trusted else {".": [], "a": ["1.bin"]})
+
+
+def test_an_index_that_can_not_be_written_is_no_fault(tree):
+    (tree / INDEX).mkdir()
+    for _ in range(2):
+        assert Folder(tree).listing() == EXPECTED
+
+
+def test_folders_of_caches_and_those_far_below_are_left_out(tmp_path):
+    deep = "/".join("123456789abc")
+    files = {f"{deep[:n]}/x.bin": b"" for n in range(1, 24, 2)} | {"kept/1.bin": b"", "kept/x/2.bin": b""}
+    trees.put(tmp_path, files | {f"kept/{CACHE_TAG}": b"", CACHE_TAG: b"", "__pycache__/1.bin": b""})
+    listing = Folder(tmp_path).listing()
+    # the root is what was asked for
+    assert listing["."] == [CACHE_TAG]
+    assert [name for name in listing if "kept" in name or "__" in name] == []
+    assert max(name.count("/") for name in listing) == 8
+
+
+def test_what_recordings_are_called_in_any_case():
+    found = recordings_in({".": ["1.BIN", "2.bin", "bin", "3.bin.txt2"], "a": ["4.Aedat4", "5.jpg"]})
+    assert list(found) == ["1.BIN", "2.bin", "a/4.Aedat4"]
+
+
+def test_a_file_is_settled_two_seconds_before_and_after_its_change(tmp_path):
+    (tmp_path / "1.bin").write_bytes(b"abc")
+    os.utime(tmp_path / "1.bin", ns=(10**18, 10**18))
+    folder = Folder(tmp_path)
+    assert (folder.size("1.bin"), folder.stamp("1.bin")) == (3, (3, 10**18))
+    assert (folder.split, folder.left_out) == ("all", {})
+    for sign in (-1, 1):
+        assert not folder.settled("1.bin", 10**18 + sign * 2 * 10**9)
+        assert folder.settled("1.bin", 10**18 + sign * (2 * 10**9 + 1))

@@ -1,6 +1,8 @@
+import dataclasses
 import shutil
 import sys
 
+import h5py
 import pytest
 import trees
 
@@ -244,3 +246,37 @@ def test_datasets_go_by_either_name():
         dataset_named("nmnst")
     with pytest.raises(ValueError, match="no dataset 'qqq'; there are n-mnist, "):
         dataset_named("qqq")
+
+
+def test_classes_are_held_to_their_part(tmp_path):
+    root = trees.put(tmp_path, trees.nmnist())
+    found = dict(problems(root, NMNIST))
+    assert found["n-mnist"].startswith("50 recordings, 70,000 expected (counts and numbers are MNIST's)")
+    assert found["train/3"] == "6,128 of 6,131 recordings are missing"
+    assert found["test/3"] == "1,008 of 1,010 recordings are missing"
+    # three numbers are there, each ten times
+    lost = "59,997 of 60,000 recordings are missing: 00004, 00005, 00006 and 59,994 more"
+    assert (found["train"], list(found)[-2:]) == (lost, ["train", "test"])
+    assert len(found) == 1 + 20 + 2
+
+
+def test_a_folder_of_unknown_kind_has_recordings_and_lists(tmp_path):
+    trees.put(tmp_path, {"a/1.bin": trees.atis(trees.some(1)), "a/2.BIN": b"", "list.TXT": b"cat 1\n", "b.csv": b"x,y"})
+    trees.put(tmp_path, {"a/3.txt": b"0.1 1 2 1\n0.2 5 5 0\n", "a/4.txt": b"0.1 1 2 1\nhello\n"})
+    found = dict(problems(tmp_path))
+    assert sorted(found) == ["a/2.BIN", "a/4.txt"]
+    assert found["a/2.BIN"] == "empty"
+    with pytest.raises(FileNotFoundError, match="no recordings below"):
+        list(problems(trees.put(tmp_path / "lists", {"1.txt": b"cat 1\n"})))
+    with pytest.raises(FileNotFoundError, match="there is nothing to verify"):
+        list(problems(tmp_path / "nowhere"))
+
+
+def test_a_store_of_a_dataset_that_is_not_known_here(tmp_path, monkeypatch):
+    root = trees.put(tmp_path / "data", {"a/1.bin": trees.atis(trees.some(1)), "a/2.bin": b""})
+    monkeypatch.setattr(EventFolder, "info", dataclasses.replace(EventFolder.info, name="of another program"))
+    pack(EventFolder(root), tmp_path / "a.h5")
+    assert list(problems(tmp_path / "a.h5")) == []
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["events/y"][0] ^= 1
+    assert list(problems(tmp_path / "a.h5")) == [("a/1.bin", "its events fail their checksum")]

@@ -169,3 +169,74 @@ def test_windows_of_windows_and_of_nothing(root):
         windows(windows(dataset, events=5), 100)
     with pytest.raises(ValueError, match="none of the recordings has any events"):
         windows(dataset.subset([i for i, s in enumerate(dataset.samples) if "none" in s.name]), 100)
+
+
+def cut_of(folder, times, errors="raise", **way):
+    events = Events(times, [1] * len(times), [1] * len(times), [0] * len(times), (20, 10))
+    (folder / "a").mkdir(exist_ok=True)
+    nvsdata.write(events, folder / "a" / "one.npy")
+    return [(s.window, s.events) for s in windows(EventFolder(folder, errors=errors), **way).samples]
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"),
+    [
+        ({"duration": 10}, [((5, 15), None), ((15, 25), None), ((25, 26), None)]),
+        ({"duration": 21}, [((5, 26), None)]),
+        ({"duration": 20}, [((5, 25), None), ((25, 26), None)]),
+        ({"duration": 3, "step": 20}, [((5, 8), None), ((25, 26), None)]),
+        # to the end of the µs in which the next window begins, less the events that were before
+        ({"events": 2}, [((5, 16), (0, 2)), ((15, 26), (1, 2)), ((25, 26), (0, 2))]),
+        ({"events": 3}, [((5, 16), (0, 3)), ((15, 26), (2, 3))]),
+        ({"events": 5}, [((5, 26), (0, 5))]),
+        ({"events": 2, "step": 3}, [((5, 16), (0, 2)), ((15, 26), (2, 2))]),
+        ({"events": 3, "step": 2}, [((5, 26), (0, 3)), ((15, 26), (1, 3)), ((25, 26), (0, 3))]),
+    ],
+)
+def test_windows_as_counted_by_hand(tmp_path, way, expected):
+    assert cut_of(tmp_path, [5, 15, 15, 15, 25], **way) == expected
+
+
+def test_one_event_at_0_is_a_window(tmp_path):
+    assert cut_of(tmp_path, [0], duration=5) == [((0, 1), None)]
+    assert cut_of(tmp_path, [0], events=5) == [((0, 1), (0, 5))]
+
+
+def test_windows_of_time_are_found_without_decoding(root, monkeypatch):
+    dataset = EventFolder(root)
+    dataset.samples = [sample for sample in dataset.samples if sample.stem in ("one", "three")]
+    read = []
+    monkeypatch.setattr(FileRecording, "read", lambda self, *_: read.append(self.path))
+    windows(dataset, 1_000)
+    assert read == []
+
+
+def test_only_an_index_of_this_version_is_believed_and_it_is_written_once(tmp_path):
+    expected = cut_of(tmp_path, [5, 15], duration=10)
+    (path,) = tmp_path.glob(".nvsdata-windows-*")
+    kept = json.loads(path.read_bytes())
+    kept["places"]["a/one.npy"]["end"] = 10
+    dataset = EventFolder(tmp_path)
+    for version, believed in ((1, True), (0, False), (2, False)):
+        path.write_text(json.dumps(kept | {"version": version}))
+        before = path.stat().st_ino
+        found = [(sample.window, sample.events) for sample in windows(dataset, 10).samples]
+        assert found == ([((5, 10), None)] if believed else expected)
+        assert (path.stat().st_ino == before) == believed
+
+
+def test_repaired_recordings_have_an_index_of_their_own(tmp_path):
+    names = []
+    for errors in ("raise", "skip", "repair"):
+        cut_of(tmp_path, [5, 15], errors, duration=10)
+        names.append(sorted(path.name for path in tmp_path.glob(".nvsdata-windows-time-????????.json")))
+    assert names[0] == names[1]
+    assert len(names[1]) + 1 == len(names[2]) == 2
+    cut_of(tmp_path, [5, 15], events=2, step=7)
+    assert len(list(tmp_path.glob(".nvsdata-windows-7-events-????????.json"))) == 1
+
+
+@pytest.mark.parametrize(("count", "shown"), [(999, False), (1_000, True)])
+def test_many_recordings_are_counted_aloud(root, capsys, count, shown):
+    windows(EventFolder(root).subset([0] * count), 10**6)
+    assert ("windows" in capsys.readouterr().err) == shown

@@ -6,6 +6,7 @@ from lookalikes import aedat2_bytes, rows
 
 import nvsdata
 from nvsdata import Events, FormatError
+from nvsdata.formats import aedat1
 from nvsdata.kernels.clock import SILENT_US
 
 CHIP = "#!AER-DAT2.0\r\n# AEChip: {}\r\n"
@@ -122,6 +123,35 @@ def test_a_file_that_names_no_version_is_aedat_1(tmp_path, header):
         with pytest.raises(FormatError, match="truncated: 2 bytes are left over, a record takes 6"):
             nvsdata.open(tmp_path / "old.aedat")
         assert nvsdata.read(tmp_path / "old.aedat", strict=False) == events[:-1]
+
+
+def timed(times):
+    """AEDAT 1.0 records at these times."""
+    return b"".join(b"\1\2" + time.to_bytes(4, "big") for time in times)
+
+
+@pytest.mark.parametrize(
+    ("head", "seems"),
+    [
+        (timed(range(16)), True),
+        (timed(range(16)) + b"\0\0\0", True),
+        (timed(range(15)) + bytes(5), False),
+        (b"# a\r\n" + timed(range(16)), True),
+        (b"#!AER\r\n" + timed(range(16)), False),
+        (timed([5] * 16), False),
+        (timed([5] * 15 + [6]), True),
+        (timed([5] * 8 + [4] + [5] * 8), False),
+        (timed([0] * 15 + [2**31 - 1]), True),
+        (timed([0] * 15 + [2**31]), False),
+        (timed([2**32 - 1] * 15 + [3]), True),
+        (timed([*range(255), 0]), False),
+        (timed([*range(256), 0]), True),
+        (b"# a\r\n" + timed([*range(255), 0]), False),
+        (b"# a\r\n" + timed([*range(256), 0]), True),
+    ],
+)
+def test_what_begins_with_records_whose_times_rise_seems_to_be_aedat_1(head, seems):
+    assert aedat1.looks_like(head, len(head)) is seems
 
 
 @pytest.mark.parametrize(

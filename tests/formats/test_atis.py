@@ -7,6 +7,7 @@ from strategies import events
 
 import nvsdata
 from nvsdata import Events, FormatError
+from nvsdata.formats import atis
 
 
 def slow_decode(raw: bytes):
@@ -101,6 +102,38 @@ def test_what_does_not_fit_is_refused(tmp_path, t, x, y):
     with pytest.raises(ValueError, match="ATIS"):
         nvsdata.write(Events([t], [x], [y], [1]), tmp_path / "a.bin")
     assert not list(tmp_path.iterdir())
+
+
+def spread(times, y=7):
+    """Records of one pixel, x = 3, at these times."""
+    return b"".join(bytes([3, y]) + time.to_bytes(3, "big") for time in times)
+
+
+@pytest.mark.parametrize(
+    ("raw", "seems"),
+    [
+        (spread(range(16)), True),
+        (spread(range(15)), False),
+        (spread(range(16)) + b"\0", False),
+        (spread([5] * 16), False),
+        (spread([5] * 15 + [6]), True),
+        (spread([5] * 8 + [4] + [9] * 8), False),
+        (spread([0, *range(15), 13]), False),
+        (spread([9, *range(9, 30)]), True),
+        (spread([9, *range(8, 30)]), False),
+        (spread([*range(255), 0]), False),
+        (spread([*range(256), 0]), True),
+        # the uppermost bit is the polarity
+        (spread([time | (time % 2) << 23 for time in range(20)]), True),
+        *((spread([*range(20), low, low + 1]), True) for low in (0xFF, 0xFFFF, 0x1FFFF, 0x3FFFFF)),
+        (spread([*range(20), 0xFF00, 0x10000]), True),
+        (spread(range(20), y=240), True),
+        (spread(range(20), y=241), False),
+        (spread(range(20)) + spread([20], y=241), False),
+    ],
+)
+def test_what_begins_with_records_whose_times_rise_seems_to_be_atis(raw, seems):
+    assert atis.looks_like(raw, len(raw)) is seems
 
 
 def test_real_recordings_decode_as_the_description_says(real_nmnist):

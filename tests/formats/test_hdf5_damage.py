@@ -122,7 +122,7 @@ import nvsdata
 resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))
 path = sys.argv[1]
 kept = []
-for _ in range(3000):
+for _ in range(1000):
     recording = nvsdata.open(path)
     kept.append((recording, recording.read(5, 50)))
 whole = kept[0][0].read()
@@ -141,6 +141,6 @@ print("alive")
 """
 
 
-def test_thousands_of_recordings_are_kept_and_their_file_cut(path):
+def test_a_thousand_recordings_are_kept_and_their_file_cut(path):
     done = subprocess.run([sys.executable, "-c", CUT, str(path)], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "alive\n"), done.stderr

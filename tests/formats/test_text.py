@@ -8,10 +8,11 @@ from strategies import events
 
 import nvsdata
 from nvsdata import FormatError
+from nvsdata.formats import text
 
 
-def read(tmp_path, text, **options):
-    (tmp_path / "a.txt").write_text(text)
+def read(tmp_path, content, **options):
+    (tmp_path / "a.txt").write_text(content)
     return nvsdata.read(tmp_path / "a.txt", **options)
 
 
@@ -56,9 +57,41 @@ def test_bad_lines_name_the_byte(tmp_path, text, reason, offset):
     assert abs(caught.value.offset - offset) <= 3
 
 
-def test_a_window_of_a_long_file_parses_only_its_part(tmp_path, monkeypatch):
-    from nvsdata.formats import text
+@pytest.mark.parametrize(
+    ("head", "seems"),
+    [
+        ("1 2", True),
+        ("  1 \t2  \r\n", True),
+        ("1 2 3", False),
+        ("1 2 3 1\nwhat", True),
+        ("-1.5,2.,3\t.5\n", True),
+        ("1 2 3 1 5\n", False),
+        ("1\n2\n", False),
+        ("1", False),
+        ("x 2", False),
+        ("1 2 3 y", False),
+        ("# what\n\n  \n1 2 3 1\n", True),
+        ("# 1 2 3 1\n", False),
+        ("", False),
+    ],
+)
+def test_a_first_line_of_two_or_four_numbers_seems_to_be_text(head, seems):
+    assert text.looks_like(head.encode(), len(head)) is seems
 
+
+def test_the_first_line_that_is_no_comment_tells_seconds(tmp_path):
+    assert read(tmp_path, "# 1\n\n# 2\n0.5 1 2 1\n").t.tolist() == [500_000]
+    assert read(tmp_path, "  -2.5 1 2 1\n\t0.5 1 2 1").t.tolist() == [-2_500_000, 500_000]
+
+
+@pytest.mark.parametrize("times", [(5, 4), (5, 9, 9, 7, 8), (1, 2, 3, 4, 0)])
+def test_an_event_out_of_order_is_numbered(tmp_path, times):
+    first = next(i for i in range(1, len(times)) if times[i] < times[i - 1])
+    with pytest.raises(FormatError, match=f"event {first} is earlier than the one before it"):
+        read(tmp_path, OWN + "".join(f"1 2 {time} 1\n" for time in times))
+
+
+def test_a_window_of_a_long_file_parses_only_its_part(tmp_path, monkeypatch):
     n = 60_000
     ev = nvsdata.Events(np.arange(n) * 10, np.arange(n) % 34, np.arange(n) % 30, np.arange(n) % 2, (34, 34))
     nvsdata.write(ev, tmp_path / "a.txt")
@@ -145,8 +178,6 @@ def test_a_file_that_is_cut_or_replaced_after_it_was_opened_is_refused(tmp_path)
 
 @pytest.mark.parametrize("strict", [True, False])
 def test_pieces_of_a_long_file_are_counted_together(tmp_path, monkeypatch, strict):
-    from nvsdata.formats import text
-
     lines = list(LINES)
     for at in (5, 3_000, 5_000):
         lines[at] = "no event" if at != 3_000 else "40 2 31000 1"
@@ -159,3 +190,79 @@ def test_pieces_of_a_long_file_are_counted_together(tmp_path, monkeypatch, stric
     assert len(expected) == (6_000 if strict else 5_997)
     counted = {"lines that are no event, dropped": 2, "events outside the sensor, dropped": 1}
     assert parts.repairs == whole.repairs == ({} if strict else counted)
+
+
+ALIGNED = [f"{i % 10} 0 {i:012d} 1" for i in range(3_000)]  # lines of 19 bytes, their ends included
+
+
+@pytest.mark.parametrize("chunk", [1, 18, 19, 20, 500, 1 << 14])
+@pytest.mark.parametrize("ending", ["\n", ""])
+def test_windows_whatever_is_bisected(tmp_path, monkeypatch, chunk, ending):
+    monkeypatch.setattr(text, "CHUNK", chunk)
+    monkeypatch.setattr(text, "LINE", 24)
+    (tmp_path / "a.txt").write_text(OWN + "\n".join(ALIGNED) + ending)
+    recording = nvsdata.open(tmp_path / "a.txt")
+    whole = nvsdata.open(tmp_path / "a.txt").read()
+    assert whole.t.tolist() == [*range(3_000)]
+    for start, stop in (
+        (0, 1),
+        (0, 0),
+        (-9, 2),
+        (5, 6),
+        (1_499, 1_502),
+        (2_998, 2_999),
+        (2_999, 3_000),
+        (3_000, 3_005),
+    ):
+        assert recording.read(start, stop) == whole.window(start, stop)
+    assert recording.read(2_990) == whole.window(2_990)
+    assert recording.read(None, 4) == whole.window(None, 4)
+
+
+def test_the_line_from_any_byte(tmp_path, monkeypatch):
+    monkeypatch.setattr(text, "LINE", 3)
+    content = OWN.encode() + b"1 2 3 1\n\n4 5 600000000000000 1\n7 8 9"
+    (tmp_path / "a.txt").write_bytes(content)
+    recording = nvsdata.open(tmp_path / "a.txt")
+    starts = [0] + [at + 1 for at, byte in enumerate(content) if byte == 10]
+    for at in range(1, len(content) + 3):
+        begin = next((start for start in starts if start >= at), len(content))
+        line = content[begin:].splitlines(keepends=True)[0] if begin < len(content) else b""
+        assert recording._line_from(at) == (begin, line)
+
+
+def test_many_lines_are_written_and_read_in_pieces(tmp_path, monkeypatch):
+    count = (1 << 16) + 3
+    ev = nvsdata.Events(np.arange(count), np.arange(count) % 34, np.arange(count) % 30, np.arange(count) % 2, (34, 34))
+    nvsdata.write(ev, tmp_path / "a.txt")
+    lines = (tmp_path / "a.txt").read_bytes().splitlines()
+    assert len(lines) == 2 + count
+    assert [lines[2], lines[-1]] == [
+        b"0 0 0 0",
+        f"{(count - 1) % 34} {(count - 1) % 30} {count - 1} {(count - 1) % 2}".encode(),
+    ]
+    monkeypatch.setattr(text, "PIECE", 100_000)
+    assert nvsdata.read(tmp_path / "a.txt") == ev
+
+
+def test_bad_lines_of_a_later_piece_name_the_byte(tmp_path, monkeypatch):
+    monkeypatch.setattr(text, "PIECE", 40)
+    content = "1 2 3 1\n" * 20
+    with pytest.raises(FormatError, match="a line must hold four numbers") as caught:
+        read(tmp_path, content + "1 2 3\n" + content)
+    assert len(content) <= caught.value.offset <= len(content) + 6
+
+
+def test_times_that_fall_near_a_window_are_told(tmp_path):
+    content = OWN + "".join(f"1 2 {time} 1\n" for time in (0, 1, 2, 3, 5, 4, 6, 7))
+    for start, stop in ((1, 3), (4, 6), (6, 8)):
+        with pytest.raises(FormatError, match="event 5 is earlier than the one before it"):
+            read(tmp_path, content, start=start, stop=stop)
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_a_header_without_events(tmp_path, strict):
+    (tmp_path / "a.txt").write_text(OWN)
+    recording = nvsdata.open(tmp_path / "a.txt", strict=strict)
+    assert (len(recording.read()), len(recording.read(0, 9)), recording.span) == (0, 0, (0, 0))
+    assert recording.repairs == {}

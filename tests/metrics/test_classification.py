@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from nvsdata import metrics
+from nvsdata.metrics.classification import _orders
 
 CLASSES = 4
 PAIRS = st.lists(st.tuples(st.integers(-1, CLASSES - 1), st.integers(0, CLASSES - 1)), max_size=40)
@@ -97,18 +98,38 @@ def test_votes_are_a_mean_over_subsets(rounds, windows, count, seed):
         assert min(every) - 1e-9 <= found[k - 1] <= max(every) + 1e-9
 
 
+@pytest.mark.parametrize("windows", [1, 3, 7, 10, 19, 20, 21])
+def test_each_window_comes_first_as_often_in_at_least_20_orders(windows):
+    orders = _orders(windows)
+    assert 20 <= len(orders) < 20 + windows
+    assert all(sorted(order.tolist()) == list(range(windows)) for order in orders)
+    for place in range(windows):
+        assert set(np.bincount([order[place] for order in orders], minlength=windows)) == {len(orders) // windows}
+    assert np.array_equal(orders, _orders(windows))
+
+
 @pytest.mark.parametrize(
     ("call", "told"),
     [
         (lambda: metrics.confusion_matrix([0, 1], [0], 2), "must be .N., not"),
+        (lambda: metrics.confusion_matrix([[0]], [[0]], 2), r"must be .N., not \(1, 1\) and \(1, 1\)"),
+        (lambda: metrics.confusion_matrix([-2], [0], 2), "predicted must be from -1 to 1, not -2 to -2"),
+        (lambda: metrics.class_accuracies([0, 1], [1, 2], 2), "targets must be from 0 to 1, not 1 to 2"),
         (lambda: metrics.confusion_matrix([2], [0], 2), "predicted must be from -1 to 1, not 2 to 2"),
         (lambda: metrics.class_accuracies([0], [-1], 2), "targets must be from 0 to 1, not -1 to -1"),
         (lambda: metrics.calibration([], []), "N > 0"),
+        (lambda: metrics.calibration([0.5], [1, 0]), r"not \(1,\) and \(2,\)"),
+        (lambda: metrics.calibration([[0.5]], [[1]]), r"not \(1, 1\) and \(1, 1\)"),
+        (lambda: metrics.calibration([-0.5, 0.5], [1, 0]), "from 0 to 1, not -0.5 to 0.5"),
         (lambda: metrics.calibration([0.5, 1.5], [1, 0]), "from 0 to 1, not 0.5 to 1.5"),
         (lambda: metrics.calibration([np.nan], [1]), "from 0 to 1, not nan"),
         (lambda: metrics.calibration([0.5], [1], bins=0), "at least 1, not 0"),
         (lambda: metrics.accuracy_by_votes(np.zeros((1, 2, 3)), [0, 0, 0]), "voters must be"),
         (lambda: metrics.accuracy_by_votes(np.zeros((1, 2, 3, 2)), [0, 0]), "voters must be"),
+        *(
+            (lambda shape=shape: metrics.accuracy_by_votes(np.zeros(shape), np.zeros(shape[2])), "voters must be")
+            for shape in ((0, 2, 3, 2), (1, 0, 3, 2), (1, 2, 0, 2), (1, 2, 3, 0))
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused(call, told):

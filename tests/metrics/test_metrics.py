@@ -139,6 +139,34 @@ def test_an_offset_moves_the_real_stream():
     assert metrics.chamfer(a, b, fps=25, offset=40_000).value == 0
 
 
+@pytest.mark.parametrize(
+    ("ours", "theirs", "offset", "frames"),
+    [
+        (10_000, 10_000, 0, 1),
+        (40_000, 10_000, 30_000, 1),
+        (40_000, 10_000, 30_001, 2),
+        (40_000, 80_000, 0, 2),
+        (40_000, 80_001, 0, 3),
+        (40_000, 80_000, -40_000, 1),
+        (40_001, 80_000, -100_000, 2),
+        (0, 5, -10, 1),
+    ],
+)
+def test_frames_reach_to_the_end_of_the_longer_stream(ours, theirs, offset, frames):
+    a, b = (Events([100, 100 + end], [3, 3], [3, 3], [1, 1], (8, 8)) for end in (ours, theirs))
+    found = metrics.compare(a, b, 25, offset=offset)
+    assert [one.frames.size for one in (found.chamfer, found.repeatability, found.emd)] == [frames] * 3
+
+
+@pytest.mark.parametrize("epsilon", [0, 8, 9.9, 10, 16, 64, 65, 1e3, 1e9, 1e300])
+def test_no_epsilon_is_so_large_that_signs_do_not_matter(epsilon):
+    on, off = (Events([1], [1], [1], [p], (8, 8)) for p in (1, 0))
+    far = Events([1], [7], [7], [1], (8, 8))
+    assert float(metrics.epsilon_repeatability(on, off, epsilon=epsilon)) == 0
+    assert float(metrics.epsilon_repeatability(on, on, epsilon=epsilon)) == 1
+    assert float(metrics.epsilon_repeatability(on, far, epsilon=epsilon)) == (epsilon >= 6 * math.sqrt(2))
+
+
 @given(st.integers(1, 60), st.integers(1, 60), st.integers(1, 4), st.integers(0, 2**32))
 def test_transport_equals_the_linear_program(n, m, heaviest, seed):
     rng = np.random.default_rng(seed)
@@ -193,7 +221,9 @@ def test_score_gives_the_last_column_of_table_3_3():
     ("options", "says"),
     [
         ({"blocks": 15}, "square number"),
-        ({"blocks": 0}, "square number"),
+        ({"blocks": 0}, "square number of at least 1, not 0"),
+        ({"blocks": -1}, "square number of at least 1, not -1"),
+        ({"blocks": 2}, "square number"),
         ({"epsilon": -1}, "epsilon must not be negative"),
         ({"weight": math.nan}, "weight must not be negative"),
         ({"fps": 0}, "fps must be positive"),
@@ -210,3 +240,16 @@ def test_different_sensors():
         metrics.compare(Events([1], [1], [1], [1], (8, 8)), Events([1], [1], [1], [1], (9, 8)))
     with pytest.raises(ValueError, match="settings, distances"):
         metrics.score([1, 2])
+
+
+def test_counts_are_of_the_time_that_both_sides_cover():
+    """With an offset, or if one side ends first, events that the other has no time for don't count."""
+
+    def one(start, end, polarity):
+        t = np.arange(start, end + 1, 100)
+        return Events(t, [1] * t.size, [1] * t.size, [polarity] * t.size, (4, 4), start=start, end=end)
+
+    short, long = one(5_000, 15_000, 1), one(0, 60_000, 0)
+    for offset, both in ((0, 101), (-50_000, 101), (-55_000, 51), (4_000, 61), (20_000, 0)):
+        found = metrics.compare(short, long, 30, offset=offset)
+        assert (found.emulated_events, found.real_events) == ((0, both), (both, 0))

@@ -130,6 +130,7 @@ def test_bad_features_are_refused(a, b):
     [
         ([1.0, np.nan, 2.0], [1, 0, 1], "1 of 3 scores are NaN"),
         ([1.0, 2.0], [1, 0, 1], "one shape"),
+        ([[1.0, 2.0]], [[1, 0]], "one shape"),
         ([1.0, 2.0], [1, 2], "1 and 0 only"),
         ([1.0, 2.0], [1, np.nan], "1 and 0 only"),
     ],
@@ -157,3 +158,16 @@ def test_the_area_is_the_probability_of_the_right_order(pairs):
     assert area_under_roc(scores, same) == pytest.approx(sum(wins) / len(wins))
     false, true = roc(scores, same)
     assert (false[0], true[0], false[-1], true[-1]) == (0, 0, 1, 1)
+
+
+def test_a_curve_has_a_point_for_each_score_from_the_highest_down():
+    false, true = roc([2, 3, 1, 2, 2, 0], [0, 1, 0, 1, 1, 1])
+    assert false.tolist() == [0, 0, 0.5, 1, 1]
+    assert true.tolist() == [0, 0.25, 0.75, 0.75, 1]
+    assert [rates.tolist() for rates in roc([5, 5], [1, 0])] == [[0, 1], [0, 1]]
+
+
+@pytest.mark.parametrize("same", [[1, 1], [0, 0]])
+def test_a_curve_needs_both_kinds(same):
+    with pytest.raises(ValueError, match="both needed"):
+        roc([1.0, 2.0], same)

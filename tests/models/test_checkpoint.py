@@ -261,3 +261,21 @@ def test_convolutions_that_cannot_be_asked_for_by_name(trained, tmp_path):
             models.save(models.GCNN(3, convolution=nameless), tmp_path / "a.safetensors")
     with pytest.raises(ValueError, match="has no convolution of your own"):
         models.load(trained[1], convolution=Own)
+
+
+def test_a_name_with_a_folder_or_suffix_is_a_path(tmp_path, monkeypatch):
+    monkeypatch.setenv("NVSDATA_MODELS", str(tmp_path / "zoo"))
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    model = models.RGCNN(2, channels=(2, 2), clusters=((4, 4), (17, 17)), hidden=2)
+    for name, place in (
+        ("mine", "zoo/mine.safetensors"),
+        ("sub/mine", "sub/mine"),
+        ("mine.bin", "mine.bin"),
+        ("~/mine", "home/mine"),
+    ):
+        assert models.save(model, name).resolve() == tmp_path / place
+        assert (tmp_path / place).is_file()
+        assert models.load(name).model.settings == model.settings
+    with pytest.raises(FileNotFoundError, match=r"no trained network nowhere/other$"):
+        models.load("nowhere/other")

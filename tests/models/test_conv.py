@@ -192,3 +192,22 @@ def test_a_convolution_of_ones_own_counts_with_its_parts(tiny_batch):
     assert (linear.executed, linear.weights) == (2 * 90 * 3 * 32, 4 * 32)
     assert (own.flops, own.weights) == (None, 0)
     assert own.executed > 0
+
+
+def test_other_convolutions_begin_as_they_say():
+    assert len(ChebConv(2, 3).linears) == 3
+    assert len(ChebConv(2, 3, 1).linears) == 1
+    with pytest.raises(ValueError, match="size must be at least 1, not 0"):
+        ChebConv(2, 3, 0)
+    torch.manual_seed(0)
+    plain = GMMConv(2, 3)
+    assert plain.mean.shape == plain.deviation.shape == (25, 2)
+    assert (plain.deviation == 0.5).all()
+    assert 0 <= plain.mean.min() < 0.2
+    assert 0.8 < plain.mean.max() <= 1
+    # as many Gaussians as the B-spline's kernel has cells
+    assert models.CONVOLUTIONS["monet"](2, 3, 4, 3).mean.shape == (64, 3)
+    assert len(models.CONVOLUTIONS["cheb"](2, 3, 4, 3).linears) == 4
+    assert GINConv(2, 3).eps == 0
+    for layer in (GCNConv(2, 3), ChebConv(2, 3)):
+        assert not layer.bias.any()

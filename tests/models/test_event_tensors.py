@@ -115,3 +115,11 @@ def test_wrong_settings_and_samples():
     ):
         with pytest.raises(ValueError, match=reason):
             make()
+
+
+def test_by_default_it_is_the_authors():
+    net = EST()
+    assert [tuple(layer.weight.shape) for layer in net.layers] == [(30, 1), (30, 30), (1, 30)]
+    assert net(EventBatch.of([Events.empty((4, 3))])).shape == (1, 18, 3, 4)
+    assert repr(net).startswith("EST(\n  bins=9\n")
+    assert [layer.out_features for layer in EST(hidden=(6, 7)).layers] == [6, 7, 1]

@@ -176,3 +176,69 @@ def test_a_block_of_the_same_clusters_does_not_pool():
         0.2,
         0.5,
     ]
+
+
+def on(width, height, features=1, pseudo="signed"):
+    """A graph of a sensor."""
+    g = T.radius_graph(Events([0, 10], [1, 2], [1, 2], [0, 1], (width, height)), pseudo=pseudo)
+    return replace(g, x=torch.ones(2, features))
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        (on(35, 34), "graphs of a sensor of 35x34, but the network is for 34x34$"),
+        (on(34, 35), "graphs of a sensor of 34x35, but the network is for 34x34$"),
+        (on(34, 34, 2), "nodes have 2 features, but the network takes 1$"),
+        (
+            on(34, 34, pseudo="signed-time"),
+            r"edges have 3 pseudo-coordinates \('signed-time'\), but the network takes 2: build it with dim=3$",
+        ),
+    ],
+)
+def test_graphs_that_a_network_is_not_for(given, reason):
+    for model in (
+        models.GCNN(2),
+        models.RGCNN3D(2, temporal="plain", sensor_size=(34, 34), channels=(4,), clusters=((4, 4),)),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            model(given)
+
+
+def test_graphs_of_a_smaller_sensor_or_of_none_that_is_known():
+    model = models.GCNN(2, channels=(4,), clusters=((7, 7),)).eval()
+    expected = model(on(34, 34))
+    for given in (on(33, 34), on(34, 3), replace(on(34, 34), sensor_size=None)):
+        assert torch.equal(model(given), expected)
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"channels": (4, 4)}, "channels and clusters must pair up, not 2 and 3"),
+        ({"channels": (), "clusters": ()}, "channels and clusters must pair up, not 0 and 0"),
+        (
+            {"convolution": "sage"},
+            r"convolution must be one of \('spline', 'gcn', .*, or a class of your own, not 'sage'",
+        ),
+        ({"convolution": 5}, "or a class of your own, not 5"),
+        ({"convolution": lambda a, b: (a, b)}, r"convolution must give a torch.nn.Module, not \(1, 32\)"),
+    ],
+)
+def test_settings_that_make_no_network(settings, reason):
+    with pytest.raises(ValueError, match=reason):
+        models.GCNN(2, **settings)
+
+
+def test_weights_of_a_b_spline_begin_small_and_alike():
+    torch.manual_seed(0)
+    conv = models.SplineConv(7, 400, kernel_size=3, dim=2, root_weight=True)
+    bound = 1 / (9 * 7) ** 0.5
+    for weight in (conv.weight, conv.root):
+        assert weight.abs().max() <= bound
+        # uniform: none of a hundred parts is empty
+        assert (torch.histc(weight, 100, -bound, bound) > 0).all()
+    assert not conv.bias.any()
+    assert models.SplineConv(1, 1).root is None
+    assert models.SplineConv(1, 1, bias=False).bias is None
+    assert repr(models.SplineConv(1, 2)) == "SplineConv(1, 2, kernel_size=5, dim=2)"

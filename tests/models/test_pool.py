@@ -145,3 +145,8 @@ def test_bad_settings_are_refused():
         GraphPool((0, 2), (34, 34))
     with pytest.raises(ValueError, match="mode must be"):
         GraphPool((2, 2), (34, 34), "median")
+
+
+def test_pseudo_coordinates_reach_as_far_as_a_cluster_or_as_before():
+    assert module.coarse_reach((3.0, 3.0), (2, 4)) == (3, 4)
+    assert module.coarse_reach((3.0, 3.0, 15_000), (4, 2)) == (4, 3, 15_000)

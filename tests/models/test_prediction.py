@@ -151,3 +151,24 @@ def test_wrong_arguments(trained, events):
         trained.predict(events, windows=0)
     with pytest.raises(FileNotFoundError, match="nowhere"):
         trained.predict("nowhere.h5")
+
+
+def test_five_windows_vote_unless_others_are_asked(events):
+    trained = Trained(Counts(), (), POINTS, {}, {})
+    votes = {windows: trained.predict_proba(events, windows=windows) for windows in (4, 5, 6)}
+    assert torch.equal(trained.predict_proba(events), votes[5])
+    assert not any(torch.equal(votes[windows], votes[5]) for windows in (4, 6))
+    assert [len(batch) for batch in trained.model.given] == [4, 5, 6, 5]
+    trained.predict(events)
+    trained.predict([events])
+    assert [len(batch) for batch in trained.model.given[4:]] == [5, 5]
+
+
+def test_recordings_without_scores_are_counted(events):
+    class Some(Counts):
+        def forward(self, batch):
+            scores = super().forward(batch)
+            return scores if len(self.given) == 2 else scores * torch.nan
+
+    with pytest.raises(ValueError, match="the network gives NaN for 2 of 3 recordings"):
+        Trained(Some(), (), POINTS, {}, {}).predict([events] * 3)

@@ -26,21 +26,11 @@ def relative_error(a, b):
     return np.abs(a.detach().numpy() - b).max() / max(np.abs(b).max(), 1e-30)
 
 
-@pytest.fixture(params=["dense", "sparse", "torch"])
-def path(request, monkeypatch):
-    """Each way the convolution can go."""
-    if request.param == "torch":
-        monkeypatch.setattr(module, "spline_conv", module.spline_conv_torch)
-    else:
-        monkeypatch.setattr(module, "DENSE", 10**9 if request.param == "dense" else 0)
-    return request.param
-
-
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-4)])
 @pytest.mark.parametrize("size", [1, 2, 3, 5])
 @pytest.mark.parametrize("grid", [None, 4])
 @pytest.mark.parametrize("dim", [1, 2, 3])
-def test_forward_is_equation_4_6(path, dtype, tolerance, size, grid, dim):
+def test_forward_is_equation_4_6(spline_way, dtype, tolerance, size, grid, dim):
     x, edge_index, u = random_case(1, dtype=dtype, grid=grid, dim=dim)
     conv = SplineConv(3, 4, kernel_size=size, dim=dim, root_weight=True).to(dtype)
     assert conv.weight.shape == (size**dim, 3, 4)
@@ -52,7 +42,7 @@ def test_forward_is_equation_4_6(path, dtype, tolerance, size, grid, dim):
 @pytest.mark.parametrize(("dim", "size"), [(2, 5), (2, 7), (3, 3), (3, 4)])
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), nodes=st.integers(1, 15), edges=st.integers(0, 40), channels=st.integers(1, 9))
-def test_any_graph_in_any_edge_order(path, dim, size, seed, nodes, edges, channels):
+def test_any_graph_in_any_edge_order(spline_way, dim, size, seed, nodes, edges, channels):
     # beyond 0 and 1 pseudo-coordinates count as the ends
     x, edge_index, u = random_case(seed, (channels, 3), nodes, edges, grid=seed % 7, dim=dim)
     conv = SplineConv(channels, 3, kernel_size=size, dim=dim, bias=False).double()
@@ -66,7 +56,7 @@ def test_any_graph_in_any_edge_order(path, dim, size, seed, nodes, edges, channe
 @pytest.mark.parametrize("size", [1, 3])
 @pytest.mark.parametrize("grid", [None, 2])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_gradients_are_those_of_finite_differences(path, size, grid, dim):
+def test_gradients_are_those_of_finite_differences(spline_way, size, grid, dim):
     x, edge_index, u = random_case(2, (2, 2), nodes=5, edges=12, grid=grid, dim=dim)
     conv = SplineConv(2, 2, kernel_size=size, dim=dim, root_weight=True).double()
     inputs = (x.requires_grad_(), conv.weight, conv.root, conv.bias)
@@ -105,7 +95,7 @@ def test_gradients_are_those_of_the_sum_over_edges(dtype, tolerance, dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_each_cell_has_its_place(path, dim):
+def test_each_cell_has_its_place(spline_way, dim):
     """An edge at a knot touches that cell only, with the whole share."""
     size = 3
     conv = SplineConv(1, 1, kernel_size=size, dim=dim, bias=False).double()
@@ -117,14 +107,14 @@ def test_each_cell_has_its_place(path, dim):
 
 
 @pytest.mark.parametrize("given", [1, 2, 3, 4])
-def test_edges_of_another_dimension_are_refused(path, given):
+def test_edges_of_another_dimension_are_refused(spline_way, given):
     dim = 2 if given != 2 else 3
     conv = SplineConv(1, 2, dim=dim)
     with pytest.raises(ValueError, match=f"edges have {given} pseudo-coordinates, but the convolution takes {dim}"):
         conv(torch.ones(3, 1), torch.tensor([[0], [1]]), torch.full((1, given), 0.5))
 
 
-def test_a_node_without_neighbors_gets_zero(path):
+def test_a_node_without_neighbors_gets_zero(spline_way):
     conv = SplineConv(1, 2, bias=False)
     out = conv(torch.ones(3, 1), torch.tensor([[0], [1]]), torch.tensor([[0.5, 0.5]]))
     assert out[0].tolist() == [0, 0]
@@ -133,7 +123,7 @@ def test_a_node_without_neighbors_gets_zero(path):
 
 
 @pytest.mark.parametrize("nodes", [0, 1, 4])
-def test_no_edges(path, nodes):
+def test_no_edges(spline_way, nodes):
     conv = SplineConv(2, 3)
     x = torch.ones(nodes, 2, requires_grad=True)
     out = conv(x, torch.empty(2, 0, dtype=torch.int64), torch.empty(0, 2))

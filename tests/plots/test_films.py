@@ -119,3 +119,94 @@ def test_a_sheet_says_when_each_picture_is(monkeypatch):
     Film(duration=50_000).sheet(events)
     assert seen[0] == ["0.0 ms: 50 events"]
     assert seen[-1] == ["949.0 ms: 50 events"]
+
+
+@pytest.mark.parametrize(("width", "zoom"), [(5, 96), (240, 2), (241, 1), (480, 1), (640, 1)])
+def test_small_sensors_are_scaled_up_to_480_pixels(width, zoom):
+    events = Events([0], [0], [0], [1], (width, 2))
+    (picture,) = Film().pictures(events)
+    assert picture.shape == (2 * zoom, width * zoom, 3)
+    (picture,) = Film(zoom=1).pictures(events)
+    assert picture.shape == (2, width, 3)
+
+
+def test_a_film_by_default_is_of_real_time():
+    # an event per ms, for a second and a thirtieth
+    ms = np.arange(1_034)
+    events = Events(10**15 + ms * 1_000, ms * 0, ms * 0, ms * 0, (1, 1))
+    windows = list(Film().windows(events))
+    assert [window.start - 10**15 for window in windows] == [round(n * 1e6 / 30) for n in range(31)]
+    for window in windows:
+        since = events.t - window.start
+        assert np.array_equal(window.t, events.t[(since >= 0) & (since < 33_333)])
+    # a picture begins where the last event is, and none after it
+    assert len(list(Film(fps=1_000).windows(events))) == 1_034
+    assert len(list(Film(fps=1_000, speed=2).windows(events))) == 517
+
+
+def test_pictures_of_a_gif_end_at_the_nearest_hundredth_of_a_second(tmp_path):
+    def durations(fps, count):
+        pictures = [plots.event_image(EVENTS[: 7 * (n % 2)]) for n in range(count)]
+        save_gif(pictures, tmp_path / "a.gif", fps)
+        with Image.open(tmp_path / "a.gif") as gif:
+            assert gif.info["loop"] == 0
+            found = []
+            for number in range(gif.n_frames):
+                gif.seek(number)
+                found.append(gif.info["duration"])
+        return found
+
+    # 33.3, 66.7, 100, ...
+    assert durations(30, 6) == [30, 40, 30, 30, 40, 30]
+    assert durations(45, 5) == [20, 20, 30, 20, 20]
+    assert durations(50, 3) == [20, 20, 20]
+    # browsers show shorter ones for longer
+    assert durations(60, 4) == [20, 20, 20, 20]
+
+
+def test_as_many_pictures_as_a_gif_may_have(tmp_path, monkeypatch):
+    monkeypatch.setattr("nvsdata.plots.films.MOST_IN_GIF", 3)
+    pictures = [plots.event_image(EVENTS[: 25 * n]) for n in range(4)]
+    save_gif(pictures[:3], tmp_path / "a.gif", 30)
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert gif.n_frames == 3
+    with pytest.raises(ValueError, match="a GIF of more than 3 pictures"):
+        save_gif(pictures, tmp_path / "b.gif", 30)
+
+
+@pytest.mark.parametrize("sides", [(3, 4), (4, 3), (4, 4)])
+def test_an_mp4_has_even_sides(tmp_path, sides):
+    picture = np.full((sides[0] * 11, sides[1] * 11, 3), 200, np.uint8)
+    save_mp4([picture] * 2, tmp_path / "a.mp4", 30)
+    shown = cv2.VideoCapture(str(tmp_path / "a.mp4")).read()[1]
+    assert shown.shape == (sides[0] * 11 + sides[0] % 2, sides[1] * 11 + sides[1] % 2, 3)
+    assert abs(shown.astype(int) - 200).max() < 10
+
+
+def moments(film, events, monkeypatch):
+    """Windows on a film's sheet: words, and events."""
+    seen = []
+    monkeypatch.setattr("nvsdata.plots.films.event_image", lambda window: window)
+    monkeypatch.setattr("nvsdata.plots.films.captioned_sheet", lambda tiles, **_: seen.extend(tiles))
+    film.sheet(events)
+    return [(words, len(window)) for window, words in seen]
+
+
+def test_a_sheet_shows_a_moment_once(monkeypatch):
+    assert moments(Film(200_000), EVENTS, monkeypatch) == [(["0.0 ms: 100 events"], 100)]
+    # whole µs from 0 to 2
+    assert moments(Film(98_999), EVENTS, monkeypatch) == [
+        (["0.0 ms: 99 events"], 99),
+        (["0.0 ms: 98 events"], 98),
+        (["0.0 ms: 99 events"], 99),
+    ]
+    assert moments(Film(count=99), EVENTS, monkeypatch) == [(["0.0 ms: 99 events"], 99), (["1.0 ms: 99 events"], 99)]
+    assert moments(Film(count=100), EVENTS, monkeypatch) == [(["0.0 ms: 100 events"], 100)]
+    empty = Events.empty((5, 3))
+    assert moments(Film(count=9), empty, monkeypatch) == [(["0.0 ms: 0 events"], 0)]
+    assert moments(Film(), empty, monkeypatch) == [(["0.0 ms: 0 events"], 0)]
+
+
+def test_a_sheet_has_four_moments_in_a_row():
+    # images of 240 pixels: of 5 x 3, 48 times as large
+    assert Film(10_000).sheet(EVENTS).shape == (12 + 3 * (240 + 16 + 12 + 4), 12 + 4 * 252, 3)

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from queue import Queue
 from threading import Thread
@@ -74,6 +75,62 @@ def test_a_title_may_hold_any_words():
     text = page(MOVING, "__DATA__ <b> __ABOUT__")
     assert text.count("__DATA__ &lt;b&gt; __ABOUT__") == page(MOVING, "plain words").count("plain words")
     assert embedded(text)[0]["size"] == [40, 30]
+
+
+@pytest.mark.parametrize(
+    ("span", "unit", "window"),
+    [
+        (2**32 - 1, 1, 33_333),
+        (2**32, 2, 33_333),
+        (2**33 - 2, 2, 33_333),
+        (2**33 - 1, 3, 33_333),
+        (333_330, 1, 33_333),
+        (333_329, 1, 33_332),
+        (100, 1, 10),
+        (5, 1, 1),
+    ],
+)
+def test_times_of_a_page_fit_32_bits(span, unit, window):
+    events = Events([7, 7 + span], [0, 1], [0, 0], [0, 1], (2, 1))
+    data, t, *_ = embedded(page(events, ""))
+    assert (data["unit"], data["span"], data["window"]) == (unit, span, window)
+    assert t.tolist() == [0, span // unit * unit]
+    # no longer than what there is
+    assert embedded(page(events, "", window=50))[0]["window"] == min(50, span)
+
+
+def test_a_page_says_what_it_is_of():
+    assert "<p>4,000 events, 999.8 ms, 40x30 pixels, 50% ON</p>" in page(MOVING, "")
+    assert "<p>0 events, 0.0 ms, 5x3 pixels</p>" in page(Events.empty((5, 3)), "")
+    assert "<p>1 events, 0.0 ms, 40x30 pixels, 100% ON</p>" in page(MOVING[:1], "")
+
+
+@pytest.mark.parametrize(("given", "kept"), [(0, []), (3, [0, 1, 2]), (4, [0, 2]), (6, [0, 2, 4]), (7, [0, 3, 6])])
+def test_of_very_many_frames_some_are_shown(monkeypatch, given, kept):
+    monkeypatch.setattr("nvsdata.plots.page.MOST_FRAMES", 3)
+    frames = [replace(FRAME, exposure_start=LATE + n, x=n, y=2 * n) for n in range(given)]
+    shown = embedded(page(MOVING, "", frames))[0]["frames"]
+    assert [(frame["at"], frame["x"], frame["y"]) for frame in shown] == [(n, n, 2 * n) for n in kept]
+
+
+def test_frames_are_brightened_to_their_own_range():
+    def gray(values):
+        (found,) = embedded(page(MOVING, "", [replace(FRAME, pixels=np.array(values, np.uint16))]))[0]["frames"]
+        encoded = np.frombuffer(base64.b64decode(found["image"]), np.uint8)
+        return cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE).astype(int)
+
+    # of ten thousand pixels, half a percent may be beyond either end
+    values = np.repeat([0, 1_000, 1_500, 2_000, 60_000], (40, 2_000, 5_920, 2_000, 40)).reshape(100, 100)
+    found = np.median(gray(values), 1)
+    assert found[[5, 50, 95]] == pytest.approx([0, 127, 255], abs=3)
+    assert np.abs(gray(np.full((16, 16), 700))).max() < 3
+    # 1 is the least range
+    assert gray([[700] * 16] * 8 + [[701] * 16] * 8)[-1, 0] == pytest.approx(255, abs=3)
+
+
+def test_a_page_may_have_as_many_events_as_browsers_take(monkeypatch):
+    monkeypatch.setattr("nvsdata.plots.page.MOST_EVENTS", 4_000)
+    assert len(embedded(page(MOVING, ""))[1]) == 4_000
 
 
 DRIVER = """

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from matplotlib.figure import Figure
 import nvsdata
 from nvsdata import Events
 from nvsdata import transforms as T
+from nvsdata.plots import show
 
 mpl.use("Agg")
 N = np.arange(200)
@@ -100,3 +103,159 @@ def test_what_cannot_be_drawn():
         nvsdata.plot(torch.zeros(2, 2), "frame")
     with pytest.raises(TypeError, match="a graph or a tensor of at least two axes"):
         nvsdata.plot(torch.zeros(3))
+
+
+def title(axes):
+    return axes.get_title("left")
+
+
+def test_pixels_fill_the_axes(axes):
+    EVENTS.plot(ax=axes)
+    assert title(axes) == "200 events, 398.0 ms"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
+    assert (axes.get_xlim(), axes.get_ylim()) == ((-0.5, 7.5), (5.5, -0.5))
+    assert axes.get_aspect() == 1
+    assert not any(line.get_visible() for line in axes.xaxis.get_gridlines())
+
+
+def test_colors_of_polarity_are_as_strong_both_ways(axes):
+    EVENTS.plot("polarity", axes)
+    (image,) = axes.images
+    # each pixel has five events
+    assert image.get_clim() == (-5, 5)
+    assert image.get_cmap().name == "RdBu_r"
+    assert image.colorbar.ax.get_ylabel() == "ON minus OFF events"
+    assert title(axes) == "200 events, 398.0 ms"
+    none = Figure().add_subplot()
+    Events.empty((8, 6)).plot("polarity", none)
+    assert none.images[0].get_clim() == (-1, 1)
+
+
+def test_the_rate_is_of_200_parts_of_the_whole(axes):
+    # two events per ms of the first second, ON; then 0.5 per ms
+    t = np.concatenate((np.arange(0, 1_000_000, 500), np.arange(1_000_000, 2_000_001, 2_000)))
+    Events(10**15 + t, t * 0, t * 0, t < 1_000_000, (8, 6)).plot("rate", axes)
+    on, off = (stairs.get_data() for stairs in axes.patches)
+    assert np.array_equal(on.edges, np.arange(0, 2_001, 10))
+    assert np.allclose(on.values, [2_000] * 100 + [0] * 100)
+    # the last part has the very last event, too
+    assert np.allclose(off.values, [0] * 100 + [500] * 99 + [600])
+    colors = [stairs.get_edgecolor()[:3] for stairs in axes.patches]
+    assert colors == [show.ON, show.OFF]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("ms", "events/s")
+    assert axes.get_ylim()[0] == 0
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["ON", "OFF"]
+
+
+def test_a_histogram_tells_pixels_of_few_events_from_those_of_many(axes):
+    numbers = [1] * 5 + [2] * 3 + [3] * 2 + [100]
+    pixel = np.repeat(np.arange(11), numbers)
+    t = np.arange(len(pixel))
+    Events(t, pixel % 4, pixel // 4, t * 0, (4, 5)).plot("histogram", axes)
+    bars = {bar.get_x(): bar.get_height() for bar in axes.patches if bar.get_height()}
+    assert list(bars.values()) == [5, 3, 2, 1]
+    assert list(bars)[:3] == [1, 2, 3]
+    last = axes.patches[-1]
+    assert last.get_x() + last.get_width() == 101
+    assert title(axes) == "117 events, 0.1 ms; 45% of the pixels have none"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("events of a pixel", "pixels")
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+
+
+def test_a_cloud_has_the_axes_of_its_events():
+    space = Figure().add_subplot(projection="3d")
+    EVENTS.plot("cloud", space)
+    t, x, y = space.collections[0]._offsets3d
+    order = np.argsort(t)
+    assert np.array_equal(np.stack((t, x, y))[:, order], np.stack((N * 2.0, EVENTS.x, EVENTS.y)))
+    colors = space.collections[0].get_facecolor()[:, :3]
+    assert {tuple(color) for color in colors} == {show.ON, show.OFF}
+    assert sum(tuple(color) == show.ON for color in colors) == 150
+    assert (space.get_xlabel(), space.get_ylabel(), space.get_zlabel()) == ("ms", "x", "y")
+    assert (space.get_ylim(), space.get_zlim()) == ((-0.5, 7.5), (5.5, -0.5))
+    # pixels are square
+    long, wide, tall = space._box_aspect
+    assert (long / wide, tall / wide) == pytest.approx((1.6, 6 / 8))
+    assert title(space) == "200 events, 398.0 ms"
+
+
+def test_some_of_very_many_events_are_spread_over_all(monkeypatch):
+    monkeypatch.setattr(show, "MOST_POINTS", 5)
+    for count, kept in ((5, [0, 1, 2, 3, 4]), (6, [0, 1, 2, 3, 5]), (9, [0, 2, 4, 6, 8])):
+        space = Figure().add_subplot(projection="3d")
+        EVENTS[:count].plot("cloud", space)
+        assert np.array_equal(np.sort(space.collections[0]._offsets3d[0]), np.multiply(kept, 2.0))
+
+
+def test_nodes_of_a_graph_have_their_places_and_polarities(axes):
+    events = Events([0, 10, 20], [1, 2, 7], [0, 1, 5], [1, 0, 1], (8, 6))
+    graph = T.radius_graph(events, radius=3.0)
+    nvsdata.plot(graph, ax=axes)
+    (edges,) = (thing for thing in axes.collections if isinstance(thing, LineCollection))
+    ends = {tuple(map(tuple, segment.astype(int).tolist())) for segment in edges.get_segments()}
+    assert ends == {((1, 0), (2, 1)), ((2, 1), (1, 0))}
+    nodes = axes.collections[-1]
+    assert nodes.get_offsets().tolist() == [[1, 0], [2, 1], [7, 5]]
+    assert [tuple(color[:3]) for color in nodes.get_facecolor()] == [show.ON, show.OFF, show.ON]
+    assert nodes.get_zorder() > edges.get_zorder() or nodes.get_zorder() == 2
+    assert title(axes) == "3 nodes, 2 edges"
+    assert (axes.get_xlim(), axes.get_ylim()) == ((-0.5, 7.5), (5.5, -0.5))
+    # without a sensor, up to the last node
+    other = Figure().add_subplot()
+    nvsdata.plot(replace(T.radius_graph(events[:2]), sensor_size=None), ax=other)
+    assert (other.get_xlim(), other.get_ylim()) == ((-0.5, 2.5), (1.5, -0.5))
+
+
+@pytest.mark.parametrize(
+    ("shape", "columns"),
+    [
+        ((12, 6, 8), 4),
+        ((1, 6, 8), 1),
+        ((2, 6, 8), 2),
+        ((7, 6, 8), 3),
+        ((24, 6, 8), 5),
+        ((2, 3, 9, 1), 6),
+        ((3, 1, 90), 1),
+    ],
+)
+def test_a_sheet_of_images_is_half_as_wide_again_as_high(axes, shape, columns):
+    tensor = torch.rand(shape)
+    nvsdata.plot(tensor, ax=axes)
+    height, width = shape[-2:]
+    images = tensor.reshape(-1, height, width).numpy()
+    rows = -(-len(images) // columns)
+    sheet = np.ma.filled(axes.images[0].get_array().astype(float), np.nan)
+    assert sheet.shape == (rows * (height + 1) - 1, columns * (width + 1) - 1)
+    for n, image in enumerate(images):
+        top, left = n // columns * (height + 1), n % columns * (width + 1)
+        assert np.array_equal(sheet[top : top + height, left : left + width], image.astype(float))
+    assert title(axes) == str(list(shape))
+    assert not axes.axison
+
+
+def test_colors_of_a_tensor_are_of_its_range(axes):
+    def drawn(values):
+        where = Figure().add_subplot()
+        nvsdata.plot(torch.tensor(values), ax=where)
+        (image,) = where.images
+        return image.get_cmap().name, *image.get_clim()
+
+    assert drawn([[1.0, 2.0], [3.0, 4.0]]) == ("viridis", 1, 4)
+    assert drawn([[0.0, 2.0]]) == ("viridis", 0, 2)
+    assert drawn([[-1.0, 3.0]]) == ("RdBu_r", -3, 3)
+    assert drawn([[-4.0, 3.0]]) == ("RdBu_r", -4, 4)
+    assert nvsdata.plot(torch.zeros(0, 3, 3), ax=axes) is axes
+
+
+def test_a_notebook_shows_the_middle_tenth_of_a_second(monkeypatch):
+    made = []
+    monkeypatch.setattr(show, "drawn", lambda figure: made.append(figure) or np.zeros((1, 1, 3), np.uint8))
+    EVENTS._repr_png_()
+    frame, rate = made[0].axes
+    assert title(frame) == "100 ms in the middle"
+    assert np.array_equal(
+        frame.images[0].get_array(),
+        nvsdata.plots.event_image(EVENTS.window(10**15 + 149_000, 10**15 + 249_000))[..., ::-1],
+    )
+    assert title(rate) == "200 events, 398.0 ms"
+    assert tuple(made[0].get_size_inches() * made[0].dpi) == (900, 330)

@@ -14,8 +14,14 @@ from places import RECIPES
 
 import nvsdata
 from nvsdata import models, training
-from nvsdata.training import sgd
-from nvsdata.training.actions import Actions
+from nvsdata.training import lengths, sgd
+from nvsdata.training.actions import FRAME_NETWORKS, Actions
+
+
+@pytest.fixture(autouse=True)
+def _few_draws(monkeypatch):
+    # of few recordings a report draws five times, which costs more than training; `test_train_objects.py` has that
+    monkeypatch.setattr(lengths, "MOST_DRAWS", 2)
 
 
 @pytest.fixture
@@ -80,7 +86,10 @@ def test_gestures_are_trained_resumed_and_used(run, gestures, tmp_path):
 
 
 @pytest.mark.parametrize("network", ["pointnet", "resnext3d"])
-def test_reference_networks_are_trained(run, gestures, tmp_path, network):
+def test_reference_networks_are_trained(run, gestures, tmp_path, monkeypatch, network):
+    # one block of layers for each resolution
+    kind, *sides = FRAME_NETWORKS["resnext3d"]
+    monkeypatch.setitem(FRAME_NETWORKS, "resnext3d", (functools.partial(kind, depths=(1, 1, 1, 1)), *sides))
     common = ("--dataset", "dvs128-gesture", "--root", gestures, "--out", tmp_path / "out", "--epochs", 1, "--votes", 1)
     run("train_actions.py", *common, "--network", network, "--events", 64, "--batch", 3, "--device", "cpu")
     assert len(lines(tmp_path / "out")) == 1

@@ -66,7 +66,8 @@ def test_the_search_beats_the_rows_of_table_3_3(ground, tmp_path):
     nvsdata.write(PIX2NVS(threshold=0.3, noise_rate=2, mismatch=0.1).emulate(ground), tmp_path / "real.h5")
     out = run("tune_pix2nvs.py", "--real", tmp_path / "real.h5", "--video", ground, "--trials", 40, "--out", tmp_path)
     table = out.split("\n\n")[0].splitlines()[2:]
-    assert len(table) == 5
+    assert len(table) == 6
+    assert table[-1].split()[0] == "camera"
     assert float(out.rstrip().split(" times that")[0].split()[-1]) < 1
     for name in ("table.txt", "score.png", "best.png", "trials.jsonl"):
         assert (tmp_path / name).stat().st_size > 0

@@ -106,6 +106,7 @@ runpy.run_path({recipe!r}, run_name="__main__")
 
 def test_a_folder_without_splits_is_split(run, fake_nmnist, tmp_path):
     common = ("--dataset", "folder", "--root", fake_nmnist / "Train", "--out", tmp_path / "out", "--epochs", 1)
+    common = (*common, "--votes", 1)
     assert "30 recordings to train on, 10 to test on" in run("train_objects.py", *common, "--device", "cpu")
     assert len(lines(tmp_path / "out")) == 1
 

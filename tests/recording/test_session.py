@@ -80,6 +80,22 @@ def test_a_settings_file_that_makes_no_sense(tmp_path, text):
         settings_of(tmp_path / "s.json", [])
 
 
+@pytest.mark.parametrize("text", ["OnBn", "OnBn=5", "OnBn=5:", "OnBn=:5", "=5:1", "OnBn=5:x", "OnBn=x:5", "OnBn=-1:5"])
+def test_a_bias_is_a_name_and_two_numbers(text):
+    with pytest.raises(ValueError, match=f"--bias takes NAME=COARSE:FINE, such as OnBn=5:255, not '{text}'"):
+        settings_of(None, [text])
+
+
+def test_flags_replace_what_a_file_says_unless_they_are_not_given(tmp_path):
+    file = tmp_path / "s.json"
+    file.write_text('{"region": null, "frame_region": [1, 2, 3, 4], "frames": true, "skip": 5}')
+    settings = settings_of(file, [], frames=False, skip=None, exposure=7)
+    assert settings == Settings(frame_region=(1, 2, 3, 4), skip=5, exposure=7)
+    file.write_text('{"skip": 5, "b": 1, "a": 2}')
+    with pytest.raises(ValueError, match=r"s\.json: no such setting: a, b; there are activity_filter, biases, expos"):
+        settings_of(file, [])
+
+
 def test_live_events_need_no_file(monkeypatch, capsys):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     assert main(["record", "--live", "--simulate", "--seconds", "0.3"]) == 0

@@ -1,13 +1,17 @@
 """The numbers that a training ends with."""
 
 import json
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
 
+from nvsdata import Events, plots
+from nvsdata import transforms as T
 from nvsdata.datasets.facts import Sample
-from nvsdata.training import Votes
+from nvsdata.training import Team, Votes, report
 from nvsdata.training.summary import as_json, mistakes_of, summarized
 
 CLASSES = ("cat", "dog", "owl")
@@ -70,3 +74,131 @@ def test_nan_is_a_mistake_without_a_name():
     ]
     assert found["confusion"]["cat"] == {"cat": 1}
     assert found["accuracy"]["vote"] == 0.5
+
+
+def test_a_report_has_every_number_by_name():
+    """Two recordings, one round of two windows, by hand."""
+    given = [[[[0.2, 0.7, 0.1], [0.1, 0.1, 0.8]], [[0.9, 0.05, 0.05], [0.6, 0.2, 0.2]]]]
+    votes = votes_of(given, [1, 0])
+    samples = [Sample("a.bin", 1), Sample("b.bin", 0, (5, 9))]
+    found = as_json(summarized(votes), mistakes_of(votes), {15: 0.25, 30: 0.5}, samples, CLASSES)
+    assert (found["recordings"], found["windows"], found["rounds"]) == (2, 2, 1)
+    # by products: .18 to .035 for the first; .06, .02, .16 for the second
+    assert found["accuracy"] == {"window": 0.5, "vote": 0.0}
+    assert found["classes"]["cat"] == {"recordings": 1, "window": 0.5, "vote": 0.0}
+    assert found["classes"]["dog"] == {"recordings": 1, "window": 0.5, "vote": 0.0}
+    assert found["confusion"] == {"cat": {"owl": 1}, "dog": {"cat": 1}, "owl": {}}
+    assert found["accuracy_by_window_us"] == {"15": 0.25, "30": 0.5}
+    assert found["accuracy_by_votes"] == {"1": 0.5, "2": 0.0}
+    assert [(m["recording"], m["part_us"], m["true"], m["predicted"], m["wrong_votes"]) for m in found["mistakes"]] == [
+        ("a.bin", None, "dog", "cat", 1.0),
+        ("b.bin", (5, 9), "cat", "owl", 1.0),
+    ]
+    # the geometric mean of a window's probabilities, divided by that of all classes
+    first, second = (np.sqrt(np.prod([window[n] for window in given[0]], 0)) for n in (0, 1))
+    confidence = [mistake["confidence"] for mistake in found["mistakes"]]
+    assert confidence == pytest.approx([first.max() / first.sum(), second.max() / second.sum()])
+    windows, vote = found["calibration"]["window"], found["calibration"]["vote"]
+    assert (sum(windows["count"]), sum(vote["count"])) == (4, 2)
+    # one after the other: .7 right, .8 wrong, .9 wrong, .6 right
+    gap = abs(0.7 - 1) + 0.8 + 0.9 + abs(0.6 - 1)
+    assert windows["expected_calibration_error"] == pytest.approx(gap / 4)
+    assert vote["expected_calibration_error"] == pytest.approx(sum(confidence) / 2)
+    assert sorted(share for share in windows["confidence"] if share is not None) == pytest.approx([0.6, 0.7, 0.8, 0.9])
+    assert sum(share or 0 for share in windows["accuracy"]) == 2
+
+
+class Recordings:
+    """Recordings to test on, of which the number is an event's column."""
+
+    samples: ClassVar = [Sample(f"{n}.bin", 0) for n in range(60)]
+
+    def __init__(self, transform):
+        self.transform = transform
+
+    def __getitem__(self, index):
+        return Events([0, 10], [index, index], [0, 0], [1, 1], (60, 1)), 0
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """What is drawn, by kind: arguments of `plots`."""
+    seen = {}
+
+    def kind(name):
+        return lambda *given: seen.setdefault(name, []).append(given) or np.zeros((1, 1, 3), np.uint8)
+
+    names = ("confusion", "class_bars", "reliability", "marked", "captioned_sheet")
+    monkeypatch.setattr(
+        report,
+        "plots",
+        SimpleNamespace(save=plots.save, event_image=lambda events: events, **{name: kind(name) for name in names}),
+    )
+    return seen
+
+
+def written(out, monkeypatch, capsys, votes, by_length, transform=None):
+    monkeypatch.setattr(report, "accuracy_by_length", lambda *_: by_length)
+    trainer = SimpleNamespace(out=out, team=Team(torch.device("cpu")))
+    made = []
+    report.write_report(trainer, lambda cut: made.append(Recordings(cut)) or made[0], transform, votes, CLASSES)
+    return capsys.readouterr().out, made[0].transform
+
+
+def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, drawn):
+    rng = np.random.default_rng(0)
+    votes = votes_of(rng.dirichlet([1, 1, 1], (2, 3, 50)), rng.integers(0, 3, 50).tolist())
+    told, window = written(tmp_path, monkeypatch, capsys, votes, {7_500: 0.5, 30_000: 0.75}, T.RandomWindow(7_000))
+    assert told == f"report: {tmp_path / 'report.json'}, and 6 pictures\n"
+    assert window == T.RandomWindow(7_000)
+    ((counts, names, title),) = drawn["confusion"]
+    assert (counts.sum(), names, title) == (100, CLASSES, "vote of 3, 50 recordings, 2 votes each")
+    ((_, _, bars, title),) = drawn["class_bars"]
+    summary = summarized(votes)
+    assert [name for name, _ in bars] == ["vote of 3", "one window"]
+    assert np.array_equal(bars[0][1], summary.classes[1])
+    assert np.array_equal(bars[1][1], summary.classes[0])
+    assert title == "accuracy, 50 recordings, 2 votes each"
+    (((one, first), (vote, second)),) = drawn["reliability"][0]
+    assert (one, first.counts.sum(), vote, second.counts.sum()) == ("one window", 300, "vote of 3", 100)
+    by_votes, by_length = drawn["marked"]
+    assert by_votes[1:] == (
+        ["1", "2", "3"],
+        "accuracy by the number of votes, 50 recordings, 2 votes each",
+        "windows that vote",
+    )
+    assert by_votes[0] == pytest.approx(summary.by_votes.tolist())
+    assert by_length == ([0.5, 0.75], ["7.5", "30"], "accuracy of one window by its length", "ms of a window")
+    assert {path.name for path in tmp_path.iterdir()} == {"report.json", *report.PICTURES}
+
+
+def test_pictures_of_nothing_are_removed(tmp_path, monkeypatch, capsys, drawn):
+    for name in report.PICTURES:
+        (tmp_path / name).write_bytes(b"old")
+    votes = votes_of([[[[0.8, 0.1, 0.1]] * 4]], [0] * 4)
+    told, window = written(tmp_path, monkeypatch, capsys, votes, {})
+    assert "and 3 pictures" in told
+    # as long as a picture of a camera takes
+    assert window == T.RandomWindow(33_333)
+    assert {path.name for path in tmp_path.glob("*.png")} == {"confusion.png", "classes.png", "calibration.png"}
+    assert drawn["confusion"][0][2] == "one window, 4 recordings"
+    assert [name for name, _ in drawn["class_bars"][0][2]] == ["one window"]
+    assert [name for name, _ in drawn["reliability"][0][0]] == ["one window"]
+
+
+def test_a_sheet_of_mistakes_has_the_most_confident_ones(tmp_path, monkeypatch, capsys, drawn):
+    # all wrong, the last most of all; the first two windows have no scores
+    given = [[0.5 - n / 200, 0.5 + n / 200, 0.0] for n in range(60)]
+    given[0] = [np.nan] * 3
+    written(tmp_path, monkeypatch, capsys, votes_of([[given]], [0] * 60), {})
+    ((tiles,),) = drawn["captioned_sheet"]
+    assert len(tiles) == 48
+    assert [int(events.x[0]) for events, _ in tiles] == list(range(59, 11, -1))
+    assert tiles[0][1] == ("true: cat", "predicted: dog", "confidence 80%")
+    drawn.clear()
+    written(tmp_path, monkeypatch, capsys, votes_of([[given[:2]]], [0, 2]), {})
+    ((tiles,),) = drawn["captioned_sheet"]
+    assert [words for _, words in tiles] == [
+        ("true: owl", "predicted: dog", "confidence 50%"),
+        ("true: cat", "predicted: nothing (NaN)", "confidence 0%"),
+    ]

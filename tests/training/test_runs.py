@@ -13,7 +13,7 @@ from torch import nn
 from torch.utils.data import TensorDataset
 
 from nvsdata import FormatError, models
-from nvsdata.training import Team, Trainer, TrainTestSplit, adam, evaluation
+from nvsdata.training import Team, Trainer, TrainTestSplit, adam, evaluation, runs
 from nvsdata.training.runs import CHECKPOINT, LOG, Checkpoint
 
 DATA = {"dataset": "folder", "split": "all", "fold": 0, "seed": 0, "hash": "ab", "test_hash": "cd"}
@@ -225,3 +225,157 @@ def test_a_checkpoint_is_checked_when_it_is_made():
     for change in ({"epoch": 3}, {"epoch": True}, {"log": []}, {"log": [1]}, {"model": 3}, {"epochs": None}):
         with pytest.raises(ValueError, match=r"it is of|it has|its parts"):
             replace(good, **change)
+
+
+def test_checkpoints_of_no_epoch_and_of_all():
+    good = {"data": {}, "model": {}, "optimizer": {}, "schedule": {}}
+    for epoch, epochs in ((0, 0), (0, 2), (2, 2)):
+        assert Checkpoint(epoch=epoch, epochs=epochs, log=[{}] * epoch, **good).epoch == epoch
+    for epoch, epochs, lines, reason in (
+        (3, 2, 3, "it is of 3 of 2 epochs"),
+        (-1, 2, 0, "it is of -1 of 2 epochs"),
+        (2, 2, 1, "it has 1 lines of 2 epochs"),
+        (1, 2, 2, "it has 2 lines of 1 epochs"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            Checkpoint(epoch=epoch, epochs=epochs, log=[{}] * lines, **good)
+
+
+def states():
+    """A part of a training, its state after a step, and the state of it as it may have been altered."""
+    model = nn.Sequential(nn.Linear(2, 3), nn.Linear(3, 1))
+    optimizer, schedule = adam(model, 3, (60, 100))
+    model(torch.ones(1, 2)).sum().backward()
+    optimizer.step()
+    return model, optimizer, schedule
+
+
+def altered(state, *path, to):
+    """A state with something else at a place."""
+    first, *rest = path
+    copied = state.copy()
+    if rest:
+        copied[first] = altered(state[first], *rest, to=to)
+    elif to is None:
+        del copied[first]
+    else:
+        copied[first] = to
+    return copied
+
+
+def test_an_optimizer_takes_its_own_state_only():
+    _, optimizer, _ = states()
+    state = optimizer.state_dict()
+    of_first = state["state"][0]
+    runs.restore(optimizer, state)
+    runs.restore(optimizer, altered(state, "state", to={}))
+    # of weights that had no gradient it keeps nothing
+    runs.restore(optimizer, altered(state, "state", 3, to=None))
+    for wrong in (
+        altered(state, "state", to=[]),
+        altered(state, "state", 4, to=of_first),
+        altered(state, "state", -1, to=of_first),
+        altered(state, "state", 0, to=[1]),
+        altered(state, "state", 0, "exp_avg", to=torch.zeros(3, 3)),
+        altered(state, "state", 0, "exp_avg", to=torch.zeros(())),
+        altered(state, "state", 0, "exp_avg", to=0.5),
+        altered(state, "state", 0, "exp_avg", to=None),
+        altered(state, "state", 1, to=of_first),
+        altered(state, "param_groups", to=[]),
+        altered(state, "param_groups", to=state["param_groups"] * 2),
+        altered(state, "param_groups", 0, "lr", to="fast"),
+        altered(state, "param_groups", 0, "lr", to=None),
+        altered(state, "param_groups", 0, "params", to=[0, 1, 2]),
+        altered(state, "more", to=1),
+    ):
+        with pytest.raises(ValueError, match="it is of another optimizer"):
+            runs.restore(optimizer, wrong)
+    assert optimizer.state_dict()["state"][0]["step"] == 1
+
+
+def test_networks_and_schedules_take_their_own_states_only():
+    model, _, schedule = states()
+    own = model.state_dict(), schedule.state_dict()
+    for part, state in zip((model, schedule), own, strict=True):
+        runs.restore(part, state)
+    weight = own[0]["0.weight"]
+    for wrong in (
+        altered(own[0], "0.weight", to=None),
+        altered(own[0], "0.weight", to=weight.T),
+        altered(own[0], "0.weight", to=weight.double()),
+        altered(own[0], "0.weight", to=weight.tolist()),
+        altered(own[0], "more", to=weight),
+    ):
+        with pytest.raises(ValueError, match="it is of another network or schedule"):
+            runs.restore(model, wrong)
+    for wrong in (
+        altered(own[1], "last_epoch", to=1.5),
+        altered(own[1], "base_lrs", to=[]),
+        altered(own[1], "base_lrs", to=(0.001,)),
+        altered(own[1], "last_epoch", to=None),
+    ):
+        with pytest.raises(ValueError, match="it is of another network or schedule"):
+            runs.restore(schedule, wrong)
+
+
+class Shares(nn.Module):
+    """In place of the network that several processes share."""
+
+    def __init__(self, model, **_):
+        super().__init__()
+        self.model = model
+
+    def forward(self, x):
+        return self.model(x)
+
+
+@pytest.mark.parametrize(
+    ("batch", "processes", "left"),
+    [(3, 2, None), (4, 2, None), (8, 8, None), (7, 2, 1), (5, 4, 3), (1, 2, 1), (8, 9, 8)],
+)
+def test_every_process_needs_a_sample_of_every_batch(tmp_path, monkeypatch, batch, processes, left):
+    """Of eight samples."""
+    monkeypatch.setattr("nvsdata.training.trainer.DistributedDataParallel", Shares)
+    here = trainer(tmp_path, epochs=0, batch=batch)
+    here.team = Team(torch.device("cpu"), 0, processes)
+    if left is None:
+        assert here.fit(samples(), lambda epoch: {}) == {}
+        return
+    with pytest.raises(ValueError, match=f"the last batch has {left} samples for {processes} processes"):
+        here.fit(samples(), lambda epoch: {})
+
+
+def test_lines_are_watched_kept_and_returned(tmp_path):
+    here, seen = trainer(tmp_path), []
+    here.watch(lambda line: seen.append(line["epoch"]))
+    damaged = samples()
+    damaged.num_damaged = 2
+    last = here.fit(damaged, lambda epoch: {"twice": 2 * epoch})
+    assert seen == [1, 2, 3] == [line["epoch"] for line in lines(tmp_path)]
+    assert (last["epoch"], last["twice"], last["damaged"]) == (3, 6, 2)
+    assert last is here.lines[-1]
+    assert (last["seconds"], round(last["seconds"], 2)) == (last["seconds"],) * 2
+    # who comes later is told what was
+    late = []
+    here.watch(lambda line: late.append(line["epoch"]))
+    assert late == [1, 2, 3]
+    assert here.fit(samples(), lambda epoch: {}) is last
+    assert "damaged" not in trainer(tmp_path / "b").fit(samples(), lambda epoch: {})
+
+
+def test_the_first_process_alone_writes(tmp_path, capsys):
+    model = models.RGCNN(2, channels=(2, 2), clusters=((4, 4), (17, 17)))
+    optimizer, schedule = adam(model, 1, (60, 100))
+    for rank, expected in ((1, set()), (0, {"log.jsonl", "model.safetensors"})):
+        team = Team(torch.device("cpu"), rank, 2)
+        here = Trainer(model, optimizer, schedule, tmp_path, data=DATA, epochs=1, batch=8, team=team)
+        here.publish(["a", "b"], None, {"test_accuracy": 0.5})
+        seen = []
+        here.lines = [{"epoch": 1}]
+        here.watch(seen.append)
+        assert seen == [{"epoch": 1}] * (rank == 0)
+        assert {path.name for path in tmp_path.iterdir()} == expected
+        assert (capsys.readouterr().out != "") == (rank == 0)
+    found = models.load(tmp_path / "model.safetensors")
+    assert (found.classes, found.metrics) == (("a", "b"), {"test_accuracy": 0.5})
+    assert found.data == DATA | {"batch": 8, "smoothing": 0.0}

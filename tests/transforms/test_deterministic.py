@@ -121,3 +121,26 @@ def test_it_depends_on_the_seed_unless_it_says_otherwise(transform, sample):
 def test_every_transform_has_an_example():
     exported = {thing for name in T.__all__ if isinstance(thing := getattr(T, name), type)}
     assert exported == {type(transform) for transform, _ in EXAMPLES}
+
+
+MADE = {
+    T.Compose: lambda kind, *parts: kind(list(parts)),
+    T.Each: lambda kind, part, *_: kind(part),
+    T.NodeFeatures: lambda kind, graph, *features: kind(graph, features),
+    T.WithBoxes: lambda kind, part, *_: kind(part),
+}
+
+
+@pytest.mark.parametrize("kind", MADE, ids=lambda kind: kind.__name__)
+def test_what_is_made_of_others_is_as_they_are_unless_it_does_more(kind):
+    fixed, random = T.Window(0, 9), T.DropEvents()
+    make, further = MADE[kind], type("Further", (kind,), {})
+    assert make(kind, fixed, fixed).deterministic is True
+    assert make(kind, random, fixed).deterministic is False
+    assert make(kind, random, random).deterministic is False
+    assert make(kind, fixed, fixed, random).deterministic is (kind in (T.Each, T.WithBoxes))
+    # functions don't say
+    assert make(kind, len).deterministic is False
+    assert make(further, fixed).deterministic is False
+    declared = type("Declared", (kind,), {"deterministic": True})
+    assert is_deterministic(make(declared, random))

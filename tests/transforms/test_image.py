@@ -69,3 +69,32 @@ def test_mirrors_and_norms():
 def test_settings_are_checked(build):
     with pytest.raises(ValueError, match=r"size|scales|p must"):
         build()
+
+
+def test_images_of_different_sensors_are_no_sequence():
+    one, other = Events([0], [1], [0], [1], (5, 4)), Events([0], [1], [0], [1], (5, 3))
+    with pytest.raises(ValueError, match=r"can't stack images of \[\(2, 3, 5\), \(2, 4, 5\)\]"):
+        T.event_image([one, other])
+
+
+@pytest.mark.parametrize(
+    ("given", "size", "made"),
+    [((3, 7), 6, (6, 14)), ((7, 3), 6, (14, 6)), ((5, 5), 1, (1, 1)), ((3, 5), 4, (4, 7)), ((4, 6), 4, (4, 6))],
+)
+def test_the_smaller_side_gets_the_size_and_the_other_its_share(given, size, made):
+    height, width = given
+    assert T.resize(torch.rand(2, 3, height, width), size).shape == (2, 3, *made)
+    corner = Events([0, 1], [0, width - 1], [0, height - 1], [1, 1], (width, height))
+    found = T.resize(corner, size)
+    assert found.sensor_size == made[::-1]
+    assert found.x.tolist() == [0, (width - 1) * made[1] // width]
+    assert found.y.tolist() == [0, (height - 1) * made[0] // height]
+
+
+def test_normalized_numbers_by_hand():
+    assert T.normalize(torch.tensor([1.0, 3.0, 5.0, 7.0])).tolist() == pytest.approx(
+        [v / 5**0.5 for v in (-3, -1, 1, 3)]
+    )
+    assert T.normalize(torch.full((2, 2), 3.0)).tolist() == [[0, 0], [0, 0]]
+    tiny = T.normalize(torch.tensor([0.0, 2e-12]))
+    assert tiny.tolist() == pytest.approx([-1, 1])

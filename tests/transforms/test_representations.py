@@ -144,6 +144,16 @@ def test_hats_are_those_of_the_paper(ev, tau, cell, radius, window):
     assert found.equal(T.hats(moved(ev, LATE), cell, radius, window=window, tau=tau))
 
 
+@pytest.mark.parametrize("tau", [100, 300, 1000, 3000])
+def test_events_that_left_the_window_leave_nothing_in_hats(tau):
+    """Not even what their sum and differences round to."""
+    t = [0, 1, 2, 5, 7, 11, 13, 400]
+    ev = Events(t, [3] * 7 + [4], [3] * 8, [1] * 8, (10, 10))
+    found = T.hats(ev, radius=2, window=50, tau=tau)
+    # each of the first seven saw those before it, at its own pixel; the last one saw none
+    assert found.nonzero().tolist() == [[0, 0, 2, 2]]
+
+
 def test_long_gaps_and_crowds_in_hats():
     # sums at a pixel shrink by exp(-300) from epoch to epoch, and lose events while others come
     t = np.concatenate([np.arange(2_000), [10**5, 10**5 + 1, 10**9], 10**9 + np.arange(2_000)])

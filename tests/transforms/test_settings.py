@@ -54,3 +54,67 @@ def test_whole_numbers(kind, settings, sample):
         for bad in (value + 0.5, float("nan"), float("inf")):
             with pytest.raises(ValueError, match=name):
                 kind(**{**settings, name: bad})
+
+
+# the least value of a setting, one below, the largest, one above (None: there's no end to it)
+BOUNDS = [
+    (T.BagOfEvents, "count", 1, 0, None, None, EVENTS),
+    (T.CenterCrop, "size", 1, 0, None, None, EVENTS),
+    *((T.Crop, name, 0, -1, None, None, EVENTS) for name in ("x", "y")),
+    *((T.Crop, name, 1, 0, None, None, EVENTS) for name in ("width", "height")),
+    *((T.DART, name, 1, 0, None, None, EVENTS) for name in ("wedges", "queue")),
+    (T.DART, "rings", 2, 1, None, None, EVENTS),
+    *((T.Downsample, name, 1, 0, None, None, EVENTS) for name in ("factor", "step")),
+    (T.EventSurfaces, "radius", 0, -1, None, None, EVENTS),
+    *((T.FilterCascade, name, 1, 0, None, None, EVENTS) for name in ("filters", "tick", "decay")),
+    (T.FourCrops, "size", 1, 0, None, None, FRAMES),
+    (T.GroupTokens, "groups", 2, 0, None, None, EVENTS),
+    (T.GroupTokens, "patch", 1, 0, None, None, EVENTS),
+    (T.HATS, "cell", 1, 0, None, None, EVENTS),
+    (T.HATS, "radius", 0, -1, None, None, EVENTS),
+    (T.KNNGraph, "k", 1, 0, None, None, EVENTS),
+    (T.MixedDensityStack, "bins", 1, 0, 60, 61, EVENTS),
+    (T.MixedDensityStack, "most", 1, 0, None, None, EVENTS),
+    (T.MotionCrop, "size", 1, 0, None, None, FRAMES),
+    (T.NonUniformSample, "k", 1, 0, None, None, EVENTS),
+    *((kind, "size", 1, -1, 17, 19, None) for kind in (T.Patch, T.PatchMean)),
+    (T.Points, "count", 1, 0, None, None, EVENTS),
+    (T.RadiusGraph, "alpha", 0, -1, None, None, EVENTS),
+    (T.RadiusGraph, "beta", 0, -1, None, None, EVENTS),
+    (T.RadiusGraph, "max_degree", 1, 0, None, None, EVENTS),
+    (T.RandomAffine, "stretch", 0, -0.5, 0.9, 1, EVENTS),
+    *((T.RandomAffine, name, 0, -0.5, None, None, EVENTS) for name in ("degrees", "shift", "shear")),
+    (T.RandomCrop, "size", 1, 0, None, None, FRAMES),
+    (T.RandomFlip, "axis", 0, -1, 1, 2, EVENTS),
+    (T.RandomRun, "count", 1, 0, None, None, EVENTS),
+    (T.RandomTemporalCrop, "length", 1, 0, None, None, FRAMES),
+    (T.RandomWindow, "within", (0, 0.1), (-0.1, 0.1), (0.9, 1), (0.9, 1.1), EVENTS),
+    (T.Resize, "size", 1, 0, None, None, EVENTS),
+    (T.SelectPolarity, "polarity", 0, -1, 1, 2, EVENTS),
+    *((T.StackedHistogram, name, 1, 0, None, None, EVENTS) for name in ("bins", "most")),
+    (T.Stacks, "length", 1, 0, None, None, FRAMES),
+    (T.SumFrames, "factor", 1, 0, None, None, EVENTS),
+    (T.TAF, "depth", 1, 0, None, None, EVENTS),
+    (T.TORE, "k", 1, 0, None, None, EVENTS),
+    *((T.ToFrames, name, 1, 0, None, None, EVENTS) for name in ("bins", "count")),
+    (T.UniformNoise, "count", 0, -1, None, None, EVENTS),
+    (T.VoxelGrid, "bins", 1, 0, None, None, EVENTS),
+    (T.Volumes, "count", 1, 0, None, None, EVENTS),
+]
+OTHERS = {T.Crop: {"x": 0, "y": 0, "width": 30, "height": 20}}
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "least", "below", "largest", "above", "sample"),
+    BOUNDS,
+    ids=[f"{kind.__name__}-{name}" for kind, name, *_ in BOUNDS],
+)
+def test_a_setting_goes_to_its_bounds_and_no_further(kind, name, least, below, largest, above, sample):
+    for good in (least, largest):
+        if good is not None:
+            transform = kind(**{**OTHERS.get(kind, {}), name: good})
+            assert transform(*((EVENTS, T.radius_graph(EVENTS)) if sample is None else (sample,))) is not None
+    for bad in (below, above):
+        if bad is not None:
+            with pytest.raises(ValueError, match=name):
+                kind(**{**OTHERS.get(kind, {}), name: bad})

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -5,9 +7,23 @@ from clips import moving_square
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nvsdata.common.errors import FormatError
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.emulator import brightness
-from nvsdata.video.decoder import ERRORS_ONLY, FULL, STUDIO, Decoder, _as_steep, levels_of, logging, stretched
+from nvsdata.video import decoder
+from nvsdata.video.decoder import (
+    ERRORS_ONLY,
+    FULL,
+    STUDIO,
+    Decoder,
+    _as_steep,
+    _opened,
+    _without_warnings,
+    levels_of,
+    logging,
+    luminance,
+    stretched,
+)
 from nvsdata.video.frames import Frame, frames_of
 
 
@@ -109,7 +125,10 @@ def test_frames_of_other_levels_are_not_of_one_video():
         PIX2NVS().emulate([Frame(0, pixels, levels=STUDIO), Frame(40_000, pixels)])
 
 
-@pytest.mark.parametrize(("slope", "same"), [(1.0, True), (1.05, True), (0.95, True), (1.16, False), (0.84, False)])
+@pytest.mark.parametrize(
+    ("slope", "same"),
+    [(1.0, True), (1.059, True), (0.941, True), (1.061, False), (0.939, False), (1.16, False), (0.84, False)],
+)
 def test_contrast_tells_levels_apart(slope, same):
     known = 128 + np.random.default_rng(0).normal(0, 6, 500)
     assert _as_steep(128 + (known - known.mean()) / slope, known) == same
@@ -118,3 +137,81 @@ def test_contrast_tells_levels_apart(slope, same):
 def test_without_contrast_nothing_is_told_apart():
     flat = np.full(500, 128.0)
     assert not _as_steep(flat, flat)
+
+
+@pytest.mark.parametrize(("contrast", "enough"), [(5.0, True), (4.99, False)])
+def test_how_much_contrast_is_needed(contrast, enough):
+    gray = np.array([128 - contrast, 128 + contrast] * 50)
+    assert _as_steep(gray, gray) == enough
+
+
+def test_what_luma_means():
+    luma = np.array([0, 16, 17, 89, 235, 255], np.uint8)
+    assert stretched(luma, FULL).tolist() == [0, 16, 17, 89, 235, 255]
+    # as the standards for video say: 219 steps from black to white
+    assert stretched(luma, STUDIO) == pytest.approx([0, 0, 255 / 219, 85, 255, 255])
+    assert stretched(np.array([50], np.uint8), (40, 60)).tolist() == [127.5]
+    assert luminance(*np.diag([1_000, 1_000, 1_000])).tolist() == [299, 587, 114]
+
+
+@pytest.mark.parametrize(
+    ("off", "wrong", "sure"), [(0, 0, True), (3, 0, True), (4, 0, False), (0, 10, True), (0, 11, False)]
+)
+def test_how_far_colors_may_be_off(off, wrong, sure):
+    """By three levels, and one pixel in a hundred by more."""
+    luma = np.random.default_rng(0).integers(10, 240, (25, 40), dtype=np.uint8)
+    colors = np.repeat(luma[..., None] + np.uint8(off), 3, 2)
+    colors[0, :wrong] = luma[0, :wrong, None] + np.uint8(15)
+    assert levels_of(luma, colors) == (FULL if sure else None)
+
+
+def test_of_large_pictures_some_pixels_are_enough():
+    luma = np.random.default_rng(0).integers(0, 256, (300, 400), dtype=np.uint8)
+    colors = np.repeat(luma[..., None], 3, 2)
+    colors[1::2] = 0
+    assert levels_of(luma, colors) == FULL
+    # of smaller ones all
+    assert levels_of(luma[:255], colors[:255]) is None
+
+
+@pytest.mark.parametrize(
+    ("sizes", "alone", "options"),
+    [
+        ([(1_024, 1_024)], False, [1]),
+        ([(1_024, 1_025), (1_024, 1_025)], False, [1, None]),
+        ([(1_025, 1_024), (1_025, 1_024)], False, [1, None]),
+        ([(4_000, 3_000)], True, [1]),
+        ([None, (64, 48)], True, [1, None]),
+        ([None, None], False, [1, None]),
+    ],
+)
+def test_small_frames_are_decoded_in_one_thread(monkeypatch, tmp_path, sizes, alone, options):
+    asked = []
+
+    def opened(path, backend, given):
+        size = sizes[len(asked)]
+        asked.append(given)
+        known = {cv2.CAP_PROP_FRAME_WIDTH: (size or (0, 0))[0], cv2.CAP_PROP_FRAME_HEIGHT: (size or (0, 0))[1]}
+        return SimpleNamespace(isOpened=lambda: size is not None, get=known.get)
+
+    monkeypatch.setattr(decoder, "in_one_thread", lambda: alone)
+    monkeypatch.setattr(cv2, "VideoCapture", opened)
+    if sizes[-1] is None:
+        with pytest.raises(FormatError, match="holds no video that OpenCV can decode"):
+            _opened(tmp_path)
+    else:
+        assert _opened(tmp_path)[1] == asked[-1]
+    assert asked == [[] if count is None else [cv2.CAP_PROP_N_THREADS, count] for count in options]
+
+
+@pytest.mark.parametrize("level", [4, 1])
+def test_warnings_are_silenced_until_the_last_stream_ends(level):
+    before = logging.setLogLevel(level)
+    try:
+        with _without_warnings():
+            with _without_warnings():
+                assert logging.getLogLevel() == ERRORS_ONLY == 2
+            assert logging.getLogLevel() == 2
+        assert logging.getLogLevel() == level
+    finally:
+        logging.setLogLevel(before)

@@ -264,9 +264,9 @@ def _extent(response: requests.Response) -> tuple[int, int | None]:
     if response.status_code == 200:
         length = response.headers.get("Content-Length", "")
         return 0, int(length) if length.isdecimal() else None
-    found = re.fullmatch(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)", response.headers.get("Content-Range", "").strip())
+    found = re.fullmatch(r"bytes (?:(\d+)-\d+|\*)/(?:(\d+)|\*)", response.headers.get("Content-Range", "").strip())
     begin, total = found.groups() if found else (None, None)
-    return -1 if begin is None else int(begin), int(total) if total and total != "*" else None
+    return -1 if begin is None else int(begin), int(total) if total else None
 
 
 def _version(response: requests.Response) -> str:

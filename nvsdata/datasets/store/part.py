@@ -57,11 +57,8 @@ class Part:
 
     def raw(self) -> dict[str, np.ndarray]:
         """The columns so far, one recording after the other."""
-        mapped = {}
-        for name, kind in self.kinds.items():
-            # an empty file can't be mapped
-            mapped[name] = np.memmap(self.folder / name, kind, "r") if self.events else np.empty(0, kind)
-        return mapped
+        # an empty file can't be mapped, but without events there is no store to assemble
+        return {name: np.memmap(self.folder / name, kind, "r") for name, kind in self.kinds.items()}
 
     def _resume(self, names: set[str]) -> None:
         journal = self.folder / JOURNAL

@@ -256,7 +256,8 @@ def crc_of(arrays: list[np.ndarray]) -> int:
 def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
     """Type, size of an item and first byte of a column that is contiguous in the file; None for a compressed one."""
     offset = dataset.id.get_offset()
-    if dataset.size and (links_are_followed() or dataset.chunks is not None or offset is None):
+    # one in chunks has no offset
+    if dataset.size and (links_are_followed() or offset is None):
         return None
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
         raise FormatError(path, f"cut short within {dataset.name}", offset=offset)

@@ -1,29 +1,21 @@
-"""What tuning minimizes: distances of emulated events to a real recording of the same video; a table of trials."""
+"""What tuning minimizes: distances of emulated events to a real recording of the same video."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
-from dataclasses import fields
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property, partial
 from itertools import takewhile
 
 import numpy as np
 
-from nvsdata.common.tables import aligned
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.emulation.protocol import EventEmulator
-from nvsdata.emulation.settings import Settings
-from nvsdata.emulation.tuning.search import Search
-from nvsdata.metrics.distance import compare
+from nvsdata.emulation.tuning.search import Measured
+from nvsdata.metrics.distance import compare, event_counts
 from nvsdata.video.frames import Frame, Video, frames_of
-
-# of Table 3.3: settings and their headings
-SHOWN = {"t_log": "T_log", "inhibition": "B", "max_events": "M_max", "threshold": "T_map", "new": "new", "exp": "exp"}
-SHOWN |= {"alpha": "alpha"}
-MEASURED = ("Inv. e-rep", "Chamfer", "EMD", "Score")
 
 
 class Pair:
@@ -36,6 +28,8 @@ class Pair:
     - `fps`: frames per second, whatever the video says (default: as it says)
     - `seconds`: compare the first seconds only (default: all)
     - `offset`: µs that are added to the recording's times, which count from its start (default 0)
+    - `one_way`: distances from emulated spikes to real ones only, as in the thesis (default False: both ways, and how
+      far the numbers of events are apart). They choose emulators that fire too little: what is missing costs nothing
 
     ValueError if fewer than two frames fall within the time.
     """
@@ -48,55 +42,61 @@ class Pair:
         fps: float | None = None,
         seconds: float | None = None,
         offset: int = 0,
+        one_way: bool = False,
     ) -> None:
         end = np.inf if seconds is None else seconds * 1e6
         size = real.sensor_size
 
-        def load(color: bool) -> list[Frame]:
-            return list(takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size, color=color)))
+        def load(color: bool) -> Iterator[Frame]:
+            return takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size, color=color))
 
-        self.frames = load(color=False)
+        self.frames = list(load(color=False))
         # only hue, which few settings ask for, needs a file's colors; arrays have them already
         of_file = isinstance(video, str | os.PathLike)
-        self._colored: Callable[[], list[Frame]] = cache(partial(load, True)) if of_file else lambda: self.frames
+        self._load_colored: Callable[[], Iterable[Frame]] = partial(load, True) if of_file else lambda: self.frames
         if len(self.frames) < 2:
             raise ValueError(f"{video}: {len(self.frames)} frames in the time that counts, at least 2 are needed")
         last = self.frames[-1].time
         self.fps = (len(self.frames) - 1) * 1e6 / last
-        self.offset = offset
+        self.offset, self.one_way = offset, one_way
         cut = real.read if isinstance(real, Recording) else real.window
         self.real = cut(real.start, real.start + max(last - offset, 1))
 
     def emulate(self, settings: EventEmulator) -> Events:
         """Events of the video by these settings."""
-        return settings.emulate(self._colored() if getattr(settings, "hue", False) else self.frames)
+        return settings.emulate(self._colored if getattr(settings, "hue", False) else self.frames)
 
-    def __call__(self, settings: EventEmulator) -> tuple[float, float, float]:
-        """Distances of these settings: 1 - repeatability, Chamfer, EMD.
+    @cached_property
+    def _colored(self) -> list[Frame]:
+        return list(self._load_colored())
 
-        NaN if more than half of the frames with real spikes have no emulated one: the distances go from
-        emulated spikes to real ones only, so settings that hardly ever fire would win.
+    @cached_property
+    def colored(self) -> bool:
+        """Whether the video has colors, without which there is no hue."""
+        return next(iter(self._load_colored())).pixels.ndim == 3
+
+    def __call__(self, settings: EventEmulator) -> Measured:
+        """Distances of these settings, see `Comparison.values` and `values_both_ways`, and their event counts.
+
+        NaN if more than half of the frames with real spikes have no emulated one: in such frames there are no
+        distances, so settings that hardly ever fire could win.
         """
         found = compare(self.emulate(settings), self.real, self.fps, offset=self.offset)
         real = found.emd.frames.size - found.emd.empty_real
-        return found.values if 2 * found.emd.used >= max(real, 1) else (math.nan, math.nan, math.nan)
+        distances: tuple[float, ...] = found.values if self.one_way else found.values_both_ways
+        if not found.emd.used or 2 * found.emd.used < real:
+            distances = (math.nan,) * len(distances)
+        return Measured(distances, found.emulated_events)
+
+    @property
+    def real_events(self) -> tuple[int, int]:
+        """Numbers of OFF and of ON events of the camera."""
+        # an offset below 0 leaves out what came before the video
+        return event_counts(self.real, max(-self.offset, 0), self.real.end - self.real.start)
 
 
-def table(search: Search, rows: int = 5) -> str:
-    """`rows` trials at most, from the worst to the best at even steps of rank, in the columns of Table 3.3, or those
-    of another emulator's settings."""
-    scores = search.scores
-    ranked = [i for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
-    chosen = [ranked[round(i)] for i in np.linspace(0, len(ranked) - 1, min(rows, len(ranked)))]
-    kind = search.best.settings
-    shown = SHOWN if isinstance(kind, Settings) else {field.name: field.name for field in fields(kind)}
-    lines: list[tuple[str, ...]] = [(*shown.values(), *MEASURED)]
-    for i in chosen:
-        trial = search.trials[i]
-        values = [_short(getattr(trial.settings, name)) for name in shown]
-        lines.append((*values, *(f"{value:.3f}" for value in (*trial.distances, scores[i]))))
-    return aligned(lines)
-
-
-def _short(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+def measured_on(pairs: Sequence[Pair], settings: EventEmulator) -> Measured:
+    """Mean distances over several pairs, and the sums of their event counts."""
+    each = [pair(settings) for pair in pairs]
+    off, on = (sum(one.events[p] for one in each) for p in (0, 1))
+    return Measured(tuple(np.mean([one.distances for one in each], axis=0).tolist()), (off, on))

@@ -48,10 +48,9 @@ class DeviceInfo:
 
 def defaults(facts: DeviceInfo) -> Iterator[Write]:
     """The vendor's default configuration except biases, in the vendor's order: (module, parameter, value)."""
-    old, small = facts.chip in (0, 1), facts.chip in (0, 1, 2)
     shift = [(p, int(p in (136, 138))) for p in range(128, 139)]
     shift += [(140, 0), (141, 0)]
-    shift += [(139, 0)] if old else [] if small else [(143, 1), (144, 0)]
+    shift += [(139, 0)] if facts.chip in (0, 1) else [] if facts.chip == 2 else [(143, 1), (144, 0)]
     yield from ((CHIP, parameter, value) for parameter, value in shift)
     yield from ((MUX, 4, 1), (MUX, 5, 1), (DVS, 4, 0), (DVS, 5, 0))
     if "pixel filter" in facts.has:

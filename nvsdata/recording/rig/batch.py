@@ -25,7 +25,7 @@ from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
 from nvsdata.recording.rig.take import TakeRejected, cut_take, record_take
 from nvsdata.video.folder import Video
-from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, noted
+from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, file_facts, noted
 
 TAKES = 3  # takes of a video before it counts as failed
 RETRY = 1_000_000  # µs between attempts to find a camera that is gone
@@ -105,6 +105,7 @@ def record_videos(
             }
             try:
                 with noted(video, line, (CameraError, MonitorError)):
+                    line |= file_facts(video)
                     line |= _recorded(video, out, camera, monitor, settings)
             except (TakeRejected, CameraError) as reason:
                 if isinstance(reason, CameraError):

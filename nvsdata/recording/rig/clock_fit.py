@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.signal import max_len_seq
 
 from nvsdata.data.events import Events
 
@@ -17,6 +16,7 @@ SMEAR = 5  # bins that a flash's events spread over
 LONGEST = 25_000  # µs that a flash's events take: a screen changes line by line, a readout has its limit
 ONSET = 0.05  # share of a flash's events after which it counts as begun
 NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 Hz
+GROUP = 3e6  # µs that a group of flashes takes at most
 MOST_DRIFT = 500e-6  # of the camera's clock against the host's
 LEAST = 0.6  # share of the flashes that must be found
 LOOSE = 400.0  # µs that a flash may be off the fit, however close the others are
@@ -52,8 +52,11 @@ class ClockFit:
 
 def flashes(length: int = 31) -> np.ndarray:
     """Brightness, 0 or 1, of each step of the pattern: a maximum length sequence, which is unlike any shift of it."""
-    # rolled so that it starts with one flash by itself
-    return np.resize(np.roll(max_len_seq(5)[0][::-1], 19), length).astype(np.uint8)
+    # it starts with one flash by itself; scipy.signal has such sequences, too, but takes a second to import
+    bits = [1, 0, 0, 0, 0]
+    while len(bits) < 31:
+        bits.append(bits[-5] ^ bits[-3])
+    return np.resize(np.array(bits, np.uint8), length)
 
 
 def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
@@ -80,7 +83,7 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
         host, rising = host[rising], rising[rising]
     if host.size < 6 or sight.count == 0:
         raise NoSync(f"{host.size} flashes and {sight.count} {sight.what} can't be matched")
-    group = host - host[0] < 3e6
+    group = host - host[0] < GROUP
     # the pattern may come again after the video, or the video may resemble it: the place that explains most is taken
     tried = [_matched(sight, host, rising, group, offset) for offset in sight.coarse(host[group], rising[group])]
     camera = max(tried, key=lambda times: int(np.isfinite(times).sum()))
@@ -105,7 +108,12 @@ def _matched(
         last = np.flatnonzero(np.isfinite(camera))[-8:]
         ahead = offset if group[n] or not last.size else float(np.median(camera[last] - host[last]))
         gap = host[n] - (host[last[-1]] if last.size else host[0])
-        camera[n] = sight.near(host[n] + ahead, bool(rising[n]), NEAR + MOST_DRIFT * gap)
+        if MOST_DRIFT * gap > NEAR:
+            # a whole pattern is found anew: of single flashes, several may be as near
+            group = (host >= host[n]) & (host - host[n] < GROUP)
+            places = [*sight.coarse(host[group], rising[group]), ahead]
+            offset = ahead = next(place for place in places if abs(place - ahead) <= NEAR + MOST_DRIFT * gap)
+        camera[n] = sight.near(host[n] + ahead, bool(rising[n]), NEAR + min(MOST_DRIFT * gap, NEAR))
     return camera
 
 

@@ -9,7 +9,6 @@ import shutil
 
 import pytest
 import trees
-from hosts import hosting
 
 from nvsdata.common.errors import DownloadError
 from nvsdata.datasets.archives import transfer
@@ -19,21 +18,6 @@ from nvsdata.datasets.facts import Archive, Info
 INFO = Info("made-up", None, ("a",), "https://example.org/made-up", "none")
 CONTENT, OTHER = (trees.zipped({"a/1.bin": random.Random(seed).randbytes(500_000)}) for seed in (1, 2))
 DAY, NEXT_DAY = (f"{day}, 2{n} Nov 2026 07:28:00 GMT" for day, n in (("Sat", 1), ("Sun", 2)))
-
-
-@pytest.fixture
-def pauses(monkeypatch):
-    """The pauses that were made, none of which is waited for."""
-    made = []
-    monkeypatch.setattr(transfer.time, "sleep", made.append)
-    return made
-
-
-@pytest.fixture
-def host(monkeypatch, pauses):
-    monkeypatch.delenv("NVSDATA_MIRROR", raising=False)
-    with hosting() as host:
-        yield host
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from places import SHARED
 from nvsdata.recording.camera import CameraError, Unplugged
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import APS, DVS, EXTERNAL, IMU, MUX, SYSTEM, Settings
-from nvsdata.recording.simulated.camera import SimulatedDavis
+from nvsdata.recording.simulated.camera import DAVIS240C, SimulatedDavis
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
 
@@ -90,6 +90,12 @@ def test_the_conversation_is_the_vendors(name):
             assert camera.log == expected[phase]
 
 
+@pytest.mark.skipif("d240c" not in DEVICES, reason="no conversations here")
+def test_the_simulated_camera_answers_as_the_vendors():
+    answers = {place: DEVICES["d240c"][key] for key, place in ANSWERS.items()}
+    assert answers | {(MUX, 83): 0, (MUX, 84): 0} == DAVIS240C
+
+
 def camera(**options):
     return SimulatedDavis(speed=0, **options)
 
@@ -153,8 +159,6 @@ def test_settings_that_do_not_fit(settings, message):
 
 
 def registers(**changes):
-    from nvsdata.recording.simulated.camera import DAVIS240C
-
     return dict(DAVIS240C) | {ANSWERS[name]: value for name, value in changes.items()}
 
 

@@ -13,6 +13,7 @@ from places import SHARED
 
 from nvsdata.recording.davis.stream import SPECIALS, Decoder
 from nvsdata.recording.simulated.camera import SAMPLE_WORDS as SAMPLE
+from nvsdata.recording.simulated.camera import readings
 
 FOLDER = SHARED / "davis"
 CASES = json.loads((FOLDER / "cases.json").read_text()) if FOLDER.is_dir() else {"cases": {}, "profiles": {}}
@@ -217,3 +218,26 @@ def test_rising_edges_and_pulses_after_the_first_reset_are_triggers(size):
     assert times(None) == [10, 30, 50]
     assert times(50) == [10, 30]
     assert times(30) == [10]
+
+
+@pytest.mark.parametrize("size", [1, 4, 100])
+@pytest.mark.parametrize(("last", "end"), [(None, 30), (31, 30), (30, 29), (21, 20), (20, 19), (10, 9)])
+def test_what_comes_before_the_first_reset_or_from_the_end_on_is_left_out(size, last, end):
+    before = [0x8005, 0x1003, 0x3001, *SAMPLE, *frame_words()]
+    words = [*before, 0x0001, 0x800A, 0x1003, 0x3002, *SAMPLE, 0x8014, 0x3003, *SAMPLE, *frame_words(), 0x801E, 0x3004]
+    blocks = [np.array(words[i : i + size], "<u2").tobytes() for i in range(0, len(words), size)]
+    found = [piece for piece, _ in Decoder(240, 180, steady=True).decoded(blocks, last)]
+    kept = [t for t in (10, 20, 30) if last is None or t < last]
+    assert [t for piece in found for t in piece.t.tolist()] == kept
+    assert [t for piece in found for t in piece.inertial.t.tolist()] == [t for t in kept if t < 30]
+    assert [frame.end for piece in found for frame in piece.frames] == [t for t in kept if t == 20]
+    assert ({piece.start for piece in found}, found[-1].end) == ({0}, end)
+    assert [piece.about for piece in found if piece.about] == [
+        {"temperature": 25.0} for piece in found if piece.inertial.t.size
+    ]
+
+
+def frame_words():
+    """Of one pixel."""
+    first, last = readings(np.zeros((1, 1), int), [0, 0, 0, 0])
+    return np.frombuffer(first + last, "<u2").tolist()

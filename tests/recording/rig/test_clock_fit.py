@@ -57,6 +57,17 @@ def test_drift_and_offset_with_late_flashes_noise_and_a_video_between(seed):
     assert found.residual < 200
 
 
+@pytest.mark.parametrize(("drift", "gap"), [(490e-6, 40e6), (-200e-6, 300e6), (450e-6, 600e6)])
+def test_a_clock_that_drifts_by_many_frames_during_a_long_video(drift, gap):
+    before, up = shown(2e6)
+    after, down = shown(5e6 + gap)
+    host, bright = np.concatenate((before, after)), np.concatenate((up, down))
+    camera = 1e6 + (1 + drift) * host
+    found = fit(seen(camera, bright, video=(7e6, 9e6), noise=1_000), host, bright)
+    assert found.drift == pytest.approx(drift, abs=1e-6)
+    assert found.used == host.size
+
+
 def test_a_fifth_of_the_flashes_a_frame_late_on_one_side():
     before, up = shown(1e6)
     after, down = shown(8e6)
@@ -98,6 +109,9 @@ def test_the_pattern_is_like_itself_nowhere_else():
     assert set(bits.tolist()) == {-1, 1}
     for shift in range(1, 31):
         assert abs((bits * np.roll(bits, shift)).sum()) == 1
+    # one flash by itself comes first; a shorter pattern is the beginning of the whole one
+    assert flashes()[:5].tolist() == [1, 0, 0, 0, 0]
+    assert flashes(17).tolist() == flashes()[:17].tolist()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nvsdata.recording.davis.registers import CHIPS
-from nvsdata.recording.simulated.scenes import PIXELS, Watched
+from nvsdata.recording.simulated.scenes import PIXELS, Outlines, Watched
 
 GRAY = np.full((60, 80, 3), 120, np.uint8)
 
@@ -49,3 +49,40 @@ def test_the_chips_that_cameras_name():
         8: "DAVIS208",
         9: "DAVIS346C",
     }
+
+
+def test_outlines_lie_on_a_square_that_circles():
+    start = 700_000
+    events = Outlines(rate=100_000, noise=0).events(start, start + 400_000)
+    assert len(events) == pytest.approx(40_000, abs=1_000)
+    assert start <= events.t[0] < start + 1_000
+    assert start + 399_000 < events.t[-1] < start + 400_000
+    angle = events.t / 1e6 * np.pi
+    # the place within the square, to the pixel that it is cut down to
+    x, y = events.x - (90 + 60 * np.cos(angle)), events.y - (60 + 45 * np.sin(angle))
+    assert -1 <= x.min() < x.max() <= 60
+    assert -1 <= y.min() < y.max() <= 60
+    first, last = (x < 0.01) | (y < 0.01), (x > 58.99) | (y > 58.99)
+    # ON at the right and below, OFF at the left and above, all sides alike
+    assert last[events.p == 1].all()
+    assert first[events.p == 0].all()
+    for side in (x <= 0, y <= 0, x >= 59, y >= 59):
+        assert side.mean() == pytest.approx(0.25, abs=0.03)
+    for along, other in ((x, y), (y, x)):
+        inside = along[(other <= 0) & (along > 0)]
+        assert inside.mean() == pytest.approx(30, abs=1.5)
+
+
+def test_noise_is_anywhere():
+    events = Outlines(rate=0, noise=100_000).events(0, 400_000)
+    assert len(events) == pytest.approx(40_000, abs=1_000)
+    counts = np.histogram2d(events.x, events.y, [8, 6], [(0, 240), (0, 180)])[0]
+    assert counts.min() > 650
+    assert (events.x.min(), events.x.max(), events.y.min(), events.y.max()) == (0, 239, 0, 179)
+    mixed = Outlines(rate=100_000, noise=25_000).events(0, 400_000)
+    assert len(mixed) == pytest.approx(50_000, abs=1_200)
+    # the square is nowhere near that corner
+    assert ((mixed.x < 80) & (mixed.y > 165) | (mixed.x < 25)).sum() > 500
+    assert len(Outlines().events(5, 5)) == 0
+    assert Outlines().pulses(0, 10**9) == []
+    assert (Outlines().rate, Outlines().noise) == (200_000, 20_000)

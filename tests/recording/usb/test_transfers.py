@@ -1,8 +1,10 @@
 """Requests that wait in libusb, on a library that isn't there."""
 
+import array
 import ctypes
 
 import pytest
+import usb.core
 from usb.backend import libusb1
 
 from nvsdata.recording.usb import transfers
@@ -92,3 +94,63 @@ def test_another_backend_has_no_requests_that_wait():
         backend = object()
 
     assert transfers.queued(Device(), 0x82) is None
+
+
+def test_how_long_libusb_may_take():
+    """Milliseconds become seconds and microseconds."""
+    spans = []
+    library = Library([])
+    library.libusb_handle_events_timeout = lambda context, span: spans.append(
+        (span._obj.seconds, span._obj.microseconds)
+    )
+    reader = queued(library)
+    for timeout in (0, 20, 999, 1_000, 2_345):
+        assert reader.read(timeout) == b""
+    assert spans == [(0, 0), (0, 20_000), (0, 999_000), (1, 0), (2, 345_000)]
+
+
+def test_requests_as_libusb_wants_them():
+    library = Library([])
+    queued(library)
+    assert len(library.structures) == 32
+    for request in library.structures:
+        assert (request.endpoint, request.type, request.timeout, request.length) == (0x82, 2, 0, 65_536)
+
+
+@pytest.mark.parametrize(
+    ("status", "kept", "again"), [(COMPLETED, True, True), (2, True, True), (CANCELLED, True, False), (1, False, False)]
+)
+def test_what_becomes_of_a_request(status, kept, again):
+    """By how it ended: done, too late, canceled, or failed; data may come with each."""
+    library = Library([])
+    reader = queued(library)
+    library._complete(library.pending.pop(0), b"abc", status)
+    assert len(library.pending) == COUNT - (not again)
+    assert reader.read(0) == (b"abc" if kept else b"")
+    assert (reader._failed is None) == (status != 1)
+
+
+def test_requests_that_libusb_refuses():
+    library = Library([])
+    library.libusb_submit_transfer = lambda transfer: -4
+    with pytest.raises(Disconnected, match="no request is answered any more"):
+        queued(library).read(10)
+
+
+def test_one_request_at_a_time():
+    answers = [b"abc", b"", usb.core.USBTimeoutError("late"), usb.core.USBError("gone", None, 19)]
+
+    class Device:
+        def read(self, endpoint, buffer, timeout):
+            assert (endpoint, len(buffer), timeout) == (0x82, 65_536, 30)
+            answer = answers.pop(0)
+            if isinstance(answer, Exception):
+                raise answer
+            buffer[: len(answer)] = array.array("B", answer)
+            return len(answer)
+
+    stream = transfers.SyncStream(Device(), 0x82)
+    assert [stream.read(30) for _ in range(3)] == [b"abc", b"", b""]
+    with pytest.raises(Disconnected, match="gone"):
+        stream.read(30)
+    stream.close()

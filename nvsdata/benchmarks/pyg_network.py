@@ -23,7 +23,8 @@ class SplineConv(nn.Module):
         self.register_buffer("open", torch.ones(2, dtype=torch.uint8))
 
     def forward(self, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-        return spline_conv(x, edges, u, self.weight, self.size, self.open, 1, True, self.root, self.bias)
+        out: torch.Tensor = spline_conv(x, edges, u, self.weight, self.size, self.open, 1, True, self.root, self.bias)
+        return out
 
 
 class Residual(nn.Module):
@@ -60,7 +61,8 @@ class PyGRGCNN(nn.Module):
         cell = (data.pos / 7).long().clamp(0, 4)
         place = data.batch * 25 + cell[:, 1] * 5 + cell[:, 0]
         flat = data.x.new_zeros(graphs * 25, 128).index_copy(0, place, data.x)
-        return self.classify(self.dropout(torch.relu(self.hidden(flat.view(graphs, -1)))))
+        scores: torch.Tensor = self.classify(self.dropout(torch.relu(self.hidden(flat.view(graphs, -1)))))
+        return scores
 
     @staticmethod
     def pool(data: Data, side: int) -> Data:

@@ -1,0 +1,97 @@
+"""What is worked on: recordings of real sensors if a folder with some is given, and scenes of our own making."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from nvsdata import formats
+from nvsdata.benchmarks.case import Options
+from nvsdata.data.events import Events
+from nvsdata.transforms.crops import resize_events
+
+DIGITS = 34, 34
+SENSOR = 240, 180
+SECOND = 1_000_000  # µs
+WINDOW = 30_000  # µs
+VIDEOS = ".mp4", ".avi"
+
+
+def random_events(count: int, size: tuple[int, int] = SENSOR, *, duration: int = SECOND, seed: int = 0) -> Events:
+    """Events at random pixels and times."""
+    random = np.random.default_rng(seed)
+    t = np.sort(random.integers(0, duration, count))
+    x, y, p = (random.integers(0, high, count) for high in (*size, 2))
+    return Events(t, x, y, p, size)
+
+
+def outlines(count: int, *, duration: int = WINDOW, seed: int = 0) -> Events:
+    """Events of the outlines of four moving squares, on 240x180 pixels."""
+    random = np.random.default_rng(seed)
+    t = np.sort(random.integers(0, duration, count))
+    side, x, y, vx, vy = (random.uniform(*range_, 4) for range_ in ((20, 50), (0, 180), (0, 120), (0, 9), (0, 9)))
+    which, along, edge = random.integers(0, 4, count), random.uniform(0, 1, count), random.integers(0, 4, count)
+    across = np.where(edge % 2, along, edge // 2), np.where(edge % 2, edge // 2, along)
+    px = x[which] + side[which] * across[0] + vx[which] * t / duration
+    py = y[which] + side[which] * across[1] + vy[which] * t / duration
+    xs, ys = (np.clip(np.rint(p), 0, top - 1).astype(np.int16) for p, top in zip((px, py), SENSOR, strict=True))
+    return Events(t, xs, ys, random.integers(0, 2, count), SENSOR)
+
+
+def digits(options: Options, count: int = 32) -> list[Events]:
+    """Recordings of N-MNIST, or outlines of squares on a sensor of its size."""
+    if options.data is not None and (paths := _digit_files(options.data)):
+        return [formats.read(path, sensor_size=DIGITS) for path in paths[:: max(len(paths) // count, 1)][:count]]
+    return [resize_events(outlines(4_000, duration=300_000, seed=seed), *DIGITS) for seed in range(count)]
+
+
+def street(options: Options) -> Events:
+    """The largest recording of a 240x180 sensor below the folder; otherwise two seconds of outlines."""
+    return (options.data and _real_street(options.data)) or outlines(160_000, duration=2 * SECOND)
+
+
+def video(options: Options) -> Path | None:
+    """The largest video below the folder."""
+    return next(iter(_by_size(options.data, VIDEOS)), None) if options.data is not None else None
+
+
+def pairs(folder: Path) -> list[Path]:
+    """Pairs of frames and of what a sensor saw itself."""
+    return sorted(folder.glob("**/pairs/*.npz"))
+
+
+def lacking(folder: Path) -> list[str]:
+    """What of all that is looked for a folder doesn't have."""
+    found = {
+        "N-MNIST": _digit_files(folder),
+        "recording of a 240x180 sensor": _real_street(folder),
+        "video": _by_size(folder, VIDEOS),
+        "pairs of frames and events": pairs(folder),
+    }
+    return [name for name, what in found.items() if not what]
+
+
+@cache
+def _real_street(folder: Path) -> Events | None:
+    for path in _by_size(folder, (".aedat", ".aedat4", ".h5", ".raw", ".dat")):
+        with suppress(ValueError, OSError, ImportError):
+            events = formats.read(path)
+            if events.sensor_size == SENSOR:
+                return events
+    return None
+
+
+@cache
+def _digit_files(folder: Path) -> list[Path]:
+    roots = [folder] if folder.name == "N-MNIST" else list(folder.rglob("N-MNIST"))
+    return sorted(path for root in roots for path in root.rglob("*.bin"))
+
+
+@cache
+def _by_size(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    return sorted(
+        (path for path in folder.rglob("*") if path.suffix in suffixes), key=lambda path: (-path.stat().st_size, path)
+    )

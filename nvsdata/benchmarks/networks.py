@@ -1,0 +1,81 @@
+"""Networks with fixed weights, and what they are given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import torch
+from torch import nn
+
+from nvsdata import models
+from nvsdata import transforms as T
+from nvsdata.benchmarks.case import Options
+from nvsdata.benchmarks.inputs import WINDOW, digits, outlines
+from nvsdata.data.batching import collate
+from nvsdata.data.graph import GraphBatch
+from nvsdata.models.distributed import Dropout
+from nvsdata.transforms.crops import resize_events
+
+VOLUMES = 4  # graphs per sequence
+
+# every configuration of the thesis: the network and its sensor
+CONFIGURED: dict[str, tuple[Callable[[], nn.Module], tuple[int, int], bool]] = {
+    **{
+        f"{kind} {name}": (partial(make, name), settings["sensor_size"], False)
+        for kind, make in (("RG-CNN", models.rgcnn), ("G-CNN", models.gcnn))
+        for name, settings in models.CONFIGURATIONS.items()
+    },
+    **{
+        f"RG-CNN + {temporal} 3D {name}": (partial(models.rgcnn3d, name, temporal), settings["sensor_size"], True)
+        for name, settings in models.CONFIGURATIONS_3D.items()
+        for temporal in ("plain", "inception", "residual")
+    },
+}
+
+
+def steady(make: Callable[[], nn.Module], device: str = "cpu") -> nn.Module:
+    """A network with the same weights each time, which drops nothing, and whose normalization isn't the identity."""
+    torch.manual_seed(0)
+    model = make()
+    for module in model.modules():
+        if isinstance(module, Dropout | nn.Dropout):
+            module.p = 0.0
+        elif isinstance(module, models.BatchNorm):
+            nn.init.uniform_(module.weight, 0.5, 1.5)
+            nn.init.uniform_(module.bias, -0.5, 0.5)
+            nn.init.uniform_(module.get_buffer("running_mean"), -0.5, 0.5)
+            nn.init.uniform_(module.get_buffer("running_var"), 0.5, 2)
+    return model.to(device)
+
+
+def windows(options: Options, count: int) -> tuple[GraphBatch, torch.Tensor]:
+    """Graphs of 30 ms windows of digits, and targets."""
+    found, recordings = [], digits(options)
+    for n in range(count):
+        events = recordings[n % len(recordings)]
+        start = events.start + 1_000 * n % max(events.duration - WINDOW, 1)
+        found.append((T.radius_graph(events.window(start, start + WINDOW)), n % 10))
+    batch, targets = collate(found)
+    return batch.to(options.device), targets.to(options.device)
+
+
+def samples(sensor_size: tuple[int, int], sequences: bool) -> GraphBatch:
+    """Two graphs, or two sequences of graphs, of moving outlines, on the CPU."""
+    made = []
+    for seed in range(2 * (VOLUMES if sequences else 1)):
+        events = resize_events(outlines(1_000, seed=seed), *sensor_size)
+        made.append(T.radius_graph(events, max_degree=8))
+    return GraphBatch.from_graphs(made, volumes=VOLUMES if sequences else 1)
+
+
+def doubled(batch: GraphBatch) -> GraphBatch:
+    """The same graphs in float64."""
+    return replace(batch, x=batch.x.double(), pos=batch.pos.double(), edge_attr=batch.edge_attr.double())
+
+
+def settle(device: str) -> None:
+    """Wait until a GPU is done."""
+    if device != "cpu":
+        torch.cuda.synchronize()

@@ -1,0 +1,270 @@
+"""Files of events: whole, in windows, and what their compression costs."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import cycle, product
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.io
+
+from nvsdata import formats
+from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.inputs import random_events, street
+from nvsdata.data.events import Events
+
+SIZE = 128, 128
+DIFFERENT = "events that differ from those written"
+SUFFIXES = ".bin", ".dat", ".aedat", ".aedat3", ".aedat4", ".h5", ".npy", ".txt"
+EVT = {".evt2.raw": "evt2", ".evt21.raw": "evt2.1", ".evt3.raw": "evt3"}
+SLOW = ".txt", ".npy"
+KEPT = ".h5", ".h5, gzip", ".h5, lzf", ".aedat4", ".evt3.raw", ".evt2.raw", ".dat", ".npy"
+
+
+def cases(options: Options) -> list[Case]:
+    """Whole files beside peers and a copy of their bytes; growing files; windows; sizes on disk."""
+    return [*_whole(options), *_matlab(options), *_growing(options), *_windows(options), *_sizes(options)]
+
+
+def _whole(options: Options) -> Iterator[Case]:
+    count = 200_000 if options.quick else 2_000_000
+    for suffix in (*SUFFIXES, *EVT):
+        amount = count // 10 if suffix in SLOW else count
+        case = partial(Case, "decode", f"a file of {suffix}", size={"events": amount}, error_kind=DIFFERENT)
+        yield case(partial(_read, options, suffix, amount, _ours), default=True)
+        yield case(partial(_copy, options, suffix, amount), library="copy of the bytes")
+        for library, reader in PEERS.get(suffix, {}).items():
+            yield case(partial(_read, options, suffix, amount, reader), library=library, package=library.split()[0])
+
+
+def _matlab(options: Options) -> Iterator[Case]:
+    """A file like those of ASL-DVS, which are compressed."""
+    for library, reader in {"nvsdata": _ours, "scipy": _loadmat, "zlib, inflating alone": _inflated}.items():
+        make = partial(_mat, options, reader)
+        kind = "" if reader is _inflated else DIFFERENT
+        yield Case("decode", "a file of .mat", make, library, size={"events": 28_000}, error_kind=kind)
+
+
+def _growing(options: Options) -> Iterator[Case]:
+    top = 6 if options.quick else 8
+    for suffix, power in product((".dat", ".evt3.raw", ".h5"), range(3, top + 1)):
+        make = partial(_read, options, suffix, 10**power, _ours)
+        yield Case(
+            *("decode", f"growing files of {suffix}", make),
+            size={"events": 10**power},
+            axis="events",
+            error_kind=DIFFERENT,
+            alone=True,
+        )
+
+
+def _windows(options: Options) -> Iterator[Case]:
+    count = 200_000 if options.quick else 2_000_000
+    for suffix, share in product((".dat", ".evt3.raw", ".aedat4", ".h5", ".npy"), (0.001, 0.01, 0.1, 1.0)):
+        yield Case(
+            *("decode", f"a window of an open file of {suffix}", partial(_window, options, suffix, count, share)),
+            settings={"share of the file": share},
+            size={"events": int(count * share)},
+            axis="share of the file",
+            error_kind=DIFFERENT,
+        )
+
+
+def _sizes(options: Options) -> Iterator[Case]:
+    """What a recording takes on disk against how fast it is read, and written."""
+    # compressed by h5py, from a file that is written first: that would not be the time of writing
+    read, written = [(name, "read") for name in KEPT], [(name, "write") for name in KEPT if "," not in name]
+    for name, what in read + written:
+        yield Case(
+            *("decode", f"{what} a recording", partial(_kept, options, name, what == "write")),
+            settings={"kept as": name},
+            axis="kept as",
+            default=name == ".h5",
+            error_kind="bytes per event",
+        )
+
+
+def written(options: Options, suffix: str, count: int) -> tuple[Path, Events]:
+    """A file with random events, which is made once, and the events."""
+    events = random_events(count, SIZE, duration=max(4 * count, 1000))
+    path = options.scratch / f"{count}{suffix}"
+    if not path.exists():
+        formats.write(events, path, format=EVT.get(suffix))
+    return path, events
+
+
+def _read(options: Options, suffix: str, count: int, reader: Callable[[Path], Callable[[], Any]]) -> Ready:
+    path, events = written(options, suffix, count)
+    return Ready(
+        reader(path),
+        partial(differing, events),
+        counters=lambda found: {"bytes": path.stat().st_size},
+    )
+
+
+def _copy(options: Options, suffix: str, count: int) -> Ready:
+    """The least that any reader has to do."""
+    return Ready(np.fromfile(written(options, suffix, count)[0], np.uint8).copy)
+
+
+def _mat(options: Options, reader: Callable[[Path], Callable[[], Any]]) -> Ready:
+    path, events = options.scratch / "asl.mat", random_events(28_000, SIZE, duration=100_000)
+    if not path.exists():
+        # types that MATLAB would choose
+        columns: list[np.ndarray] = [events.t.astype(np.uint32), *(c.astype(np.uint8) for c in events.columns[1:])]
+        named = zip(("ts", "x", "y", "pol"), columns, strict=True)
+        scipy.io.savemat(path, {name: column[:, None] for name, column in named}, do_compression=True)
+    return Ready(reader(path), None if reader is _inflated else partial(differing, events))
+
+
+def _loadmat(path: Path) -> Callable[[], Any]:
+    def run() -> Any:
+        found = scipy.io.loadmat(path)
+        return dict(zip("txyp", (found[name].ravel() for name in ("ts", "x", "y", "pol")), strict=True))
+
+    return run
+
+
+def _inflated(path: Path) -> Callable[[], Any]:
+    """The compressed elements behind the header of 128 bytes, by zlib alone."""
+    data, at, pieces = path.read_bytes(), 128, []
+    while at + 8 <= len(data):
+        size = int.from_bytes(data[at + 4 : at + 8], "little")
+        pieces.append(data[at + 8 : at + 8 + size])
+        at += 8 + size
+    return lambda: [zlib.decompress(piece) for piece in pieces]
+
+
+def differing(events: Events, found: Any) -> float:
+    """How many events differ."""
+    theirs = found.columns if isinstance(found, Events) else _columns(found)
+    if len(theirs[0]) != len(events):
+        return float(abs(len(theirs[0]) - len(events)))
+    wrong = np.zeros(len(events), bool)
+    for ours, other in zip(events.columns, theirs, strict=True):
+        wrong |= ours != other
+    return float(np.count_nonzero(wrong))
+
+
+def _columns(found: Any) -> tuple[np.ndarray, ...]:
+    """t, x, y and p of a peer's structured array, or of a dict of columns."""
+    names = found if isinstance(found, dict) else found.dtype.names
+    return tuple(np.asarray(found[next(n for n in names if n in any_)]).astype(np.int64) for any_ in NAMES)
+
+
+NAMES = ("t", "ts", "timestamp"), ("x",), ("y",), ("p", "on", "polarity")
+
+
+def _ours(path: Path) -> Callable[[], Events]:
+    return lambda: formats.read(path, sensor_size=SIZE)
+
+
+def _expelliarmus(kind: str, path: Path) -> Callable[[], Any]:
+    from expelliarmus import Wizard
+
+    wizard = Wizard(kind)
+    return lambda: wizard.read(str(path))
+
+
+def _faery(path: Path) -> Callable[[], Any]:
+    import faery
+
+    def run() -> Any:
+        return faery.events_stream_from_file(path).to_array()
+
+    return run
+
+
+def _aedat(path: Path) -> Callable[[], Any]:
+    import aedat
+
+    def run() -> Any:
+        packets = [packet["events"] for packet in aedat.Decoder(path) if "events" in packet]
+        return np.concatenate(packets)
+
+    return run
+
+
+def _tonic_digits(path: Path) -> Callable[[], Any]:
+    from tonic import io
+
+    kind = np.dtype([("x", int), ("y", int), ("t", int), ("p", int)])
+    return lambda: io.read_mnist_file(str(path), kind)
+
+
+def _tonic_aedat(version: float, shifts: tuple[int, int, int], path: Path) -> Callable[[], Any]:
+    """Parts of tonic: the readers of tonic 1.7.0 fail on what its header reader returns."""
+    from tonic import io
+
+    def run() -> Any:
+        start = io.read_aedat_header_from_file(str(path))[1]
+        raw = io.get_aer_events_from_file(str(path), version, start)
+        x, y, p = (raw["address"] >> shift & mask for shift, mask in zip(shifts, (127, 127, 1), strict=True))
+        return io.make_structured_array(x, y, raw["timeStamp"], p)
+
+    return run
+
+
+PEERS: dict[str, dict[str, Callable[[Path], Callable[[], Any]]]] = {
+    ".bin": {"tonic": _tonic_digits},
+    ".dat": {"expelliarmus": partial(_expelliarmus, "dat"), "faery": _faery},
+    ".aedat": {"tonic": partial(_tonic_aedat, 2.0, (8, 1, 0))},
+    ".aedat3": {"tonic": partial(_tonic_aedat, 3.1, (17, 2, 1))},
+    ".aedat4": {"aedat": _aedat, "faery": _faery},
+    ".evt2.raw": {"expelliarmus": partial(_expelliarmus, "evt2"), "faery": _faery},
+    ".evt3.raw": {"expelliarmus": partial(_expelliarmus, "evt3"), "faery": _faery},
+}
+
+
+def _window(options: Options, suffix: str, count: int, share: float) -> Ready:
+    """Windows at random places of a recording that stays open."""
+    path, events = written(options, suffix, count)
+    recording = formats.open(path, sensor_size=SIZE)
+    length = int(events.duration * share)
+    begins = cycle(np.random.default_rng(0).integers(0, max(events.end - length, 1), 256).tolist())
+    # the index is made by the first
+    recording.read(0, 1)
+
+    def run() -> tuple[int, Events]:
+        begin = next(begins)
+        return begin, recording.read(begin, begin + length)
+
+    return Ready(run, lambda found: differing(events.window(found[0], found[0] + length), found[1]))
+
+
+def _kept(options: Options, name: str, write: bool) -> Ready:
+    events = street(options)
+    suffix, _, compression = name.partition(", ")
+    path = options.scratch / f"kept-{compression}{suffix}"
+
+    def save() -> None:
+        formats.write(events, path, format=EVT.get(suffix))
+        if compression:
+            _compress(path, compression)
+
+    save()
+    run = save if write else lambda: formats.read(path, sensor_size=events.sensor_size)
+    return Ready(run, lambda found: path.stat().st_size / len(events))
+
+
+def _compress(path: Path, compression: str) -> None:
+    """Write an HDF5 file anew with compressed columns."""
+    packed = path.with_suffix(".packed")
+    with h5py.File(path) as file, h5py.File(packed, "w") as target:
+        target.attrs.update(file.attrs)
+
+        def copy(name: str, one: h5py.Dataset | h5py.Group) -> None:
+            if isinstance(one, h5py.Dataset):
+                how = {"compression": compression, "shuffle": True, "chunks": True} if one.size else {}
+                made = target.create_dataset(name, data=one[()], **how)
+            else:
+                made = target.require_group(name)
+            made.attrs.update(one.attrs)
+
+        file.visititems(copy)
+    packed.replace(path)

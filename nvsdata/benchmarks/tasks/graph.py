@@ -1,0 +1,163 @@
+"""Events to graphs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from nvsdata import transforms as T
+from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.inputs import SENSOR, WINDOW, digits, random_events, street
+from nvsdata.data.events import Events
+from nvsdata.transforms.defaults import BETA
+
+DIFFERENT = "edges that differ from those of all pairs of events"
+RADIUS, DEGREE = 3.0, 32
+
+
+def cases(options: Options) -> list[Case]:
+    """Windows to graphs beside peers; growing windows; sampling; events in few and in many places."""
+    return [*_windows(options), *_growing(options), *_occupied(options)]
+
+
+def _windows(options: Options) -> Iterator[Case]:
+    for name, source in (("N-MNIST", _digit), ("a DAVIS240", _scene)):
+        case = partial(Case, "graph", f"a window of {name} to a graph", error_kind=DIFFERENT)
+        yield case(partial(_ready, options, source, T.RadiusGraph()), default=True)
+        yield case(partial(_ready, options, source, _by_torch_cluster), library="torch_cluster")
+        yield case(partial(_ready, options, source, _by_tree), library="scipy")
+        knn = partial(Case, "graph", f"a window of {name} to a nearest-neighbor graph")
+        yield knn(partial(_ready, options, source, T.KNNGraph(), checked=False))
+        sample = partial(Case, "graph", f"a window of {name} sampled")
+        for k in (1, 2, 4, 8, 16):
+            make = partial(_ready, options, source, T.NonUniformSample(k), checked=False)
+            yield sample(make, settings={"k": k}, axis="k")
+
+
+def _growing(options: Options) -> Iterator[Case]:
+    """Ever larger sensors, as busy as each other; then ever busier ones of one size, whose nodes have more edges."""
+    top = 5 if options.quick else 6
+    works: dict[str, Callable[[Events], Any]] = {
+        "radius graphs": T.RadiusGraph(),
+        "radius graphs with D_max 8": T.RadiusGraph(max_degree=8),
+        "nearest-neighbor graphs": T.KNNGraph(),
+        "samples": T.NonUniformSample(8),
+    }
+    for (work, transform), source, power in product(works.items(), (_larger, _busier), np.arange(3, top + 0.1, 0.5)):
+        count = round(10 ** float(power))
+        make = partial(_ready, options, partial(source, count), transform, checked=False)
+        name = f"{work} of {'growing' if source is _larger else 'ever busier'} windows"
+        yield Case("graph", name, make, size={"events": count}, axis="events", alone=True)
+
+
+def _occupied(options: Options) -> Iterator[Case]:
+    """The same number of events on ever more of the sensor."""
+    for share in (0.01, 0.03, 0.1, 0.3, 1.0):
+        make = partial(_ready, options, partial(_within, share), T.RadiusGraph(max_degree=8), checked=False)
+        settings = {"share of the sensor": share}
+        yield Case(
+            "graph", "20,000 events on a part of the sensor", make, settings=settings, axis="share of the sensor"
+        )
+
+
+def _digit(options: Options) -> Events:
+    events = digits(options, 1)[0]
+    return events.window(events.start, events.start + WINDOW)
+
+
+def _scene(options: Options) -> Events:
+    events = street(options)
+    middle = (events.start + events.end) // 2
+    return events.window(middle, middle + WINDOW)
+
+
+def _larger(count: int, options: Options) -> Events:
+    """An event on one pixel in ten."""
+    side = max(round((10 * count) ** 0.5), 1)
+    return random_events(count, (side, side), duration=WINDOW)
+
+
+def _busier(count: int, options: Options) -> Events:
+    return random_events(count, (1280, 720), duration=WINDOW)
+
+
+def _within(share: float, options: Options) -> Events:
+    width, height = (max(int(side * share**0.5), 1) for side in SENSOR)
+    events = random_events(20_000, (width, height), duration=WINDOW)
+    return Events(events.t, events.x, events.y, events.p, SENSOR)
+
+
+def _ready(
+    options: Options,
+    source: Callable[[Options], Events],
+    transform: Callable[[Events], Any],
+    *,
+    checked: bool = True,
+) -> Ready:
+    events = source(options)
+    run = transform(events) if transform in (_by_torch_cluster, _by_tree) else partial(transform, events)
+    counters = None if checked or isinstance(transform, T.NonUniformSample) else _edges
+    return Ready(run, partial(_differing, events) if checked else None, counters=counters)
+
+
+def _edges(graph: Any) -> dict[str, int]:
+    return {"edges": graph.edge_index.shape[1]}
+
+
+def _differing(events: Events, found: Any) -> float:
+    """How many edges only one of both has."""
+    edges = found.edge_index.numpy() if hasattr(found, "edge_index") else np.asarray(found)
+    if edges.shape[1] and edges[0].max() >= len(events):
+        return float("inf")
+    expected = _edges_of_all_pairs(events)
+    ours = set(map(int, edges[0].astype(np.int64) * len(events) + edges[1]))
+    return float(len(ours ^ expected))
+
+
+def _edges_of_all_pairs(events: Events) -> set[int]:
+    """Source times number of events plus target of each edge, by comparing every event with every other."""
+    t, x, y = (column.astype(np.float64) for column in (events.t - events.start, events.x, events.y))
+    found: set[int] = set()
+    for target in range(len(events)):
+        squared = (x - x[target]) ** 2 + (y - y[target]) ** 2 + BETA * (t - t[target]) ** 2
+        near = np.flatnonzero(squared <= RADIUS**2)
+        near = near[near != target]
+        order = np.lexsort((near, np.abs(t[near] - t[target]), squared[near]))
+        found.update((near[order[:DEGREE]] * len(events) + target).tolist())
+    return found
+
+
+def _by_torch_cluster(events: Events) -> Callable[[], Any]:
+    """Edges and their Cartesian pseudo-coordinates."""
+    import torch
+    import torch_cluster
+    from torch_geometric.data import Data
+    from torch_geometric.transforms import Cartesian
+
+    attributes = Cartesian(max_value=RADIUS)
+
+    def run() -> Any:
+        scaled = (events.t - events.start) * BETA**0.5
+        pos = torch.from_numpy(np.stack([events.x, events.y, scaled], 1).astype(np.float32))
+        edges = torch_cluster.radius_graph(pos, RADIUS, max_num_neighbors=DEGREE)
+        return attributes(Data(x=torch.from_numpy(events.p * 2.0 - 1), pos=pos[:, :2], edge_index=edges))
+
+    return run
+
+
+def _by_tree(events: Events) -> Callable[[], Any]:
+    """The nearest by a k-d tree: what a user would write without a library for graphs."""
+    from scipy.spatial import cKDTree
+
+    def run() -> Any:
+        points = np.stack([events.x, events.y, (events.t - events.start) * BETA**0.5], 1)
+        distance, source = cKDTree(points).query(points, DEGREE + 1, distance_upper_bound=RADIUS * (1 + 1e-9))
+        target = np.broadcast_to(np.arange(len(points))[:, None], source.shape)
+        kept = np.isfinite(distance) & (source != target)
+        return np.stack([source[kept], target[kept]])
+
+    return run

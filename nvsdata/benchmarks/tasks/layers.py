@@ -1,0 +1,189 @@
+"""Single graph convolutions, forward and backward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from typing import Any
+
+import torch
+
+from nvsdata import transforms as T
+from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.inputs import outlines, random_events
+from nvsdata.benchmarks.networks import settle
+from nvsdata.data.events import Events
+from nvsdata.data.graph import GraphBatch
+from nvsdata.models.conv import CONVOLUTIONS
+from nvsdata.models.pool import GraphPool
+from nvsdata.models.spline import add_self_loops, spline_conv
+
+CHANNELS = (1, 32), (32, 64), (64, 128), (128, 256)  # in and out
+KERNEL = 5
+RELATIVE = "largest difference from float64, of the largest value, of result and gradients"
+Convolution = Callable[[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
+
+
+def cases(options: Options) -> list[Case]:
+    """B-spline convolutions beside torch_spline_conv and the obvious implementation; others beside PyG's; pooling."""
+    return [replace(case, device=options.device) for some in (_splines, _others, _pools) for case in some(options)]
+
+
+def _splines(options: Options) -> Iterator[Case]:
+    for channels in CHANNELS:
+        work = f"a B-spline convolution {channels[0]} -> {channels[1]}"
+        case = partial(Case, "layers", work, error_kind=RELATIVE)
+        yield case(partial(_spline, options, channels, _ours), default=True)
+        if not options.quick or channels in CHANNELS[:2]:
+            # the others take it minutes
+            yield case(partial(_spline, options, channels, _torch_spline), library="torch_spline_conv")
+        yield case(partial(_spline, options, channels, _gathered), library="torch, gather and scatter", package="torch")
+
+
+def _others(options: Options) -> Iterator[Case]:
+    for name in CONVOLUTIONS:
+        case = partial(Case, "layers", f"{name} 64 -> 128", error_kind=RELATIVE)
+        yield case(partial(_other, options, name, False), default=True)
+        yield case(partial(_other, options, name, True), library="torch_geometric")
+
+
+def _pools(options: Options) -> Iterator[Case]:
+    """Nodes in ever more of the clusters."""
+    for share in (0.01, 0.1, 1.0):
+        yield Case(
+            *("layers", "pooling of 20,000 nodes in a part of the clusters", partial(_pool, options, share)),
+            settings={"share of clusters": share},
+            axis="share of clusters",
+        )
+
+
+def _batch(options: Options) -> GraphBatch:
+    graphs = [T.radius_graph(outlines(1_000, seed=seed)) for seed in range(2 if options.quick else 16)]
+    return GraphBatch.from_graphs(graphs).to(options.device)
+
+
+def _spline(options: Options, channels: tuple[int, int], make: Callable[[], Convolution]) -> Ready:
+    """With self-loops, as the networks have them."""
+    batch = _batch(options)
+    edges, u = add_self_loops(batch)
+    torch.manual_seed(0)
+    weight = torch.randn(KERNEL**2, *channels, device=options.device) / (KERNEL * channels[0] ** 0.5)
+    given = torch.randn(batch.num_nodes, channels[0], device=options.device), weight
+    exact = _outcome(gather_and_scatter, edges, u, tuple(tensor.double() for tensor in given), "cpu")
+    apply = make()
+    return Ready(lambda: _outcome(apply, edges, u, given, options.device), partial(_apart, exact))
+
+
+def _outcome(
+    apply: Convolution, edges: torch.Tensor, u: torch.Tensor, given: tuple[torch.Tensor, ...], device: str
+) -> tuple[torch.Tensor, ...]:
+    """Result and gradients of a weighted sum of it: without weights all gradients would be sums of ones."""
+    x, weight = (tensor.detach().requires_grad_() for tensor in given)
+    out = apply(x, edges, u, weight)
+    weighted = out * torch.linspace(-1, 1, out.shape[1], dtype=out.dtype, device=out.device)
+    gradients = torch.autograd.grad(weighted.sum(), (x, weight))
+    settle(device)
+    return out.detach(), *gradients
+
+
+def _apart(exact: tuple[torch.Tensor, ...], found: tuple[torch.Tensor, ...]) -> float:
+    pairs = zip(found, exact, strict=True)
+    return max(((ours.double() - best).abs().max() / best.abs().max()).item() for ours, best in pairs)
+
+
+def _ours() -> Convolution:
+    return lambda x, edges, u, w: spline_conv(x.new_zeros(x.shape[0], w.shape[2]), x, edges, u, w, KERNEL)
+
+
+def _torch_spline() -> Convolution:
+    from torch_spline_conv import spline_conv as theirs
+
+    def run(x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, w: torch.Tensor) -> torch.Tensor:
+        size = torch.tensor([KERNEL, KERNEL], device=x.device)
+        # its edges have the target first
+        out: torch.Tensor = theirs(x, edges.flip(0), u, w, size, torch.ones_like(size, dtype=torch.uint8), 1, True)
+        return out
+
+    return run
+
+
+def _gathered() -> Convolution:
+    return gather_and_scatter
+
+
+def gather_and_scatter(x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """The obvious implementation: products of all nodes with all cells, gathered and summed along edges."""
+    source, target = edges
+    v = u.to(x.dtype) * (KERNEL - 1)
+    lower = v.floor().clamp(max=KERNEL - 2).long()
+    upper = v - lower
+    degree = torch.bincount(target, minlength=x.shape[0]).clamp(min=1).to(x.dtype)
+    products = torch.einsum("nc,kco->nko", x, weight).flatten(0, 1)
+    out = x.new_zeros(x.shape[0], weight.shape[2])
+    for a, b in product((0, 1), (0, 1)):
+        share = (upper[:, 0] if a else 1 - upper[:, 0]) * (upper[:, 1] if b else 1 - upper[:, 1])
+        row = source * KERNEL**2 + lower[:, 0] + a + KERNEL * (lower[:, 1] + b)
+        out = out.index_add(0, target, (share / degree[target]).unsqueeze(1) * products[row])
+    return out
+
+
+def _other(options: Options, name: str, pyg: bool) -> Ready:
+    batch = _batch(options)
+    torch.manual_seed(0)
+    ours = CONVOLUTIONS[name](64, 128, KERNEL, 2).to(options.device)
+    layer = _of_pyg(name, ours) if pyg else ours
+    x = torch.randn(batch.num_nodes, 64, device=options.device)
+    with_edges = (batch.edge_index,) if pyg and name != "monet" else (batch.edge_index, batch.edge_attr)
+
+    def run(layer: Any = layer, x: torch.Tensor = x, rest: Any = with_edges) -> tuple[torch.Tensor, ...]:
+        x = x.detach().requires_grad_()
+        out = layer(x, *rest)
+        weighted = out * torch.linspace(-1, 1, out.shape[1], dtype=out.dtype, device=out.device)
+        (gradient,) = torch.autograd.grad(weighted.sum(), x)
+        settle(options.device)
+        return out.detach(), gradient
+
+    exact = run(ours.double(), x.double(), (batch.edge_index, batch.edge_attr.double()))
+    ours.float()
+    return Ready(run, partial(_apart, exact))
+
+
+def _of_pyg(name: str, ours: Any) -> Any:
+    """The same layer with the same weights in PyTorch Geometric."""
+    from torch_geometric import nn as pyg
+
+    device = next(ours.parameters()).device
+    theirs: Any
+    if name == "gcn":
+        theirs = pyg.GCNConv(64, 128)
+        theirs.lin.weight.data, theirs.bias.data = ours.linear.weight.data, ours.bias.data
+    elif name == "cheb":
+        theirs = pyg.ChebConv(64, 128, len(ours.linears))
+        for mine, other in zip(ours.linears, theirs.lins, strict=True):
+            other.weight.data = mine.weight.data
+        theirs.bias.data = ours.bias.data
+    elif name == "monet":
+        theirs = pyg.GMMConv(64, 128, dim=2, kernel_size=ours.mean.shape[0])
+        theirs.g.data = ours.linear.weight.data.T.contiguous()
+        theirs.mu.data, theirs.sigma.data = ours.mean.data, ours.deviation.data
+        theirs.root.weight.data, theirs.bias.data = ours.root.weight.data, ours.root.bias.data
+    else:
+        theirs = pyg.GINConv(ours.mlp, eps=ours.eps.item(), train_eps=True)
+    return theirs.to(device)
+
+
+def _pool(options: Options, share: float) -> Ready:
+    side = (share * 240 * 180) ** 0.5
+    events = random_events(20_000, (max(round(side), 1), max(round(side), 1)), duration=30_000)
+    events = Events(events.t, events.x, events.y, events.p, (240, 240))
+    batch = GraphBatch.from_graphs([T.radius_graph(events, max_degree=8)]).to(options.device)
+    layer = GraphPool((4, 3), (240, 240))
+
+    def run() -> GraphBatch:
+        pooled: GraphBatch = layer(batch)
+        settle(options.device)
+        return pooled
+
+    return Ready(run, counters=lambda found: {"clusters": found.num_nodes})

@@ -1,0 +1,213 @@
+"""Samples through a DataLoader."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nvsdata import formats
+from nvsdata import transforms as T
+from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.inputs import DIGITS, digits
+from nvsdata.data.batching import collate
+from nvsdata.data.events import Events
+from nvsdata.datasets import ASLDVS, NMNIST
+from nvsdata.datasets.source import INDEX
+from nvsdata.datasets.store.writer import pack
+
+BATCH, BINS = 50, 10
+FIRST = 40  # events of each recording in stores that grow
+KIND = "largest difference of the sum of all recordings' frames"
+
+
+def cases(options: Options) -> list[Case]:
+    """Frames of N-MNIST beside tonic's; graphs by the number of workers; random windows of files and stores."""
+    return [*_frames(options), *_workers(options), *_stores(options)]
+
+
+def _frames(options: Options) -> Iterator[Case]:
+    size = {"recordings": _count(options)}
+    for workers in (0, 2):
+        work = f"frames of all recordings, {workers} workers"
+        case = partial(Case, "load", work, settings={"workers": workers}, size=size, error_kind=KIND)
+        yield case(partial(_epoch, options, workers, _ours), default=True)
+        yield case(partial(_epoch, options, workers, _Theirs), library="tonic")
+
+
+def _workers(options: Options) -> Iterator[Case]:
+    for workers in (0, 1, 2, 4):
+        yield Case(
+            *("load", "graphs of all recordings, workers that stay", partial(_graphs, options, workers)),
+            settings={"workers": workers},
+            size={"recordings": _count(options)},
+            axis="workers",
+        )
+
+
+def _stores(options: Options) -> Iterator[Case]:
+    top = 4 if options.quick else 6
+    for count in (10**power for power in range(2, top + 1)):
+        make = partial(_windows_of_store, options, count)
+        yield Case(
+            *("load", "a 30 ms window of a recording in a store", make),
+            size={"recordings": count},
+            axis="recordings",
+            alone=True,
+        )
+    yield Case("load", "a 30 ms window of a recording in a file of its own", partial(_windows_of_files, options))
+    for count in (1_000, 10_000, *(() if options.quick else (100_000,))):
+        for work, again in (("opening a folder of recordings", True), ("opening it for the first time", False)):
+            make = partial(_listing, options, count, again)
+            yield Case("load", work, make, size={"files": count}, axis="files", alone=True)
+
+
+def _count(options: Options) -> int:
+    return 200 if options.quick else 1_000
+
+
+def folder(options: Options) -> Path:
+    """Recordings in files as N-MNIST has them, of ten classes; made once."""
+    return _written(options.scratch / "N-MNIST", digits(options, 100), _count(options))
+
+
+def _written(root: Path, events: list[Events], count: int) -> Path:
+    done = root / "done"
+    if not done.exists():
+        for n in range(count):
+            path = root / "Train" / str(n % 10) / f"{n:05d}.bin"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            formats.write(events[n % len(events)], path)
+        done.touch()
+    return root
+
+
+def _epoch(options: Options, workers: int, make: Callable[[Path], Any]) -> Ready:
+    from torch.utils.data import DataLoader
+
+    dataset = make(folder(options))
+    loader: DataLoader[Any] = DataLoader(dataset, BATCH, num_workers=workers, persistent_workers=workers > 0)
+
+    def run() -> np.ndarray:
+        return np.asarray(sum(frames.sum(0) for frames, _ in loader))
+
+    given = digits(options, 100)
+    expected = sum(_counts(given[n % len(given)]) for n in range(len(dataset)))
+    if make is _Theirs:
+        # OFF first
+        expected = expected[:, ::-1]
+    return Ready(run, lambda found: float(np.abs(found - expected).max()))
+
+
+def _counts(events: Events) -> Any:
+    """Events of each bin, polarity (ON first) and pixel, by NumPy."""
+    counts = np.zeros((BINS, 2, *DIGITS[::-1]))
+    bins = np.minimum((events.t - events.start) * BINS // max(events.end - events.start, 1), BINS - 1)
+    np.add.at(counts, (bins, 1 - events.p, events.y, events.x), 1)
+    return counts
+
+
+def _ours(root: Path) -> Any:
+    return NMNIST(root, "all", transform=T.ToFrames(BINS))
+
+
+class _Theirs:
+    """The same files, read and made into frames by tonic."""
+
+    def __init__(self, root: Path) -> None:
+        from tonic import datasets, transforms
+
+        self.same, self.kind = NMNIST(root, "all"), datasets.NMNIST.dtype
+        self.frames = transforms.ToFrame(sensor_size=(*DIGITS, 2), n_time_bins=BINS)
+
+    def __len__(self) -> int:
+        return len(self.same)
+
+    def __getitem__(self, index: int) -> tuple[Any, int]:
+        from tonic.io import read_mnist_file
+
+        events = read_mnist_file(self.same.root / self.same.samples[index].name, dtype=self.kind)
+        return np.asarray(self.frames(events), np.float32), self.same.targets[index]
+
+
+def _graphs(options: Options, workers: int) -> Ready:
+    from torch.utils.data import DataLoader
+
+    pipeline = T.Compose([T.RandomWindow(30_000), T.RadiusGraph()])
+    dataset = NMNIST(folder(options), "all", transform=pipeline)
+    loader: DataLoader[Any] = DataLoader(
+        dataset, BATCH, num_workers=workers, collate_fn=collate, persistent_workers=workers > 0
+    )
+    return Ready(lambda: sum(len(targets) for _, targets in loader))
+
+
+def _windows_of_files(options: Options) -> Ready:
+    return _some_of(NMNIST(folder(options), "all", transform=T.RandomWindow(30_000)))
+
+
+def _listing(options: Options, count: int, again: bool) -> Ready:
+    """A dataset with empty files in folders as ASL-DVS has them."""
+    root = options.scratch / f"tree-{count}"
+    if not root.exists():
+        for n in range(count):
+            letter = ASLDVS.info.classes[n % 24]
+            (root / letter).mkdir(parents=True, exist_ok=True)
+            (root / letter / f"{letter}_{n:06d}.mat").touch()
+        # folders that changed a moment ago aren't trusted; a user's are older
+        for folder_ in (*root.iterdir(), root):
+            os.utime(folder_, ns=(10**18, 10**18))
+    before = None if again else lambda: (root / INDEX).unlink(missing_ok=True)
+    return Ready(lambda: len(ASLDVS(root, "all")), lambda found: abs(found - count), before)
+
+
+def _windows_of_store(options: Options, count: int) -> Ready:
+    """A store with `count` recordings, of the first events of each, so that a million fit on any disk."""
+    path = options.scratch / f"store-{count}.h5"
+    if not path.exists():
+        short = _written(options.scratch / "short", [events[:FIRST] for events in digits(options, 100)], 100)
+        pack(NMNIST(short, "all"), path)
+        _repeat(path, count)
+    return _some_of(NMNIST(path, "all", transform=T.RandomWindow(30_000)))
+
+
+def _repeat(path: Path, count: int) -> None:
+    """Give a store `count` recordings: those it has, again under other names."""
+    import h5py
+
+    from nvsdata.datasets.store.reader import COLUMNS, INDEX, checksum, packed
+
+    with h5py.File(path, "r+") as file:
+        index = {name: file[f"index/{name}"][()] for name in INDEX}
+        known = len(index["base"])
+        times = -(-count // known)
+        for name in COLUMNS:
+            column = file[f"events/{name}"][()]
+            del file[f"events/{name}"]
+            target = file.create_dataset(f"events/{name}", shape=(column.size * times,), dtype=column.dtype)
+            for k in range(times):
+                target[k * column.size : (k + 1) * column.size] = column
+        counts = np.tile(np.diff(index["offset"]), times)
+        index["offset"] = np.concatenate(([0], np.cumsum(counts)))
+        for name in ("base", "duration", "mark", "bytes", "crc"):
+            index[name] = np.tile(index[name], times)
+        for name in ("size", "time"):
+            index[name] = np.tile(index[name], (times, 1))
+        whole = known * times
+        index["format"], index["name"] = (
+            packed(text.format(n % 10, n) for n in range(whole)) for text in ("atis", "Train/{}/{:07d}.bin")
+        )
+        for name in INDEX:
+            del file[f"index/{name}"]
+            file[f"index/{name}"] = index[name]
+        file.attrs["checksum"] = checksum(index)
+
+
+def _some_of(dataset: Any) -> Ready:
+    """One recording after the other, anywhere in the dataset."""
+    order = cycle(np.random.default_rng(0).integers(0, len(dataset), 4_096).tolist())
+    return Ready(lambda: dataset[next(order)])

@@ -1,0 +1,202 @@
+"""Events to tensors, and to other events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from nvsdata import transforms as T
+from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.benchmarks.inputs import SENSOR, random_events, street
+from nvsdata.data.events import Events
+
+Run = Callable[[Events], Any]
+COUNT, FEW, DURATION = 200_000, 20_000, 1_000_000
+GROWING: dict[str, Run] = {
+    "frames": T.ToFrames(16),
+    "a voxel grid": T.VoxelGrid(16),
+    "TORE": T.TORE(),
+    "HATS": T.HATS(),
+}
+
+
+def cases(options: Options) -> list[Case]:
+    """Each transform beside its peer; voxel grids by interpolation; growing numbers of events."""
+    return [*_all(options), *_interpolations(options), *_growing(options)]
+
+
+def _all(options: Options) -> Iterator[Case]:
+    for work, (transform, count) in TRANSFORMS.items():
+        reference = EXACT.get(work)
+        kind = "" if reference is None else "events" if work == "refractory period" else "largest value"
+        kind = kind and f"difference from the definition, in NumPy: {kind}"
+        case = partial(Case, "represent", work, size={"events": count}, error_kind=kind)
+        yield case(partial(_ready, count, transform, reference), default=True)
+        if work in PEERS:
+            yield case(partial(_peer, count, PEERS[work], PEER_EXACT.get(work, reference)), library="tonic")
+
+
+def _interpolations(options: Options) -> Iterator[Case]:
+    """What interpolation in time costs, and what it changes."""
+    for interpolation in ("linear", "nearest"):
+        make = partial(_interpolated, options, interpolation)
+        yield Case(
+            *("represent", "voxel grids of a recording", make),
+            settings={"interpolation": interpolation},
+            axis="interpolation",
+            default=interpolation == "linear",
+            error_kind="mean difference from linear interpolation in float64, of its mean",
+        )
+
+
+def _growing(options: Options) -> Iterator[Case]:
+    top = 6 if options.quick else 8
+    for (name, transform), power in product(GROWING.items(), range(3, top + 1)):
+        if 10**power <= (10**5 if options.quick else 10**7) or not isinstance(transform, T.HATS):
+            yield Case(
+                *("represent", f"growing numbers of events to {name}", partial(_ready, 10**power, transform, None)),
+                size={"events": 10**power},
+                axis="events",
+                alone=True,
+            )
+
+
+TRANSFORMS: dict[str, tuple[Run, int]] = {
+    "frames, 16 bins": (T.ToFrames(16), COUNT),
+    "voxel grid, 16 bins": (T.VoxelGrid(16), COUNT),
+    "time surface, 16 times": (T.TimeSurface(every=DURATION // 16), COUNT),
+    "time surface, at the end": (T.TimeSurface(), COUNT),
+    "surface of each event, 5x5": (T.EventSurfaces(), COUNT),
+    "HATS": (T.HATS(), FEW),
+    "TORE": (T.TORE(), FEW),
+    "TAF": (T.TAF(), COUNT),
+    "ERGO-12": (T.ERGO12(), COUNT),
+    "group tokens": (T.GroupTokens(), 50_000),
+    "filter cascade": (T.FilterCascade(), COUNT),
+    "four channels": (T.FourChannels(), COUNT),
+    "leaky frame": (T.LeakyFrame(), COUNT),
+    "refractory period": (T.RefractoryPeriod(10_000), COUNT),
+    "background activity": (T.BackgroundActivity(10_000), COUNT),
+    "downsample": (T.Downsample(2), COUNT),
+    "time jitter": (T.TimeJitter(100), COUNT),
+    "spatial jitter": (T.SpatialJitter(1), COUNT),
+    "uniform noise": (T.UniformNoise(1_000), COUNT),
+    "center crop": (T.CenterCrop(100), COUNT),
+}
+
+
+def _tonic(name: str, **settings: Any) -> Any:
+    from tonic import transforms
+
+    return getattr(transforms, name)(**settings)
+
+
+SEEN = {"sensor_size": (*SENSOR, 2)}
+PEERS: dict[str, Callable[[], Any]] = {
+    "frames, 16 bins": partial(_tonic, "ToFrame", **SEEN, n_time_bins=16),
+    "voxel grid, 16 bins": partial(_tonic, "ToVoxelGrid", **SEEN, n_time_bins=16),
+    "time surface, 16 times": partial(_tonic, "ToTimesurface", **SEEN, dt=DURATION // 16, tau=50_000),
+    "HATS": partial(
+        _tonic,
+        "ToAveragedTimesurface",
+        **SEEN,
+        cell_size=10,
+        surface_size=7,
+        time_window=100_000,
+        tau=1e9,
+        decay="exp",
+    ),
+    "refractory period": partial(_tonic, "RefractoryPeriod", delta=10_000),
+    "background activity": partial(_tonic, "Denoise", filter_time=10_000),
+    "downsample": partial(_tonic, "Downsample", spatial_factor=0.5),
+    # its times stay unsorted
+    "time jitter": partial(_tonic, "TimeJitter", std=100),
+    "spatial jitter": partial(_tonic, "SpatialJitter", **SEEN, var_x=1, var_y=1, clip_outliers=True),
+    "uniform noise": partial(_tonic, "UniformNoise", **SEEN, n=1_000),
+    "center crop": partial(_tonic, "CenterCrop", **SEEN, size=(100, 100)),
+}
+
+
+def _ready(count: int, transform: Run, reference: Run | None) -> Ready:
+    events = random_events(count)
+    return Ready(partial(transform, events), _against(events, reference))
+
+
+def _peer(count: int, make: Callable[[], Any], reference: Run | None) -> Ready:
+    events = random_events(count)
+    structured = events.to_structured().astype(np.dtype([("x", int), ("y", int), ("t", int), ("p", int)]))
+    return Ready(partial(make(), structured), _against(events, reference))
+
+
+def _against(events: Events, reference: Run | None) -> Callable[[Any], float] | None:
+    if reference is None:
+        return None
+    expected = reference(events)
+
+    def error(found: Any) -> float:
+        if isinstance(expected, Events):
+            return _events_apart(expected, found)
+        found = np.asarray(found, np.float64).reshape(expected.shape)
+        return float(np.abs(found - expected).max())
+
+    return error
+
+
+def _events_apart(expected: Events, found: Any) -> float:
+    """How many events only one of both has, or that differ if both have as many."""
+    theirs = found.columns if isinstance(found, Events) else tuple(found[name] for name in "txyp")
+    if len(theirs[0]) != len(expected):
+        return float(abs(len(theirs[0]) - len(expected)))
+    pairs = zip(expected.columns, theirs, strict=True)
+    return float(np.count_nonzero(np.any([ours != other for ours, other in pairs], axis=0)))
+
+
+def _frames(events: Events) -> np.ndarray:
+    """Counts by NumPy, ON first: [16, 2, H, W]."""
+    width, height = events.sensor_size
+    counts = np.zeros((16, 2, height, width))
+    span = events.end - events.start
+    bins = np.minimum((events.t - events.start) * 16 // span, 15)
+    np.add.at(counts, (bins, 1 - events.p, events.y, events.x), 1)
+    return counts
+
+
+def _voxels(events: Events, interpolation: str = "linear") -> np.ndarray:
+    """Zhu et al. 2019 in float64: [16, H, W]."""
+    width, height = events.sensor_size
+    grid = np.zeros((16, height, width))
+    place = 15 * (events.t - events.t[0]) / (events.t[-1] - events.t[0])
+    lower = np.floor(place).astype(int)
+    sign = 2.0 * events.p - 1
+    for bin_, share in ((lower, 1 - (place - lower)), (lower + 1, place - lower)):
+        inside = bin_ < 16
+        np.add.at(grid, (bin_[inside], events.y[inside], events.x[inside]), (sign * share)[inside])
+    return grid
+
+
+def _refractory(events: Events) -> Events:
+    """Event by event, in Python."""
+    last: dict[tuple[int, int], int] = {}
+    kept = np.zeros(len(events), bool)
+    for i, (t, x, y) in enumerate(zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True)):
+        if t - last.get((x, y), -(2**62)) >= 10_000:
+            kept[i], last[x, y] = True, t
+    return events[kept]
+
+
+EXACT: dict[str, Run] = {"frames, 16 bins": _frames, "voxel grid, 16 bins": _voxels, "refractory period": _refractory}
+# tonic has OFF first
+PEER_EXACT: dict[str, Run] = {"frames, 16 bins": lambda events: _frames(events)[:, ::-1]}
+
+
+def _interpolated(options: Options, interpolation: str) -> Ready:
+    events = street(options)
+    expected = _voxels(events)
+    return Ready(
+        partial(T.VoxelGrid(16, interpolation), events),  # type: ignore[arg-type]
+        lambda found: float(np.abs(found.numpy().reshape(expected.shape) - expected).mean() / np.abs(expected).mean()),
+    )

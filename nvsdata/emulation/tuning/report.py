@@ -1,0 +1,51 @@
+"""Trials of a search as a table."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+
+from nvsdata.common.tables import aligned
+from nvsdata.emulation.settings import Settings
+from nvsdata.emulation.tuning.search import Search
+
+# settings and their headings: those of Table 3.3, and those that are shown if trials differ in them
+SHOWN = {"t_log": "T_log", "inhibition": "B", "max_events": "M_max", "threshold": "T_map", "new": "new", "exp": "exp"}
+SHOWN |= {"alpha": "alpha"}
+IF_VARIED = {"mode": "mode", "hue": "hue", "difference": "dif", "noise_rate": "noise"}
+MEASURED = ("Inv. e-rep", "Chamfer", "EMD", "OFF apart", "ON apart")
+
+
+def table(search: Search, rows: int = 5, *, real: tuple[int, int] | None = None) -> str:
+    """`rows` trials at most, from the worst to the best at even steps of rank (1: the best), in the columns of
+    Table 3.3, or those of another emulator's settings; with the numbers of OFF and ON events, in the last row the
+    camera's, `real`.
+    """
+    scores = search.scores
+    ranked = [i for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
+    chosen = [ranked[round(i)] for i in np.linspace(len(ranked) - 1, 0, min(rows, len(ranked)))[::-1]]
+    shown = _shown(search)
+    measured = MEASURED[: len(search.best.distances)]
+    lines: list[tuple[str, ...]] = [(*shown.values(), *measured, "Score", "OFF", "ON")]
+    for i in chosen:
+        trial = search.trials[i]
+        values = [_short(getattr(trial.settings, name)) for name in shown]
+        figures = (f"{value:.3f}" for value in (*trial.distances, scores[i]))
+        lines.append((*values, *figures, *(f"{count:,}" for count in trial.events)))
+    if real:
+        lines.append(("camera", *[""] * (len(shown) + len(measured)), *(f"{count:,}" for count in real)))
+    return aligned(lines)
+
+
+def _shown(search: Search) -> dict[str, str]:
+    """Names of settings and their headings."""
+    kind = search.best.settings
+    if not isinstance(kind, Settings):
+        return {field.name: field.name for field in fields(kind)}
+    varied = (name for name in IF_VARIED if len({getattr(trial.settings, name) for trial in search.trials}) > 1)
+    return {**{name: IF_VARIED[name] for name in varied}, **SHOWN}
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

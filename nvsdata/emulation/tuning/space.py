@@ -1,0 +1,111 @@
+"""Where a search looks for settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers that a setting may have.
+
+    - `low`, `high`: the least and the largest, both included
+    - `log`: drawn evenly in their logarithm (default False)
+    - `whole`: whole numbers only (default False)
+    """
+
+    low: float
+    high: float
+    log: bool = False
+    whole: bool = False
+
+    def at(self, share: float) -> float:
+        """The number at a share (0 to 1) of the way from `low` to `high`."""
+        if self.whole:
+            return min(int(self.low + share * (self.high - self.low + 1)), int(self.high))
+        if self.log:
+            return math.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low)))
+        return self.low + share * (self.high - self.low)
+
+
+Choices = Range | Sequence[Any]
+
+
+@dataclass(frozen=True)
+class Depending:
+    """Choices that depend on another setting.
+
+    - `on`: its name; if it is in the space as well, it comes before this one
+    - `given`: choices by its value
+    - `other`: those for all other values
+    """
+
+    on: str
+    given: Mapping[Any, Choices]
+    other: Choices
+
+    def choices(self, settings: Any) -> Choices:
+        """Those for the value in `settings`."""
+        return self.given.get(getattr(settings, self.on), self.other)
+
+
+Space = Mapping[str, Choices | Depending]
+
+# what Table 3.3 varies, the rate of the moving average, how brightness and differences are taken, and a sensor's noise;
+# contrast (CE) has a scale of its own, and hue has none of which contrast could be seen
+SPACE: Space = {
+    "mode": ("LI", "CE", "LICE"),
+    "hue": Depending("mode", {"LI": (False, True)}, (False,)),
+    "difference": ("co-located", "average", "minimum"),
+    "t_log": (0.0, 20.0),
+    "inhibition": Range(1, 3, whole=True),
+    "max_events": Range(1, 5, whole=True),
+    "threshold": Depending("mode", {"CE": Range(1.0, 16.0, log=True)}, Range(0.05, 0.8, log=True)),
+    "new": (True, False),
+    "exp": (True, False),
+    "alpha": Range(0.1, 0.9),
+    "noise_rate": Range(0.0, 5.0),
+}
+
+
+def check(space: Space, base: Any) -> None:
+    """ValueError for a space with settings that the emulator `base` doesn't have, or without choices."""
+    for name, choices in space.items():
+        asked = (name, choices.on) if isinstance(choices, Depending) else (name,)
+        for one in asked:
+            if not hasattr(base, one):
+                raise ValueError(f"{type(base).__name__} has no setting {one!r}")
+        sets = (*choices.given.values(), choices.other) if isinstance(choices, Depending) else (choices,)
+        if not all(isinstance(some, Range) or some for some in sets):
+            raise ValueError(f"no choices for {name}")
+
+
+def settings_at(base: Any, space: Space, place: Sequence[float]) -> Any:
+    """The settings at a place of the unit cube, which has an axis per setting of the space."""
+    settings = base
+    for (name, choices), share in zip(space.items(), place, strict=True):
+        if isinstance(choices, Depending):
+            choices = choices.choices(settings)
+        settings = replace(settings, **{name: _at(choices, share)})
+    return settings
+
+
+def _at(choices: Choices, share: float) -> Any:
+    return (
+        choices.at(share) if isinstance(choices, Range) else choices[min(int(share * len(choices)), len(choices) - 1)]
+    )
+
+
+def plain(space: Space) -> dict[str, Any]:
+    """The space for a file of JSON."""
+    return {name: _plain(choices) for name, choices in space.items()}
+
+
+def _plain(choices: Choices | Depending) -> Any:
+    if isinstance(choices, Depending):
+        given = {str(value): _plain(some) for value, some in choices.given.items()}
+        return {"on": choices.on, "given": given, "other": _plain(choices.other)}
+    return asdict(choices) if isinstance(choices, Range) else list(choices)

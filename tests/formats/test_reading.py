@@ -1,0 +1,90 @@
+"""What is said of windows that hold nothing, and of files and extensions of no known format."""
+
+import warnings
+
+import pytest
+
+import nvsdata
+from nvsdata import Events, FormatError
+
+EV = Events([100, 200], [1, 2], [3, 4], [0, 1], (34, 34))
+
+
+@pytest.fixture
+def path(tmp_path):
+    nvsdata.write(EV, tmp_path / "a.h5")
+    return tmp_path / "a.h5"
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "shown"),
+    [
+        (None, 100, "[, 100)"),
+        (-5, 100, "[-5, 100)"),
+        (0, 0, "[0, 0)"),
+        (201, None, "[201, )"),
+        (201, 300, "[201, 300)"),
+    ],
+)
+def test_a_window_outside_is_told_to_the_caller(path, start, stop, shown):
+    with pytest.warns(UserWarning, match="holds nothing") as caught:
+        assert len(nvsdata.read(path, start, stop)) == 0
+    (told,) = caught
+    holds = "holds nothing, its events lie at 100 to 200 µs; relative=True counts from the first"
+    assert str(told.message) == f"{path}: the window {shown} {holds}"
+    assert told.filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("start", "stop"), [(None, None), (101, 200), (101, 101), (200, 200), (None, 101), (200, None)]
+)
+def test_a_window_inside_is_not_warned_of(path, start, stop):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        nvsdata.read(path, start, stop)
+
+
+def test_a_recording_without_events_or_of_one_moment_is_not_warned_of(tmp_path):
+    nvsdata.write(Events.empty((5, 5)), tmp_path / "none.h5")
+    nvsdata.write(EV[:1], tmp_path / "one.h5")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in ("none.h5", "one.h5"):
+            assert len(nvsdata.read(tmp_path / name, 500, 600)) == 0
+
+
+def test_windows_that_count_from_the_first_event(path):
+    assert nvsdata.read(path, relative=True) == EV
+    assert nvsdata.read(path, None, 100, relative=True) == EV.window(None, 200)
+    assert nvsdata.read(path, 100, 101, relative=True) == EV.window(200, 201)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.xyz", b"", "empty file of unknown format"),
+        ("a.xyz", b"\0\xff" * 300, "unknown format"),
+        ("a.H5", b"", "the extension says hdf5, but the file is empty"),
+        ("a.h5", b"\0\xff" * 300, "the extension says hdf5, but the file does not begin as one"),
+        ("a.raw", b"", "the extension says evt3, but the file is empty"),
+    ],
+)
+def test_files_of_no_known_format(tmp_path, name, content, reason):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FormatError) as caught:
+        nvsdata.open(tmp_path / name)
+    assert (caught.value.reason, caught.value.offset) == (reason, 0)
+
+
+def test_extensions_that_are_not_written_are_told_those_that_are(tmp_path):
+    with pytest.raises(ValueError, match="can't tell a format to write") as caught:
+        nvsdata.write(EV, tmp_path / "a.mat")
+    known = str(caught.value).partition("from '.mat'; known are ")[2].split(", ")
+    assert len(known) == len(set(known))
+    assert {".raw", ".bin", ".dat", ".txt", ".h5", ".aedat", ".aedat4", ".npy"} <= set(known)
+    assert ".mat" not in known
+    with pytest.raises(ValueError, match=r"can't write a file with '\.bin' as 'text'; known are ") as caught:
+        nvsdata.write(EV, tmp_path / "a.bin", format="text")
+    assert "text (.txt, .csv, .text)" in str(caught.value)
+    assert "matlab" not in str(caught.value)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,39 @@
+"""Events of AEDAT 4 by the definition of their sixteen bytes."""
+
+import numpy as np
+import pytest
+
+from nvsdata.data.events import LATEST, Columns
+from nvsdata.formats.aedat4_packets import EVENT
+from nvsdata.kernels.aedat4 import aedat4_decode
+
+SIZE = 5, 3
+
+
+def decoded(*rows):
+    events = np.zeros(len(rows), EVENT)
+    for at, row in enumerate(rows):
+        events[at] = (*row, b"\xff\xff\xff")
+    columns = Columns.empty(len(rows))
+    return aedat4_decode(np.frombuffer(events.tobytes(), np.int64), LATEST, *SIZE, *columns), columns
+
+
+def test_columns_are_those_of_the_structures():
+    rows = [(0, 0, 0, 0), (-LATEST + 1, 4, 2, 1), (LATEST - 1, 3, 1, 0), (12, 4, 0, 1)]
+    valid, columns = decoded(*rows)
+    assert valid
+    assert list(zip(*(column.tolist() for column in columns), strict=True)) == rows
+    assert decoded()[0]
+
+
+TIMES = (LATEST, 0, 0, 0), (-LATEST, 0, 0, 0)
+PLACES = (0, 5, 0, 0), (0, 0, 3, 0), (0, -1, 0, 0), (0, 0, -1, 0)
+
+
+@pytest.mark.parametrize("row", [*TIMES, *PLACES, (0, 0, 0, 2)])
+def test_one_odd_event_anywhere_is_noticed(row):
+    fine = (1, 1, 1, 1)
+    for place in range(3):
+        rows = [fine] * 3
+        rows[place] = row
+        assert not decoded(*rows)[0]

@@ -1,0 +1,161 @@
+"""What is counted of a take, and how much of it may be amiss."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import nvsdata
+from nvsdata import Events
+from nvsdata.recording.capture import RecordingReport
+from nvsdata.recording.rig import take
+from nvsdata.recording.rig.clock_fit import ClockFit, NoSync
+from nvsdata.recording.rig.playback import PlaybackLog, _in_turn
+from nvsdata.recording.rig.take import Take, TakeRejected, Tally, _around_flashes, _check, _tally, cut_take, synced
+
+
+def events_at(t, p=None):
+    t = np.asarray(t)
+    return Events(t, t * 0, t * 0, np.ones_like(t) if p is None else p, (40, 30))
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({}, None),
+        ({"late": 2, "skipped": 3}, None),
+        ({"late": 3, "skipped": 3}, "6 of 103 pictures were late: is the computer busy"),
+        ({"late": 6}, "6 of 100 pictures were late"),
+        ({"residual": 1_000.0}, None),
+        ({"residual": 1_001.0}, "the flashes are 1001 µs off the fit in the median"),
+        ({"events": 2_500}, None),
+        ({"events": 2_499}, r"2499 events in 2\.50 s are too few"),
+        ({"full": 0.01}, None),
+        ({"full": 0.011}, "the readout is full for 1% of the time: lower the contrast"),
+        ({"lost": 1}, "1 bytes came faster than they could be decoded and written"),
+        ({"dropped": 1}, "the camera dropped 1 events"),
+        ({"dropped": None}, None),
+        ({"lost_wraps": 1}, "parts of the camera's stream are missing"),
+    ],
+)
+def test_how_much_may_be_amiss(changed, told):
+    given = {"late": 0, "skipped": 0, "residual": 5.0, "events": 5_000, "full": 0.0} | changed
+    report = RecordingReport(None, lost=given.get("lost", 0), dropped=given.get("dropped", 0))
+    report.error_counts = {"lost_wraps": given.get("lost_wraps", 0), "odd_bytes": 3}
+    due = np.arange(100) * 40_000.0
+    shown = due + np.where(np.arange(100) < given["late"], 16_668, 16_667)
+    done = PlaybackLog(16_667.0, due=due.tolist(), shown=shown.tolist(), skipped=given["skipped"])
+    line = ClockFit(0.0, 0.0, given["residual"], 30, 32)
+    how = (report, done, line, Tally(given["events"], 0, given["full"]), 2_500_000)
+    if told is None:
+        _check(*how)
+    else:
+        with pytest.raises(TakeRejected, match=told):
+            _check(*how)
+
+
+def test_what_is_counted_of_a_recording(tmp_path, monkeypatch):
+    """Full bins are those of 10 ms with more than 10 events per µs; here the limit is 3 events a bin."""
+    monkeypatch.setattr(take, "FULL", 3 * 100)
+    monkeypatch.setattr(take, "PIECE", 40_000)
+    t = [4_999, 5_000, 5_001, 5_002, 14_999, 15_000, 15_001, 15_002, 45_000, 54_999, 54_999, 54_999, 55_000, 99_999]
+    p = np.array([1, 0, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1])
+    nvsdata.write(events_at(t, p), tmp_path / "a.h5")
+    recording = nvsdata.open(tmp_path / "a.h5")
+    tally = _tally(recording, 5_000, 99_999)
+    # [5,000, 15,000) has 4 events and [45,000, 55,000) has 4; three in a bin aren't full
+    assert (tally.events, tally.on) == (12, 5)
+    assert tally.full == pytest.approx(2 * 10_000 / 94_999)
+    assert _tally(recording, 200_000, 200_000) == Tally(0, 0, 0.0)
+    assert _tally(recording, 15_000, 45_000) == Tally(3, 0, 0.0)
+
+
+def test_only_the_events_around_the_flashes_are_looked_at(tmp_path):
+    zero, start = 100_000.0, 3_000_000.0
+    t = [499_000, 501_000, 1_500_000, 2_600_000, 2_604_000, 5_490_000, 5_498_000, 6_000_000, 6_600_000, 6_604_000]
+    nvsdata.write(events_at(t), tmp_path / "a.h5")
+    done = PlaybackLog(16_667.0, flashes=[1_100_000.0, 2_200_000.0, start + 3_100_000, start + 3_200_000], start=start)
+    found = _around_flashes(Take(tmp_path / "a.h5", RecordingReport(None, zero=zero), done))
+    # from half a second before the first to half a second after the last, and a drift of 500 ppm more
+    # 1,000,000 - 500 - 500,000 to 2,100,000 + 1,050 + 500,000; 6,000,000 - 3,000 - 500,000 to 6,603,050
+    assert found.t.tolist() == [501_000, 1_500_000, 2_600_000, 5_498_000, 6_000_000, 6_600_000]
+    assert found.sensor_size == (40, 30)
+    close = PlaybackLog(16_667.0, flashes=[600_000.0, 1_700_000.0, start + 1, start + 2], start=start)
+    # what lies around both groups is read once, and nothing from before the recording
+    found = _around_flashes(Take(tmp_path / "a.h5", RecordingReport(None, zero=zero + 2.6e6), close))
+    assert found.t.tolist() == [499_000, 501_000]
+
+
+def test_triggers_are_taken_and_else_events(monkeypatch):
+    monkeypatch.setattr(take, "_around_flashes", lambda one: "seen")
+    line, good = ClockFit(0.0, 0.0, 0.0, 9, 9), []
+
+    def fit(seen, shown, bright):
+        assert (shown.tolist(), bright.tolist()) == ([1.0], [True])
+        if seen not in good:
+            raise NoSync("none")
+        return line
+
+    monkeypatch.setattr(take, "fit", fit)
+    one = Take(None, RecordingReport(None, triggers=[5]), PlaybackLog(1.0, [1.0], [True]))
+    for known, by in (([[5], "seen"], "triggers"), (["seen"], "events")):
+        good[:] = known
+        assert synced(one) == (line, by)
+    good.clear()
+    with pytest.raises(TakeRejected, match="none"):
+        cut_take(one, None)
+
+
+def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
+    line = ClockFit(1_000.4, 0.5, 10.0, 9, 9)
+    monkeypatch.setattr(take, "synced", lambda one: (line, "triggers"))
+    t = [2_499, 2_500, 3_000, 31_000, 31_001]
+    nvsdata.write(events_at(t, np.array([1, 1, 0, 1, 1])), tmp_path / "raw.h5")
+    monkeypatch.setattr(take, "FEWEST", 1)
+    report = RecordingReport(None, dropped=0, error_counts={"a": 2, "b": 0}, temperature=20.5)
+    done = PlaybackLog(16_667.0, start=1_000.0, stop=20_000.0, due=[1.0, 2.0], shown=[1.0, 2.0])
+    told = cut_take(Take(tmp_path / "raw.h5", report, done), tmp_path / "deep/out/a.h5")
+    assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
+    assert told == {
+        "recording": (tmp_path / "deep/out/a.h5").stat().st_size,
+        "duration": 28_500,
+        "events": 2,
+        "on": 1,
+        "sensor_size": (40, 30),
+        "sync": {"by": "triggers", "offset": 1_000.4, "drift": 0.5, "residual": 10.0, "used": 9, "flashes": 9},
+        "frames": 2,
+        "late": 0,
+        "skipped": 0,
+        "dropped": 0,
+        "odd": {"a": 2},
+        "temperature": 20.5,
+    }
+
+
+@pytest.mark.parametrize(("now", "skipped"), [(91_666.0, 0), (91_667.0, 1)])
+def test_a_picture_is_skipped_if_the_next_is_due(monkeypatch, now, skipped):
+    """From half a refresh before that on."""
+    monkeypatch.setattr("nvsdata.recording.rig.playback.host_time", lambda: now)
+    shown = []
+    monitor = SimpleNamespace(refresh=16_667.0, show=lambda frame, due: shown.append(due) or due + 5)
+    done = PlaybackLog(16_667.0, start=20_000.0)
+    _in_turn(monitor, done, SimpleNamespace(time=40_000), 100_000.0)
+    assert done.skipped == skipped
+    assert (shown, done.due, done.shown) == (([], [], []) if skipped else ([60_000.0], [60_000.0], [60_005.0]))
+
+
+def test_what_was_played_in_whole_microseconds():
+    done = PlaybackLog(
+        16_666.67, [900.4, 1_200.0], [True, False], 1_000.0, 2_000.6, [1_000.0, 1_500.0], [1_001.0, 20_000.0], 3
+    )
+    assert done.log() == {
+        "refresh": 16_666.7,
+        "late": 1,
+        "skipped": 3,
+        "flashes": [-100, 200],
+        "due": [0, 500],
+        "shown": [1, 19_000],
+        "stop": 1_001,
+        "bright": [1, 0],
+    }
+    assert done.frames == 5

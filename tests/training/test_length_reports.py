@@ -1,0 +1,115 @@
+"""Which windows the accuracy by length is of, without a network."""
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from nvsdata import transforms as T
+from nvsdata.training import Team, lengths
+
+WINDOW = T.Compose([T.RandomWindow(1_000), T.Points(4)])
+
+
+class Recordings:
+    """As long as `spans` say, in µs; a sample is its number, with what its windows are."""
+
+    def __init__(self, spans, transform):
+        self.spans, self.transform, self.chosen = spans, transform, list(range(len(spans)))
+
+    def subset(self, chosen):
+        self.chosen = list(chosen)
+        return self
+
+    def __len__(self):
+        return len(self.chosen)
+
+    def __getitem__(self, index):
+        if isinstance(self.transform, T.Compose):
+            return self.chosen[index], self.transform.transforms[0].duration
+        return self.spans[self.chosen[index]], 0
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What the loader is given: the samples of each length, how often, and the seed."""
+    seen = {}
+
+    def loader(samples, batch, team, *, seed, last):
+        parts = samples.datasets
+        seen.update(
+            {part.transform.transforms[0].duration: part.chosen for part in parts}, batch=batch, seed=seed, last=last
+        )
+        return last * [[part[n] for part in parts for n in range(len(part))]]
+
+    def predict(model, batches, team):
+        # right are recordings of even numbers, and all windows of 4 ms
+        pairs = [pair for batch in batches for pair in batch]
+        right = torch.tensor([number % 2 == 0 or length == 4_000 for number, length in pairs])
+        return torch.stack((right, ~right), 1).double(), torch.zeros(len(pairs), dtype=torch.long)
+
+    monkeypatch.setattr(lengths, "loader", loader)
+    monkeypatch.setattr(lengths, "predict", predict)
+    monkeypatch.setattr(T, "longest_window", lambda transform, sample: sample)
+    return seen
+
+
+TRAINER = SimpleNamespace(model=None, batch=7, seed=3, team=Team(torch.device("cpu")))
+
+
+def by_length(spans, transform=WINDOW):
+    return lengths.accuracy_by_length(TRAINER, lambda changed: Recordings(spans, changed), transform)
+
+
+def test_lengths_are_from_a_quarter_to_four_times(asked):
+    found = by_length([10_000] * 4)
+    assert found == {250: 0.5, 500: 0.5, 1_000: 0.5, 2_000: 0.5, 4_000: 1.0}
+    # each recording five times, where there are few
+    assert (asked["batch"], asked["seed"], asked["last"]) == (7, 3, 5)
+    assert asked[250] == asked[4_000] == [0, 1, 2, 3]
+    assert by_length([10_000] * 5)[250] == 0.6
+
+
+@pytest.mark.parametrize(
+    ("longest", "expected"),
+    [
+        (3_999, [250, 500, 1_000, 2_000, 3_999]),
+        (2_000, [250, 500, 1_000, 2_000]),
+        (1_500, [250, 500, 1_000, 1_500]),
+        # no recording has room for the own length, which is kept
+        (300, [250, 500, 1_000]),
+    ],
+)
+def test_no_window_is_longer_than_the_longest_recording(asked, longest, expected):
+    assert list(by_length([100, longest, 100])) == expected
+
+
+def test_windows_are_of_at_least_a_microsecond(asked):
+    assert list(by_length([10_000], T.Compose([T.RandomWindow(1), T.Points(4)]))) == [1, 2, 4]
+
+
+def test_eight_recordings_are_measured_evenly(asked):
+    # of sixteen every second one: the longest isn't met
+    assert list(by_length([1_000, 9_000] * 8))[-1] == 1_000
+    assert list(by_length([9_000, 1_000] * 8))[-1] == 4_000
+    # of eight all
+    assert list(by_length([1_000] * 7 + [9_000]))[-1] == 4_000
+
+
+@pytest.mark.parametrize(
+    ("recordings", "chosen", "draws"), [(199, 199, 5), (250, 250, 4), (251, 251, 4), (999, 999, 2), (1_000, 1_000, 1)]
+)
+def test_about_a_thousand_windows_are_asked(asked, recordings, chosen, draws):
+    by_length([1_000] * recordings)
+    assert (len(asked[250]), asked["last"]) == (chosen, draws)
+
+
+def test_of_many_recordings_a_thousand_are_spread(asked):
+    by_length([1_000] * 2_500)
+    assert asked["last"] == 1
+    assert asked[250] == [n * 2_500 // 1_000 for n in range(1_000)]
+
+
+def test_without_windows_there_is_nothing_to_tell(asked):
+    assert by_length([1_000], T.Compose([T.Points(4)])) == {}
+    assert asked == {}
