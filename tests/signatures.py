@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata import cli
+from nvsdata.emulation.from_frames import FromFrames
 
 FILE = Path(__file__).with_suffix(".txt")
 PACKAGES = (
@@ -42,6 +43,8 @@ def lines() -> list[str]:
                 found += described(f"{package}.{name}", thing)
             elif isinstance(thing, int | float | str | tuple):
                 found.append(f"{package}.{name} = {thing!r}")
+    # whose methods both emulators have
+    found += described("nvsdata.emulation.from_frames.FromFrames", FromFrames)
     for name, command in cli.COMMANDS.items():
         parser = argparse.ArgumentParser()
         importlib.import_module(f"nvsdata.commands.{command.module}").add_arguments(parser)

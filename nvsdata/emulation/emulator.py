@@ -3,87 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from nvsdata.common.prefetch import DEPTH
-from nvsdata.data.events import MAX_COORDINATE, Columns, Events
+from nvsdata.emulation.run import KEYED, Run, brightness, bytes_of, first_weight
 from nvsdata.emulation.settings import Settings
 from nvsdata.kernels import emulate as kernels
 from nvsdata.kernels.logarithm import logarithm
-from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM, read
+from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM
 from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, MINIMUM, TILE, Pixels, Rule, Tiles, look
-from nvsdata.video.decoder import FULL, luminance, stretched
+from nvsdata.video.decoder import stretched
 from nvsdata.video.frames import Frame
 
 METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}
-# linear times need no key: they follow from the raster order
-TIMINGS = {"interpolated": INTERPOLATED, "random": RANDOM}
-LONGEST = 2**31  # µs between frames that keys can hold
+TIMINGS = dict(zip(KEYED, (INTERPOLATED, RANDOM), strict=True))
 BAND = 4 * TILE[0]  # rows that are processed at a time where no pixel depends on its neighbors
-KEPT = 2 * DEPTH + 3  # frames whose keys may be waiting to be read
 
 
-@dataclass
-class Spikes:
-    """What fired between two frames.
-
-    - `keys`: as `kernels.spikes.fire` makes them, in raster order; uint64 [n]
-    - `before`, `now`: times of the two frames (µs)
-    - `timestamps`: how times lie between them; see `PIX2NVS`
-    - `sensor_size`: (width, height)
-    """
-
-    keys: np.ndarray
-    before: int
-    now: int
-    timestamps: str
-    sensor_size: tuple[int, int]
-
-    def events(self) -> Events:
-        """The spikes as events, sorted by time."""
-        count, keys = self.keys.size, self.keys
-        if count == 0:
-            return Events.empty(self.sensor_size, self.before, self.now)
-        columns = Columns.empty(count)
-        bits = int(self.now - self.before).bit_length() if self.timestamps in TIMINGS else 0
-        read(keys, bits, self.before, *columns)
-        if self.timestamps == "fixed":
-            columns.t[:] = self.now
-        elif self.timestamps == "linear":
-            columns.t[:] = self.before + np.arange(1, count + 1) * (self.now - self.before) // count
-        return Events.trusted(columns, self.sensor_size, self.before, self.now)
-
-
-@cache
-def _keep_freed_memory() -> None:
-    """Have glibc keep freed memory: it would give back each frame's arrays, and fresh pages cost more than the work on
-    them. Freeing one large array raises the size from which glibc gives memory back to the system.
-    """
-    np.empty(31 << 20, np.uint8)
-
-
-class Emulator:
-    """State of an emulation. The last frame is kept, not copied: the caller must not change it.
-
-    - `settings`: those of PIX2NVS
-    - `first`: the first frame, which gives the size and type of all
+class Emulator(Run):
+    """State of an emulation by PIX2NVS, of which `settings` are; see `Run` for the rest.
 
     ValueError if the frame is smaller than `inhibition`, or larger than events can address.
     """
 
     def __init__(self, settings: Settings, first: Frame) -> None:
-        _keep_freed_memory()
+        super().__init__(first, settings.timestamps)
         height, width = first.pixels.shape[:2]
         if settings.inhibition > min(height, width):
             raise ValueError(f"inhibition={settings.inhibition} is larger than the frame of {width}x{height}")
-        if max(height, width) > MAX_COORDINATE + 1:
-            raise ValueError(f"frames of {width}x{height} are larger than events can address")
-        self.settings, self.sensor_size = settings, (width, height)
+        self.settings = settings
         number = _precision(settings)
         tiles = (-(-height // TILE[0]), -(-width // TILE[1]))
         dirty, active, still = (np.full(tiles, value) for value in (True, True, False))
@@ -91,7 +41,6 @@ class Emulator:
         self._tiles = Tiles(dirty, affected, active, still, np.zeros(tiles, np.int64))
         self._rule = _rule(settings, (height, width), number, _table(settings, first, number))
         self._number = 0
-        self._last = first
         plane = np.empty((height, width), number)
         level = plane if settings.mode == "LI" else np.empty_like(plane)
         # whole tiles and whole blocks
@@ -101,42 +50,22 @@ class Emulator:
         self._pixels = Pixels(plane, level, np.empty_like(plane), difference)
         self._see(first)
         self._pixels.reference[:] = level
-        self._keys = deque(np.empty(height * width + 64 * width, np.uint64) for _ in range(KEPT))
-
-    def none(self, now: int) -> Spikes:
-        """The spikes of a frame at `now` µs that gives no events."""
-        return Spikes(self._keys[0][:0], now, now, self.settings.timestamps, self.sensor_size)
-
-    def step(self, frame: Frame) -> Spikes:
-        """Spikes between the last frame and this one; read them before `KEPT` more steps.
-
-        ValueError for a frame whose size or type differs from the first one's, and for times that don't rise.
-        """
-        last, self._last = self._last, frame
-        before, now = last.time, frame.time
-        if not _alike(frame, last):
-            raise ValueError(f"the frame at {now} µs is {_kind(frame)}, earlier ones were {_kind(last)}")
-        if not 0 < now - before < LONGEST:
-            raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
-        self._number += 1
-        return Spikes(self._spikes(frame, last), before, now, self.settings.timestamps, self.sensor_size)
 
     def _spikes(self, frame: Frame, last: Frame) -> np.ndarray:
-        """The keys of what fires after the last frame."""
+        self._number += 1
         rule, tiles, pixels, span = self._rule, self._tiles, self._pixels, frame.time - last.time
         spans = np.array([span], np.float64 if span > 1 << 21 else pixels.plane.dtype)
         seed = np.uint64(0)
         if rule.timing == RANDOM:
             # the frame's number sets the seed, so that skipped frames change nothing
             seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
-        self._keys.rotate()
-        new, old = _bytes(frame), _bytes(last)
+        new, old = bytes_of(frame), bytes_of(last)
         if rule.contrast or not _of_bytes(frame, self.settings):
             if not look(new, old, rule, tiles, pixels):
                 return self._keys[0][:0]
             self._see(frame)
             new = new[:0]
-        arguments = new, old, _first_weight(frame), rule, tiles, pixels, spans, seed, self._keys[0]
+        arguments = new, old, first_weight(frame), rule, tiles, pixels, spans, seed, self._keys[0]
         self._keys[0], count = kernels.step(*arguments)
         return self._keys[0][:count]
 
@@ -144,7 +73,7 @@ class Emulator:
         """Bring `plane` and `level` up to date where the frame changed."""
         settings, rule, tiles, pixels = self.settings, self._rule, self._tiles, self._pixels
         if _of_bytes(frame, settings):
-            kernels.luminance(_bytes(frame), _first_weight(frame), rule, tiles.dirty, pixels.plane)
+            kernels.luminance(bytes_of(frame), first_weight(frame), rule, tiles.dirty, pixels.plane)
         elif tiles.dirty.any():
             pixels.plane[:] = perceived(settings, brightness(frame, settings.hue), pixels.plane.dtype)
         if rule.contrast:
@@ -173,43 +102,8 @@ def _rule(settings: Settings, shape: tuple[int, int], number: Any, table: np.nda
     )
 
 
-def _first_weight(frame: Frame) -> int:
-    """Weight of a pixel's first byte in the luminance, in thousandths."""
-    return 299 if frame.red_first else 114
-
-
 def _of_bytes(frame: Frame, settings: Settings) -> bool:
     return frame.pixels.dtype == np.uint8 and not settings.hue
-
-
-def _bytes(frame: Frame) -> np.ndarray:
-    """The frame's bytes, [H, bytes of a row]."""
-    return frame.pixels.view(np.uint8).reshape(frame.pixels.shape[0], -1)
-
-
-def _alike(frame: Frame, other: Frame) -> bool:
-    """Whether two frames can belong to one video."""
-    a, b = frame.pixels, other.pixels
-    return a.shape == b.shape and a.dtype == b.dtype and frame.levels == other.levels
-
-
-def _kind(frame: Frame) -> str:
-    """What all frames of a video must share, in words."""
-    height, width, *colors = frame.pixels.shape
-    levels = "" if frame.levels == FULL else " from {} to {}".format(*frame.levels)
-    return f"{width}x{height} {'color' if colors else 'gray'} {frame.pixels.dtype}{levels}"
-
-
-def brightness(frame: Frame, hue: bool = False) -> np.ndarray:
-    """Luminance q or hue h (3.2.1), float64 [H, W]; black has hue 0."""
-    values: np.ndarray = frame.pixels.astype(np.float64)
-    if values.ndim == 2:
-        values = values if frame.levels == FULL else stretched(values, frame.levels)
-        return np.where(values > 0, 0.5, 0.0) if hue else values
-    r, g, b = np.moveaxis(values if frame.red_first else values[..., ::-1], -1, 0)
-    if hue:
-        return np.asarray(np.divide(b, r + g, out=b.copy(), where=r + g > 0))
-    return luminance(r, g, b)
 
 
 def tone(settings: Settings, q: np.ndarray) -> np.ndarray:

@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from nvsdata.data.events import Columns, Events, sort_by_time
-from nvsdata.emulation.settings import Settings
 from nvsdata.kernels.spikes import read_out
+
+AT_WHITE = 0.25  # noise of a white pixel relative to that of a black one, as v2e (Hu, Liu, Delbruck 2021) has it
+
+
+class Flawed(Protocol):
+    """Settings of a sensor's flaws; see `PIX2NVS` for what they mean."""
+
+    @property
+    def noise_rate(self) -> float: ...
+    @property
+    def hot_pixels(self) -> float: ...
+    @property
+    def hot_rate(self) -> float: ...
+    @property
+    def refractory(self) -> int: ...
+    @property
+    def bandwidth(self) -> float: ...
+    @property
+    def seed(self) -> int: ...
 
 
 class Imperfections:
-    """State of a sensor's flaws over a recording; see `PIX2NVS` for what the settings mean."""
+    """State of a sensor's flaws over a recording."""
 
-    def __init__(self, settings: Settings, sensor_size: tuple[int, int]) -> None:
+    def __init__(self, settings: Flawed, sensor_size: tuple[int, int]) -> None:
         self.settings, self.size = settings, sensor_size
         self._random = np.random.default_rng((settings.seed, 3))
         pixels = sensor_size[0] * sensor_size[1]
@@ -23,13 +43,15 @@ class Imperfections:
         self._busy = 0.0
 
     @classmethod
-    def of(cls, settings: Settings, sensor_size: tuple[int, int]) -> Imperfections | None:
+    def of(cls, settings: Flawed, sensor_size: tuple[int, int]) -> Imperfections | None:
         """The flaws that the settings ask for; None for a sensor without any."""
         flawed = settings.noise_rate or settings.hot_pixels or settings.refractory or settings.bandwidth
         return cls(settings, sensor_size) if flawed else None
 
-    def apply(self, events: Events, before: int, now: int) -> Events:
+    def apply(self, events: Events, before: int, now: int, light: np.ndarray | None = None) -> Events:
         """Events from `before` to `now` (µs) as this sensor would give them.
+
+        `light` (0 black to 1 white, [H, W]) makes noise rarer where it is brighter, in proportion down to `AT_WHITE`.
 
         If events come faster than the readout passes them on, some are read after `now`.
         """
@@ -39,6 +61,9 @@ class Imperfections:
         noisy = self._random.poisson(settings.noise_rate * seconds * pixels)
         hot = self._random.poisson(settings.hot_rate * seconds * self._hot.size)
         where = self._random.integers(0, pixels, noisy)
+        if light is not None:
+            where = where[self._random.random(noisy) < 1 - (1 - AT_WHITE) * light.ravel()[where]]
+            noisy = where.size
         if hot:
             where = np.concatenate((where, self._hot[self._random.integers(0, self._hot.size, hot)]))
         polarity = np.ones(noisy + hot, np.uint8)

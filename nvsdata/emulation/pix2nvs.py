@@ -1,22 +1,17 @@
-"""PIX2NVS (thesis chapter 3): the settings, and events from videos by them."""
+"""PIX2NVS (thesis chapter 3): the settings, and what they mean."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from nvsdata.common.prefetch import prefetch
-from nvsdata.data.events import Events, together
-from nvsdata.emulation.emulator import Emulator, Spikes
-from nvsdata.emulation.imperfections import Imperfections
+from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.from_frames import FromFrames
 from nvsdata.emulation.settings import Settings
-from nvsdata.video.frames import Frame, Video, frames_of
-
-WORTH = 0.3e-3  # s of emulation per frame from which a thread of its own pays
+from nvsdata.video.frames import Frame
 
 
 @dataclass(frozen=True)
-class PIX2NVS(Settings):
+class PIX2NVS(Settings, FromFrames):
     """Video to events, by the parameters of Table 3.1; the defaults are the best row of Table 3.3.
 
     How a pixel's brightness is seen (3.2.1):
@@ -59,55 +54,8 @@ class PIX2NVS(Settings):
     Raises ValueError for settings out of range.
     """
 
-    def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
-        """All events of a video; times count from its first frame. Parameters and errors are those of `stream`."""
-        parts = list(self.stream(video, fps, size=size))
-        return together(parts)
-
-    def stream(
-        self,
-        frames: Video,
-        fps: float | None = None,
-        *,
-        times: Iterable[int] | None = None,
-        size: tuple[int, int] | None = None,
-    ) -> Iterator[Events]:
-        """Events of each frame in turn, those of F_n since F_n-1, in constant memory.
-
-        The first piece stands for F_0 and is empty.
-
-        - `frames`: a video file (luminance is the luma that its codec stores, where it is of 8 bits), a
-          camera's number, or an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
-          [H, W, 4] RGBA; uint8 or bool, or uint16 and floats in [0, 1], which are scaled to 255
-        - `fps`: frame n is at n / fps s, whatever the file says (default: the file's own times, a camera's clock,
-          30 per second for arrays and images)
-        - `times`: in place of `fps`, the time of each frame in µs, rising
-        - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
-
-        Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames that change
-        their size or type, times that don't rise, no frames, and `inhibition` larger than the frame.
-        """
-        spikes = prefetch(self._spikes(frames_of(frames, fps=fps, times=times, size=size, color=self.hue)), WORTH)
-        return self._events(spikes)
-
-    def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:
-        first = next(frames, None)
-        if first is None:
-            raise ValueError("a video of no frames")
-        emulator = Emulator(self, first)
-        yield emulator.none(first.time)
-        yield from map(emulator.step, frames)
-
-    def _events(self, pieces: Iterator[Spikes]) -> Iterator[Events]:
-        flaws: Imperfections | None = None
-        for spikes in pieces:
-            events = spikes.events()
-            flaws = flaws or Imperfections.of(self, events.sensor_size)
-            yield (
-                events
-                if flaws is None or spikes.now == spikes.before
-                else flaws.apply(events, spikes.before, spikes.now)
-            )
+    def _run(self, first: Frame) -> Emulator:
+        return Emulator(self, first)
 
 
 # rows of Table 3.3 from the worst to the best, and the settings of section 3.4.1

@@ -1,4 +1,4 @@
-"""The settings of PIX2NVS, and the values that each may have."""
+"""The settings of PIX2NVS and of DVS, and the values that each may have."""
 
 from __future__ import annotations
 
@@ -51,11 +51,45 @@ class Settings:
             not_negative(name, getattr(self, name))
         whole("inhibition", self.inhibition, 1)
         whole("max_events", self.max_events, 1)
-        whole("seed", self.seed)
-        if self.seed >= 1 << 63:
-            raise ValueError(f"seed must be below 2**63, not {self.seed}")
+        _check_seed(self.seed)
         positive("alpha", self.alpha)
         probability("alpha", self.alpha)
         probability("hot_pixels", self.hot_pixels)
         if self.continuous and 0 < self.t_log <= 1:
             raise ValueError(f"continuous needs t_log above 1, where its logarithm is positive, not {self.t_log}")
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """The parameters of a sensor's pixels; `DVS`, which adds the emulation, explains each.
+
+    Raises ValueError for settings out of range.
+    """
+
+    on: float = 0.3
+    off: float = 0.3
+    dark: float = 3.0
+    mismatch: float = 0.0
+    cutoff: float = 0.0
+    leak: float = 0.0
+    noise_rate: float = 0.0
+    hot_pixels: float = 0.0
+    hot_rate: float = 100.0
+    refractory: int = 0
+    bandwidth: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        at_least("on", self.on, LEAST_THRESHOLD)
+        at_least("off", self.off, LEAST_THRESHOLD)
+        at_least("dark", self.dark, 0.001)
+        for name in ("mismatch", "cutoff", "leak", "noise_rate", "hot_rate", "refractory", "bandwidth"):
+            not_negative(name, getattr(self, name))
+        probability("hot_pixels", self.hot_pixels)
+        _check_seed(self.seed)
+
+
+def _check_seed(seed: int) -> None:
+    whole("seed", seed)
+    if seed >= 1 << 63:
+        raise ValueError(f"seed must be below 2**63, not {seed}")

@@ -45,17 +45,17 @@ def luminance(frame, first_weight, rule, tiles, plane):
             q = thousandths[: x1 - x0]
             for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
                 if frame.shape[1] == width:
-                    _look_up(frame[y, x0:x1], rule.table, plane[y, x0:x1])
+                    look_up(frame[y, x0:x1], rule.table, plane[y, x0:x1])
                     continue
-                _weigh(frame[y, 3 * x0 : 3 * x1], weight, other, q)
+                weigh(frame[y, 3 * x0 : 3 * x1], weight, other, q)
                 if rule.table.size:
-                    _look_up(q, rule.table, plane[y, x0:x1])
+                    look_up(q, rule.table, plane[y, x0:x1])
                 else:
                     logarithm(q, rule.t_log, rule.slope, scratch, plane[y, x0:x1])
 
 
 @njit
-def _weigh(row, weight, other, thousandths):
+def weigh(row, weight, other, thousandths):
     """Luminance of pixels in a row, in thousandths. Faster by half if the weights are int32."""
     for i in range(_U(thousandths.size)):
         c = _U(3) * i
@@ -64,7 +64,8 @@ def _weigh(row, weight, other, thousandths):
 
 
 @njit
-def _look_up(places, table, out):
+def look_up(places, table, out):
+    """`out` = the table's values at `places`."""
     for i in range(_U(out.size)):
         out[i] = table[_U(np.uint32(places[i]))]
 

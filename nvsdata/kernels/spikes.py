@@ -30,7 +30,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
     O(active pixels + events).
     """
     height, width = difference.shape
-    mask, x = np.zeros(TILE[1], np.uint8), np.empty(width + TILE[1], np.uint16)
+    mask, x = row_of_marks(width), np.empty(width + 8, np.uint16)
     low, count = np.empty(width, np.uint32), np.empty(width, np.int32)
     first, second, third = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.int32)
     ratio, step = np.empty(width, difference.dtype), np.empty(width, span.dtype)
@@ -52,7 +52,7 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
             count[j] = min(_I32(abs(ratio[j])), most)
             total += count[j]
         if n + total > keys.size:
-            keys = _grown(keys, n, total)
+            keys = grown(keys, n, total)
         if timing == INTERPOLATED:
             for j in range(_U(m)):
                 step[j] = span[0] / abs(ratio[j])
@@ -90,29 +90,43 @@ def fire(difference, top, active, threshold, most, span, timing, seed, keys, n):
 @njit
 def _fired(difference, active, threshold, mask, x):
     """Write to `x` where a row's |difference| >= threshold in active tiles; returns how many. `mask`: scratch."""
-    words = mask.view(np.uint64)
-    m = _U(0)
-    for tile in range(active.size):
-        if not active[tile]:
-            continue
-        left = _U(tile * TILE[1])
-        width = min(TILE[1], difference.size - tile * TILE[1])
-        for i in range(width, TILE[1]):
-            mask[i] = 0
-        for i in range(_U(width)):
-            mask[i] = abs(difference[left + i]) >= threshold
-        some = words[0] | words[1] | words[2] | words[3] | words[4] | words[5] | words[6] | words[7]
-        if some:
-            for w in range(_U(words.size)):
-                # without branches, because which of the eight fire is unpredictable
-                for i in range(_U(8)):
-                    x[m] = left + _U(8) * w + i
-                    m += (words[w] >> (_U(8) * i)) & _U(1)
+    right = 0
+    while right < active.size:
+        left, start = right, _U(right * TILE[1])
+        # neighboring tiles together
+        while right < active.size and active[right] == active[left]:
+            right += 1
+        end = _U(min(right * TILE[1], difference.size))
+        if active[left]:
+            for i in range(start, end):
+                mask[i] = abs(difference[i]) >= threshold
+        else:
+            mask[start:end] = 0
+    return gathered(mask, x)
+
+
+@njit
+def row_of_marks(width):
+    """An array for a mark per pixel of a row, up to a multiple of 8, zero."""
+    return np.zeros((width + 7) // 8 * 8, np.uint8)
+
+
+@njit
+def gathered(mask, x):
+    """Write to `x` where a `row_of_marks` is 1; returns how many."""
+    m, words = _U(0), mask.view(np.uint64)
+    for w in range(_U(words.size)):
+        word = words[w]
+        if word:
+            # without branches, because which of the eight fire is unpredictable
+            for i in range(_U(8)):
+                x[m] = _U(8) * w + i
+                m += (word >> (_U(8) * i)) & _U(1)
     return np.int64(m)
 
 
 @njit
-def _grown(keys, n, more):
+def grown(keys, n, more):
     """The first `n` keys in an array with room for `more`."""
     larger = np.empty(2 * keys.size + more, np.uint64)
     for i in range(n):

@@ -10,6 +10,7 @@ from clips import moving_square, write_video
 import nvsdata
 from nvsdata.cli import main
 from nvsdata.commands import tune
+from nvsdata.common.prefetch import DEPTH
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.convert import convert_videos
 from nvsdata.emulation.tuning.objective import Pair
@@ -105,4 +106,4 @@ def test_tuning_again_measures_nothing(decoded, video, tmp_path, monkeypatch, ca
         assert main(words) == 0
         assert len(emulated) == count
         # colors if hue is tried; and whether the first frame has any, while those after it are read ahead
-        assert decoded["frames"] <= 2 * LENGTH + 1 + 5
+        assert decoded["frames"] <= 2 * LENGTH + 1 + DEPTH + 1

@@ -13,10 +13,11 @@ from nvsdata import Events
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation import convert as conversion
 from nvsdata.emulation.convert import default_out, plan
-from nvsdata.emulation.emulator import Emulator, _sensitivity, brightness, tone
+from nvsdata.emulation.emulator import Emulator, _sensitivity, tone
 from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.protocol import settings_of
+from nvsdata.emulation.run import brightness
 from nvsdata.video.folder import Video
 from nvsdata.video.frames import Frame
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nvsdata.common.errors import FormatError
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.emulator import brightness
+from nvsdata.emulation.run import brightness
 from nvsdata.video import decoder
 from nvsdata.video.decoder import (
     ERRORS_ONLY,

@@ -1,0 +1,71 @@
+"""Events from videos, frame by frame: what all emulators of this package share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from typing import cast
+
+from nvsdata.common.prefetch import prefetch
+from nvsdata.data.events import Events, together
+from nvsdata.emulation.imperfections import Flawed, Imperfections
+from nvsdata.emulation.run import Run, Spikes
+from nvsdata.video.frames import Frame, Video, frames_of
+
+WORTH = 0.3e-3  # s of emulation per frame from which a thread of its own pays
+
+
+class FromFrames(ABC):
+    """An emulator that goes from frame to frame; its settings, and those of `Flawed`, are a subclass's."""
+
+    def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
+        """All events of a video; times count from its first frame. Parameters and errors are those of `stream`."""
+        parts = list(self.stream(video, fps, size=size))
+        return together(parts)
+
+    def stream(
+        self,
+        frames: Video,
+        fps: float | None = None,
+        *,
+        times: Iterable[int] | None = None,
+        size: tuple[int, int] | None = None,
+    ) -> Iterator[Events]:
+        """Events of each frame in turn, those of F_n since F_n-1, in constant memory.
+
+        The first piece stands for F_0 and is empty.
+
+        - `frames`: a video file (luminance is the luma that its codec stores, where it is of 8 bits), a
+          camera's number, or an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
+          [H, W, 4] RGBA; uint8 or bool, or uint16 and floats in [0, 1], which are scaled to 255
+        - `fps`: frame n is at n / fps s, whatever the file says (default: the file's own times, a camera's clock,
+          30 per second for arrays and images)
+        - `times`: in place of `fps`, the time of each frame in µs, rising
+        - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
+
+        Raises FileNotFoundError, FormatError for a file that holds no video, and ValueError for frames that change
+        their size or type, times that don't rise, no frames, and settings that the frame is too small for.
+        """
+        found = frames_of(frames, fps=fps, times=times, size=size, color=getattr(self, "hue", False))
+        return self._events(prefetch(self._spikes(found), WORTH))
+
+    @abstractmethod
+    def _run(self, first: Frame) -> Run:
+        """A run that begins with a frame."""
+
+    def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:
+        first = next(frames, None)
+        if first is None:
+            raise ValueError("a video of no frames")
+        run = self._run(first)
+        yield run.none(first.time)
+        yield from map(run.step, frames)
+
+    def _events(self, pieces: Iterator[Spikes]) -> Iterator[Events]:
+        flaws: Imperfections | None = None
+        for spikes in pieces:
+            events = spikes.events()
+            flaws = flaws or Imperfections.of(cast(Flawed, self), events.sensor_size)
+            if flaws and spikes.now != spikes.before:
+                events = flaws.apply(events, spikes.before, spikes.now, spikes.light)
+            yield events

@@ -1,0 +1,250 @@
+"""DVS against its definition, pixel by pixel in float64, and against itself without skipping."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nvsdata.emulation import DVS
+from nvsdata.emulation.pixel_array import PixelArray
+from nvsdata.video.frames import Frame
+
+GAP = 33_333  # µs
+
+
+def defined(emulator, frames, times, on=None, off=None, begin=None):
+    """Events (t, y, x, p) of gray frames by the definition; `on` and `off` [H, W] are the pixels' thresholds."""
+    height, width = frames[0].shape
+    on = np.full((height, width), emulator.on) if on is None else on
+    off = np.full((height, width), emulator.off) if off is None else off
+    fall = emulator.leak * emulator.on / 1e6
+    found = []
+    for y in range(height):
+        for x in range(width):
+            light = [math.log(float(frame[y, x]) + emulator.dark) for frame in frames]
+            seen = followed(emulator, light, times)
+            memory = light[0] - (0 if begin is None else begin[y, x])
+            for (t0, a), (t1, b) in pairwise(seen):
+                # the memory falls meanwhile: the line of their difference
+                d0, d1 = a - memory + fall * t0, b - memory + fall * t1
+                up = d1 > 0
+                step = on[y, x] if up else off[y, x]
+                for k in range(1, int(abs(d1) / step) + 1):
+                    level = k * step if up else -k * step
+                    moment = t0 + (t1 - t0) * (level - d0) / (d1 - d0)
+                    found.append((math.floor(moment + 0.5), y, x, int(up)))
+                    memory += step if up else -step
+    return sorted(found)
+
+
+def followed(emulator, light, times):
+    """Where a photoreceptor is at each frame, by 2,000 small steps of dv/dt = r (L - v) in the middle of each."""
+    if not emulator.cutoff:
+        return list(zip(times, light, strict=True))
+    here, seen = light[0], [(times[0], light[0])]
+    for t0, t1, a, b in zip(times, times[1:], light, light[1:], strict=False):
+        if a != b or t0 == times[0]:
+            rate = 2 * math.pi * emulator.cutoff / 1e6 * (math.exp(b) - emulator.dark + 20) / 275
+        dt = (t1 - t0) / 2_000
+        for i in range(2_000):
+            target = a + (b - a) * (i + 0.5) / 2_000
+            here = target + (here - target) * math.exp(-rate * dt)
+        seen.append((t1, here))
+    return seen
+
+
+def moving(count, height=12, width=70, seed=0, share=0.3):
+    """Gray frames of which a part changes from one to the next, most of it in one tile."""
+    rng = np.random.default_rng(seed)
+    frames = [rng.integers(0, 256, (height, width)).astype(np.uint8)]
+    for n in range(count - 1):
+        frame = frames[-1].copy()
+        if n % 3 != 2:
+            some = rng.random((height, width)) < share
+            some[8:] &= n % 2 == 0
+            frame[some] = rng.integers(0, 256, int(some.sum()))
+        frames.append(frame)
+    return frames
+
+
+def rows(events):
+    return sorted(zip(events.t.tolist(), events.y.tolist(), events.x.tolist(), events.p.tolist(), strict=True))
+
+
+def agree(found, expected, apart=4):
+    """The same events, at times up to `apart` µs from each other, nearly all at most 1: float32 shifts those at the end
+    of a small change.
+    """
+    by_pixel = [sorted((y, x, p, t) for t, y, x, p in some) for some in (found, expected)]
+    assert [row[:3] for row in by_pixel[0]] == [row[:3] for row in by_pixel[1]]
+    times = [np.array([row[3] for row in some]) for some in by_pixel]
+    assert np.abs(times[0] - times[1]).max(initial=0) <= apart
+    assert (np.abs(times[0] - times[1]) > 1).mean() < 2e-3
+
+
+# thresholds that no way there and back meets exactly
+APART = {"on": 0.3, "off": 0.2837}
+
+
+@pytest.mark.parametrize(
+    "emulator",
+    [
+        DVS(**APART),
+        DVS(on=0.17, off=0.41),
+        DVS(on=0.011, off=0.0131, dark=0.5),
+        DVS(leak=2.0, **APART),
+        DVS(cutoff=20, **APART),
+        DVS(cutoff=5, leak=1.0, **APART),
+    ],
+    ids=str,
+)
+def test_events_are_those_of_the_definition(emulator):
+    frames = moving(9)
+    times = [round(n * 1e6 / 30) for n in range(9)]
+    begin = PixelArray(emulator, Frame(0, frames[0]))._array
+    events = emulator.emulate(frames)
+    expected = defined(emulator, frames, times, begin=(begin.level - begin.memory).astype(float))
+    assert len(expected) > 1_000
+    agree(rows(events), expected)
+
+
+def test_colors_and_floats_give_the_levels_of_their_luminance():
+    colors = np.random.default_rng(1).integers(0, 256, (5, 9, 66, 3)).astype(np.uint8)
+    gray = colors.astype(np.float64) @ (0.299, 0.587, 0.114)
+    times = [round(n * 1e6 / 30) for n in range(5)]
+    expected = defined(DVS(**APART), list(gray), times)
+    agree(rows(DVS(**APART).emulate(colors)), expected)
+    agree(rows(DVS(**APART).emulate(list(gray / 255))), expected)
+    tiny = DVS(on=0.04, off=0.039)
+    agree(rows(tiny.emulate(colors)), defined(tiny, list(gray), times))
+
+
+def test_thresholds_of_pixels_differ_around_the_nominal_ones():
+    frames = moving(6, seed=3)
+    emulator = DVS(mismatch=0.2, seed=5, **APART)
+    off, on = PixelArray(emulator, Frame(0, frames[0]))._sensor.each.astype(float)
+    assert on.min() >= 0.03 * 0.99
+    assert off.min() >= 0.02837 * 0.99
+    for own, nominal in ((on, 0.3), (off, 0.2837)):
+        assert abs(own.mean() / nominal - 1) < 0.03
+        assert abs(own.std() / nominal / 0.2 - 1) < 0.1
+    assert abs(np.corrcoef(on.ravel(), off.ravel())[0, 1]) < 0.1
+    times = [round(n * 1e6 / 30) for n in range(6)]
+    agree(rows(emulator.emulate(frames)), defined(emulator, frames, times, on, off))
+    assert rows(emulator.emulate(frames)) != rows(replace(emulator, seed=6).emulate(frames))
+
+
+class Restless(PixelArray):
+    """Looks at every tile in every frame."""
+
+    def _spikes(self, frame, last):
+        self._array.wake[:] = 0
+        return super()._spikes(frame, last)
+
+
+OPTIONS = st.fixed_dictionaries(
+    {
+        "on": st.floats(0.02, 0.6),
+        "off": st.floats(0.02, 0.6),
+        "mismatch": st.sampled_from([0.0, 0.3]),
+        "cutoff": st.sampled_from([0.0, 3.0, 200.0]),
+        "leak": st.sampled_from([0.0, 0.5, 20.0]),
+        "seed": st.integers(0, 9),
+    }
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(OPTIONS, st.integers(0, 99), st.sampled_from([0.0, 0.02, 0.5]), st.booleans())
+def test_skipped_tiles_change_nothing(options, seed, share, colored):
+    frames = moving(12, height=20, width=130, seed=seed, share=share)
+    if colored:
+        frames = [np.repeat(frame[..., None], 3, axis=2) for frame in frames]
+    emulator = DVS(**options)
+    found = []
+    for kind in (PixelArray, Restless):
+        run = kind(emulator, Frame(0, frames[0]))
+        found.append([run.step(Frame(n * GAP, frame)).keys.copy() for n, frame in enumerate(frames) if n])
+    for ours, theirs in zip(*found, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_tiles_that_do_not_change_are_left_out():
+    frames = moving(5, share=0.0)
+    still = PixelArray(DVS(), Frame(0, frames[0]))
+    leaking = PixelArray(DVS(leak=0.01), Frame(0, frames[0]))
+    for n in range(1, 5):
+        assert still.step(Frame(n * GAP, frames[n])).keys.size == 0
+        leaking.step(Frame(n * GAP, frames[n]))
+    assert (still._array.wake > 2**61).all()
+    # the first of 512 pixels fires after about 1 / 512 of 100 s
+    assert (leaking._array.wake > 4 * GAP).mean() > 0.2
+
+
+def test_a_step_is_seen_at_once_and_counted_fully():
+    frames = [np.full((4, 4), value, np.uint8) for value in (10, 10, 200, 200, 10)]
+    events = DVS(on=0.25, off=0.4).emulate(frames, fps=100)
+    rise = math.log(203 / 13)
+    assert np.bincount(events.p, minlength=2).tolist() == [16 * int(2.5 / 0.4), 16 * int(rise / 0.25)]
+    first = events.t[events.p == 1][0]
+    assert first == round(10_000 + 10_000 * 0.25 / rise)
+
+
+def test_small_changes_add_up():
+    frames = [np.full((2, 2), 100 + n, np.uint8) for n in range(100)]
+    for every in (1, 3, 9):
+        events = DVS(on=0.1).emulate(frames[::every], fps=300 / every)
+        assert len(events) == 4 * int(math.log(202 / 103) / 0.1), every
+
+
+def test_memory_leaks_at_its_rate_from_random_places():
+    frames = [np.full((30, 40), 90, np.uint8)] * 51
+    events = DVS(leak=2.0, seed=1).emulate(frames, fps=10)
+    assert (events.p == 1).all()
+    counts = np.bincount(events.y.astype(int) * 40 + events.x, minlength=1200)
+    assert set(counts.tolist()) == {10}
+    assert np.diff(np.histogram(events.t[:1200], 10, (0, 500_000))[0]).max() < 60
+
+
+def test_noise_is_rarer_where_it_is_bright():
+    frame = np.zeros((40, 40), np.uint8)
+    frame[:, 20:] = 255
+    events = DVS(noise_rate=5, seed=2).emulate([frame] * 61, fps=3)
+    dark, bright = (events.x < 20).sum(), (events.x >= 20).sum()
+    assert abs(dark / (5 * 20 * 800) - 1) < 0.02
+    assert abs(bright / dark - 0.25) < 0.01
+    assert abs((events.p == 1).mean() - 0.5) < 0.01
+
+
+def test_blind_pixels_do_not_show_what_they_miss():
+    frames = [np.full((2, 2), value, np.uint8) for value in (10, 200)]
+    every = DVS(on=0.1).emulate(frames, fps=100)
+    some = DVS(on=0.1, refractory=1_000).emulate(frames, fps=100)
+    pixel = every.t[(every.x == 0) & (every.y == 0)]
+    kept = [pixel[0]]
+    for t in pixel[1:]:
+        kept += [t] if t >= kept[-1] + 1_000 else []
+    assert some.t[(some.x == 0) & (some.y == 0)].tolist() == kept
+    assert len(kept) < len(pixel)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        ({"on": 0}, "on must be at least"),
+        ({"off": math.nan}, "off must be at least"),
+        ({"dark": 0}, "dark must be at least"),
+        ({"cutoff": -1}, "cutoff must not be negative"),
+        ({"leak": math.inf}, "leak must not be negative"),
+        ({"hot_pixels": 1.5}, "hot_pixels must lie between 0 and 1"),
+        ({"seed": 1 << 63}, "seed must be below"),
+        ({"seed": 0.5}, "seed must be a whole number"),
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong, word):
+    with pytest.raises(ValueError, match=word):
+        DVS(**wrong)
