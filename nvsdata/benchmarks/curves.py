@@ -54,10 +54,22 @@ def exponent(lines: Sequence[Line]) -> float:
 
 
 def bends_upward(lines: Sequence[Line]) -> bool:
-    """Whether cost grows faster than size, and ever faster: the exponent of the larger half is well above both."""
+    """Whether cost grows faster than size, and ever faster: the exponent of the larger half is well above both.
+
+    Where what is counted grows faster than size, such as edges in ever busier windows, that takes the place of size.
+    """
     points = sorted((line for line in lines if line.seconds >= SMALL), key=lambda line: line.place)
     if len(points) < 3:
         return False
     middle = len(points) // 2
-    late = exponent(points[middle:])
-    return late > 1 + BENT and late > exponent(points[: middle + 1]) + BENT
+    late, counted = exponent(points[middle:]), _growth(points[middle:])
+    return late > max(counted, 1) + BENT and late > exponent(points[: middle + 1]) + BENT
+
+
+def _growth(points: Sequence[Line]) -> float:
+    """By which power of the size what is counted grows, from the first line to the last; 0 if nothing is."""
+    first, last = points[0], points[-1]
+    ratios = [last.counters[name] / count for name, count in first.counters.items() if count and name in last.counters]
+    if not ratios or last.place == first.place:
+        return 0.0
+    return math.log(max(*ratios, 1)) / math.log(last.place / first.place)

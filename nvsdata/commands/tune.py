@@ -1,4 +1,4 @@
-"""`nvsdata tune`: the settings of PIX2NVS that come closest to a real recording."""
+"""`nvsdata tune`: the settings of an emulator that come closest to a real recording."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats, plots
-from nvsdata.commands.emulation_settings import add_settings, given, settings_of, write_settings
+from nvsdata.commands.emulation_settings import Emulator, add_settings, given, settings_of, write_settings
 from nvsdata.commands.options import UsageError, add_jobs, at_least_1, path, positive
 from nvsdata.common.errors import shown
 from nvsdata.common.files import claimed, put
-from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.tuning.objective import Pair, measured_on
 from nvsdata.emulation.tuning.report import table
 from nvsdata.emulation.tuning.search import search
-from nvsdata.emulation.tuning.space import SPACE
+from nvsdata.emulation.tuning.space import SENSOR_SPACE, SPACE, space_of
 from nvsdata.plots.comparison import score_curve, side_by_side
 
 
@@ -42,20 +41,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_jobs(add, "trials at once")
     # the seed of the imperfections stays the preset's
-    add_settings(parser, skip=("seed",), searched=SPACE)
+    add_settings(parser, skip=("seed",), searched={*SPACE, *SENSOR_SPACE})
     add("--seed", type=int, default=0, help="seed of the search")
 
 
 def run(args: argparse.Namespace) -> int:
     """Search, and print what was found."""
     seed = vars(args).pop("seed")
-    held = given(args)
-    if not SPACE.keys() - held.keys():
+    base = settings_of(args)
+    held = given(args, base)
+    if not space_of(base).keys() - held.keys():
         raise UsageError("every setting is given: there is nothing to search for")
     if len(args.real) != len(args.video):
         raise UsageError(f"{len(args.real)} --real and {len(args.video)} --video: each recording needs its video")
     options = {name: getattr(args, name) for name in ("trials", "fps", "seconds", "offset", "one_way", "jobs")}
-    print(tune_files(args.real, args.video, args.out, settings_of(args), held=held, seed=seed, **options))
+    print(tune_files(args.real, args.video, args.out, base, held=held, seed=seed, **options))
     return 0
 
 
@@ -63,7 +63,7 @@ def tune_files(
     real: Sequence[Path],
     video: Sequence[Path],
     out: Path,
-    base: PIX2NVS,
+    base: Emulator,
     *,
     held: Collection[str] = (),
     trials: int,
@@ -82,7 +82,7 @@ def tune_files(
     pairs = [Pair(formats.open(a), b, **common) for a, b in zip(real, video, strict=True)]
     note = {"real": [*map(str, real)], "video": [*map(str, video)], **common}
     left = {*held, *(() if all(pair.colored for pair in pairs) else ("hue",))}
-    space = {name: choices for name, choices in SPACE.items() if name not in left}
+    space = {name: choices for name, choices in space_of(base).items() if name not in left}
     if not space:
         raise ValueError("every setting is given, and the videos have no hue: there is nothing to search for")
     out.mkdir(parents=True, exist_ok=True)

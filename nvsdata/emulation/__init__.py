@@ -1,6 +1,7 @@
-"""Events from video: PIX2NVS (thesis chapter 3), and DVS, the pixel of real sensors."""
+"""Events from video: PIX2NVS (thesis chapter 3), and DVS, the pixel of real sensors, which can be fitted to one."""
 
-from nvsdata.emulation.dvs import DVS
+from nvsdata.emulation.dvs import DVS, SENSORS
+from nvsdata.emulation.fitting import Fit, fit
 from nvsdata.emulation.pix2nvs import PIX2NVS, PRESETS
 
-__all__ = ["DVS", "PIX2NVS", "PRESETS"]
+__all__ = ["DVS", "PIX2NVS", "PRESETS", "SENSORS", "Fit", "fit"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import log
 
 from nvsdata.emulation.from_frames import FromFrames
 from nvsdata.emulation.pixel_array import PixelArray
@@ -21,6 +22,7 @@ class DVS(SensorSettings, FromFrames):
 
     - `on`, `off`: thresholds (default 0.3: light that changes by 35%)
     - `dark`: gray level that is added to brightness q, luminance from 0 to 255 (default 3)
+    - `upsample`: frames between frames, "linear", "flow" or a number; see `video.upsample` (default "none")
     - `mismatch`: standard deviation of the pixels' thresholds, ON and OFF by themselves, relative to `on` and `off`;
       none is below a tenth of these (default 0)
     - `cutoff`: bandwidth in Hz of a white pixel's photoreceptor, of first order; that of a darker one is
@@ -40,3 +42,14 @@ class DVS(SensorSettings, FromFrames):
 
     def _run(self, first: Frame) -> PixelArray:
         return PixelArray(self, first)
+
+
+# Gallego et al. 2020, Table 1: the least contrast that each can be set to, its noise at rest and its readout; spread of
+# the thresholds by Lichtsteiner et al. 2008 and Brandli et al. 2014, for the others none is stated
+SENSORS = {
+    "ideal": DVS(),
+    "dvs128": DVS(on=log(1.17), off=log(1.17), mismatch=0.021 / 0.17, noise_rate=0.05, bandwidth=1e6),
+    "davis240c": DVS(on=log(1.11), off=log(1.11), mismatch=0.035 / 0.11, noise_rate=0.1, bandwidth=12e6),
+    "davis346": DVS(on=log(1.143), off=log(1.225), noise_rate=0.1, bandwidth=12e6),
+    "gen4": DVS(on=log(1.11), off=log(1.11), noise_rate=0.1, bandwidth=1066e6),
+}

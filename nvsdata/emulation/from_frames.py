@@ -11,6 +11,7 @@ from nvsdata.data.events import Events, together
 from nvsdata.emulation.imperfections import Flawed, Imperfections
 from nvsdata.emulation.run import Run, Spikes
 from nvsdata.video.frames import Frame, Video, frames_of
+from nvsdata.video.upsample import upsampled
 
 WORTH = 0.3e-3  # s of emulation per frame from which a thread of its own pays
 
@@ -47,7 +48,8 @@ class FromFrames(ABC):
         their size or type, times that don't rise, no frames, and settings that the frame is too small for.
         """
         found = frames_of(frames, fps=fps, times=times, size=size, color=getattr(self, "hue", False))
-        return self._events(prefetch(self._spikes(found), WORTH))
+        more = upsampled(found, getattr(self, "upsample", "none"))
+        return self._events(prefetch(self._spikes(more), WORTH))
 
     @abstractmethod
     def _run(self, first: Frame) -> Run:
@@ -63,9 +65,13 @@ class FromFrames(ABC):
 
     def _events(self, pieces: Iterator[Spikes]) -> Iterator[Events]:
         flaws: Imperfections | None = None
+        parts: list[Events] = []
         for spikes in pieces:
             events = spikes.events()
             flaws = flaws or Imperfections.of(cast(Flawed, self), events.sensor_size)
             if flaws and spikes.now != spikes.before:
                 events = flaws.apply(events, spikes.before, spikes.now, spikes.light)
-            yield events
+            parts.append(events)
+            if spikes.whole:
+                yield parts[0] if len(parts) == 1 else together(parts)
+                parts = []

@@ -28,6 +28,7 @@ class Spikes:
     - `before`, `now`: times of the two frames (µs)
     - `timestamps`: how times lie between them; see `PIX2NVS`
     - `sensor_size`: (width, height)
+    - `whole`: whether the later one is the video's; see `Frame` (default True)
     - `light`: brightness of pixels at `now`, 0 to 1, where noise depends on it (default None)
     """
 
@@ -36,6 +37,7 @@ class Spikes:
     now: int
     timestamps: str
     sensor_size: tuple[int, int]
+    whole: bool = True
     light: np.ndarray | None = None
 
     def events(self) -> Events:
@@ -96,7 +98,7 @@ class Run(ABC):
             raise ValueError(f"the frame at {now} µs follows the one at {before} µs: times must rise, by under 35 min")
         self._keys.rotate()
         keys = self._spikes(frame, last)
-        return Spikes(keys, before, now, self.timestamps, self.sensor_size, self._light())
+        return Spikes(keys, before, now, self.timestamps, self.sensor_size, frame.whole, self._light())
 
     def _light(self) -> np.ndarray | None:
         """See `Spikes`."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from nvsdata.common.validation import at_least, not_negative, positive, probability, whole
+from nvsdata.video.upsample import Upsample
 
 Mode = Literal["LI", "CE", "LICE"]
 Difference = Literal["co-located", "average", "minimum"]
@@ -69,6 +70,7 @@ class SensorSettings:
     on: float = 0.3
     off: float = 0.3
     dark: float = 3.0
+    upsample: Upsample | int = "none"
     mismatch: float = 0.0
     cutoff: float = 0.0
     leak: float = 0.0
@@ -83,6 +85,11 @@ class SensorSettings:
         at_least("on", self.on, LEAST_THRESHOLD)
         at_least("off", self.off, LEAST_THRESHOLD)
         at_least("dark", self.dark, 0.001)
+        if isinstance(self.upsample, str):
+            if self.upsample not in get_args(Upsample):
+                raise ValueError(f"upsample must be a number or one of {get_args(Upsample)}, not {self.upsample!r}")
+        else:
+            whole("upsample", self.upsample, 1)
         for name in ("mismatch", "cutoff", "leak", "noise_rate", "hot_rate", "refractory", "bandwidth"):
             not_negative(name, getattr(self, name))
         probability("hot_pixels", self.hot_pixels)

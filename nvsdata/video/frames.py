@@ -29,12 +29,14 @@ class Frame(NamedTuple):
     - `pixels`: [H, W] or [H, W, 3]; uint8, or float64 from 0 to 255
     - `red_first`: whether colors are red, green, blue, not blue, green, red (default False)
     - `levels`: the values of black and white in gray bytes (default (0, 255))
+    - `whole`: whether the video has it; if not, it was made between two that it has (default True)
     """
 
     time: int
     pixels: np.ndarray
     red_first: bool = False
     levels: tuple[int, int] = FULL
+    whole: bool = True
 
 
 class TruncatedVideo(FormatError):

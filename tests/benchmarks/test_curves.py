@@ -1,6 +1,7 @@
 """Fronts and exponents of hand-made lines."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -41,6 +42,12 @@ def test_a_line_bends_upward_only_if_it_grows_ever_faster_than_its_size():
     flat = [line(1e-3 * (1 + n / 100), events=n) for n in (1, 10, 100, 1000)]
     assert [curves.bends_upward(lines) for lines in (straight, square, bent, flat)] == [False, False, True, False]
     assert not curves.bends_upward(bent[:2])
+    # each tenth more events have a hundred times the edges, and they take the time
+    counts = [1, 30, 3_000, 300_000]
+    counted = [replace(line, counters={"edges": count}) for line, count in zip(bent, counts, strict=False)]
+    assert not curves.bends_upward(counted)
+    few = [replace(line, counters={"edges": 5, "none": 0}) for line in bent]
+    assert curves.bends_upward(few)
 
 
 def test_works_stay_together_in_their_order():

@@ -19,6 +19,7 @@ from nvsdata.commands import demo_training
 from nvsdata.commands.emulation_settings import HELP
 from nvsdata.commands.options import Help
 from nvsdata.common.locks import locked
+from nvsdata.emulation import DVS
 
 # what there is without them needs no words
 NO_DEFAULT = ("out", "bias", "simulate", "monitor", "scheduler", "sensor_size")
@@ -240,7 +241,8 @@ def test_every_option_is_explained(command, capsys):
 
 
 def test_every_setting_of_the_emulation_is_explained():
-    assert list(HELP) == [field.name for field in fields(nvsdata.PIX2NVS)]
+    names = [field.name for field in (*fields(nvsdata.PIX2NVS), *fields(DVS))]
+    assert list(HELP) == list(dict.fromkeys(names))
 
 
 def test_a_file_that_is_there_is_replaced_only_if_asked(file, tmp_path, capsys):

@@ -1,6 +1,7 @@
 """What commands print, and what they do where no option says otherwise."""
 
 import argparse
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -13,9 +14,9 @@ from nvsdata._version import __version__
 from nvsdata.cli import COMMANDS, main
 from nvsdata.commands import datasets, options
 from nvsdata.commands.compare import compare_files
-from nvsdata.commands.emulation_settings import given, settings_of
+from nvsdata.commands.emulation_settings import given, read_settings, settings_of, write_settings
 from nvsdata.data.samples import Frame, Piece
-from nvsdata.emulation import PIX2NVS, PRESETS
+from nvsdata.emulation import DVS, PIX2NVS, PRESETS, SENSORS
 
 INFO = """\
 {file}
@@ -183,11 +184,11 @@ DEFAULTS = {
     "datasets": ([], {"root": Path()}),
     "pack": (["a", "--dataset", "folder", "--out", "b"], {"split": "all", "jobs": 1}),
     "convert": (["a", "b"], {}),
-    "convert-videos": (["a"], {"jobs": 1, "format": "hdf5", "preset": "table-3.3-row-5"}),
+    "convert-videos": (["a"], {"jobs": 1, "format": "hdf5"}),
     "compare": (["a", "b"], {"fps": 30.0, "offset": 0, "picture": Path("compare.png")}),
     "tune": (
         ["--real", "a", "--video", "b"],
-        {"trials": 100, "offset": 0, "jobs": 1, "seed": 0, "out": Path("tuning"), "preset": "table-3.3-row-5"},
+        {"trials": 100, "offset": 0, "jobs": 1, "seed": 0, "out": Path("tuning")},
     ),
     "record": ([], {"bias": [], "format": "hdf5", "display": 0, "scaling": "aspect"}),
     "bench": ([], {"tasks": ["all"], "only": "", "device": "cpu"}),
@@ -226,8 +227,8 @@ def test_settings_that_are_given_replace_the_presets(words, changes, preset):
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
     args = parser.parse_args(["a", *words, *(["--preset", preset] if preset else [])])
-    assert given(args) == changes
     base = PRESETS[preset] if preset else PIX2NVS()
+    assert given(args, base) == changes
     settings = settings_of(args)
     assert {name: getattr(settings, name) for name in changes} == changes
     assert {k: v for k, v in vars(settings).items() if k not in changes} == {
@@ -235,11 +236,48 @@ def test_settings_that_are_given_replace_the_presets(words, changes, preset):
     }
 
 
-def test_settings_that_contradict_each_other_are_wrong_usage():
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--emulator dvs", DVS()),
+        ("--preset dvs128", SENSORS["dvs128"]),
+        ("--emulator dvs --preset davis346 --leak 0.5 --seed 3", replace(SENSORS["davis346"], leak=0.5, seed=3)),
+        ("--emulator dvs --upsample 4 --dark 2", DVS(upsample=4, dark=2)),
+        ("--emulator dvs --upsample flow", DVS(upsample="flow")),
+        ("--emulator pix2nvs", PIX2NVS()),
+    ],
+)
+def test_the_emulator_is_chosen_by_name_or_by_its_preset(words, expected):
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
-    with pytest.raises(options.UsageError):
-        settings_of(parser.parse_args(["a", "--alpha", "2"]))
+    assert settings_of(parser.parse_args(["a", *words.split()])) == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--alpha 2", "alpha"),
+        ("--emulator dvs --alpha 0.5", "DVS has no --alpha"),
+        ("--leak 2", "PIX2NVS has no --leak"),
+        ("--emulator dvs --preset table-3.3-row-1", "--emulator dvs: table-3.3-row-1 is of PIX2NVS"),
+        ("--emulator pix2nvs --preset gen4", "gen4 is of DVS"),
+        ("--emulator dvs --upsample sideways", "upsample must be a number or one of"),
+    ],
+)
+def test_settings_that_contradict_each_other_are_wrong_usage(words, said):
+    parser = argparse.ArgumentParser()
+    import_module("nvsdata.commands.convert_videos").add_arguments(parser)
+    with pytest.raises(options.UsageError, match=said):
+        settings_of(parser.parse_args(["a", *words.split()]))
+
+
+@pytest.mark.parametrize("settings", [DVS(on=0.21, upsample="flow", seed=4), PIX2NVS(threshold=0.3, mode="CE")])
+def test_settings_come_back_from_their_file(settings, tmp_path):
+    write_settings(settings, tmp_path / "best.json")
+    assert read_settings(tmp_path / "best.json") == settings
+    parser = argparse.ArgumentParser()
+    import_module("nvsdata.commands.convert_videos").add_arguments(parser)
+    assert settings_of(parser.parse_args(["a", "--settings", str(tmp_path / "best.json")])) == settings
 
 
 def test_help_tells_defaults_once(capsys):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields
 
 import numpy as np
@@ -42,9 +43,14 @@ def _shown(search: Search) -> dict[str, str]:
     """Names of settings and their headings."""
     kind = search.best.settings
     if not isinstance(kind, Settings):
-        return {field.name: field.name for field in fields(kind)}
-    varied = (name for name in IF_VARIED if len({getattr(trial.settings, name) for trial in search.trials}) > 1)
-    return {**{name: IF_VARIED[name] for name in varied}, **SHOWN}
+        names = [field.name for field in fields(kind)]
+        return {name: name for name in _varied(search, names) or names}
+    return {**{name: IF_VARIED[name] for name in _varied(search, IF_VARIED)}, **SHOWN}
+
+
+def _varied(search: Search, names: Iterable[str]) -> list[str]:
+    """Those settings in which trials differ."""
+    return [name for name in names if len({getattr(trial.settings, name) for trial in search.trials}) > 1]
 
 
 def _short(value: object) -> str:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from nvsdata.common.files import Journal
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
-from nvsdata.emulation.tuning.space import SPACE, Space, check, plain, settings_at
+from nvsdata.emulation.tuning.space import Space, check, plain, settings_at, space_of
 from nvsdata.metrics.scoring import score
 
 BATCH = 4  # trials proposed at once; the number of jobs doesn't change it, so that the search doesn't depend on jobs
@@ -72,7 +72,7 @@ class Search:
 def search(
     measure: Callable[[Any], Measured],
     *,
-    space: Space = SPACE,
+    space: Space | None = None,
     base: EventEmulator | None = None,
     trials: int = 100,
     seed: int = 0,
@@ -83,7 +83,7 @@ def search(
     """Look for settings with a small score: first anywhere in `space`, then in a shrinking sphere around the best.
 
     - `measure`: gives the distances of settings; an `objective.Pair` does
-    - `space`: by name of each setting, its choices, a `Range` or `Depending` (default `SPACE`)
+    - `space`: by name of each setting, its choices, a `Range` or `Depending` (default: the emulator's, `space_of`)
     - `base`: an emulator, whose settings outside the space stay as they are (default: `PIX2NVS()`)
     - `trials`: number of settings to try, those in the journal included (default 100)
     - `seed`: the same seed proposes the same trials (default 0)
@@ -94,6 +94,7 @@ def search(
     Raises ValueError for a journal of another search, and for a space with settings that the emulator doesn't have.
     """
     base = base or PIX2NVS()
+    space = space_of(base) if space is None else space
     check(space, base)
     head = {"nvsdata-search": 2, "seed": seed, "base": settings_of(base), "space": plain(space), **(note or {})}
     rng = np.random.default_rng(seed)

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from nvsdata.emulation.settings import SensorSettings, Settings
+
 
 @dataclass(frozen=True)
 class Range:
@@ -69,6 +71,27 @@ SPACE: Space = {
     "alpha": Range(0.1, 0.9),
     "noise_rate": Range(0.0, 5.0),
 }
+
+# what a fit finds, and what it can't
+SENSOR_SPACE: Space = {
+    "on": Range(0.05, 0.8, log=True),
+    "off": Range(0.05, 0.8, log=True),
+    "dark": Range(0.5, 20.0, log=True),
+    "mismatch": Range(0.0, 0.4),
+    "cutoff": (0.0, 30.0, 100.0, 300.0),
+    "leak": Range(0.0, 2.0),
+    "noise_rate": Range(0.0, 5.0),
+    "refractory": Range(0, 5_000, whole=True),
+}
+
+
+def space_of(emulator: Any) -> Space:
+    """Where to look for settings of an emulator of ours; ValueError for another one."""
+    if isinstance(emulator, SensorSettings):
+        return SENSOR_SPACE
+    if isinstance(emulator, Settings):
+        return SPACE
+    raise ValueError(f"give the space of {type(emulator).__name__}'s settings")
 
 
 def check(space: Space, base: Any) -> None:

@@ -210,7 +210,7 @@ def test_settings_of_other_files_are_refused_by_name(tmp_path, capsys, text):
     (tmp_path / "best.json").write_text(text)
     words = ["convert-videos", str(tmp_path), "--settings", str(tmp_path / "best.json"), "--dry-run"]
     assert main(words) == 1
-    assert "best.json: not the settings of PIX2NVS that `nvsdata tune` writes" in capsys.readouterr().err
+    assert "best.json: not the settings that `nvsdata tune` writes" in capsys.readouterr().err
 
 
 def test_each_recording_needs_its_video(capsys):

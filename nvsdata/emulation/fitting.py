@@ -1,0 +1,242 @@
+"""The settings of `DVS` that a real sensor shows, from its frames and events of one scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from nvsdata.data.events import Events
+from nvsdata.data.recording import Recording
+from nvsdata.emulation.dvs import DVS
+from nvsdata.emulation.imperfections import AT_WHITE
+from nvsdata.emulation.run import brightness
+from nvsdata.video.frames import Frame, Video, frames_of
+from nvsdata.video.upsample import upsampled
+
+DARKS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 45.0)  # gray levels
+DELAYS = range(-10_000, 20_001, 1_000)  # µs
+LEAST, MOST = 0.01, 3.0  # thresholds
+ROUGH, CLOSE, FAR = 0.03, 0.003, 0.05  # differences of logarithms of event counts: for a choice, good, not found
+ROUNDS = 25
+CALM = 0.05  # change of ln(q + 3) up to which light counts as constant
+QUIET = 100.0  # pixels times seconds of constant light from which noise can be told
+RAREST = 0.001  # share of the intervals within pixels that may be shorter than the refractory time
+SHARP = 1.25  # times it, below which ten times as many are if it's a limit
+REPEATED = 1_000  # intervals within pixels from which a refractory time can be told
+FEWEST = 100  # events of a polarity from which its threshold can be told
+PER_PIXEL = 10  # events of a pixel from which it has thresholds of its own
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What `fit` found.
+
+    - `settings`: the emulator
+    - `delay`: µs by which events follow the frames' times
+    - `correlation`: of the numbers of events per pixel, emulated and real
+    - `thresholds`: each pixel's own, OFF and ON, float64 [2, H, W]; NaN where it has too few events
+    - `untold`: settings that the pair can't tell, which stay as they were, and why
+    """
+
+    settings: DVS
+    delay: int
+    correlation: float
+    thresholds: np.ndarray
+    untold: dict[str, str] = field(default_factory=dict)
+
+
+def fit(
+    frames: Video,
+    events: Events | Recording,
+    *,
+    times: Iterable[int] | None = None,
+    delay: int | None = None,
+    base: DVS | None = None,
+    noise: bool = True,
+) -> Fit:
+    """Estimate thresholds, `dark`, refractory time, leak and noise of a sensor that gave frames and events together.
+
+    The numbers of ON and OFF events set the thresholds, by emulation; where events are sets `dark`; events where light
+    is constant set noise and leak; and the shortest intervals within pixels the refractory time.
+
+    - `frames`: as `DVS.stream` takes them
+    - `events`: of the same sensor
+    - `times`: the frames' times in µs of the events' clock (default: those that the frames have)
+    - `delay`: µs by which events follow the frames' times (default: found, from -10 to 20 ms)
+    - `noise`: whether leak and noise are looked for; if not, thresholds explain all events (default True)
+    - `base`: settings that can't be told from a pair, such as `upsample` and `mismatch` (default: `DVS()`)
+
+    Raises ValueError for fewer than 3 frames, frames of another size than the sensor's, events and frames that have
+    no time in common (with both spans), and pairs in which no events follow the light.
+    """
+    pair = _Pair(list(frames_of(frames, times=times, color=False)), events)
+    delay = pair.delay() if delay is None else delay
+    real = pair.during(delay)
+    settings, other = base or DVS(), np.zeros(2)
+    untold: dict[str, str] = {}
+    if noise:
+        settings, other = _noise(settings, pair, real, untold)
+    settings = _refractory(settings, real, untold)
+    # once for all trials
+    frames = list(upsampled(iter(pair.frames), settings.upsample))
+    trial = replace(settings, upsample="none", leak=0.0, noise_rate=0.0, hot_pixels=0.0)
+    wanted = np.maximum(_counts(real) - other, 1)
+    candidates = [_matched(replace(trial, dark=dark), frames, wanted, ROUGH) for dark in DARKS]
+    best = max(candidates, key=lambda one: _correlation(one.emulate(frames), real))
+    matched = _matched(best, frames, wanted, CLOSE)
+    found = matched.emulate(frames)
+    _tell_thresholds(matched, found, wanted, untold)
+    names = [name for name in ("off", "on", "dark") if name not in untold]
+    settings = replace(settings, **{name: getattr(matched, name) for name in names})
+    return Fit(settings, delay, _correlation(found, real), _each(matched, pair, real), untold)
+
+
+class _Pair:
+    """Frames, and the events of the time around them; times count from the first frame."""
+
+    def __init__(self, frames: list[Frame], events: Events | Recording) -> None:
+        if len(frames) < 3:
+            raise ValueError(f"{len(frames)} frames: a fit needs at least 3")
+        height, width = frames[0].pixels.shape[:2]
+        if (width, height) != events.sensor_size:
+            raise ValueError(f"frames are {width}x{height}, events of {'x'.join(map(str, events.sensor_size))}")
+        start, stop = frames[0].time, frames[-1].time
+        if events.end <= start or events.start >= stop:
+            raise ValueError(
+                f"no time in common: frames from {start} to {stop} µs, events from {events.start} to {events.end}"
+            )
+        cut = events.read if isinstance(events, Recording) else events.window
+        around = cut(start + DELAYS[0], stop + DELAYS[-1] + 1)
+        columns = around.columns
+        self.events = Events.trusted(columns._replace(t=columns.t - start), events.sensor_size, 0, stop - start)
+        self.frames = [frame._replace(time=frame.time - start) for frame in frames]
+        self.light = np.stack([np.log(brightness(frame) + 3) for frame in frames])
+
+    def during(self, delay: int) -> Events:
+        """The events that belong to the frames, as if there were no delay."""
+        last = self.frames[-1].time
+        inside = slice(*np.searchsorted(self.events.t, (delay, last + delay)))
+        columns = self.events.columns.take(inside)
+        return Events.trusted(columns._replace(t=columns.t - delay), self.events.sensor_size, 0, last)
+
+    def delay(self) -> int:
+        """At which delay the polarities between frames follow the change of light best."""
+        found = [self._follows(delay) for delay in DELAYS]
+        if max(found) < 0.1:
+            raise ValueError(f"events don't follow the frames: their correlation is {max(found):.2f} at best")
+        best = int(np.argmax(found))
+        if not 0 < best < len(found) - 1:
+            return DELAYS[best]
+        # the vertex of the parabola through the best delay and its neighbors
+        before, here, after = found[best - 1 : best + 2]
+        bend = before - 2 * here + after
+        return DELAYS[best] + round(DELAYS.step * 0.5 * (before - after) / bend) if bend else DELAYS[best]
+
+    def _follows(self, delay: int) -> float:
+        """Correlation of summed polarities with the change of light, mean over the frames."""
+        found = []
+        for k, (a, b) in enumerate(pairwise(frame.time + delay for frame in self.frames)):
+            some = slice(*np.searchsorted(self.events.t, (a, b)))
+            signs = 2.0 * self.events.p[some] - 1
+            sums = np.bincount(_places(self.events)[some], signs, self.light[0].size)
+            found.append(_correlated(sums, (self.light[k + 1] - self.light[k]).ravel()))
+        return float(np.mean(found))
+
+
+def _matched(trial: DVS, frames: list[Frame], wanted: np.ndarray, close: float) -> DVS:
+    """The settings with thresholds that give so many OFF and ON events, up to a difference of logarithms, `close`."""
+    value = np.log([trial.off, trial.on])
+    for _ in range(ROUNDS):
+        off, on = np.exp(value).tolist()
+        trial = replace(trial, off=off, on=on)
+        apart = np.log((_counts(trial.emulate(frames)) + 1) / (wanted + 1))
+        if np.abs(apart).max() < close:
+            break
+        # counts fall about as thresholds rise, or faster
+        value = np.clip(value + 0.6 * apart, math.log(LEAST), math.log(MOST))
+    return trial
+
+
+def _tell_thresholds(matched: DVS, found: Events, wanted: np.ndarray, untold: dict[str, str]) -> None:
+    """Note which thresholds the pair doesn't determine."""
+    for name, count, needed in zip(("off", "on"), _counts(found), wanted, strict=True):
+        if needed < FEWEST:
+            untold[name] = f"{needed:.0f} events of this polarity, at least {FEWEST} are needed"
+        elif abs(math.log((count + 1) / (needed + 1))) > FAR:
+            value = getattr(matched, name)
+            untold[name] = f"no threshold from {LEAST} to {MOST} gives {needed:.0f} events; {value:.3g} gives {count}"
+    if {"off", "on"} <= untold.keys():
+        untold["dark"] = "neither threshold is known"
+
+
+def _noise(settings: DVS, pair: _Pair, real: Events, untold: dict[str, str]) -> tuple[DVS, np.ndarray]:
+    """Settings with leak and noise as where light is constant; and how many OFF and ON events are these over all."""
+    calm = np.ptp(pair.light, axis=0) < CALM
+    # a moving edge is never far from where it was seen
+    for axis in (0, 1):
+        calm = calm & np.roll(calm, 1, axis) & np.roll(calm, -1, axis)
+    seconds = pair.frames[-1].time / 1e6
+    if calm.sum() * seconds < QUIET:
+        reason = f"light is constant for {calm.sum() * seconds:.0f} pixels times seconds, {QUIET:.0f} are needed"
+        untold |= {"leak": reason, "noise_rate": reason}
+        return settings, np.zeros(2)
+    inside = calm.ravel()[_places(real)]
+    off, on = np.bincount(real.p[inside], minlength=2)[:2].tolist()
+    # more ON events than chance makes of equal rates
+    more = on - off if on - off > 3 * math.sqrt(on + off) else 0
+    leak, common = more / (calm.sum() * seconds), (on + off - more) / (calm.sum() * seconds)
+    gray = np.exp(pair.light.mean(axis=0)) - 3
+    share = 1 - (1 - AT_WHITE) * gray / 255
+    rate = common / float(share[calm].mean())
+    total = np.array([rate * share.sum() / 2, rate * share.sum() / 2 + leak * share.size]) * seconds
+    return replace(settings, leak=round(float(leak), 4), noise_rate=round(float(rate), 4)), total
+
+
+def _refractory(settings: DVS, real: Events, untold: dict[str, str]) -> DVS:
+    """Settings with the time below which pixels hardly ever fire again."""
+    order = np.lexsort((real.t, _places(real)))
+    place, t = _places(real)[order], real.t[order]
+    gaps = np.diff(t)[np.diff(place) == 0]
+    if gaps.size < REPEATED:
+        untold["refractory"] = f"{gaps.size} intervals within pixels, {REPEATED} are needed"
+        return settings
+    least, few = np.quantile(gaps, (RAREST, 10 * RAREST)).tolist()
+    # blindness cuts off what would go on; without it, short intervals get rarer by and by
+    if few > SHARP * least:
+        untold["refractory"] = "pixels hardly ever fire again so soon that they could be blind"
+        return settings
+    return replace(settings, refractory=int(least))
+
+
+def _each(settings: DVS, pair: _Pair, real: Events) -> np.ndarray:
+    """Thresholds of pixels: by how much their light rose, or fell, in all, per ON, or OFF, event."""
+    steps = np.diff(np.log(np.stack([brightness(frame) for frame in pair.frames]) + settings.dark), axis=0)
+    moved = np.stack((np.maximum(-steps, 0).sum(axis=0), np.maximum(steps, 0).sum(axis=0)))
+    counts = np.stack([np.bincount(_places(real)[real.p == p], minlength=steps[0].size) for p in (0, 1)])
+    counts = counts.reshape(moved.shape)
+    return np.where((counts >= PER_PIXEL) & (moved > 0), moved / np.maximum(counts, 1), np.nan)
+
+
+def _counts(events: Events) -> np.ndarray:
+    """Numbers of OFF and of ON events."""
+    return np.bincount(events.p, minlength=2)[:2]
+
+
+def _places(events: Events) -> np.ndarray:
+    return events.y.astype(np.int64) * events.sensor_size[0] + events.x
+
+
+def _correlation(ours: Events, real: Events) -> float:
+    size = real.sensor_size[0] * real.sensor_size[1]
+    return _correlated(*(np.bincount(_places(events), minlength=size).astype(float) for events in (ours, real)))
+
+
+def _correlated(a: np.ndarray, b: np.ndarray) -> float:
+    """Pearson's coefficient; 0 where one of them is constant."""
+    a, b = a - a.mean(), b - b.mean()
+    scale = float(np.sqrt((a * a).sum() * (b * b).sum()))
+    return float((a * b).sum()) / scale if scale else 0.0

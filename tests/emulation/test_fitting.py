@@ -1,0 +1,144 @@
+"""Settings that a fit finds again in what a hidden sensor gave."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from nvsdata import Events
+from nvsdata.emulation import DVS, Fit, fit
+from nvsdata.emulation.fitting import PER_PIXEL
+from nvsdata.video.frames import Frame
+
+TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).random((140, 400)).astype(np.float32), (0, 0), 4)
+TEXTURE = cv2.normalize(TEXTURE, None, 0, 250, cv2.NORM_MINMAX)
+STEP, FRAMES = 40, 7  # ms from frame to frame, of which the sensor sees each ms
+
+
+def scene(milliseconds):
+    """A texture that swings to and fro above a still floor."""
+    shift = 30 + 12 * np.sin(milliseconds / 40)
+    moved = cv2.warpAffine(TEXTURE, np.float32([[1, 0, -shift], [0, 1, 0]]), (128, 96))
+    moved[64:] = 120
+    return np.rint(moved).astype(np.uint8)
+
+
+def seen(sensor, delay=0, start=0):
+    """Frames with times, and events, of one sensor's clock, which events reach `delay` µs late."""
+    video = [scene(ms) for ms in range(STEP * (FRAMES - 1) + 1)]
+    events = sensor.emulate(video, fps=1_000)
+    frames = [Frame(start + 1_000 * STEP * n, video[STEP * n]) for n in range(FRAMES)]
+    columns = events.columns
+    return frames, Events(columns.t + start + delay, columns.x, columns.y, columns.p, events.sensor_size)
+
+
+@pytest.mark.parametrize(
+    ("on", "off", "dark", "least", "most"), [(0.2, 0.3, 1.0, 1, 2), (0.35, 0.25, 12.0, 8, 20), (0.2, 0.2, 30, 20, 45)]
+)
+def test_thresholds_and_darkness_are_found_again(on, off, dark, least, most):
+    frames, events = seen(DVS(on=on, off=off, dark=dark))
+    found = fit(frames, events, base=DVS(upsample="flow"))
+    assert isinstance(found, Fit)
+    assert least <= found.settings.dark <= most
+    assert abs(found.settings.on / on - 1) < 0.15
+    assert abs(found.settings.off / off - 1) < 0.15
+    assert found.correlation > 0.9
+    assert found.settings.upsample == "flow"
+    assert (found.settings.leak, found.settings.noise_rate) == (0, 0)
+    assert found.untold == {"refractory": "pixels hardly ever fire again so soon that they could be blind"}
+    ours = found.settings.emulate(frames)
+    for p in (0, 1):
+        assert abs((ours.p == p).sum() / (events.p == p).sum() - 1) < 0.02
+
+
+@pytest.mark.parametrize("delay", [-3_400, 0, 6_700])
+def test_delays_are_found(delay):
+    frames, events = seen(DVS(on=0.2, off=0.2), delay, start=10**15)
+    found = fit(frames, events)
+    # a delay of 0 may look like some of a frame's 40 ms: events come after the light has changed
+    assert abs(found.delay - delay) < 1_500
+    assert fit(frames, events, delay=delay).delay == delay
+
+
+def test_noise_and_leak_are_found_where_light_is_constant():
+    frames, events = seen(DVS(on=0.2, off=0.25, leak=2.0, noise_rate=4.0, seed=3))
+    found = fit(frames, events, delay=0).settings
+    assert abs(found.leak / 2 - 1) < 0.2
+    assert abs(found.noise_rate / 4 - 1) < 0.2
+    assert abs(found.on / 0.2 - 1) < 0.3
+    quiet = fit(frames, events, delay=0, noise=False, base=DVS(noise_rate=0.5)).settings
+    assert (quiet.leak, quiet.noise_rate) == (0, 0.5)
+    assert quiet.on < found.on
+
+
+def test_blindness_after_events_is_found():
+    frames, events = seen(DVS(on=0.05, off=0.05, refractory=3_000))
+    found = fit(frames, events, delay=0)
+    assert 3_000 <= found.settings.refractory < 3_300
+
+
+def test_pixels_have_thresholds_of_their_own():
+    frames, events = seen(DVS(on=0.05, off=0.08))
+    found = fit(frames, events, delay=0)
+    counts = np.zeros((2, 96, 128), int)
+    np.add.at(counts, (events.p, events.y, events.x), 1)
+    assert found.thresholds.shape == (2, 96, 128)
+    assert (np.isfinite(found.thresholds) <= (counts >= PER_PIXEL)).all()
+    off, on = np.nanmedian(found.thresholds, axis=(1, 2))
+    assert 0.4 < off / 0.08 < 1.1
+    assert 0.4 < on / 0.05 < 1.1
+
+
+def test_what_a_pair_does_not_tell_is_said():
+    frames, events = seen(DVS(on=0.2, off=0.2))
+    rising = events.select(events.p == 1) if hasattr(events, "select") else events[events.p == 1]
+    found = fit(frames, rising, delay=0, base=DVS(off=0.77))
+    assert found.settings.off == 0.77
+    assert found.untold["off"] == "1 events of this polarity, at least 100 are needed"
+    assert "on" not in found.untold
+    moving = [replace_pixels(frame, 64) for frame in frames]
+    cut = events[events.y < 64]
+    cut = Events(cut.t, cut.x, cut.y, cut.p, (128, 64))
+    found = fit(moving, cut, delay=0, base=DVS(leak=0.3, refractory=7))
+    assert set(found.untold) <= {"leak", "noise_rate", "refractory"}
+    assert "light is constant for" in found.untold["leak"]
+    assert found.settings.leak == 0.3
+    few = fit(frames, events[::20], delay=0, base=DVS(refractory=7))
+    assert "intervals within pixels, 1000 are needed" in few.untold["refractory"]
+    assert few.settings.refractory == 7
+
+
+def replace_pixels(frame, rows):
+    return frame._replace(pixels=np.ascontiguousarray(frame.pixels[:rows]))
+
+
+def test_thresholds_that_no_setting_gives_are_said():
+    frames, events = seen(DVS(on=0.2, off=0.2))
+    storm = Events(*(np.repeat(column, 60) for column in events.columns), events.sensor_size)
+    found = fit(frames, storm, delay=0, noise=False)
+    assert "no threshold from 0.01 to 3.0 gives" in found.untold["on"]
+    assert found.settings.on == DVS().on
+
+
+def test_pairs_that_cannot_be_fitted():
+    frames, events = seen(DVS(on=0.2, off=0.2))
+    with pytest.raises(ValueError, match="2 frames: a fit needs at least 3"):
+        fit(frames[:2], events)
+    with pytest.raises(ValueError, match="frames are 128x64, events of 128x96"):
+        fit([replace_pixels(frame, 64) for frame in frames], events)
+    with pytest.raises(ValueError, match="no time in common: frames from 0 to 240000 µs, events from"):
+        fit(frames, Events(events.t + 10**9, events.x, events.y, events.p, events.sensor_size))
+    mirrored = Events(events.t, 127 - events.x, 95 - events.y, 1 - events.p, events.sensor_size)
+    with pytest.raises(ValueError, match="events don't follow the frames: their correlation is"):
+        fit(frames, mirrored)
+    with pytest.raises(ValueError, match="frame 3 has no time"):
+        fit([frame.pixels for frame in frames], events, times=[0, 10, 20])
+
+
+def test_a_fit_is_the_same_for_arrays_and_times():
+    frames, events = seen(DVS(on=0.2, off=0.2), start=5_000)
+    times = [frame.time for frame in frames]
+    found = fit([frame.pixels for frame in frames], events, times=times)
+    assert found.settings == fit(frames, events).settings
+    assert found.settings == replace(found.settings)
