@@ -37,7 +37,8 @@ class FromFrames(ABC):
         The first piece stands for F_0 and is empty.
 
         - `frames`: a video file (luminance is the luma that its codec stores, where it is of 8 bits), a
-          camera's number, or an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
+          camera's number, a folder of images with a list of times, a recording that holds frames (`nvsdata.open`), or
+          an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
           [H, W, 4] RGBA; uint8 or bool, or uint16 and floats in [0, 1], which are scaled to 255
         - `fps`: frame n is at n / fps s, whatever the file says (default: the file's own times, a camera's clock,
           30 per second for arrays and images)

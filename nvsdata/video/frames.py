@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,28 +15,16 @@ from nvsdata.common.errors import FormatError
 from nvsdata.common.prefetch import prefetch
 from nvsdata.common.validation import positive
 from nvsdata.data.frame_edges import MICROSECONDS
-from nvsdata.video.decoder import FULL, Decoder
+from nvsdata.data.recording import Recording
+from nvsdata.video.decoder import Decoder
 from nvsdata.video.folder import check_name
+from nvsdata.video.picture import Frame, picture
+from nvsdata.video.recorded import of_folder, of_recording
 
-Video = str | os.PathLike[str] | int | Iterable[Any]
+__all__ = ["USUAL_RATE", "Frame", "TruncatedVideo", "Video", "frames_of"]
+
+Video = str | os.PathLike[str] | int | Recording | Iterable[Any]
 USUAL_RATE = 30.0  # frames per second where a video has no times of its own
-
-
-class Frame(NamedTuple):
-    """A picture and its time.
-
-    - `time`: µs
-    - `pixels`: [H, W] or [H, W, 3]; uint8, or float64 from 0 to 255
-    - `red_first`: whether colors are red, green, blue, not blue, green, red (default False)
-    - `levels`: the values of black and white in gray bytes (default (0, 255))
-    - `whole`: whether the video has it; if not, it was made between two that it has (default True)
-    """
-
-    time: int
-    pixels: np.ndarray
-    red_first: bool = False
-    levels: tuple[int, int] = FULL
-    whole: bool = True
 
 
 class TruncatedVideo(FormatError):
@@ -51,7 +39,7 @@ def frames_of(
     size: tuple[int, int] | None = None,
     color: bool = True,
 ) -> Iterator[Frame]:
-    """Time and picture of each frame; times count from the first frame.
+    """Time and picture of each frame; times count from the first frame, those in a camera's own clock stay as they are.
 
     - `video`, `fps`, `times`, `size`: as `PIX2NVS.stream` takes them
     - `color`: whether colors are needed; if not, a file may give luminance alone, which is faster (default True)
@@ -65,7 +53,12 @@ def frames_of(
         raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
     if fps is not None and times is not None:
         raise ValueError("give fps or times, not both")
-    if isinstance(video, str | os.PathLike):
+    found: Iterator[Frame]
+    if isinstance(video, Recording):
+        found = _given(of_recording(video), size)
+    elif isinstance(video, str | os.PathLike) and Path(video).is_dir():
+        found = _given(of_folder(Path(video)), size)
+    elif isinstance(video, str | os.PathLike):
         found = _file(Path(video), size, color)
     elif isinstance(video, int):
         found = _camera(video, size)
@@ -96,8 +89,6 @@ def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Fra
     """A file's frames, decoded ahead in a thread of their own."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such video")
-    if path.is_dir():
-        raise FormatError(path, "is a folder, not a video")
     check_name(path)
     decoder = Decoder(path, color)
     try:
@@ -147,30 +138,10 @@ def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Fram
                 if not Path(given).exists():
                     raise FileNotFoundError(f"{given}: no such image")
                 raise FormatError(given, "holds no image that OpenCV can decode")
-            yield Frame(next(times), _scaled(_picture(frame, n), size))
+            yield Frame(next(times), _scaled(picture(frame, f"frame {n}"), size))
         else:
             # a copy, because the caller may write the next frame into the same array
-            yield Frame(next(times), _scaled(_picture(np.array(given), n), size), red_first=True)
-
-
-def _picture(frame: np.ndarray, n: int) -> np.ndarray:
-    """A frame as the emulator takes it; ValueError for shapes and types that aren't a picture's."""
-    if frame.ndim == 3 and frame.shape[2] == 1:
-        frame = frame[..., 0]
-    if 0 in frame.shape or not (frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (3, 4))):
-        raise ValueError(f"frame {n} has shape {frame.shape}; it must be [H, W], or [H, W, 3] or [H, W, 4]")
-    frame = frame[..., :3] if frame.ndim == 3 else frame
-    if frame.dtype == np.uint16:
-        frame = frame / 257
-    elif frame.dtype == bool:
-        frame = frame.astype(np.uint8) * np.uint8(255)
-    elif frame.dtype.kind == "f":
-        if not (np.isfinite(frame).all() and frame.min() >= 0 and frame.max() <= 1):
-            raise ValueError(f"frame {n}: floats must lie in [0, 1]")
-        frame = frame.astype(np.float64) * 255
-    elif frame.dtype != np.uint8:
-        raise ValueError(f"frame {n} is {frame.dtype}; it must be uint8, uint16, bool or float")
-    return frame
+            yield Frame(next(times), _scaled(picture(np.array(given), f"frame {n}"), size), red_first=True)
 
 
 def _scaled(frame: np.ndarray, size: tuple[int, int] | None) -> np.ndarray:
