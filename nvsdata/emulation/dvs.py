@@ -40,7 +40,8 @@ class DVS(SensorSettings, FromFrames):
     Raises ValueError for settings out of range.
     """
 
-    def _run(self, first: Frame) -> PixelArray:
+    def begin(self, first: Frame) -> PixelArray:
+        """A run that begins with a frame."""
         return PixelArray(self, first)
 
 

@@ -36,7 +36,8 @@ class Fit:
     """What `fit` found.
 
     - `settings`: the emulator
-    - `delay`: µs by which events follow the frames' times
+    - `delay`: µs by which events follow the changes between frames: the sensor's own, and the time in which light
+      reaches a threshold
     - `correlation`: of the numbers of events per pixel, emulated and real
     - `thresholds`: each pixel's own, OFF and ON, float64 [2, H, W]; NaN where it has too few events
     - `untold`: settings that the pair can't tell, which stay as they were, and why

@@ -53,14 +53,14 @@ class FromFrames(ABC):
         return self._events(prefetch(self._spikes(more), WORTH))
 
     @abstractmethod
-    def _run(self, first: Frame) -> Run:
+    def begin(self, first: Frame) -> Run:
         """A run that begins with a frame."""
 
     def _spikes(self, frames: Iterator[Frame]) -> Iterator[Spikes]:
         first = next(frames, None)
         if first is None:
             raise ValueError("a video of no frames")
-        run = self._run(first)
+        run = self.begin(first)
         yield run.none(first.time)
         yield from map(run.step, frames)
 

@@ -54,7 +54,8 @@ class PIX2NVS(Settings, FromFrames):
     Raises ValueError for settings out of range.
     """
 
-    def _run(self, first: Frame) -> Emulator:
+    def begin(self, first: Frame) -> Emulator:
+        """A run that begins with a frame."""
         return Emulator(self, first)
 
 

@@ -20,6 +20,7 @@ DARK = 3.0  # gray levels added before that logarithm
 MOST = 64  # frames in place of one
 MARGIN = 16  # pixels around what changes in which flow looks for where it comes from
 SMALLEST = 32  # pixels on a side of an image whose flow OpenCV finds
+SLIGHT = 0.1  # change of that logarithm up to which a line is as good as flow, wherever things move
 FLAT = 2.0  # gray levels: an image without larger differences has no flow
 
 
@@ -55,7 +56,7 @@ def _between(last: Frame, frame: Frame, how: Upsample | int) -> Iterator[Frame]:
     if not boxes:
         return
     lines = [(last.pixels[box].astype(np.float32), frame.pixels[box].astype(np.float32)) for box in boxes]
-    flows = [_flow(_gray(a), _gray(b)) if how == "flow" else None for a, b in lines]
+    flows = [_flow(_gray(a), _gray(b)) if how == "flow" and _change(a, b) > SLIGHT else None for a, b in lines]
     gap = frame.time - last.time
     steps = min(_steps(lines, flows) if isinstance(how, str) else how, gap, MOST)
     for k in range(1, steps):
@@ -91,11 +92,16 @@ def _steps(lines: list[tuple[np.ndarray, np.ndarray]], flows: list[tuple[np.ndar
     most = 0.0
     for (a, b), flow in zip(lines, flows, strict=True):
         if flow is None:
-            most = max(most, float(np.abs(np.log((b + DARK) / (a + DARK))).max()) / CHANGE)
+            most = max(most, _change(a, b) / CHANGE)
         else:
             differs = np.abs(_gray(b) - _gray(a)) > FLAT
             most = max(most, *(float(np.hypot(*part[differs].T).max(initial=0)) / PIXELS for part in flow))
     return max(math.ceil(most), 1)
+
+
+def _change(a: np.ndarray, b: np.ndarray) -> float:
+    """The largest change of a logarithm of brightness."""
+    return float(np.abs(np.log((b + DARK) / (a + DARK))).max())
 
 
 def _gray(picture: np.ndarray) -> np.ndarray:

@@ -82,6 +82,15 @@ def test_a_line_says_what_its_case_and_its_result_say(given, monkeypatch):
     assert "cores" in line.machine
 
 
+def test_times_of_a_line_are_percentiles_of_its_calls(tmp_path):
+    case = Case("decode", "work", made(lambda: 7))
+    found = {"spent": list(range(101)), "version": "1", "error": None, "peak": 5, "counters": {}}
+    line = runner._line(case, found, Options(tmp_path))
+    assert (line.seconds, line.p95, line.p99, line.runs) == (50, 95, 99, 101)
+    assert (line.peak_memory, line.scope) == (5, "full, simulated")
+    assert runner._line(case, found, Options(tmp_path, quick=True, data=tmp_path)).scope == "quick, given data"
+
+
 def test_libraries_take_turns_and_each_call_is_prepared(given, monkeypatch):
     monkeypatch.setattr(runner, "TURN", 0)
     log = []

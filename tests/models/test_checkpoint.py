@@ -13,7 +13,7 @@ from safetensors.torch import save_file
 import nvsdata
 from nvsdata import Events, FormatError, models
 from nvsdata import transforms as T
-from nvsdata.models.checkpoint import _digest
+from nvsdata.models.checkpoint import _digest, _same_kinds
 from nvsdata.transforms.draws import of_voter
 
 PIPELINE = T.Compose([T.Window(0, 30_000), T.NonUniformSample(8), T.RadiusGraph(3.0)])
@@ -279,3 +279,13 @@ def test_a_name_with_a_folder_or_suffix_is_a_path(tmp_path, monkeypatch):
         assert models.load(name).model.settings == model.settings
     with pytest.raises(FileNotFoundError, match=r"no trained network nowhere/other$"):
         models.load("nowhere/other")
+
+
+def test_transforms_are_alike_if_they_and_what_is_in_them_are():
+    pair = [T.RandomFlip(), T.RadiusGraph()]
+    assert _same_kinds(T.Compose(pair), T.Compose([T.RandomFlip(), T.RadiusGraph(max_degree=3)]))
+    for other in (pair[:1], pair[::-1], [], pair[0], None, 5, (1, 2, 3)):
+        assert not _same_kinds(pair, other)
+        assert not _same_kinds(other, pair)
+    assert not _same_kinds(T.Compose(pair), T.Compose(pair[:1]))
+    assert _same_kinds(5, 7)

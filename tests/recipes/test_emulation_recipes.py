@@ -12,6 +12,7 @@ from clips import write_video
 
 import nvsdata
 from nvsdata import PIX2NVS
+from nvsdata.emulation import DVS
 
 RECIPES = Path(__file__).parents[2] / "recipes"
 
@@ -71,3 +72,51 @@ def test_the_search_beats_the_rows_of_table_3_3(ground, tmp_path):
     assert float(out.rstrip().split(" times that")[0].split()[-1]) < 1
     for name in ("table.txt", "score.png", "best.png", "trials.jsonl"):
         assert (tmp_path / name).stat().st_size > 0
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """Frames, and the events that a hidden sensor gave of what was between them, 5 ms late."""
+    ground = cv2.GaussianBlur(np.random.default_rng(0).uniform(0, 255, (60, 200)), (0, 0), 3)
+    ground = np.interp(ground, (ground.min(), ground.max()), (5, 250)).astype(np.float32)
+
+    def still(ms):
+        moved = cv2.warpAffine(ground, np.float32([[1, 0, -0.1 * ms], [0, 1, 0]]), (90, 60))
+        return np.rint(moved).astype(np.uint8)
+
+    events = DVS(on=0.35, off=0.25, dark=5).emulate([still(ms) for ms in range(281)], fps=1_000)
+    frames = np.stack([still(ms) for ms in range(0, 281, 40)])
+    path = tmp_path_factory.mktemp("pair") / "hidden.npz"
+    columns = {"t": events.t + 5_000, "x": events.x, "y": events.y, "p": events.p}
+    np.savez(path, frames=frames, frame_times=np.arange(8) * 40_000, **columns)
+    return path
+
+
+def test_the_fitted_pixel_is_the_closest_to_a_hidden_one(pair, tmp_path):
+    said = run("emulation_truth.py", pair, "--out", tmp_path, "--trials", 8)
+    rows = {row.pop("emulator"): row for row in json.loads((tmp_path / "hidden.json").read_text())}
+    assert list(rows) == [
+        *("PIX2NVS", "PIX2NVS, tuned", "textbook pixel", "DVS", "DVS, fitted", "DVS, fitted with noise"),
+    ]
+    fitted = rows["DVS, fitted"]
+    for name, row in rows.items():
+        assert name in said
+        if "fitted" not in name:
+            assert fitted["chamfer"] < row["chamfer"]
+            assert fitted["chamfer_back"] < row["chamfer_back"]
+            assert fitted["correlation"] > row["correlation"]
+    assert fitted["score"] == min(row["score"] for row in rows.values())
+    assert abs(fitted["on"] - 1) < 0.1
+    assert abs(fitted["off"] - 1) < 0.1
+    assert (tmp_path / "hidden.txt").read_text().splitlines()[0] == "hidden.npz"
+    assert cv2.imread(str(tmp_path / "hidden.png")).std() > 10
+
+
+def test_pairs_of_too_few_frames_are_refused(pair, tmp_path):
+    with np.load(pair) as data:
+        np.savez(tmp_path / "few.npz", **{name: data[name][:3] if "frame" in name else data[name] for name in data})
+    command = [sys.executable, str(RECIPES / "emulation_truth.py"), str(tmp_path / "few.npz"), "--out", str(tmp_path)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert result.returncode == 1
+    assert "few.npz: 3 frames, at least 4 are needed to fit and to test" in result.stderr
+    assert "Traceback" not in result.stderr

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from torch import nn
 from torch.utils.data import TensorDataset
 
+import nvsdata
 from nvsdata import FormatError, models
 from nvsdata.training import Team, Trainer, TrainTestSplit, adam, evaluation, runs
 from nvsdata.training.runs import CHECKPOINT, LOG, Checkpoint
@@ -79,6 +80,13 @@ def test_the_data_is_kept_and_told_once(tmp_path, capsys):
     model = models.RGCNN(2, channels=(2, 2), clusters=((4, 4), (17, 17)))
     where = models.save(model, tmp_path / "model.safetensors", data=DATA)
     assert models.load(where).data == DATA
+
+
+def test_networks_are_made_for_the_sensor_of_the_data(fake_nmnist, monkeypatch):
+    assert TrainTestSplit("n-mnist", fake_nmnist).sensor_size == (34, 34)
+    monkeypatch.setattr(nvsdata.NMNIST, "sensor_size", None)
+    # that of the DAVIS240C, which recorded most of them
+    assert TrainTestSplit("n-mnist", fake_nmnist).sensor_size == (240, 180)
 
 
 def test_hashes_tell_what_is_trained_on(fake_nmnist, tmp_path):

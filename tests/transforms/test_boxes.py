@@ -293,10 +293,13 @@ def test_entries_of_the_image_stay_and_those_of_boxes_go_in_any_container():
         "area": np.array([25, 100]),
         "image_id": torch.tensor([7, 8]),
         "size": torch.tensor([180, 240]),
+        "depth": np.arange(12).reshape(6, 2),
+        "shades": torch.arange(5),
     }
     _, found = T.WithBoxes(T.Crop(20, 10, 40, 30))(filled(), given)
     assert (found["labels"], found["names"], found["area"].tolist()) == ([4], ("b",), [100])
     assert (found["image_id"].tolist(), found["size"].tolist()) == ([7, 8], [180, 240])
+    assert (found["depth"].shape, found["shades"].tolist()) == ((6, 2), [0, 1, 2, 3, 4])
     for name in ("masks", "keypoints"):
         with pytest.raises(ValueError, match=f"only boxes follow a sample, not {name}"):
             T.WithBoxes(T.RandomFlip())(filled(), {**target(BOX), name: torch.zeros(1, 3)})

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from functools import partial
-from itertools import count, product
+from itertools import count, islice, product
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,9 @@ from nvsdata import formats, metrics
 from nvsdata.benchmarks.case import Case, Options, Ready
 from nvsdata.benchmarks.inputs import pairs, video
 from nvsdata.data.events import Events
-from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.video.frames import Frame
+from nvsdata.video.upsample import upsampled
 
 SIZE = 640, 480
 PERIOD = 40_000  # µs between frames
@@ -38,6 +38,10 @@ SETTINGS = {
     "no moving average": PIX2NVS(exp=False),
     "unequal thresholds": PIX2NVS(mismatch=0.1),
     "float64": PIX2NVS(t_log=40.0),
+    "DVS": DVS(),
+    "DVS, flow": DVS(upsample="flow"),
+    "DVS, leak": DVS(leak=0.1),
+    "DVS, cutoff": DVS(cutoff=100.0),
 }
 TO_SENSOR = "1 - repeatability within 3.5 pixels, mean of both directions, to the sensor's own events"
 
@@ -171,13 +175,18 @@ def _part_moves(name: str, share: float, size: tuple[int, int] = SIZE) -> Ready:
         still = ground[:height].copy()
         still[rows, columns] = ground[n:][rows, columns]
         stills.append(still)
-    emulator = Emulator(SETTINGS[name], Frame(0, stills[0]))
-    number = count(1)
+    settings, number = SETTINGS[name], count(1)
+    state = settings.begin(Frame(0, stills[0]))
+    last = [Frame(0, stills[0])]
 
     def run() -> int:
         n = next(number)
         # another array each time, as a decoder gives it
-        return len(emulator.step(Frame(PERIOD * n, stills[n % CYCLE])).events())
+        last.append(Frame(PERIOD * n, stills[n % CYCLE]))
+        more = upsampled(iter(last), getattr(settings, "upsample", "none"))
+        found = sum(len(state.step(frame).events()) for frame in islice(more, 1, None))
+        del last[0]
+        return found
 
     # what moved at first comes to rest in what doesn't move later
     for _ in range(20):

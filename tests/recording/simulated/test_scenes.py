@@ -86,3 +86,13 @@ def test_noise_is_anywhere():
     assert len(Outlines().events(5, 5)) == 0
     assert Outlines().pulses(0, 10**9) == []
     assert (Outlines().rate, Outlines().noise) == (200_000, 20_000)
+
+
+def test_a_pulse_is_given_once_in_the_time_that_it_belongs_to():
+    scene = Watched()
+    scene._pulses = [100, 200, 250, 300]
+    assert scene.pulses(0, 200) == [100]
+    assert scene.pulses(200, 250) == [200]
+    # too late for one
+    assert scene.pulses(260, 301) == [300]
+    assert scene.pulses(0, 10**9) == []

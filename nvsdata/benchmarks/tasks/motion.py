@@ -1,0 +1,94 @@
+"""Frames of a known motion to events, whose true times an ideal sensor gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache, partial
+from itertools import product
+
+import numpy as np
+
+from nvsdata.benchmarks.case import Case, Options, Ready
+from nvsdata.data.events import Events
+from nvsdata.emulation import DVS, PIX2NVS
+from nvsdata.video.frames import Frame
+
+SIZE, SPEED, DURATION = (128, 96), 60.0, 0.4  # pixels, pixels/s, s
+FINE = 100  # µs between the frames that the ideal sensor sees, in float64
+ON, OFF = 0.2, 0.194
+EMULATORS = {
+    "PIX2NVS": PIX2NVS(threshold=ON),
+    "DVS": DVS(on=ON, off=OFF),
+    "DVS, linear": DVS(on=ON, off=OFF, upsample="linear"),
+    "DVS, flow": DVS(on=ON, off=OFF, upsample="flow"),
+}
+KIND = "median ms between a pixel's k-th ON or OFF event and the ideal sensor's"
+
+
+def cases(options: Options) -> list[Case]:
+    """Errors of times and counts by frame rate."""
+    return list(_by_rate(options))
+
+
+def _by_rate(options: Options) -> Iterator[Case]:
+    rates = (10, 30, 100) if options.quick else (10, 30, 100, 300, 1_000)
+    for name, rate in product(EMULATORS, rates):
+        yield Case(
+            *("motion", f"a known motion to events, by frame rate: {name}", partial(_ready, name, rate)),
+            settings={"frames per second": rate},
+            axis="frames per second",
+            default=rate == 30,
+            error_kind=KIND,
+        )
+
+
+def _ready(name: str, rate: int) -> Ready:
+    frames = [Frame(time, np.rint(scene(time)).astype(np.uint8)) for time in _times(1e6 / rate)]
+    exact = ideal().window(0, frames[-1].time + 1)
+    share = partial(_percent, len(exact))
+    return Ready(
+        partial(EMULATORS[name].emulate, frames),
+        lambda found: times_apart(found, exact) / 1e3,
+        counters=lambda found: {"percent of the true events": share(len(found))},
+    )
+
+
+def _percent(whole: int, part: int) -> int:
+    return round(100 * part / whole)
+
+
+def _times(gap: float) -> list[int]:
+    return [round(n * gap) for n in range(int(DURATION * 1e6 / gap + 1e-9) + 1)]
+
+
+@cache
+def ideal() -> Events:
+    """The events of the scene itself, all but continuous."""
+    return DVS(on=ON, off=OFF).emulate([Frame(time, scene(time)) for time in _times(FINE)])
+
+
+def scene(time: int) -> np.ndarray:
+    """A texture that drifts, and a disk before it that goes another way, at `time` µs; gray levels, float64 [H, W]."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]].astype(float)
+    far = SPEED * time / 1e6
+    u, v = x - far, y - 0.35 * far
+    waves = np.sin(u / 5) + np.sin(u / 3.1 + v / 6.7 + 1) + np.sin(v / 4.3 - u / 9) + np.sin((u + v) / 2.6)
+    outside = 1 / (1 + np.exp(2 * (12 - np.hypot(x - 20 - 0.65 * far, y - 70 + 0.6 * far))))
+    return np.asarray(60 + outside * (50 + 95 * waves / 4))
+
+
+def times_apart(found: Events, exact: Events) -> float:
+    """Median µs between the k-th ON or OFF events of pixels, of those that both have; infinite if there are none."""
+    (ours, when), (theirs, then) = _ranked(found), _ranked(exact)
+    _, i, j = np.intersect1d(ours, theirs, assume_unique=True, return_indices=True)
+    return float(np.median(np.abs(when[i] - then[j]))) if i.size else np.inf
+
+
+def _ranked(events: Events) -> tuple[np.ndarray, np.ndarray]:
+    """A number per event that tells pixel, polarity and rank among the events of these; and the events' times."""
+    place = (events.y.astype(np.int64) * events.sensor_size[0] + events.x) * 2 + events.p
+    order = np.lexsort((events.t, place))
+    place = place[order]
+    begins = np.flatnonzero(np.diff(place, prepend=-1))
+    rank = np.arange(place.size) - np.repeat(begins, np.diff(np.append(begins, place.size)))
+    return place * (1 << 32) + rank, events.t[order]
