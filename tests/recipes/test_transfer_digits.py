@@ -1,0 +1,56 @@
+"""Digits from emulated recordings to real ones, with a few drawn digits in place of scikit-learn's."""
+
+import json
+import sys
+from importlib.machinery import ModuleSpec
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+import nvsdata
+from nvsdata import NMNIST
+
+
+def bars():
+    """Bars at another place for each class."""
+    images = np.zeros((40, 8, 8))
+    for n in range(40):
+        left = n % 10 * 6 // 9
+        images[n, 1:7, left : left + 2] = 16 - n // 10
+    return SimpleNamespace(images=images, target=np.arange(40) % 10)
+
+
+def test_four_cells_from_one_command(tmp_path, fake_nmnist, run, monkeypatch):
+    for name in ("sklearn", "sklearn.datasets"):
+        package = ModuleType(name)
+        package.__spec__, package.load_digits = ModuleSpec(name, None), bars
+        monkeypatch.setitem(sys.modules, name, package)
+    words = "transfer_digits.py", "--real", fake_nmnist, "--out", tmp_path / "out", "--epochs", 1
+    said = run(*words)
+    assert "emulating 40 digits by DVS(on=" in said
+    table = json.loads((tmp_path / "out/table.json").read_text())
+    assert list(table) == ["emulated -> emulated", "emulated -> real", "real -> emulated", "real -> real"]
+    for single, voted in table.values():
+        assert f"{single:.3f} / {voted:.3f}" in said
+
+    emulated = NMNIST(tmp_path / "out/emulated", "all")
+    assert np.bincount(emulated.targets).tolist() == [4] * 10
+    counts = [len(emulated[i][0]) for i in range(40)]
+    assert abs(np.mean(counts) / 4_108 - 1) < 0.05
+    # the bar moves down at first: it gets dark above it, which N-MNIST calls ON
+    events = emulated[0][0].window(0, 100_000)
+    above = events.y < 12
+    assert (events.p[above] == 1).mean() > 0.8
+    for kind in ("emulated", "real"):
+        assert nvsdata.models.load(tmp_path / "out" / kind / "model.safetensors").model is not None
+
+    again = run(*words, "--resume")
+    assert "emulating" not in again
+    assert json.loads((tmp_path / "out/table.json").read_text()) == table
+
+
+def test_a_missing_package_is_named(tmp_path, fake_nmnist, run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sklearn.datasets", None)
+    with pytest.raises(SystemExit, match=r"the digits are scikit-learn's: pip install 'nvsdata\[digits\]'"):
+        run("transfer_digits.py", "--real", fake_nmnist, "--out", tmp_path / "out")
