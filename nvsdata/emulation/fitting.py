@@ -25,6 +25,7 @@ ROUNDS = 25
 CALM = 0.05  # change of ln(q + 3) up to which light counts as constant
 QUIET = 100.0  # pixels times seconds of constant light from which noise can be told
 RAREST = 0.001  # share of the intervals within pixels that may be shorter than the refractory time
+SOONER = 2  # times as soon as the sensor's at least some emulated pixels must fire again
 SHARP = 1.25  # times it, below which ten times as many are if it's a limit
 REPEATED = 1_000  # intervals within pixels from which a refractory time can be told
 FEWEST = 100  # events of a polarity from which its threshold can be told
@@ -74,14 +75,13 @@ def fit(
     Raises ValueError for fewer than 3 frames, frames of another size than the sensor's, events and frames that have
     no time in common (with both spans), and pairs in which no events follow the light.
     """
-    pair = _Pair(list(frames_of(frames, times=times, color=False)), events)
+    pair = _Pair(list(frames_of(frames, times=times, color=False)), events, delay or 0)
     delay = pair.delay() if delay is None else delay
     real = pair.during(delay)
     settings, other = base or DVS(), np.zeros(2)
     untold: dict[str, str] = {}
     if noise:
         settings, other = _noise(settings, pair, real, untold)
-    settings = _refractory(settings, real, untold)
     # once for all trials
     frames = list(upsampled(iter(pair.frames), settings.upsample))
     trial = replace(settings, upsample="none", leak=0.0, noise_rate=0.0, hot_pixels=0.0)
@@ -90,6 +90,7 @@ def fit(
     best = max(candidates, key=lambda one: _correlation(one.emulate(frames), real))
     matched = _matched(best, frames, wanted, CLOSE)
     found = matched.emulate(frames)
+    settings = _refractory(settings, found, real, untold)
     _tell_thresholds(matched, found, wanted, untold)
     names = [name for name in ("off", "on", "dark") if name not in untold]
     settings = replace(settings, **{name: getattr(matched, name) for name in names})
@@ -99,7 +100,7 @@ def fit(
 class _Pair:
     """Frames, and the events of the time around them; times count from the first frame."""
 
-    def __init__(self, frames: list[Frame], events: Events | Recording) -> None:
+    def __init__(self, frames: list[Frame], events: Events | Recording, delay: int) -> None:
         if len(frames) < 3:
             raise ValueError(f"{len(frames)} frames: a fit needs at least 3")
         height, width = frames[0].pixels.shape[:2]
@@ -111,7 +112,7 @@ class _Pair:
                 f"no time in common: frames from {start} to {stop} µs, events from {events.start} to {events.end}"
             )
         cut = events.read if isinstance(events, Recording) else events.window
-        around = cut(start + DELAYS[0], stop + DELAYS[-1] + 1)
+        around = cut(start + min(DELAYS[0], delay), stop + max(DELAYS[-1], delay) + 1)
         columns = around.columns
         self.events = Events.trusted(columns._replace(t=columns.t - start), events.sensor_size, 0, stop - start)
         self.frames = [frame._replace(time=frame.time - start) for frame in frames]
@@ -197,20 +198,24 @@ def _noise(settings: DVS, pair: _Pair, real: Events, untold: dict[str, str]) -> 
     return replace(settings, leak=round(float(leak), 4), noise_rate=round(float(rate), 4)), total
 
 
-def _refractory(settings: DVS, real: Events, untold: dict[str, str]) -> DVS:
-    """Settings with the time below which pixels hardly ever fire again."""
-    order = np.lexsort((real.t, _places(real)))
-    place, t = _places(real)[order], real.t[order]
-    gaps = np.diff(t)[np.diff(place) == 0]
-    if gaps.size < REPEATED:
-        untold["refractory"] = f"{gaps.size} intervals within pixels, {REPEATED} are needed"
+def _refractory(settings: DVS, found: Events, real: Events, untold: dict[str, str]) -> DVS:
+    """Settings with the time below which pixels hardly ever fire again, though emulated ones, in `found`, do."""
+    gaps, ours = _gaps(real), _gaps(found)
+    if min(gaps.size, ours.size) < REPEATED:
+        untold["refractory"] = f"{min(gaps.size, ours.size)} intervals within pixels, {REPEATED} are needed"
         return settings
     least, few = np.quantile(gaps, (RAREST, 10 * RAREST)).tolist()
-    # blindness cuts off what would go on; without it, short intervals get rarer by and by
-    if few > SHARP * least:
-        untold["refractory"] = "pixels hardly ever fire again so soon that they could be blind"
+    # blindness cuts off what would go on; without it, short intervals get rarer by and by, or the scene has none
+    if few > SHARP * least or np.quantile(ours, RAREST) > least / SOONER:
+        untold["refractory"] = "pixels don't fire again so soon that they could be blind"
         return settings
     return replace(settings, refractory=int(least))
+
+
+def _gaps(events: Events) -> np.ndarray:
+    """Intervals (µs) between events of a pixel."""
+    order = np.lexsort((events.t, _places(events)))
+    return np.asarray(np.diff(events.t[order])[np.diff(_places(events)[order]) == 0])
 
 
 def _each(settings: DVS, pair: _Pair, real: Events) -> np.ndarray:

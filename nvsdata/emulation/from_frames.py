@@ -20,7 +20,10 @@ class FromFrames(ABC):
     """An emulator that goes from frame to frame; its settings, and those of `Flawed`, are a subclass's."""
 
     def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
-        """All events of a video; times count from its first frame. Parameters and errors are those of `stream`."""
+        """All events of a video; times count from its first frame, or are those of its own clock.
+
+        Parameters and errors are those of `stream`.
+        """
         parts = list(self.stream(video, fps, size=size))
         return together(parts)
 
@@ -40,8 +43,8 @@ class FromFrames(ABC):
           camera's number, a folder of images with a list of times, a recording that holds frames (`nvsdata.open`), or
           an iterable of arrays or image files. Arrays are [H, W] gray, [H, W, 3] RGB or
           [H, W, 4] RGBA; uint8 or bool, or uint16 and floats in [0, 1], which are scaled to 255
-        - `fps`: frame n is at n / fps s, whatever the file says (default: the file's own times, a camera's clock,
-          30 per second for arrays and images)
+        - `fps`: frame n is at n / fps s, whatever the file says (default: the file's own times, the clock of a camera,
+          recording or list, 30 per second for arrays and images)
         - `times`: in place of `fps`, the time of each frame in µs, rising
         - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
 

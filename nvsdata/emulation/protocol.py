@@ -18,7 +18,7 @@ class EventEmulator(Protocol):
     """
 
     def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
-        """All events of a video; times count from its first frame."""
+        """All events of a video; times count from its first frame, or are those of its own clock."""
 
     def stream(
         self, frames: Video, fps: float | None = None, *, size: tuple[int, int] | None = None

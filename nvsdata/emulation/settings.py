@@ -88,8 +88,8 @@ class SensorSettings:
         if isinstance(self.upsample, str):
             if self.upsample not in get_args(Upsample):
                 raise ValueError(f"upsample must be a number or one of {get_args(Upsample)}, not {self.upsample!r}")
-        else:
-            whole("upsample", self.upsample, 1)
+        elif not isinstance(self.upsample, int) or self.upsample < 1:
+            raise ValueError(f"upsample must be a whole number of at least 1, not {self.upsample}")
         for name in ("mismatch", "cutoff", "leak", "noise_rate", "hot_rate", "refractory", "bandwidth"):
             not_negative(name, getattr(self, name))
         probability("hot_pixels", self.hot_pixels)

@@ -160,20 +160,27 @@ def _photoreceptor(start, end, reached, speed, since, before, now, dirty, sensor
     """Where photoreceptors are at `before` and at `now`, in place of the levels that `start` and `end` hold.
 
     They approach the light at a rate that rises with it, v2e's (I + 20) / 275 of the rate at white. The light is
-    the line between two frames, and stays where it is afterwards.
+    the line between the two, and stays where it is afterwards.
     """
     for i in range(_U(start.size)):
         past = np.float64(before - since[i // TILE[1]])
         here = start[i] + (reached[i] - start[i]) * math.exp(-past * speed[i])
         if dirty:
-            gray = math.exp(end[i]) - sensor.dark / 1000
-            speed[i] = sensor.speed * (gray + 20) / 275
-            behind = (end[i] - start[i]) / ((now - before) * speed[i])
-            end[i] += -behind + (here - start[i] + behind) * math.exp(-(now - before) * speed[i])
+            # in the middle of the way, because it changes along it
+            rate = _rate((start[i] + end[i]) / 2, sensor)
+            speed[i] = _rate(end[i], sensor)
+            behind = (end[i] - start[i]) / ((now - before) * rate)
+            end[i] += -behind + (here - start[i] + behind) * math.exp(-(now - before) * rate)
             reached[i] = end[i]
         else:
             end[i] += (reached[i] - end[i]) * math.exp(-(past + (now - before)) * speed[i])
         start[i] = here
+
+
+@njit
+def _rate(level, sensor):
+    """How fast a photoreceptor approaches a level of light, in 1/µs."""
+    return sensor.speed * (math.exp(level) - sensor.dark / 1000 + 20) / 275
 
 
 @njit
@@ -232,7 +239,7 @@ def _cross(start, end, y, active, sensor, array, before, now, span, buffers, key
         change = abs(moved[j] - rise[j])
         slope = span[0] / change if change > zero else span.dtype.type(0)
         later[j] = step[j] * slope
-        first[j] = span[0] - (abs(moved[j]) - step[j]) * slope
+        first[j] = span[0] - (abs(moved[j]) - step[j]) * slope if change > zero else span.dtype.type(0)
     for j in range(_U(m)):
         place = _U(x[j])
         spent = step[j] * count[j]

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cache
 from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
 
 from nvsdata.kernels.tiles import TILE, find_dirty
+from nvsdata.video.decoder import FULL, stretched
 from nvsdata.video.frames import Frame
 
 Upsample = Literal["none", "linear", "flow"]
 PIXELS = 1.0  # by which anything moves from one frame to the next at most, as ESIM's adaptive rate has it
-CHANGE = 0.5  # by which the logarithm of anything's brightness changes at most
+CHANGE = 0.5  # of the logarithm of anything's brightness, per step
 DARK = 3.0  # gray levels added before that logarithm
 MOST = 64  # frames in place of one
 MARGIN = 16  # pixels around what changes in which flow looks for where it comes from
@@ -34,11 +34,12 @@ class Box(NamedTuple):
 def upsampled(frames: Iterator[Frame], how: Upsample | int) -> Iterator[Frame]:
     """The frames, and between two that differ as many others as are needed, which have `whole=False`.
 
-    - `how`: "linear" makes so many that no logarithm of brightness changes by more than `CHANGE`, and each pixel goes
-      along a line; "flow" so many that nothing moves by more than `PIXELS` (Rebecq, Gehrig and Scaramuzza 2018), along
-      the optical flow (DIS, Kroeger et al. 2016); a number so many steps along a line; "none" none
+    - `how`: "linear" makes a step for each `CHANGE` of the logarithm of brightness, where that changes most, and each
+      pixel goes along a line; "flow" so many that nothing moves by more than `PIXELS` (Rebecq, Gehrig and Scaramuzza
+      2018), along the optical flow (DIS, Kroeger et al. 2016), both up to `MOST`; a number so many steps along a line;
+      "none" none
 
-    What doesn't change is only copied.
+    What doesn't change is only copied. Bytes stay bytes: they are rounded to whole levels.
     """
     if how in ("none", 1):
         yield from frames
@@ -56,9 +57,10 @@ def _between(last: Frame, frame: Frame, how: Upsample | int) -> Iterator[Frame]:
     if not boxes:
         return
     lines = [(last.pixels[box].astype(np.float32), frame.pixels[box].astype(np.float32)) for box in boxes]
-    flows = [_flow(_gray(a), _gray(b)) if how == "flow" and _change(a, b) > SLIGHT else None for a, b in lines]
+    moved = [how == "flow" and _change(a, b, last.levels) > SLIGHT for a, b in lines]
+    flows = [_flow(_gray(a), _gray(b)) if moves else None for (a, b), moves in zip(lines, moved, strict=True)]
     gap = frame.time - last.time
-    steps = min(_steps(lines, flows) if isinstance(how, str) else how, gap, MOST)
+    steps = min(min(_steps(lines, flows, last.levels), MOST) if isinstance(how, str) else how, gap)
     for k in range(1, steps):
         share = k / steps
         pixels = last.pixels.copy()
@@ -87,21 +89,26 @@ def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Box]:
     return found
 
 
-def _steps(lines: list[tuple[np.ndarray, np.ndarray]], flows: list[tuple[np.ndarray, np.ndarray] | None]) -> int:
+def _steps(
+    lines: list[tuple[np.ndarray, np.ndarray]],
+    flows: list[tuple[np.ndarray, np.ndarray] | None],
+    levels: tuple[int, int],
+) -> int:
     """Steps from one frame to the next by which nothing moves, or changes, too far."""
     most = 0.0
     for (a, b), flow in zip(lines, flows, strict=True):
         if flow is None:
-            most = max(most, _change(a, b) / CHANGE)
+            most = max(most, _change(a, b, levels) / CHANGE)
         else:
             differs = np.abs(_gray(b) - _gray(a)) > FLAT
             most = max(most, *(float(np.hypot(*part[differs].T).max(initial=0)) / PIXELS for part in flow))
     return max(math.ceil(most), 1)
 
 
-def _change(a: np.ndarray, b: np.ndarray) -> float:
+def _change(a: np.ndarray, b: np.ndarray, levels: tuple[int, int]) -> float:
     """The largest change of a logarithm of brightness."""
-    return float(np.abs(np.log((b + DARK) / (a + DARK))).max())
+    before, after = (picture if levels == FULL else stretched(picture, levels) for picture in (a, b))
+    return float(np.abs(np.log((after + DARK) / (before + DARK))).max())
 
 
 def _gray(picture: np.ndarray) -> np.ndarray:
@@ -115,14 +122,11 @@ def _flow(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray
         return zero, zero
     more = [(0, max(SMALLEST - side, 0)) for side in before.shape]
     a, b = (np.pad(np.rint(picture).astype(np.uint8), more, mode="edge") for picture in (before, after))
-    there, back = (_finder().calc(*pair, np.zeros((*a.shape, 2), np.float32)) for pair in ((a, b), (b, a)))
+    # one of its own, because it isn't made for several threads
+    finder = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    there, back = (finder.calc(*pair, np.zeros((*a.shape, 2), np.float32)) for pair in ((a, b), (b, a)))
     inside = tuple(slice(side) for side in before.shape)
     return there[inside], back[inside]
-
-
-@cache
-def _finder() -> cv2.DISOpticalFlow:
-    return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
 
 
 def _warped(before: np.ndarray, after: np.ndarray, there: np.ndarray, back: np.ndarray, share: float) -> np.ndarray:

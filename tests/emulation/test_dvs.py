@@ -41,19 +41,17 @@ def defined(emulator, frames, times, on=None, off=None, begin=None):
     return sorted(found)
 
 
-def followed(emulator, light, times):
-    """Where a photoreceptor is at each frame, by 2,000 small steps of dv/dt = r (L - v) in the middle of each."""
+def followed(emulator, light, times, steps=300):
+    """Where a photoreceptor is: at each frame if it follows at once, else after each of many small steps between."""
     if not emulator.cutoff:
         return list(zip(times, light, strict=True))
     here, seen = light[0], [(times[0], light[0])]
     for t0, t1, a, b in zip(times, times[1:], light, light[1:], strict=False):
-        if a != b or t0 == times[0]:
-            rate = 2 * math.pi * emulator.cutoff / 1e6 * (math.exp(b) - emulator.dark + 20) / 275
-        dt = (t1 - t0) / 2_000
-        for i in range(2_000):
-            target = a + (b - a) * (i + 0.5) / 2_000
-            here = target + (here - target) * math.exp(-rate * dt)
-        seen.append((t1, here))
+        for i in range(steps):
+            target = a + (b - a) * (i + 0.5) / steps
+            rate = 2 * math.pi * emulator.cutoff / 1e6 * (math.exp(target) - emulator.dark + 20) / 275
+            here = target + (here - target) * math.exp(-rate * (t1 - t0) / steps)
+            seen.append((t0 + (t1 - t0) * (i + 1) / steps, here))
     return seen
 
 
@@ -97,8 +95,6 @@ APART = {"on": 0.3, "off": 0.2837}
         DVS(on=0.17, off=0.41),
         DVS(on=0.011, off=0.0131, dark=0.5),
         DVS(leak=2.0, **APART),
-        DVS(cutoff=20, **APART),
-        DVS(cutoff=5, leak=1.0, **APART),
     ],
     ids=str,
 )
@@ -110,6 +106,46 @@ def test_events_are_those_of_the_definition(emulator):
     expected = defined(emulator, frames, times, begin=(begin.level - begin.memory).astype(float))
     assert len(expected) > 1_000
     agree(rows(events), expected)
+
+
+@pytest.mark.parametrize(
+    ("emulator", "gap"),
+    [(DVS(cutoff=20, **APART), GAP), (DVS(cutoff=5, leak=1.0, **APART), GAP), (DVS(cutoff=200, **APART), 500_000)],
+    ids=str,
+)
+def test_photoreceptors_are_late_by_what_their_bandwidth_says(emulator, gap):
+    frames = moving(5, height=9, width=12, share=0.5)
+    times = [n * gap for n in range(5)]
+    begin = PixelArray(emulator, Frame(0, frames[0]))._array
+    ours = rows(emulator.emulate([Frame(time, frame) for time, frame in zip(times, frames, strict=True)]))
+    exact = defined(emulator, frames, times, begin=(begin.level - begin.memory).astype(float))
+    assert len(exact) > 150
+    assert abs(len(ours) / len(exact) - 1) < 0.01
+    tables = [{}, {}]
+    for table, events in zip(tables, (ours, exact), strict=True):
+        for t, *place in events:
+            table.setdefault(tuple(place), []).append(t)
+    alike = [place for place in tables[1] if len(tables[0].get(place, ())) == len(tables[1][place])]
+    assert len(alike) > 0.97 * len(tables[1])
+    late = np.concatenate([np.abs(np.subtract(tables[0][place], tables[1][place])) for place in alike])
+    constant = 1e6 / (2 * math.pi * emulator.cutoff)
+    # the reference's own steps are a 300th of the gap
+    assert np.median(late) < 0.05 * constant + gap / 2_000
+    assert np.quantile(late, 0.99) < 0.3 * constant + gap / 300
+
+
+def test_a_receptor_that_is_slower_than_the_frames_goes_on_after_them():
+    frames = [Frame(0, np.full((2, 2), 20, np.uint8)), Frame(40_000, np.full((2, 2), 200, np.uint8))]
+    rest = [Frame(2_040_000, np.full((2, 2), 200, np.uint8))]
+    seen = [
+        DVS(on=0.1, cutoff=10).emulate([*frames, *more, *rest])
+        for more in ([], [Frame(40_000 + 5_000 * n, frames[1].pixels) for n in range(1, 399)])
+    ]
+    # however many frames show it
+    assert len(seen[0]) == len(seen[1])
+    assert np.abs(seen[0].t - seen[1].t).max() < 1_500
+    assert 12_000 < seen[0].t[0] < 20_000
+    assert seen[0].t[-1] < 110_000
 
 
 def test_colors_and_floats_give_the_levels_of_their_luminance():
@@ -243,6 +279,9 @@ def test_blind_pixels_do_not_show_what_they_miss():
         ({"hot_pixels": 1.5}, "hot_pixels must lie between 0 and 1"),
         ({"seed": 1 << 63}, "seed must be below"),
         ({"seed": 0.5}, "seed must be a whole number"),
+        ({"upsample": 2.0}, "upsample must be a whole number of at least 1, not 2.0"),
+        ({"upsample": 0}, "upsample must be a whole number"),
+        ({"upsample": "sideways"}, "upsample must be a number or one of"),
     ],
 )
 def test_settings_out_of_range_are_refused(wrong, word):

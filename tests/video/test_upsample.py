@@ -1,5 +1,7 @@
 """Frames between frames: how many, where, and how close to the truth of a known motion."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 import pytest
@@ -97,7 +99,33 @@ def test_small_pictures_and_short_gaps():
     assert len(between(a, b, "flow")) >= 2
     times = [frame.time for frame in between(a, b, 50, gap=7)]
     assert times == list(range(8))
-    assert len(between(a, b, 1_000)) == MOST + 1
+    assert len(between(a, b, 1_000)) == 1_001
+    black, white = np.zeros((40, 70), np.uint8), np.full((40, 70), 255, np.uint8)
+    # ln(258 / 3) / 0.5
+    assert len(between(black, white, "linear")) == 10
+
+
+def test_steps_are_by_brightness_whatever_the_bytes_of_black_and_white():
+    a, b = np.full((8, 8), 16, np.uint8), np.full((8, 8), 33, np.uint8)
+    studio = list(upsampled(iter([Frame(0, a, levels=(16, 235)), Frame(GAP, b, levels=(16, 235))]), "linear"))
+    full = between(np.full((8, 8), 0, np.uint8), np.full((8, 8), 20, np.uint8), "linear")
+    assert len(studio) == len(full) == 1 + 5
+
+
+def test_flow_adds_no_more_frames_than_the_most():
+    assert MOST == 64
+    rng = np.random.default_rng(0)
+    a, b = (cv2.GaussianBlur(rng.integers(0, 256, (90, 400)).astype(np.uint8), (0, 0), 2) for _ in range(2))
+    assert 2 < len(between(a, b, "flow")) <= MOST + 1
+
+
+def test_threads_do_not_disturb_each_other():
+    pairs = [(patch(60), patch(60 + by)) for by in (2, 5, 9, 12)] * 3
+    expected = [between(*pair, "flow") for pair in pairs]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda pair: between(*pair, "flow"), pairs))
+    for one, other in zip(found, expected, strict=True):
+        assert [frame.pixels.tobytes() for frame in one] == [frame.pixels.tobytes() for frame in other]
 
 
 def test_two_things_that_move_apart_are_both_found():

@@ -44,11 +44,13 @@ class Pair:
         offset: int = 0,
         one_way: bool = False,
     ) -> None:
+        self._first: int | None = None
         end = np.inf if seconds is None else seconds * 1e6
         size = real.sensor_size
 
         def load(color: bool) -> Iterator[Frame]:
-            return takewhile(lambda f: f.time <= end, frames_of(video, fps=fps, size=size, color=color))
+            found = frames_of(video, fps=fps, size=size, color=color)
+            return takewhile(lambda f: f.time <= end, map(self._from_the_first, found))
 
         self.frames = list(load(color=False))
         # only hue, which few settings ask for, needs a file's colors; arrays have them already
@@ -59,8 +61,15 @@ class Pair:
         last = self.frames[-1].time
         self.fps = (len(self.frames) - 1) * 1e6 / last
         self.offset, self.one_way = offset, one_way
+        # a video with a clock of its own shares it with the recording
+        origin = self._first or real.start
         cut = real.read if isinstance(real, Recording) else real.window
-        self.real = cut(real.start, real.start + max(last - offset, 1))
+        self.real = cut(origin, origin + max(last - offset, 1))
+
+    def _from_the_first(self, frame: Frame) -> Frame:
+        """A frame whose time counts from the first one."""
+        self._first = frame.time if self._first is None else self._first
+        return frame._replace(time=frame.time - self._first)
 
     def emulate(self, settings: EventEmulator) -> Events:
         """Events of the video by these settings."""

@@ -14,6 +14,7 @@ from nvsdata.emulation.tuning.objective import Pair, measured_on
 from nvsdata.emulation.tuning.report import table
 from nvsdata.emulation.tuning.search import Measured, search
 from nvsdata.emulation.tuning.space import SPACE, Depending, Range
+from nvsdata.video.frames import Frame
 
 FPS = 25
 
@@ -238,3 +239,20 @@ def test_tune_holds_what_is_given(files, capsys, monkeypatch):
         assert (files / "tuning" / name).stat().st_size > 0
     assert main([*words[:-1], "5"]) == 1
     assert "another search" in capsys.readouterr().err
+
+
+def test_a_video_with_a_clock_of_its_own_shares_it_with_the_recording():
+    rng = np.random.default_rng(0)
+    stills = [rng.integers(0, 256, (12, 20)).astype(np.uint8) for _ in range(6)]
+    start = 1_600_000_000_000_000
+    here, there = ([Frame(origin + 40_000 * n, still) for n, still in enumerate(stills)] for origin in (0, start))
+    real = PIX2NVS(threshold=0.3).emulate(there)
+    assert real.start == start
+    early = Events(real.t - start, real.x, real.y, real.p, real.sensor_size, start=0, end=200_000)
+    pairs = [Pair(early, here), Pair(real, there), Pair(real, there, seconds=0.13)]
+    assert [pair.fps for pair in pairs] == [25, 25, 25]
+    assert [len(pair.frames) for pair in pairs] == [6, 6, 4]
+    assert pairs[0](PIX2NVS()) == pairs[1](PIX2NVS())
+    assert pairs[1](PIX2NVS(threshold=0.3)).distances[0] == 0
+    assert pairs[2].real.end - pairs[2].real.start == 119_999
+    assert pairs[0].real_events == pairs[1].real_events
