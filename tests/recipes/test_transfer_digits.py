@@ -28,15 +28,15 @@ def test_four_cells_from_one_command(tmp_path, fake_nmnist, run, monkeypatch):
         monkeypatch.setitem(sys.modules, name, package)
     words = "transfer_digits.py", "--real", fake_nmnist, "--out", tmp_path / "out", "--epochs", 1
     said = run(*words)
-    assert "emulating 40 digits by DVS(on=" in said
+    assert "emulating 80 digits by DVS(on=" in said
     table = json.loads((tmp_path / "out/table.json").read_text())
     assert list(table) == ["emulated -> emulated", "emulated -> real", "real -> emulated", "real -> real"]
     for single, voted in table.values():
         assert f"{single:.3f} / {voted:.3f}" in said
 
     emulated = NMNIST(tmp_path / "out/emulated", "all")
-    assert np.bincount(emulated.targets).tolist() == [4] * 10
-    counts = [len(emulated[i][0]) for i in range(40)]
+    assert np.bincount(emulated.targets).tolist() == [8] * 10
+    counts = [len(emulated[i][0]) for i in range(80)]
     assert abs(np.mean(counts) / 4_108 - 1) < 0.05
     # the bar moves down at first: it gets dark above it, which N-MNIST calls ON
     events = emulated[0][0].window(0, 100_000)
