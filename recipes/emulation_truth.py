@@ -25,6 +25,7 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import claimed, put
 from nvsdata.common.tables import aligned
 from nvsdata.emulation import DVS, PIX2NVS, fit
+from nvsdata.emulation.fitting import correlation, intervals, places
 from nvsdata.emulation.tuning.objective import Pair
 from nvsdata.emulation.tuning.search import search
 from nvsdata.plots.comparison import side_by_side
@@ -174,18 +175,11 @@ def measured(name: str, emulate: Emulate, frames: list[Frame], real: Events) -> 
     )  # fmt: skip
 
 
-def correlation(ours: Events, real: Events) -> float:
-    """Of the numbers of events per pixel."""
-    counts = (np.bincount(place(events), minlength=np.prod(events.sensor_size)) for events in (ours, real))
-    return float(np.corrcoef(*counts)[0, 1])
-
-
 def intervals_apart(ours: Events, real: Events) -> float:
     """Mean difference of the deciles of log10 of the intervals within pixels."""
     deciles = []
     for events in (ours, real):
-        order = np.lexsort((events.t, place(events)))
-        gaps = np.diff(events.t[order])[np.diff(place(events)[order]) == 0]
+        gaps = intervals(events)
         deciles.append(np.quantile(np.log10(np.maximum(gaps, 1)), DECILES) if gaps.size else np.full(9, np.nan))
     return float(np.abs(deciles[0] - deciles[1]).mean())
 
@@ -200,14 +194,9 @@ def first_apart(ours: Events, real: Events, frames: list[Frame]) -> float:
 
 def firsts(events: Events, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """A number per pixel, polarity and frame that have events, and the time of the first."""
-    key = (np.searchsorted(edges, events.t, side="right") * 2 + events.p) * np.prod(events.sensor_size) + place(events)
+    key = (np.searchsorted(edges, events.t, side="right") * 2 + events.p) * np.prod(events.sensor_size) + places(events)
     found, where = np.unique(key, return_index=True)
     return found, events.t[where]
-
-
-def place(events: Events) -> np.ndarray:
-    """The number of each event's pixel."""
-    return events.y.astype(np.int64) * events.sensor_size[0] + events.x
 
 
 def table(rows: list[Row]) -> str:

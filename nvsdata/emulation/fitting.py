@@ -87,14 +87,14 @@ def fit(
     trial = replace(settings, upsample="none", leak=0.0, noise_rate=0.0, hot_pixels=0.0)
     wanted = np.maximum(_counts(real) - other, 1)
     candidates = [_matched(replace(trial, dark=dark), frames, wanted, ROUGH) for dark in DARKS]
-    best = max(candidates, key=lambda one: _correlation(one.emulate(frames), real))
+    best = max(candidates, key=lambda one: correlation(one.emulate(frames), real))
     matched = _matched(best, frames, wanted, CLOSE)
     found = matched.emulate(frames)
     settings = _refractory(settings, found, real, untold)
     _tell_thresholds(matched, found, wanted, untold)
     names = [name for name in ("off", "on", "dark") if name not in untold]
     settings = replace(settings, **{name: getattr(matched, name) for name in names})
-    return Fit(settings, delay, _correlation(found, real), _each(matched, pair, real), untold)
+    return Fit(settings, delay, correlation(found, real), _each(matched, pair, real), untold)
 
 
 class _Pair:
@@ -116,7 +116,8 @@ class _Pair:
         columns = around.columns
         self.events = Events.trusted(columns._replace(t=columns.t - start), events.sensor_size, 0, stop - start)
         self.frames = [frame._replace(time=frame.time - start) for frame in frames]
-        self.light = np.stack([np.log(brightness(frame) + 3) for frame in frames])
+        self.gray = np.stack([brightness(frame) for frame in frames])
+        self.light = np.log(self.gray + 3)
 
     def during(self, delay: int) -> Events:
         """The events that belong to the frames, as if there were no delay."""
@@ -144,7 +145,7 @@ class _Pair:
         for k, (a, b) in enumerate(pairwise(frame.time + delay for frame in self.frames)):
             some = slice(*np.searchsorted(self.events.t, (a, b)))
             signs = 2.0 * self.events.p[some] - 1
-            sums = np.bincount(_places(self.events)[some], signs, self.light[0].size)
+            sums = np.bincount(places(self.events)[some], signs, self.light[0].size)
             found.append(_correlated(sums, (self.light[k + 1] - self.light[k]).ravel()))
         return float(np.mean(found))
 
@@ -186,7 +187,7 @@ def _noise(settings: DVS, pair: _Pair, real: Events, untold: dict[str, str]) -> 
         reason = f"light is constant for {calm.sum() * seconds:.0f} pixels times seconds, {QUIET:.0f} are needed"
         untold |= {"leak": reason, "noise_rate": reason}
         return settings, np.zeros(2)
-    inside = calm.ravel()[_places(real)]
+    inside = calm.ravel()[places(real)]
     off, on = np.bincount(real.p[inside], minlength=2)[:2].tolist()
     # more ON events than chance makes of equal rates
     more = on - off if on - off > 3 * math.sqrt(on + off) else 0
@@ -200,7 +201,7 @@ def _noise(settings: DVS, pair: _Pair, real: Events, untold: dict[str, str]) -> 
 
 def _refractory(settings: DVS, found: Events, real: Events, untold: dict[str, str]) -> DVS:
     """Settings with the time below which pixels hardly ever fire again, though emulated ones, in `found`, do."""
-    gaps, ours = _gaps(real), _gaps(found)
+    gaps, ours = intervals(real), intervals(found)
     if min(gaps.size, ours.size) < REPEATED:
         untold["refractory"] = f"{min(gaps.size, ours.size)} intervals within pixels, {REPEATED} are needed"
         return settings
@@ -212,17 +213,17 @@ def _refractory(settings: DVS, found: Events, real: Events, untold: dict[str, st
     return replace(settings, refractory=int(least))
 
 
-def _gaps(events: Events) -> np.ndarray:
+def intervals(events: Events) -> np.ndarray:
     """Intervals (µs) between events of a pixel."""
-    order = np.lexsort((events.t, _places(events)))
-    return np.asarray(np.diff(events.t[order])[np.diff(_places(events)[order]) == 0])
+    order = np.lexsort((events.t, places(events)))
+    return np.asarray(np.diff(events.t[order])[np.diff(places(events)[order]) == 0])
 
 
 def _each(settings: DVS, pair: _Pair, real: Events) -> np.ndarray:
     """Thresholds of pixels: by how much their light rose, or fell, in all, per ON, or OFF, event."""
-    steps = np.diff(np.log(np.stack([brightness(frame) for frame in pair.frames]) + settings.dark), axis=0)
+    steps = np.diff(np.log(pair.gray + settings.dark), axis=0)
     moved = np.stack((np.maximum(-steps, 0).sum(axis=0), np.maximum(steps, 0).sum(axis=0)))
-    counts = np.stack([np.bincount(_places(real)[real.p == p], minlength=steps[0].size) for p in (0, 1)])
+    counts = np.stack([np.bincount(places(real)[real.p == p], minlength=steps[0].size) for p in (0, 1)])
     counts = counts.reshape(moved.shape)
     return np.where((counts >= PER_PIXEL) & (moved > 0), moved / np.maximum(counts, 1), np.nan)
 
@@ -232,13 +233,15 @@ def _counts(events: Events) -> np.ndarray:
     return np.bincount(events.p, minlength=2)[:2]
 
 
-def _places(events: Events) -> np.ndarray:
+def places(events: Events) -> np.ndarray:
+    """The number of each event's pixel, row by row."""
     return events.y.astype(np.int64) * events.sensor_size[0] + events.x
 
 
-def _correlation(ours: Events, real: Events) -> float:
+def correlation(ours: Events, real: Events) -> float:
+    """Of the numbers of events per pixel; 0 where one side has as many everywhere."""
     size = real.sensor_size[0] * real.sensor_size[1]
-    return _correlated(*(np.bincount(_places(events), minlength=size).astype(float) for events in (ours, real)))
+    return _correlated(*(np.bincount(places(events), minlength=size).astype(float) for events in (ours, real)))
 
 
 def _correlated(a: np.ndarray, b: np.ndarray) -> float:

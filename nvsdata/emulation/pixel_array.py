@@ -10,7 +10,7 @@ import numpy as np
 
 from nvsdata.emulation.run import Run, brightness, bytes_of, first_weight
 from nvsdata.emulation.settings import SensorSettings
-from nvsdata.kernels.crossings import NEVER, Array, Sensor, advance
+from nvsdata.kernels.crossings import NEVER, Array, Sensor, advance, rate
 from nvsdata.kernels.emulate import TABLE_SIZE
 from nvsdata.kernels.logarithm import logarithm
 from nvsdata.kernels.tiles import TILE
@@ -36,11 +36,10 @@ class PixelArray(Run):
         level = _levels(first, self._dark, number)
         memory = level - _beginnings(settings, shape, self._sensor.each).astype(number)
         slow = level if settings.cutoff else np.empty((0, 0), number)
-        speed = (np.exp(slow.astype(np.float64)) - self._dark + 20) / 275 * self._sensor.speed
         tiles = (-(-shape[0] // TILE[0]), -(-shape[1] // TILE[1]))
         wake = np.full(tiles, 0 if settings.leak else NEVER, np.int64)
         dirty, since = np.zeros(tiles, np.bool_), np.zeros(tiles, np.int64)
-        self._array = Array(level, memory, slow.copy(), speed.astype(number), dirty, wake, since)
+        self._array = Array(level, memory, slow.copy(), rate(slow, self._sensor), dirty, wake, since)
 
     def _spikes(self, frame: Frame, last: Frame) -> np.ndarray:
         before, now = last.time - self._start, frame.time - self._start
@@ -52,11 +51,16 @@ class PixelArray(Run):
 
     def _slowly(self, frame: Frame, last: Frame, before: int, now: int) -> np.ndarray:
         """The keys of small steps along the line of light, in which where photoreceptors are is nearly a line, too."""
-        start, end = (_levels(some, self._dark, np.float64) for some in (last, frame))
+        still = np.array_equal(frame.pixels, last.pixels)
+        if still and not (self._array.wake <= now).any():
+            return self._keys[0][:0]
+        start = self._array.level.copy()
+        # a still frame gives no level to any tile
+        end = start if still else _levels(frame, self._dark, np.float64)
         found, then = [], before
         for moment in _moments(before, now, self._sensor.speed):
             share = (moment - before) / (now - before)
-            level = end if moment == now else start + share * (end - start)
+            level = end if still or moment == now else start + share * (end - start)
             keys = self._advanced(frame, last, level, then, moment)
             found.append(keys + np.uint64((then - before) << 32))
             then = moment

@@ -167,10 +167,10 @@ def _photoreceptor(start, end, reached, speed, since, before, now, dirty, sensor
         here = start[i] + (reached[i] - start[i]) * math.exp(-past * speed[i])
         if dirty:
             # in the middle of the way, because it changes along it
-            rate = _rate((start[i] + end[i]) / 2, sensor)
-            speed[i] = _rate(end[i], sensor)
-            behind = (end[i] - start[i]) / ((now - before) * rate)
-            end[i] += -behind + (here - start[i] + behind) * math.exp(-(now - before) * rate)
+            meanwhile = rate((start[i] + end[i]) / 2, sensor)
+            speed[i] = rate(end[i], sensor)
+            behind = (end[i] - start[i]) / ((now - before) * meanwhile)
+            end[i] += -behind + (here - start[i] + behind) * math.exp(-(now - before) * meanwhile)
             reached[i] = end[i]
         else:
             end[i] += (reached[i] - end[i]) * math.exp(-(past + (now - before)) * speed[i])
@@ -178,9 +178,9 @@ def _photoreceptor(start, end, reached, speed, since, before, now, dirty, sensor
 
 
 @njit
-def _rate(level, sensor):
-    """How fast a photoreceptor approaches a level of light, in 1/µs."""
-    return sensor.speed * (math.exp(level) - sensor.dark / 1000 + 20) / 275
+def rate(level, sensor):
+    """How fast photoreceptors approach a level of light, or levels, in 1/µs."""
+    return sensor.speed * (np.exp(level) - sensor.dark / 1000 + 20) / 275
 
 
 @njit

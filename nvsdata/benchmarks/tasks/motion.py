@@ -11,6 +11,7 @@ import numpy as np
 from nvsdata.benchmarks.case import Case, Options, Ready
 from nvsdata.data.events import Events
 from nvsdata.emulation import DVS, PIX2NVS
+from nvsdata.emulation.fitting import places
 from nvsdata.video.frames import Frame
 
 SIZE, SPEED, DURATION = (128, 96), 60.0, 0.4  # pixels, pixels/s, s
@@ -86,7 +87,7 @@ def times_apart(found: Events, exact: Events) -> float:
 
 def _ranked(events: Events) -> tuple[np.ndarray, np.ndarray]:
     """A number per event that tells pixel, polarity and rank among the events of these; and the events' times."""
-    place = (events.y.astype(np.int64) * events.sensor_size[0] + events.x) * 2 + events.p
+    place = places(events) * 2 + events.p
     order = np.lexsort((events.t, place))
     place = place[order]
     begins = np.flatnonzero(np.diff(place, prepend=-1))
