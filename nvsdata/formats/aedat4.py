@@ -264,4 +264,6 @@ def _streams(root: Any) -> dict[str, tuple[int, dict[str, str]]]:
     return found
 
 
-FORMAT = Format("aedat4", (".aedat4", ".aedat"), Aedat4Recording, begins=starts_with(MAGIC[:11]), write=write)
+FORMAT = Format(
+    "aedat4", (".aedat4", ".aedat"), Aedat4Recording, begins=starts_with(MAGIC[:11]), write=write, holds_samples=True
+)

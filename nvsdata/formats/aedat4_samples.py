@@ -1,13 +1,21 @@
-"""Frames, inertial samples and triggers in the packets of AEDAT 4 files. struct.error or ValueError for broken ones."""
+"""Frames, inertial samples and triggers in the packets of AEDAT 4 files: struct.error or ValueError for broken ones."""
 
 from __future__ import annotations
+
+import struct
 
 import numpy as np
 
 from nvsdata.data.samples import Frame, Inertial, Triggers
-from nvsdata.formats.flatbuffer import Rows, Table
+from nvsdata.formats.flatbuffer import Rows, Table, layout_of, packed_vector
 
 RISING, FALLING, PULSE = 1, 2, 3  # types of external triggers; others are the camera's own signals
+GRAY_8, GRAY_16 = 0, 2  # types of frames, as OpenCV numbers them
+SAMPLE = np.dtype(
+    [("way", "<i4"), ("temperature", "<f4"), ("t", "<i8"), ("acceleration", "<f4", 3), ("rotation", "<f4", 3)]
+)
+SAMPLE_LAYOUT = layout_of(SAMPLE.itemsize, (8, 4, 16, 20, 24, 28, 32, 36))
+FRAME_LAYOUT = layout_of(60, (4, 12, 20, 28, 36, 52, 44, 46, 48, 50, 56))
 
 
 def frame_of(payload: memoryview) -> Frame:
@@ -24,6 +32,21 @@ def frame_of(payload: memoryview) -> Frame:
     pixels = np.frombuffer(payload, depth, width * height * channels, place).reshape(height, width, channels)
     begin = begin or time
     return Frame(first or begin, begin, max(end, begin), max(last, end, begin), x, y, _gray(pixels).astype(np.uint16))
+
+
+def packed_frame(frame: Frame) -> bytes:
+    """The content of a packet with a frame: 8 bits per pixel if they hold it, else 16."""
+    height, width = frame.pixels.shape
+    small = int(frame.pixels.max(initial=0)) < 256
+    kind, pixels = (GRAY_8, frame.pixels.astype(np.uint8)) if small else (GRAY_16, frame.pixels.astype("<u2"))
+    times = frame.exposure_start, frame.start, frame.end, frame.exposure_start, frame.exposure_end
+    # way to the table, name, layout, way back to it; the fields; way to the pixels, their number
+    flat = struct.pack("<I4s", 40, b"FRME") + FRAME_LAYOUT
+    flat += (
+        struct.pack("<i5q4hb3xII", len(FRAME_LAYOUT), *times, width, height, frame.x, frame.y, kind, 4, pixels.nbytes)
+        + pixels.tobytes()
+    )
+    return struct.pack("<I", len(flat)) + flat
 
 
 def _gray(pixels: np.ndarray) -> np.ndarray:
@@ -43,6 +66,14 @@ def inertial_of(payload: memoryview) -> Inertial:
     rows = Rows(payload, *Table.root(payload, 4, b"IMUS").vector(0))
     temperature, *rest = (rows.column(field, "<f4") for field in range(1, 8))
     return Inertial(rows.column(0, "<i8"), np.stack(rest[:3], 1), np.stack(rest[3:], 1), temperature)
+
+
+def packed_inertial(samples: Inertial) -> bytes:
+    """The content of a packet with inertial samples."""
+    rows = np.zeros(samples.t.size, SAMPLE)
+    for name, column in samples._asdict().items():
+        rows[name] = column
+    return packed_vector(b"IMUS", rows, SAMPLE_LAYOUT)
 
 
 def triggers_of(payload: memoryview) -> Triggers:

@@ -1,61 +1,110 @@
-"""AEDAT 4 files of events: packets compressed with LZ4, and the table that tells where each is."""
+"""AEDAT 4 files of events, frames and inertial samples: packets by LZ4, and the table that tells where each is."""
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Iterator
-from itertools import chain
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from nvsdata.data.events import Events
+from nvsdata.data.samples import Piece
 from nvsdata.formats.aedat4_packets import EVENT, LZ4, MAGIC, PACKET, deflater
+from nvsdata.formats.aedat4_samples import packed_frame, packed_inertial
+from nvsdata.formats.flatbuffer import layout_of, packed_vector
 from nvsdata.formats.writing import Pieces, headed, time_comment
 
 MOST = 8192  # events in a packet
-STREAM = 0
 SOURCE = "nvsdata"  # where a file names the camera
+LONGEST = 64  # bytes of a camera's name
+ROOM = 3072  # bytes for the description of streams
 # a row of the table: where its layout is described, then its fields
-ROW = np.dtype("<i4, <i4, <i8, <i4, <i4, <i8, <i8, <i8")
-# of place, stream and size, number, first and last time
-LAYOUT = struct.pack("<7H2x", 14, ROW.itemsize, 8, 16, 24, 32, 40)
+ROW = np.dtype(
+    {
+        "names": ["way", "at", "stream", "size", "count", "first", "last"],
+        "formats": ["<i4", "<i8", "<i4", "<i4", "<i8", "<i8", "<i8"],
+        "offsets": [0, 8, 16, 20, 24, 32, 40],
+    }
+)
+LAYOUT = layout_of(ROW.itemsize, (8, 16, 24, 32, 40))
 XML = """<dv version="2.0">
     <node name="outInfo" path="/mainloop/Recorder/outInfo/">
-        <node name="0" path="/mainloop/Recorder/outInfo/0/">
-            <attr key="compression" type="string">LZ4</attr>
-            <attr key="originalModuleName" type="string">nvsdata</attr>
-            <attr key="originalOutputName" type="string">events</attr>
-            <attr key="typeDescription" type="string">Array of events (polarity ON/OFF).</attr>
-            <attr key="typeIdentifier" type="string">EVTS</attr>
-            <node name="info" path="/mainloop/Recorder/outInfo/0/info/">
-                <attr key="sizeX" type="int">{0}</attr>
-                <attr key="sizeY" type="int">{1}</attr>
-                <attr key="source" type="string">{source}</attr>
-                <attr key="time" type="string">{2}</attr>
-            </node>
-        </node>
-    </node>
+{streams}    </node>
 </dv>
 """
+STREAM = """        <node name="{number}" path="/mainloop/Recorder/outInfo/{number}/">
+            <attr key="compression" type="string">LZ4</attr>
+            <attr key="originalModuleName" type="string">nvsdata</attr>
+            <attr key="originalOutputName" type="string">{name}</attr>
+            <attr key="typeDescription" type="string">{description}</attr>
+            <attr key="typeIdentifier" type="string">{kind}</attr>
+            <node name="info" path="/mainloop/Recorder/outInfo/{number}/info/">
+{facts}            </node>
+        </node>
+"""
+FACT = """                <attr key="{}" type="{}">{}</attr>
+"""
+# name, type and description of the streams, by number
+EVENTS, FRAMES, SAMPLES = range(3)
+STREAMS = (
+    ("events", "EVTS", "Array of events (polarity ON/OFF)."),
+    ("frames", "FRME", "Standard frame (8-bit image)."),
+    ("imu", "IMUS", "Inertial Measurement Unit data samples."),
+)
 
 
 def write(pieces: Pieces, path: Path) -> None:
-    """Write events. ImportError if the package lz4 is missing."""
-    compress, rows = deflater(), []
+    """Write events, frames and inertial samples. ImportError if the package lz4 is missing."""
+    compress = deflater()
+    rows: list[tuple[Any, ...]] = []
+    about: dict[str, Any] = {}
     end = -1  # where the table begins
 
     def header(pieces: Pieces) -> bytes:
-        return _header(XML.format(*pieces.sensor_size, time_comment(pieces), source=SOURCE), end)
+        # which streams there are, and the camera's name, is known when all pieces have passed
+        seen = {EVENTS, *(stream for _, _, stream, *_ in rows)}
+        camera = re.sub(r"[^ -~]|[<>&]", "?", str(about.get("camera", SOURCE)))
+        return _header(_xml(pieces, seen, camera[:LONGEST]).ljust(ROOM), end)
 
     with headed(path, pieces, header) as file:
-        for part in chain.from_iterable(map(_parts, pieces)):
-            content = compress(_events(part))
-            file.write(struct.pack(PACKET, STREAM, len(content)))
-            rows.append((0, 0, file.tell(), STREAM, len(content), len(part), part.t[0], part.t[-1]))
-            file.write(content)
+        for piece in pieces:
+            for stream, content, times in _packets(piece):
+                packed = compress(content)
+                file.write(struct.pack(PACKET, stream, len(packed)))
+                rows.append((0, file.tell(), stream, len(packed), len(times), times[0], times[-1]))
+                file.write(packed)
+            about.update(piece.about if isinstance(piece, Piece) else {})
         end = file.tell()
-        file.write(compress(_table(np.array(rows, ROW))))
+        file.write(compress(packed_vector(b"FTAB", np.array(rows, ROW), LAYOUT)))
+
+
+def _packets(piece: Events) -> Iterator[tuple[int, bytes, Sequence[int] | np.ndarray]]:
+    """Stream, content and times of each packet of a piece."""
+    for part in _parts(piece):
+        yield EVENTS, _events(part), part.t
+    if isinstance(piece, Piece):
+        for frame in piece.frames:
+            yield FRAMES, packed_frame(frame), [frame.exposure_start]
+        if piece.inertial.t.size:
+            yield SAMPLES, packed_inertial(piece.inertial), piece.inertial.t
+
+
+def _xml(pieces: Pieces, streams: Set[int], source: str) -> str:
+    """What describes the streams; shorter for fewer of them, and for a shorter name of the camera."""
+    facts = FACT.format("source", "string", source)
+    size = "".join(FACT.format(f"size{axis}", "int", side) for axis, side in zip("XY", pieces.sensor_size, strict=True))
+    time = FACT.format("time", "string", time_comment(pieces))
+    told = ((size, facts, time), (size, facts), (facts,))
+    return XML.format(
+        streams="".join(
+            STREAM.format(number=n, name=name, description=description, kind=kind, facts="".join(told[n]))
+            for n, (name, kind, description) in enumerate(STREAMS)
+            if n in streams
+        )
+    )
 
 
 def _parts(events: Events) -> Iterator[Events]:
@@ -79,17 +128,4 @@ def _events(events: Events) -> bytes:
     packed["t"], packed["x"], packed["y"], packed["on"] = events.columns
     # place of the table, name, its layout, the table, length of the vector
     flat = struct.pack("<I4s2x3HiII", 16, b"EVTS", 6, 8, 4, 6, 4, len(packed)) + packed.tobytes()
-    return struct.pack("<I", len(flat)) + flat
-
-
-def _table(rows: np.ndarray) -> bytes:
-    """The table of the packets; `rows` is changed."""
-    # bytes from where the length is on; the rows and their layout are aligned
-    slots = 32 + 4 * np.arange(rows.size + 1)
-    begin = int(slots[-1] + -slots[-1] % 8)
-    at = begin + len(LAYOUT) + ROW.itemsize * np.arange(rows.size)
-    rows["f0"] = at - begin
-    ways = (at - slots[:-1]).astype("<u4").tobytes()
-    flat = struct.pack("<I4s3H2xiII", 16, b"FTAB", 6, 8, 4, 8, 4, rows.size) + ways
-    flat += bytes(begin - 4 - len(flat)) + LAYOUT + rows.tobytes()
     return struct.pack("<I", len(flat)) + flat

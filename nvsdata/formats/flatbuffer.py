@@ -1,8 +1,9 @@
-"""Flatbuffers, as far as AEDAT 4 needs them: tables that are read in place."""
+"""Flatbuffers, as far as AEDAT 4 needs them: tables that are read in place, and vectors of tables that are written."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -82,3 +83,23 @@ class Rows:
         numbers = np.zeros(self.at.size, kind)
         numbers[has] = self._read(kind, (self.at + offset)[has] + inside)
         return numbers
+
+
+def layout_of(size: int, places: Sequence[int]) -> bytes:
+    """The layout of a table of so many bytes whose fields lie at `places`; 0 for one that is left out."""
+    packed = struct.pack(f"<{len(places) + 2}H", 4 + 2 * len(places), size, *places)
+    # what follows is aligned
+    return packed + bytes(-len(packed) % 8)
+
+
+def packed_vector(name: bytes, rows: np.ndarray, layout: bytes) -> bytes:
+    """A buffer with its length in front, whose root has one field, a vector of tables; field "way" of `rows` is set."""
+    # bytes from where the length is on; the rows and their layout are aligned
+    slots = 32 + 4 * np.arange(rows.size + 1)
+    begin = int(slots[-1] + -slots[-1] % 8)
+    at = begin + len(layout) + rows.dtype.itemsize * np.arange(rows.size)
+    rows["way"] = at - begin
+    ways = (at - slots[:-1]).astype("<u4").tobytes()
+    flat = struct.pack("<I4s3H2xiII", 16, name, 6, 8, 4, 8, 4, rows.size) + ways
+    flat += bytes(begin - 4 - len(flat)) + layout + rows.tobytes()
+    return struct.pack("<I", len(flat)) + flat

@@ -29,7 +29,7 @@ def write(
     - `path`: the file, which appears whole or not at all, in place of any file there
     - `format`: the format's name, where an extension has several: "evt3" (the default for `.raw`), "evt2" or "evt2.1"
 
-    HDF5 and AEDAT 2 hold frames and inertial samples of a Recording, or of a `Piece`; other formats hold events alone.
+    HDF5, AEDAT 2 and AEDAT 4 hold frames and inertial samples of a Recording, or of a `Piece`; others events alone.
 
     Raises ValueError for an unknown extension, a format that can't be written, events that
     the format can't hold (every format except HDF5 and text has limits), and pieces that are out of

@@ -132,6 +132,20 @@ def test_frames_and_samples_go_into_other_files(tmp_path):
     assert (frame_found.exposure_start, frame_found.pixels.tolist()) == (1_200, [[7, 9]])
 
 
+def test_a_copy_of_the_real_file_holds_the_same(shared_samples, tmp_path):
+    pytest.importorskip("lz4")
+    given = nvsdata.open(shared_samples.parent / "pairs" / "street_davis346.aedat4")
+    nvsdata.write(given, tmp_path / "a.aedat4")
+    copy = nvsdata.open(tmp_path / "a.aedat4")
+    assert copy.read() == given.read()
+    assert copy.about == given.about
+    for ours, theirs in zip(copy.inertial(), given.inertial(), strict=True):
+        assert np.array_equal(ours, theirs)
+    for ours, theirs in zip(copy.frames(), given.frames(), strict=True):
+        assert (ours.start, ours.exposure_start, ours.end) == (theirs.start, theirs.exposure_start, theirs.end)
+        assert np.array_equal(ours.pixels, theirs.pixels)
+
+
 def test_the_real_file_with_frames(shared_samples):
     aedat = pytest.importorskip("aedat")
     path = shared_samples.parent / "pairs" / "street_davis346.aedat4"

@@ -63,7 +63,7 @@ def same(a, b):
     return times[0] == times[1] and np.array_equal(a.pixels, b.pixels)
 
 
-@pytest.mark.parametrize("suffix", ["h5", "aedat"])
+@pytest.mark.parametrize("suffix", ["h5", "aedat", "aedat4"])
 @settings(max_examples=12)
 @given(given_pieces=pieces())
 def test_files_hold_what_came_beside_events(tmp_path, suffix, given_pieces):
@@ -88,12 +88,38 @@ def test_files_hold_what_came_beside_events(tmp_path, suffix, given_pieces):
     assert all(same(a, b) for a, b in zip(recording.frames(None, middle), early, strict=True))
 
     # from file to file
-    for other in ("h5", "aedat"):
+    for other in ("h5", "aedat", "aedat4"):
         nvsdata.write(recording, tmp_path / f"b.{other}")
         copy = nvsdata.open(tmp_path / f"b.{other}")
         assert copy.read() == recording.read()
         assert np.array_equal(copy.inertial().t, ours.t)
         assert all(same(a, b) for a, b in zip(copy.frames(), frames, strict=True))
+
+
+def test_other_programs_read_frames_and_samples_of_aedat_4(tmp_path):
+    aedat = pytest.importorskip("aedat")
+    given_pieces = list(sampled(3, 10_000, framed=True))
+    for deep, piece in enumerate(given_pieces):
+        for frame in piece.frames:
+            frame.pixels[3, 4] = 200 << 8 * (deep % 2)
+    nvsdata.write(iter(given_pieces), tmp_path / "a.aedat4")
+    decoder = aedat.Decoder(str(tmp_path / "a.aedat4"))
+    assert {stream["type"] for stream in decoder.id_to_stream().values()} == {"events", "frame", "imus"}
+    packets = list(decoder)
+    frames = [packet["frame"] for packet in packets if "frame" in packet]
+    assert [frame["exposure_begin_t"] for frame in frames] == [1, 10_001, 20_001]
+    assert [frame["pixels"].dtype for frame in frames] == [np.uint8, np.uint16, np.uint8]
+    wanted = [frame.pixels for piece in given_pieces for frame in piece.frames]
+    assert all(np.array_equal(frame["pixels"], pixels) for frame, pixels in zip(frames, wanted, strict=True))
+    t = np.concatenate([packet["imus"]["t"] for packet in packets if "imus" in packet])
+    assert t.tolist() == [time for piece in given_pieces for time in piece.inertial.t.tolist()]
+
+
+def test_a_camera_is_named_in_aedat_4_whatever_its_name(tmp_path):
+    for name, found in (("DAVIS346 <&>", "DAVIS346 ???"), ("é" * 99, "?" * 64), ("nvsdata", None)):
+        nvsdata.write(Piece.beside(Events.empty(SIZE), about={"camera": name}), tmp_path / "a.aedat4")
+        assert nvsdata.open(tmp_path / "a.aedat4").about.get("camera") == found
+        assert not nvsdata.open(tmp_path / "a.aedat4").holds_samples
 
 
 def recorded(tmp_path):
@@ -148,7 +174,7 @@ def test_a_recording_is_handed_out_second_by_second(tmp_path, monkeypatch):
         assert rest[-1].about or rest[0].about
 
 
-@pytest.mark.parametrize("suffix", ["h5", "aedat"])
+@pytest.mark.parametrize("suffix", ["h5", "aedat", "aedat4"])
 def test_what_lies_before_after_or_far_from_the_events_is_kept(tmp_path, suffix):
     far = 1 << 31
     events = Events([3_000_000, 3_100_000, far - 500_000], [1, 2, 3], [1, 2, 3], [0, 1, 0], SIZE, start=2_900_000)
@@ -184,10 +210,10 @@ def test_frames_in_disorder_are_kept_with_all_events_once(tmp_path):
 def sampled(count, step, framed=False):
     """Pieces of `step` µs with a few events and samples, as a camera's come, and a frame each if there are to be."""
     zeros = np.zeros((2, 3), np.float32)
-    pixels = np.zeros((SIZE[1], SIZE[0]), np.uint16)
     for begin in range(0, count * step, step):
         t = begin + np.arange(0, step, step // 5)
         inertial = Inertial(t[:2], zeros, zeros, np.zeros(2, np.float32))
+        pixels = np.zeros((SIZE[1], SIZE[0]), np.uint16)
         frames = [Frame(begin, begin + 1, begin + 2, begin + 3, 0, 0, pixels)] if framed else []
         events = Events.trusted(Events(t, t % 200, t % 100, t % 2).columns, SIZE, 0, begin + step)
         yield Piece.beside(events, frames, inertial)
