@@ -54,6 +54,14 @@ def positive(text: str) -> float:
     return value
 
 
+def share(text: str) -> float:
+    """A number from 0 on that is below 1."""
+    value = _number(text)
+    if not 0 <= value < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 0 and below 1, not {text}")
+    return value
+
+
 @contextmanager
 def usage() -> Iterator[None]:
     """Where settings are made of options: a ValueError is wrong usage."""

@@ -223,7 +223,7 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
     from nvsdata.commands import tune
 
     asked = []
-    gray = SimpleNamespace(colored=False)
+    gray = SimpleNamespace(colored=False, split=lambda share: asked.append(share) or (gray, gray))
     monkeypatch.setattr(tune, "Pair", lambda *args, **more: asked.append((args[1:], more)) or gray)
     monkeypatch.setattr(tune.formats, "open", lambda path: path)
     monkeypatch.setattr(tune, "search", lambda pair, **more: asked.append(more) or SimpleNamespace(scores=[np.nan] * 2))
@@ -240,16 +240,33 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
     assert "every setting is given: there is nothing to search for" in capsys.readouterr().err
     assert asked == []
     held = list(values)[1:]
-    more = ["--trials", "7", "--seconds", "2", "--fps", "25", "--offset", "-3", "--jobs", "2", "--seed", "9"]
+    more = [
+        "--trials",
+        "7",
+        "--seconds",
+        "2",
+        "--fps",
+        "25",
+        "--offset",
+        "-3",
+        "--unseen",
+        "0.5",
+        "--jobs",
+        "2",
+        "--seed",
+        "9",
+    ]
     assert main([*words, *every[1:], *more]) == 1
     assert "no settings gave events in a frame that has real ones, too" in capsys.readouterr().err
     assert not any((tmp_path / "out").iterdir())
     compared = {"fps": 25.0, "seconds": 2.0, "offset": -3, "one_way": False}
     assert asked[0] == ((Path("b.avi"),), compared)
-    found = asked[1]
+    assert asked[1] == 0.5
+    found = asked[2]
     assert list(found["space"]) == [name for name in tune.SPACE if name not in held]
     assert (found["trials"], found["seed"], found["jobs"]) == (7, 9, 2)
-    assert found["note"] == {"real": ["a.h5"], "video": ["b.avi"], **compared}
+    assert found["note"] == {"real": ["a.h5"], "video": ["b.avi"], **compared, "unseen": 0.5}
+    assert found["start"] is None
     # the seed of the imperfections stays the preset's
     assert found["base"].seed == PIX2NVS().seed
     assert {name: getattr(found["base"], name) for name in held} == {name: values[name] for name in held}

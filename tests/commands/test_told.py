@@ -188,7 +188,7 @@ DEFAULTS = {
     "compare": (["a", "b"], {"fps": 30.0, "offset": 0, "picture": Path("compare.png")}),
     "tune": (
         ["--real", "a", "--video", "b"],
-        {"trials": 100, "offset": 0, "jobs": 1, "seed": 0, "out": Path("tuning")},
+        {"trials": 100, "offset": 0, "jobs": 1, "seed": 0, "out": Path("tuning"), "unseen": 0.25},
     ),
     "record": ([], {"bias": [], "format": "hdf5", "display": 0, "scaling": "aspect"}),
     "bench": ([], {"tasks": ["all"], "only": "", "device": "cpu"}),

@@ -6,12 +6,14 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property, partial
-from itertools import takewhile
+from itertools import islice, takewhile
 
 import numpy as np
 
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
+from nvsdata.emulation.dvs import DVS
+from nvsdata.emulation.fitting import Fit, fit
 from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.emulation.tuning.search import Measured
 from nvsdata.metrics.distance import compare, event_counts
@@ -52,19 +54,56 @@ class Pair:
             found = frames_of(video, fps=fps, size=size, color=color)
             return takewhile(lambda f: f.time <= end, map(self._from_the_first, found))
 
-        self.frames = list(load(color=False))
+        frames = list(load(color=False))
         # only hue, which few settings ask for, needs a file's colors; arrays have them already
         of_file = isinstance(video, str | os.PathLike)
-        self._load_colored: Callable[[], Iterable[Frame]] = partial(load, True) if of_file else lambda: self.frames
-        if len(self.frames) < 2:
-            raise ValueError(f"{video}: {len(self.frames)} frames in the time that counts, at least 2 are needed")
-        last = self.frames[-1].time
-        self.fps = (len(self.frames) - 1) * 1e6 / last
-        self.offset, self.one_way = offset, one_way
+        if len(frames) < 2:
+            raise ValueError(f"{video}: {len(frames)} frames in the time that counts, at least 2 are needed")
         # a video with a clock of its own shares it with the recording
         origin = self._first or real.start
         cut = real.read if isinstance(real, Recording) else real.window
-        self.real = cut(origin, origin + max(last - offset, 1))
+        events = cut(origin, origin + max(frames[-1].time - offset, 1))
+        self._set(frames, partial(load, True) if of_file else lambda: frames, events, offset, one_way)
+
+    def _set(
+        self, frames: list[Frame], colored: Callable[[], Iterable[Frame]], real: Events, offset: int, one_way: bool
+    ) -> None:
+        self.frames, self._load_colored, self.real, self.offset, self.one_way = frames, colored, real, offset, one_way
+        self.fps = (len(frames) - 1) * 1e6 / frames[-1].time
+
+    def split(self, share: float) -> tuple[Pair, Pair]:
+        """The pair without its last `share` (0 to 1) of the frames, and this rest, which begins where the first ends.
+
+        ValueError if either has fewer than two frames.
+        """
+        last = len(self.frames) - 1 - math.ceil(share * (len(self.frames) - 1))
+        if not 0 < last < len(self.frames) - 1:
+            raise ValueError(
+                f"{len(self.frames)} frames can't be split so that {share:.0%} are apart: take another share"
+            )
+        return self._part(0, last), self._part(last, len(self.frames) - 1)
+
+    def _part(self, first: int, last: int) -> Pair:
+        """The frames from the first to the last one, and the events between them."""
+        begin, end = self.frames[first].time, self.frames[last].time
+        # the events before a video belong to its first part
+        early = begin - self.offset if first else 0
+        events = self.real.window(self.real.start + early, self.real.start + max(end - self.offset, early + 1))
+        part = object.__new__(Pair)
+
+        def cut(frames: Iterable[Frame]) -> list[Frame]:
+            return [frame._replace(time=frame.time - begin) for frame in islice(frames, first, last + 1)]
+
+        part._set(
+            cut(self.frames), lambda: cut(self._load_colored()), events, 0 if first else self.offset, self.one_way
+        )
+        return part
+
+    def fitted(self, base: DVS) -> Fit:
+        """`emulation.fit` of the pair; ValueError for one that it can't use."""
+        columns, end = self.real.columns, self.real.end - self.real.start + self.offset
+        t = columns.t - self.real.start + self.offset
+        return fit(self.frames, Events.trusted(columns._replace(t=t), self.real.sensor_size, 0, max(end, 1)), base=base)
 
     def _from_the_first(self, frame: Frame) -> Frame:
         """A frame whose time counts from the first one."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 
 import numpy as np
 
 from nvsdata.common.tables import aligned
 from nvsdata.emulation.settings import Settings
-from nvsdata.emulation.tuning.search import Search
+from nvsdata.emulation.tuning.search import Measured, Search
 
 # settings and their headings: those of Table 3.3, and those that are shown if trials differ in them
 SHOWN = {"t_log": "T_log", "inhibition": "B", "max_events": "M_max", "threshold": "T_map", "new": "new", "exp": "exp"}
@@ -36,6 +36,16 @@ def table(search: Search, rows: int = 5, *, real: tuple[int, int] | None = None)
         lines.append((*values, *figures, *(f"{count:,}" for count in trial.events)))
     if real:
         lines.append(("camera", *[""] * (len(shown) + len(measured)), *(f"{count:,}" for count in real)))
+    return aligned(lines)
+
+
+def unseen_table(measured: Mapping[str, Measured], real: tuple[int, int]) -> str:
+    """What some settings, by name, give on a part of a pair that the search hasn't seen; the last row: the camera's."""
+    most = max(len(one.distances) for one in measured.values())
+    lines: list[tuple[str, ...]] = [("unseen part", *MEASURED[:most], "OFF", "ON")]
+    for name, one in measured.items():
+        lines.append((name, *(f"{value:.3f}" for value in one.distances), *(f"{count:,}" for count in one.events)))
+    lines.append(("camera", *[""] * most, *(f"{count:,}" for count in real)))
     return aligned(lines)
 
 

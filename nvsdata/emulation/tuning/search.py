@@ -16,7 +16,7 @@ from tqdm import tqdm
 from nvsdata.common.files import Journal
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
-from nvsdata.emulation.tuning.space import Space, check, plain, settings_at, space_of
+from nvsdata.emulation.tuning.space import Space, check, place_of, plain, settings_at, space_of
 from nvsdata.metrics.scoring import score
 
 BATCH = 4  # trials proposed at once; the number of jobs doesn't change it, so that the search doesn't depend on jobs
@@ -25,6 +25,7 @@ ANEW = 1  # trials of each batch in which one setting is drawn anew: choices hav
 FIRST = 16  # trials drawn anywhere before the search narrows
 SHRINK = 0.85  # factor of the radius after a batch that found nothing better
 LEAST_RADIUS = 0.02
+NEAR = 0.3  # radius around settings to begin with
 MOVED = 0.3  # probability that a proposal changes a setting: the effects of few changes are easier to separate
 
 
@@ -74,6 +75,7 @@ def search(
     *,
     space: Space | None = None,
     base: EventEmulator | None = None,
+    start: EventEmulator | None = None,
     trials: int = 100,
     seed: int = 0,
     jobs: int = 1,
@@ -82,9 +84,12 @@ def search(
 ) -> Search:
     """Look for settings with a small score: first anywhere in `space`, then in a shrinking sphere around the best.
 
+    With `start`, the search begins there.
+
     - `measure`: gives the distances of settings; an `objective.Pair` does
     - `space`: by name of each setting, its choices, a `Range` or `Depending` (default: the emulator's, `space_of`)
     - `base`: an emulator, whose settings outside the space stay as they are (default: `PIX2NVS()`)
+    - `start`: settings for the first trial, such as those that `emulation.fit` finds (default: none)
     - `trials`: number of settings to try, those in the journal included (default 100)
     - `seed`: the same seed proposes the same trials (default 0)
     - `jobs`: trials measured at once, in threads (default 1)
@@ -97,10 +102,11 @@ def search(
     space = space_of(base) if space is None else space
     check(space, base)
     head = {"nvsdata-search": 2, "seed": seed, "base": settings_of(base), "space": plain(space), **(note or {})}
+    head |= {"start": settings_of(start)} if start else {}
     rng = np.random.default_rng(seed)
     result = Search()
-    center: np.ndarray | None = None
-    radius = 1.0
+    center = None if start is None else np.array(place_of(start, space))
+    radius = 1.0 if start is None else NEAR
     places: list[np.ndarray] = []
     with (
         _Trials(journal, head, type(base)) if journal else nullcontext() as done,
@@ -109,11 +115,13 @@ def search(
     ):
         while len(result.trials) < trials:
             count = min(BATCH, trials - len(result.trials))
-            wide = center is None or len(result.trials) < FIRST
+            wide = start is None and (center is None or len(result.trials) < FIRST)
             # always a whole batch is drawn, so that a short search goes on with the same trials as a long one has
             drawn = [_drawn(rng, len(space), None if wide else center, radius, i) for i in range(BATCH)][:count]
             proposed = [settings_at(base, space, place.tolist()) for place in drawn]
             first = len(result.trials)
+            if start is not None and not first:
+                drawn[0], proposed[0] = np.array(place_of(start, space)), start
             known = [done.get(first + i, settings) if done else None for i, settings in enumerate(proposed)]
             futures = [pool.submit(measure, s) if k is None else None for s, k in zip(proposed, known, strict=True)]
             # a search that is stopped ends with the trials that have begun

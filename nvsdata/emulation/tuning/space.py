@@ -32,6 +32,16 @@ class Range:
             return math.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low)))
         return self.low + share * (self.high - self.low)
 
+    def share(self, number: float) -> float:
+        """Where `at` gives the number, or the nearest that it gives."""
+        if self.whole:
+            share = (number - self.low + 0.5) / (self.high - self.low + 1)
+        elif self.log:
+            share = math.log(max(number, self.low) / self.low) / math.log(self.high / self.low)
+        else:
+            share = (number - self.low) / (self.high - self.low)
+        return min(max(share, 0.0), 1.0)
+
 
 Choices = Range | Sequence[Any]
 
@@ -76,7 +86,7 @@ SPACE: Space = {
 SENSOR_SPACE: Space = {
     "on": Range(0.05, 0.8, log=True),
     "off": Range(0.05, 0.8, log=True),
-    "dark": Range(0.5, 20.0, log=True),
+    "dark": Range(0.5, 50.0, log=True),
     "mismatch": Range(0.0, 0.4),
     "cutoff": (0.0, 30.0, 100.0, 300.0),
     "leak": Range(0.0, 2.0),
@@ -114,6 +124,22 @@ def settings_at(base: Any, space: Space, place: Sequence[float]) -> Any:
             choices = choices.choices(settings)
         settings = replace(settings, **{name: _at(choices, share)})
     return settings
+
+
+def place_of(settings: Any, space: Space) -> list[float]:
+    """The place of the unit cube at which `settings_at` gives these settings, or those next to them."""
+    place = []
+    for name, choices in space.items():
+        if isinstance(choices, Depending):
+            choices = choices.choices(settings)
+        place.append(_share(choices, getattr(settings, name)))
+    return place
+
+
+def _share(choices: Choices, value: Any) -> float:
+    if isinstance(choices, Range):
+        return choices.share(value)
+    return (choices.index(value) + 0.5) / len(choices) if value in choices else 0.5
 
 
 def _at(choices: Choices, share: float) -> Any:
