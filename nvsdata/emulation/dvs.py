@@ -26,8 +26,8 @@ class DVS(SensorSettings, FromFrames):
     - `mismatch`: standard deviation of the pixels' thresholds, ON and OFF by themselves, relative to `on` and `off`;
       none is below a tenth of these (default 0)
     - `cutoff`: bandwidth in Hz of a white pixel's photoreceptor, of first order; that of a darker one is
-      (q + 20) / 275 of it, as v2e has it (Hu, Liu and Delbruck 2021); its way is calculated in steps of half the time
-      constant of white. 0 for one that follows at once (default 0)
+      (q + 20) / 275 of it, as v2e has it (Hu, Liu and Delbruck 2021); it is constant while light changes by 10%. 0 for
+      one that follows at once (default 0)
     - `leak`: ON events per s and pixel that come without light, because M falls; where pixels begin is random then
       (default 0)
     - `noise_rate`: background activity in Hz of a black pixel, half of it ON; a quarter of it at white, in proportion

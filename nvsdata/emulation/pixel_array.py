@@ -10,15 +10,14 @@ import numpy as np
 
 from nvsdata.emulation.run import Run, brightness, bytes_of, first_weight
 from nvsdata.emulation.settings import SensorSettings
-from nvsdata.kernels.crossings import NEVER, Array, Sensor, advance, rate
+from nvsdata.kernels.crossings import Array, Sensor, advance
 from nvsdata.kernels.emulate import TABLE_SIZE
 from nvsdata.kernels.logarithm import logarithm
+from nvsdata.kernels.photoreceptor import NEVER, rate
 from nvsdata.kernels.tiles import TILE
 from nvsdata.video.decoder import stretched
 from nvsdata.video.frames import Frame
 
-STEP = 0.5  # of a white pixel's time constant
-CALMER = 24  # part of the time since a frame by which steps grow: the slowest receptors are 14 times as slow
 THOUSAND = 1000  # dark is rounded to thousandths of a gray level, as luminance is
 
 
@@ -43,34 +42,8 @@ class PixelArray(Run):
 
     def _spikes(self, frame: Frame, last: Frame) -> np.ndarray:
         before, now = last.time - self._start, frame.time - self._start
-        if self._sensor.speed:
-            return self._slowly(frame, last, before, now)
         number = self._array.level.dtype.type
         given = np.empty((0, 0), number) if frame.pixels.dtype == np.uint8 else _levels(frame, self._dark, number)
-        return self._advanced(frame, last, given, before, now)
-
-    def _slowly(self, frame: Frame, last: Frame, before: int, now: int) -> np.ndarray:
-        """The keys of small steps along the line of light, in which where photoreceptors are is nearly a line, too."""
-        still = np.array_equal(frame.pixels, last.pixels)
-        if still and not (self._array.wake <= now).any():
-            return self._keys[0][:0]
-        start = self._array.level.copy()
-        # a still frame gives no level to any tile
-        end = start if still else _levels(frame, self._dark, np.float64)
-        found, then = [], before
-        for moment in _moments(before, now, self._sensor.speed):
-            share = (moment - before) / (now - before)
-            level = end if still or moment == now else start + share * (end - start)
-            keys = self._advanced(frame, last, level, then, moment)
-            found.append(keys + np.uint64((then - before) << 32))
-            then = moment
-        keys = np.concatenate(found)
-        if keys.size > self._keys[0].size:
-            self._keys[0] = np.empty(2 * keys.size, np.uint64)
-        self._keys[0][: keys.size] = keys
-        return self._keys[0][: keys.size]
-
-    def _advanced(self, frame: Frame, last: Frame, given: np.ndarray, before: int, now: int) -> np.ndarray:
         gap = now - before
         span = np.array([gap], np.float64 if gap > 1 << 21 else self._array.level.dtype)
         frames = bytes_of(frame), bytes_of(last), first_weight(frame), given
@@ -79,15 +52,6 @@ class PixelArray(Run):
 
     def _light(self) -> np.ndarray | None:
         return (np.exp(self._array.level) - self._dark) / 255 if self._noisy else None
-
-
-def _moments(before: int, now: int, speed: float) -> list[int]:
-    """Ends of steps of half a white pixel's time constant, which grow once darker ones alone are on their way."""
-    found, moment = [], float(before)
-    while moment < now:
-        moment = min(moment + max(STEP / speed, (moment - before) / CALMER, 1.0), now)
-        found.append(round(moment))
-    return list(dict.fromkeys(found))
 
 
 def _precision(settings: SensorSettings) -> Any:

@@ -7,7 +7,6 @@ neither light nor memory moves it doesn't cross any. So tiles that don't change 
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +14,10 @@ import numpy as np
 from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.emulate import look_up, weigh
 from nvsdata.kernels.logarithm import logarithm
+from nvsdata.kernels.photoreceptor import NEVER, follow
 from nvsdata.kernels.spikes import FEW, gathered, grown, row_of_marks
 from nvsdata.kernels.tiles import TILE, find_dirty
 
-NEVER = 2**62  # µs
 SLACK = 2.0**-24  # share of a threshold by which tiles wake early, because sleeping pixels are known to rounding only
 _U, _U32, _I32 = np.uint64, np.uint32, np.int32
 
@@ -70,7 +69,7 @@ def advance(frame, previous, first_weight, given, sensor, array, before, now, sp
     height, width = array.level.shape
     find_dirty(frame, previous, frame.shape[1] // width * TILE[1], array.dirty)
     n = np.int64(0)
-    start, end = np.empty_like(array.level[0]), np.empty_like(array.level[0])
+    end = np.empty_like(array.level[0])
     scratch = np.empty((3, width), np.uint32)
     number = array.level.dtype
     buffers = (
@@ -86,7 +85,6 @@ def advance(frame, previous, first_weight, given, sensor, array, before, now, sp
         np.empty((FEW, width), np.int32),
     )
     active = np.empty(array.dirty.shape[1], np.bool_)
-    moves = sensor.leak > 0 or sensor.speed > 0
     for r in range(array.dirty.shape[0]):
         dirty, wake, since = array.dirty[r], array.wake[r], array.since[r]
         some = False
@@ -114,16 +112,13 @@ def advance(frame, previous, first_weight, given, sensor, array, before, now, sp
                 else:
                     light = frame[y, x0:x1] if frame.shape[1] == width else frame[y, 3 * x0 : 3 * x1]
                     _logarithms(light, first_weight, sensor, scratch, b)
-                if sensor.speed:
-                    start[x0:x1], level[:] = level, b
-                    state = array.reached[y, x0:x1], array.speed[y, x0:x1]
-                    _photoreceptor(start[x0:x1], b, *state, since[left:right], before, now, dirty[left], sensor)
-            origin = start if sensor.speed else array.level[y]
-            keys, n = _cross(origin, end, y, active, sensor, array, before, now, span, buffers, keys, n)
-            if not sensor.speed:
-                _keep(end, dirty, array.level[y])
-            if moves:
-                _set_wake(end, y, active, sensor, array, now)
+            if sensor.speed:
+                keys, n = follow(end, y, active, sensor, array, before, now, keys, n)
+                continue
+            keys, n = _cross(array.level[y], end, y, active, sensor, array, before, now, span, buffers, keys, n)
+            _keep(end, dirty, array.level[y])
+            if sensor.leak:
+                _set_wake(y, active, sensor, array, now)
         for c in range(active.size):
             since[c] = now if dirty[c] else since[c]
     return keys, n
@@ -153,34 +148,6 @@ def _logarithms(light, first_weight, sensor, scratch, out):
     for i in range(_U(out.size)):
         thousandths[i] += dark
     logarithm(thousandths, np.float32(0), np.float32(1), scratch, out)
-
-
-@njit
-def _photoreceptor(start, end, reached, speed, since, before, now, dirty, sensor):
-    """Where photoreceptors are at `before` and at `now`, in place of the levels that `start` and `end` hold.
-
-    They approach the light at a rate that rises with it, v2e's (I + 20) / 275 of the rate at white. The light is
-    the line between the two, and stays where it is afterwards.
-    """
-    for i in range(_U(start.size)):
-        past = np.float64(before - since[i // TILE[1]])
-        here = start[i] + (reached[i] - start[i]) * math.exp(-past * speed[i])
-        if dirty:
-            # in the middle of the way, because it changes along it
-            meanwhile = rate((start[i] + end[i]) / 2, sensor)
-            speed[i] = rate(end[i], sensor)
-            behind = (end[i] - start[i]) / ((now - before) * meanwhile)
-            end[i] += -behind + (here - start[i] + behind) * math.exp(-(now - before) * meanwhile)
-            reached[i] = end[i]
-        else:
-            end[i] += (reached[i] - end[i]) * math.exp(-(past + (now - before)) * speed[i])
-        start[i] = here
-
-
-@njit
-def rate(level, sensor):
-    """How fast photoreceptors approach a level of light, or levels, in 1/µs."""
-    return sensor.speed * (np.exp(level) - sensor.dark / 1000 + 20) / 275
 
 
 @njit
@@ -273,18 +240,13 @@ def _write(first, later, count, low, three, m, keys, n):
 
 
 @njit
-def _set_wake(end, y, active, sensor, array, now):
-    """Bring forward when tiles of a row wake, because memory leaks or photoreceptors still approach the light."""
+def _set_wake(y, active, sensor, array, now):
+    """Bring forward when tiles of a row wake, because memory leaks."""
     level, memory, wake, each = array.level[y], array.memory[y], array.wake[y // TILE[0]], sensor.each
-    for i in range(end.size):
+    for i in range(level.size):
         tile = i // TILE[1]
         if not active[tile] or wake[tile] <= now:
             continue
-        off = each[0, y, i] if each.size else sensor.thresholds[0]
         on = each[1, y, i] if each.size else sensor.thresholds[1]
-        fallen = sensor.leak * now - memory[i]
-        room = on * (1 - SLACK) - (max(end[i], level[i]) + fallen)
-        if room <= 0 or min(end[i], level[i]) + fallen <= -off * (1 - SLACK):
-            wake[tile] = now
-        elif sensor.leak:
-            wake[tile] = min(wake[tile], now + np.int64(min(room / sensor.leak, 2.0**61)))
+        room = on * (1 - SLACK) - (level[i] + sensor.leak * now - memory[i])
+        wake[tile] = now if room <= 0 else min(wake[tile], now + np.int64(min(room / sensor.leak, 2.0**61)))

@@ -94,9 +94,7 @@ class Pair:
         def cut(frames: Iterable[Frame]) -> list[Frame]:
             return [frame._replace(time=frame.time - begin) for frame in islice(frames, first, last + 1)]
 
-        part._set(
-            cut(self.frames), lambda: cut(self._load_colored()), events, 0 if first else self.offset, self.one_way
-        )
+        part._set(cut(self.frames), lambda: cut(self._colored), events, 0 if first else self.offset, self.one_way)
         return part
 
     def fitted(self, base: DVS) -> Fit:
