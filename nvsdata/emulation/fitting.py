@@ -107,10 +107,7 @@ class _Pair:
         if (width, height) != events.sensor_size:
             raise ValueError(f"frames are {width}x{height}, events of {'x'.join(map(str, events.sensor_size))}")
         start, stop = frames[0].time, frames[-1].time
-        if events.end <= start or events.start >= stop:
-            raise ValueError(
-                f"no time in common: frames from {start} to {stop} µs, events from {events.start} to {events.end}"
-            )
+        check_common((start, stop), events)
         cut = events.read if isinstance(events, Recording) else events.window
         around = cut(start + min(DELAYS[0], delay), stop + max(DELAYS[-1], delay) + 1)
         columns = around.columns
@@ -148,6 +145,15 @@ class _Pair:
             sums = np.bincount(places(self.events)[some], signs, self.light[0].size)
             found.append(_correlated(sums, (self.light[k + 1] - self.light[k]).ravel()))
         return float(np.mean(found))
+
+
+def check_common(span: tuple[int, int], events: Events | Recording) -> None:
+    """ValueError for events without time in common with frames of this span (µs)."""
+    start, stop = span
+    if events.end <= start or events.start >= stop:
+        raise ValueError(
+            f"no time in common: frames from {start} to {stop} µs, events from {events.start} to {events.end}"
+        )
 
 
 def _matched(trial: DVS, frames: list[Frame], wanted: np.ndarray, close: float) -> DVS:

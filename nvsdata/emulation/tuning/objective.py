@@ -13,7 +13,7 @@ import numpy as np
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.emulation.dvs import DVS
-from nvsdata.emulation.fitting import Fit, fit
+from nvsdata.emulation.fitting import Fit, check_common, fit
 from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.emulation.tuning.search import Measured
 from nvsdata.metrics.distance import compare, event_counts
@@ -33,7 +33,7 @@ class Pair:
     - `one_way`: distances from emulated spikes to real ones only, as in the thesis (default False: both ways, and how
       far the numbers of events are apart). They choose emulators that fire too little: what is missing costs nothing
 
-    ValueError if fewer than two frames fall within the time.
+    ValueError if fewer than two frames fall within the time, and for frames and events without time in common.
     """
 
     def __init__(
@@ -61,6 +61,7 @@ class Pair:
             raise ValueError(f"{video}: {len(frames)} frames in the time that counts, at least 2 are needed")
         # a video with a clock of its own shares it with the recording
         origin = self._first or real.start
+        check_common((origin, origin + frames[-1].time), real)
         cut = real.read if isinstance(real, Recording) else real.window
         events = cut(origin, origin + max(frames[-1].time - offset, 1))
         self._set(frames, partial(load, True) if of_file else lambda: frames, events, offset, one_way)

@@ -255,4 +255,8 @@ def test_a_video_with_a_clock_of_its_own_shares_it_with_the_recording():
     assert pairs[0](PIX2NVS()) == pairs[1](PIX2NVS())
     assert pairs[1](PIX2NVS(threshold=0.3)).distances[0] == 0
     assert pairs[2].real.end - pairs[2].real.start == 119_999
+    late = [frame._replace(time=frame.time + 10**9) for frame in there]
+    said = f"frames from {start + 10**9} to {start + 10**9 + 200_000} µs, events from {start} to {start + 200_000}"
+    with pytest.raises(ValueError, match=f"no time in common: {said}"):
+        Pair(real, late)
     assert pairs[0].real_events == pairs[1].real_events
