@@ -37,7 +37,11 @@ from nvsdata.video.saccades import saccades
 
 KINDS = ("emulated", "real")
 FLAWS: dict[str, float] = {"mismatch": 0.15, "noise_rate": 0.5}
-EMULATORS = {"pix2nvs": PIX2NVS(t_log=20, continuous=True, **FLAWS), "dvs": DVS(dark=20.0, **FLAWS)}
+# nearly linear in brightness, and a reference that stays until a pixel fires: both carry over best (docs/emulation.md)
+EMULATORS = {
+    "pix2nvs": PIX2NVS(t_log=255, continuous=True, new=False, exp=False, **FLAWS),
+    "dvs": DVS(dark=300.0, **FLAWS),
+}
 EVENTS = 4_108  # per recording of N-MNIST, on average
 COPIES = 2  # of each digit
 SIDE = 20  # pixels of a digit, as MNIST draws it

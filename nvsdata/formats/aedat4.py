@@ -20,7 +20,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns, check_window, concatenate
 from nvsdata.data.samples import Frame, Inertial, Triggers, within
 from nvsdata.formats.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
-from nvsdata.formats.aedat4_samples import frame_of, inertial_of, triggers_of
+from nvsdata.formats.aedat4_samples import LONG, frame_of, inertial_of, triggers_of
 from nvsdata.formats.aedat4_writer import SOURCE, write
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
@@ -32,7 +32,6 @@ from nvsdata.kernels.aedat4 import aedat4_decode
 from nvsdata.kernels.order import is_sorted
 
 EVENTS = ("t", "x", "y", "on")
-LONG = 1_000_000  # µs; a frame's times and those that the table tells of it lie closer together
 What = TypeVar("What")
 
 

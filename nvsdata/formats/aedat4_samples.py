@@ -10,6 +10,8 @@ from nvsdata.data.samples import Frame, Inertial, Triggers
 from nvsdata.formats.flatbuffer import Rows, Table, layout_of, packed_vector
 
 RISING, FALLING, PULSE = 1, 2, 3  # types of external triggers; others are the camera's own signals
+LONG = 1_000_000  # µs; a frame's times lie closer together
+LARGEST = 2**15 - 1  # number of pixels along a side
 GRAY_8, GRAY_16 = 0, 2  # types of frames, as OpenCV numbers them
 SAMPLE = np.dtype(
     [("way", "<i4"), ("temperature", "<f4"), ("t", "<i8"), ("acceleration", "<f4", 3), ("rotation", "<f4", 3)]
@@ -21,7 +23,13 @@ FRAME_LAYOUT = layout_of(60, (4, 12, 20, 28, 36, 52, 44, 46, 48, 50, 56))
 def frame_of(payload: memoryview) -> Frame:
     """The frame of a packet; of a colored one, its gray values."""
     table = Table.root(payload, 4, b"FRME")
-    time, first, last, begin, end = (table.number(field, "<q", 0) for field in range(5))
+    time = table.number(0, "<q", 0)
+    # 0 may stand for what isn't known; but where the clock begins, it is a time
+    begin = table.number(3, "<q", time)
+    begin = begin if begin or abs(time) < LONG else time
+    first = table.number(1, "<q", begin)
+    first = first if first or abs(begin) < LONG else begin
+    last, end = (table.number(field, "<q", 0) for field in (2, 4))
     width, height, x, y = (table.number(field, "<h", 0) for field in range(6, 10))
     kind = table.number(5, "<b", 0)
     # as OpenCV numbers them: depth in three bits, then channels less one
@@ -30,13 +38,16 @@ def frame_of(payload: memoryview) -> Frame:
     if depth is None or min(width, height) < 1 or size != width * height * channels * np.dtype(depth).itemsize:
         raise ValueError(f"a frame of {width}x{height} pixels of type {kind} in {size} bytes")
     pixels = np.frombuffer(payload, depth, width * height * channels, place).reshape(height, width, channels)
-    begin = begin or time
-    return Frame(first or begin, begin, max(end, begin), max(last, end, begin), x, y, _gray(pixels).astype(np.uint16))
+    return Frame(first, begin, max(end, begin), max(last, end, begin), x, y, _gray(pixels).astype(np.uint16))
 
 
 def packed_frame(frame: Frame) -> bytes:
     """The content of a packet with a frame: 8 bits per pixel if they hold it, else 16."""
     height, width = frame.pixels.shape
+    if min(height, width) < 1 or max(height, width, abs(frame.x), abs(frame.y)) > LARGEST:
+        raise ValueError(
+            f"a frame of {width}x{height} at {frame.x}, {frame.y}: AEDAT 4 holds 1 to {LARGEST} pixels a side"
+        )
     small = int(frame.pixels.max(initial=0)) < 256
     kind, pixels = (GRAY_8, frame.pixels.astype(np.uint8)) if small else (GRAY_16, frame.pixels.astype("<u2"))
     times = frame.exposure_start, frame.start, frame.end, frame.exposure_start, frame.exposure_end

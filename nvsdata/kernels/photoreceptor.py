@@ -40,8 +40,8 @@ def follow(end, y, active, sensor, array, before, now, keys, n):
     for tile in range(active.size):
         if not active[tile]:
             continue
-        origin = since[tile]
         for i in range(tile * TILE[1], min((tile + 1) * TILE[1], end.size)):
+            origin = since[tile]
             off = sensor.each[0, y, i] if sensor.each.size else sensor.thresholds[0]
             on = sensor.each[1, y, i] if sensor.each.size else sensor.thresholds[1]
             low, pixel = np.uint32(y << 17 | i << 1), (off, on, sensor.leak)
@@ -62,7 +62,6 @@ def follow(end, y, active, sensor, array, before, now, keys, n):
             if wake[tile] > now:
                 lag = level[i] - reached[i]
                 wake[tile] = min(wake[tile], _next(level[i] - memory[i], lag, speed[i], origin, now, pixel))
-            origin = since[tile]
     return keys, n
 
 
@@ -94,8 +93,8 @@ def _along(a, b, lag, speed, before, now, sensor, pixel, memory, low, keys, n):
 
 
 @njit
-def _fire(curve, part, origin, pixel, memory, low, keys, n):
-    """The memory and the keys after a part of a curve, (from, to); key times count from `origin` of the curve's."""
+def _fire(curve, part, start, pixel, memory, low, keys, n):
+    """The memory and the keys after a part of a curve, (from, to); keys count µs from its time `start`."""
     base, slope, lag, speed = curve
     begin, last = part
     # where the curve turns, if it does
@@ -118,7 +117,7 @@ def _fire(curve, part, origin, pixel, memory, low, keys, n):
             at = _crossing(base - moved, slope, lag, speed, at, stop)
             if n == keys.size:
                 keys = grown(keys, n, 1)
-            keys[n] = np.uint64(np.int64(max(at - origin + 0.5, 0.0))) << np.uint64(32) | np.uint64(low | np.uint32(up))
+            keys[n] = np.uint64(np.int64(max(at - start + 0.5, 0.0))) << np.uint64(32) | np.uint64(low | np.uint32(up))
             n += 1
         begin, a = stop, b
     return memory + moved, keys, n
@@ -138,7 +137,7 @@ def _crossing(base, slope, lag, speed, first, last):
             first = t
         steep = slope + speed * far
         # Newton's step, or half of what is left
-        new = t - value / steep if steep != 0 else last
+        new = t - value / steep if steep != 0 else first - 1.0
         if not first <= new <= last:
             new = 0.5 * (first + last)
         if abs(new - t) < CLOSE:
@@ -152,9 +151,8 @@ def _next(ahead, lag, speed, origin, now, pixel):
     """A time, µs, at which a pixel whose light stays doesn't fire before; `ahead`: the light, above its memory."""
     off, on, leak = pixel
     if leak:
-        fallen = leak * now
-        highest = ahead + fallen + max(-lag * math.exp(-speed * (now - origin)), 0.0)
-        lowest = ahead + fallen - max(lag, 0.0)
+        lag *= math.exp(-speed * (now - origin))
+        highest, lowest = ahead + leak * now + max(-lag, 0.0), ahead + leak * now - max(lag, 0.0)
         if highest >= on or lowest <= -off:
             return now
         return now + np.int64(min(max((on - highest) / leak - EARLY, 0.0), 2.0**61))

@@ -65,11 +65,15 @@ class RadiusGraph:
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
         sample = sample if isinstance(sample, Graph) else as_events(sample)
+        metric = float(self.radius), float(self.alpha), float(self.beta), min(int(self.max_degree), MOST)
+        return _joined(sample, metric, self.reach(sample.sensor_size or (1, 1)), self.pseudo)
+
+    def reach(self, sensor_size: tuple[int, int]) -> Reach:
+        """What the ends of the axes of the pseudo-coordinates stand for, in pixels and µs."""
         # with alpha = 0 only the sensor itself bounds the graph in space
         side = self.radius / math.sqrt(self.alpha) if self.alpha > 0 else 0.0
-        wide, high = (side, side) if side else sample.sensor_size or (1, 1)
-        metric = float(self.radius), float(self.alpha), float(self.beta), min(int(self.max_degree), MOST)
-        return _joined(sample, metric, _reach(wide, high, self.reach_t, self.pseudo), self.pseudo)
+        wide, high = (side, side) if side else sensor_size
+        return _reach(wide, high, self.reach_t, self.pseudo)
 
 
 @dataclass(frozen=True)

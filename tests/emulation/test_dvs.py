@@ -147,6 +147,35 @@ def test_constant_light_is_followed_along_an_exponential():
     assert len(events) == int(math.log(253 / 23) / 0.2) + int(math.log(23 / 6) / 0.3)
 
 
+def test_long_still_light_is_followed_as_short_light_is():
+    # in the end nothing is left of the exponential
+    shown = [Frame(0, np.full((1, 1), 20, np.uint8)), Frame(1_000, np.full((1, 1), 200, np.uint8))]
+    fast = DVS(on=0.02, off=0.02, cutoff=5_000)
+    found = [fast.emulate([*shown, Frame(end, shown[1].pixels)]).t for end in (6_000, 41_000, 10**9)]
+    assert found[0][-1] < 1_100
+    assert all(np.array_equal(found[0], other) for other in found[1:])
+
+
+def test_a_receptor_that_falls_while_its_memory_leaks():
+    stills = [np.full((1, 1), value, np.uint8) for value in (250, 60, 60)]
+    times = [0, 10_000, 400_000]
+    emulator = DVS(on=0.3, off=0.1, cutoff=24, leak=0.5)
+    first = PixelArray(emulator, Frame(0, stills[0]))._array
+    events = emulator.emulate([Frame(time, still) for time, still in zip(times, stills, strict=True)])
+    exact = defined(emulator, stills, times, begin=(first.level - first.memory).astype(float))
+    assert events.p.tolist() == [p for *_, p in exact]
+    np.testing.assert_allclose(events.t, [t for t, *_ in exact], atol=300)
+
+
+def test_tiles_with_a_leak_sleep_again_after_a_step():
+    emulator = DVS(cutoff=100, leak=0.01)
+    run = PixelArray(emulator, Frame(0, np.full((64, 640), 20, np.uint8)))
+    run._array.memory[:] = run._array.level
+    for n in range(1, 200):
+        run.step(Frame(1_000 * n, np.full((64, 640), 200, np.uint8)))
+    assert (run._array.wake > 10**6).all()
+
+
 def test_a_receptor_that_turns_gives_events_of_both_polarities_between_two_frames():
     # it still rises towards white when the light falls below it
     stills = [np.full((1, 1), value, np.uint8) for value in (10, 255, 1)]

@@ -115,6 +115,18 @@ def test_other_programs_read_frames_and_samples_of_aedat_4(tmp_path):
     assert t.tolist() == [time for piece in given_pieces for time in piece.inertial.t.tolist()]
 
 
+def test_frames_of_aedat_4_at_time_0_and_none_that_it_cannot_hold(tmp_path):
+    pixels = np.ones((3, 4), np.uint16)
+    frames = [Frame(0, 0, 0, 9, 0, 0, pixels), Frame(0, 10, 20, 30, 0, 0, pixels), Frame(-5, 0, 7, 8, 0, 0, pixels)]
+    nvsdata.write(Piece.beside(Events.empty(SIZE), frames), tmp_path / "a.aedat4")
+    assert all(same(a, b) for a, b in zip(nvsdata.open(tmp_path / "a.aedat4").frames(), frames, strict=True))
+    for x, shape in ((0, (1, 40_000)), (40_000, (1, 1)), (0, (0, 0))):
+        frame = Frame(0, 1, 2, 3, x, 0, np.zeros(shape, np.uint16))
+        with pytest.raises(ValueError, match=r"a frame of .* at .*: AEDAT 4 holds 1 to 32767 pixels a side"):
+            nvsdata.write(Piece.beside(Events.empty(SIZE), [frame]), tmp_path / "b.aedat4")
+    assert not (tmp_path / "b.aedat4").exists()
+
+
 def test_a_camera_is_named_in_aedat_4_whatever_its_name(tmp_path):
     for name, found in (("DAVIS346 <&>", "DAVIS346 ???"), ("é" * 99, "?" * 64), ("nvsdata", None)):
         nvsdata.write(Piece.beside(Events.empty(SIZE), about={"camera": name}), tmp_path / "a.aedat4")

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property, partial
 from itertools import islice, takewhile
+from pathlib import Path
 
 import numpy as np
 
@@ -58,12 +59,13 @@ class Pair:
         # only hue, which few settings ask for, needs a file's colors; arrays have them already
         of_file = isinstance(video, str | os.PathLike)
         if len(frames) < 2:
-            raise ValueError(f"{video}: {len(frames)} frames in the time that counts, at least 2 are needed")
+            shown = "the video" if isinstance(video, Iterable) and not of_file else video
+            raise ValueError(f"{shown}: {len(frames)} frames in the time that counts, at least 2 are needed")
         # a video with a clock of its own shares it with the recording
-        origin = self._first or real.start
+        own = isinstance(video, Recording) or (isinstance(video, str | os.PathLike) and Path(video).is_dir())
+        origin = (self._first or 0) if own else self._first or real.start
         check_common((origin, origin + frames[-1].time), real)
-        cut = real.read if isinstance(real, Recording) else real.window
-        events = cut(origin, origin + max(frames[-1].time - offset, 1))
+        events = _cut(real, origin, origin + max(frames[-1].time - offset, 1))
         self._set(frames, partial(load, True) if of_file else lambda: frames, events, offset, one_way)
 
     def _set(
@@ -89,7 +91,7 @@ class Pair:
         begin, end = self.frames[first].time, self.frames[last].time
         # the events before a video belong to its first part
         early = begin - self.offset if first else 0
-        events = self.real.window(self.real.start + early, self.real.start + max(end - self.offset, early + 1))
+        events = _cut(self.real, self.real.start + early, self.real.start + max(end - self.offset, early + 1))
         part = object.__new__(Pair)
 
         def cut(frames: Iterable[Frame]) -> list[Frame]:
@@ -140,6 +142,12 @@ class Pair:
         """Numbers of OFF and of ON events of the camera."""
         # an offset below 0 leaves out what came before the video
         return event_counts(self.real, max(-self.offset, 0), self.real.end - self.real.start)
+
+
+def _cut(real: Events | Recording, start: int, stop: int) -> Events:
+    """The events of a time that begins at `start`, wherever the recording does."""
+    found = real.read(start, stop) if isinstance(real, Recording) else real.window(start, stop)
+    return Events.trusted(found.columns, found.sensor_size, start, stop - 1)
 
 
 def measured_on(pairs: Sequence[Pair], settings: EventEmulator) -> Measured:

@@ -139,7 +139,10 @@ def place_of(settings: Any, space: Space) -> list[float]:
 def _share(choices: Choices, value: Any) -> float:
     if isinstance(choices, Range):
         return choices.share(value)
-    return (choices.index(value) + 0.5) / len(choices) if value in choices else 0.5
+    if value in choices:
+        return (choices.index(value) + 0.5) / len(choices)
+    near = min(range(len(choices)), key=lambda n: abs(choices[n] - value)) if isinstance(value, int | float) else 0
+    return (near + 0.5) / len(choices)
 
 
 def _at(choices: Choices, share: float) -> Any:

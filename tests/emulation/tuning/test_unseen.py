@@ -9,11 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import nvsdata
+from nvsdata import Events
 from nvsdata.cli import main
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.emulation.tuning.objective import Pair
 from nvsdata.emulation.tuning.search import Measured, search
 from nvsdata.emulation.tuning.space import SENSOR_SPACE, SPACE, place_of, settings_at
+from nvsdata.video.frames import Frame
 
 SENSOR = DVS(on=0.2, off=0.25, dark=5.0)
 
@@ -64,11 +66,25 @@ def test_a_part_has_its_colors():
     assert rest.emulate(PIX2NVS(hue=True)) == PIX2NVS(hue=True).emulate(stills[3:], fps=25)
 
 
+def test_events_that_begin_late_keep_their_place():
+    t = 1_200_000
+    frames = [Frame(1_000_000 + 40_000 * n, np.full((4, 4), 50 + n, np.uint8)) for n in range(8)]
+    late = Events([t + 5], [0], [0], [1], (4, 4), start=t, end=1_300_000)
+    pair = Pair(late, frames)
+    assert pair.real.t[0] - pair.real.start == 200_005
+    seen, rest = pair.split(0.5)
+    assert (len(seen.real), (rest.real.t - rest.real.start).tolist()) == (0, [80_005])
+    early = Pair(Events([70_000, 200_005], [0] * 2, [0] * 2, [1] * 2, (4, 4)), [f.pixels for f in frames], fps=25)
+    assert early.real.t[0] == early.real.start
+
+
 @pytest.mark.parametrize(("count", "share"), [(2, 0.25), (3, 0.9), (5, 0.9)])
 def test_a_pair_that_is_too_short_is_told(stills, count, share):
     pair = Pair(SENSOR.emulate(stills[:count], fps=25), stills[:count], fps=25)
     with pytest.raises(ValueError, match=f"{count} frames can't be split so that {share:.0%} are apart"):
         pair.split(share)
+    with pytest.raises(ValueError, match=r"^the video: 1 frames in the time that counts"):
+        Pair(pair.real, stills[:count], fps=25, seconds=1e-6)
 
 
 @given(st.lists(st.floats(0, 1), min_size=len(SPACE), max_size=len(SPACE)))
@@ -83,7 +99,7 @@ def test_places_are_found_back(shares):
 
 def test_a_place_outside_is_the_nearest():
     place = dict(zip(SENSOR_SPACE, place_of(DVS(on=0.01, off=2.0, cutoff=77.0, leak=9.0), SENSOR_SPACE), strict=True))
-    assert (place["on"], place["off"], place["cutoff"], place["leak"]) == (0, 1, 0.5, 1)
+    assert (place["on"], place["off"], place["cutoff"], place["leak"]) == (0, 1, 0.625, 1)
 
 
 def bowl(settings):
