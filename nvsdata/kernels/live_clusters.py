@@ -62,20 +62,28 @@ def cell_of(cells, x, y):
 
 
 @njit(inline="always")
-def offset_of(cells, target, source):
+def grid_of(cells):
+    """What finding cells and offsets needs: whole graphs take long to pass on."""
+    return cells.width, cells.height, cells.columns, cells.rows, cells.across, cells.down
+
+
+@njit
+def offset_of(grid, target, source):
     """Which of a cell's offsets leads to another one."""
-    wide = 2 * cells.across + 1
-    dx = source % cells.columns - target % cells.columns + cells.across
-    return (source // cells.columns - target // cells.columns + cells.down) * wide + dx
+    _, _, columns, _, across, down = grid
+    return (
+        (source // columns - target // columns + down) * (2 * across + 1) + source % columns - target % columns + across
+    )
 
 
-@njit(inline="always")
-def neighbor(cells, cell, offset):
+@njit
+def neighbor(grid, cell, offset):
     """The cell at an offset, -1 beyond the grid."""
-    wide = 2 * cells.across + 1
-    x = cell % cells.columns + offset % wide - cells.across
-    y = cell // cells.columns + offset // wide - cells.down
-    return y * cells.columns + x if 0 <= x < cells.columns and 0 <= y < cells.rows else -1
+    _, _, columns, rows, across, down = grid
+    wide = 2 * across + 1
+    x = cell % columns + offset % wide - across
+    y = cell // columns + offset // wide - down
+    return y * columns + x if 0 <= x < columns and 0 <= y < rows else -1
 
 
 @njit
@@ -111,13 +119,13 @@ def remove_member(cells, cell, node, x, y, t):
     mark(cells.touched, cell)
 
 
-@njit(inline="always")
-def count_edge(cells, target, source, number):
+@njit
+def count_edge(count, counted, grid, target, source, number):
     """Add `number` edges below, from a node of cell `source` to one of `target`."""
     if source != target:
-        offset = offset_of(cells, target, source)
-        cells.count[target, offset] += number
-        mark(cells.counted, target * cells.count.shape[1] + offset)
+        offset = offset_of(grid, target, source)
+        count[target, offset] += number
+        mark(counted, target * count.shape[1] + offset)
 
 
 @njit
@@ -153,51 +161,46 @@ def settle(cells):
 @njit
 def lift(cells, above):
     """Tell the graph above what has changed in a settled one, and settle it."""
-    offsets = cells.count.shape[1]
+    offsets, home, edge = cells.count.shape[1], cells.home, cells.edge
+    grid, wide, count, counted = grid_of(cells), grid_of(above), above.count, above.counted
     for n in range(cells.turned.count[0]):
         number = cells.turned.numbers[n]
         target = number // offsets
-        source = neighbor(cells, target, number % offsets)
-        if cells.home[target] >= 0 and cells.home[source] >= 0:
-            way = 1 if cells.edge[target, number % offsets] else -1
-            count_edge(above, cells.home[target], cells.home[source], way)
+        source = neighbor(grid, target, number % offsets)
+        if home[target] >= 0 and home[source] >= 0:
+            way = 1 if edge[target, number % offsets] else -1
+            count_edge(count, counted, wide, home[target], home[source], way)
     for n in range(cells.moved.count[0]):
         cell = cells.moved.numbers[n]
-        x, y, t = cells.place[cell]
-        old = cells.home[cell]
+        x, y, t = cells.place[cell, 0], cells.place[cell, 1], cells.place[cell, 2]
+        old = home[cell]
         new = cell_of(above, x, y) if cells.members[cell] else -1
         if old >= 0:
-            remove_member(above, old, cell, *_triple(cells.was, cell))
+            remove_member(above, old, cell, cells.was[cell, 0], cells.was[cell, 1], cells.was[cell, 2])
         if new >= 0:
             add_member(above, new, cell, x, y, t)
         if new != old:
             if old >= 0:
-                _count_all(cells, above, cell, -1)
+                _count_all(edge, home, grid, count, counted, wide, cell, -1)
                 mark(above.rescan, old)
-            cells.home[cell] = new
+            home[cell] = new
             if new >= 0:
-                _count_all(cells, above, cell, 1)
+                _count_all(edge, home, grid, count, counted, wide, cell, 1)
                 mark(above.rescan, new)
     settle(above)
 
 
 @njit
-def _triple(values, cell):
-    return values[cell, 0], values[cell, 1], values[cell, 2]
-
-
-@njit
-def _count_all(cells, above, cell, way):
+def _count_all(edge, home, grid, count, counted, wide, cell, way):
     """Add, or take away, all edges of a node in the graph above."""
-    home = cells.home[cell]
-    for offset in range(cells.edge.shape[1]):
-        other = neighbor(cells, cell, offset)
-        if other < 0 or cells.home[other] < 0:
+    for offset in range(edge.shape[1]):
+        other = neighbor(grid, cell, offset)
+        if other < 0 or home[other] < 0:
             continue
-        if cells.edge[cell, offset]:
-            count_edge(above, home, cells.home[other], way)
-        if cells.edge[other, offset_of(cells, other, cell)]:
-            count_edge(above, cells.home[other], home, way)
+        if edge[cell, offset]:
+            count_edge(count, counted, wide, home[cell], home[other], way)
+        if edge[other, offset_of(grid, other, cell)]:
+            count_edge(count, counted, wide, home[other], home[cell], way)
 
 
 @njit

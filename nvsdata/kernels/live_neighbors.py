@@ -8,7 +8,7 @@ pixel are nearer to each other: so a step looks at `k` events of each pixel near
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -16,12 +16,29 @@ from nvsdata.kernels.compiling import njit
 
 
 class Metric(NamedTuple):
-    """How far events are from each other: see `near_sources`; `side` is the farthest along an axis, in pixels."""
+    """How far events are from each other: see `near_sources`.
 
-    limit: float
+    - `radius`, `alpha`, `beta`; `limit`: largest squared distance
+    - `offsets` int64 [M, 2]: x and y from an event to the pixels within it, nearest first; `apart` float64 [M]: alpha
+      times their squared distance
+    """
+
+    radius: float
     alpha: float
     beta: float
-    side: int
+    limit: float
+    offsets: np.ndarray
+    apart: np.ndarray
+
+    @classmethod
+    def of(cls, radius: float, alpha: float, beta: float) -> Self:
+        """The metric of a graph; `alpha` must be above 0."""
+        side = int(radius / alpha**0.5)
+        y, x = np.mgrid[-side : side + 1, -side : side + 1].reshape(2, -1)
+        order = np.argsort(x * x + y * y, kind="stable")
+        offsets, apart = np.stack((x, y), 1)[order], (alpha * (x * x + y * y))[order]
+        near = apart <= radius * radius
+        return cls(radius, alpha, beta, radius * radius, offsets[near].astype(np.int64), apart[near].astype(np.float64))
 
 
 class Window(NamedTuple):
@@ -108,35 +125,45 @@ def pop(window):
 
 @njit
 def search(window, number, metric):
-    """Find the neighbors of an event anew. O(pixels within the radius · k)."""
-    row = row_of(window, number)
-    window.degree[row] = 0
-    t, x, y = window.t[row], window.x[row], window.y[row]
-    for v in range(max(y - metric.side, 0), min(y + metric.side + 1, window.height)):
-        for u in range(max(x - metric.side, 0), min(x + metric.side + 1, window.width)):
-            pixel = v * window.width + u
-            base = metric.alpha * ((u - x) * (u - x) + (v - y) * (v - y))
-            if window.size[pixel] and base <= metric.limit:
-                _look(window, number, row, t, pixel, base, metric)
+    """Find the neighbors of an event anew. O(pixels up to the farthest neighbor · k)."""
+    lists, slots, mask = lists_of(window), window.slots, window.t.size - 1
+    row, k = number & mask, window.source.shape[1]
+    degree, far, worst = window.degree, window.far, window.worst
+    offsets, apart, limit, beta = metric.offsets, metric.apart, metric.limit, metric.beta
+    begin, size = window.begin, window.size
+    degree[row] = 0
+    x, y = window.x[row], window.y[row]
+    for n in range(apart.size):
+        if degree[row] == k and apart[n] > far[row, worst[row]]:
+            break
+        u, v = x + offsets[n, 0], y + offsets[n, 1]
+        if not (0 <= u < window.width and 0 <= v < window.height):
+            continue
+        pixel = v * window.width + u
+        if size[pixel]:
+            _look(lists, slots, mask, number, row, begin[pixel], begin[pixel] + size[pixel], apart[n], limit, beta)
+
+
+@njit(inline="always")
+def lists_of(window):
+    """The arrays that a step of a list needs: whole windows take long to pass on."""
+    return window.t, window.source, window.far, window.degree, window.worst
 
 
 @njit
-def _look(window, number, row, t, pixel, base, metric):
+def _look(lists, slots, mask, number, row, first, end, base, limit, beta):
     """Offer an event those of a pixel: newer ones outward, then older ones by runs of equal times."""
-    first = window.begin[pixel]
-    end = first + window.size[pixel]
-    at = _first_from(window.slots, first, end, number)
+    t = lists[0]
+    at = _first_from(slots, first, end, number)
     for n in range(at, end):
-        other = window.slots[n]
-        if other != number and not offer(window, row, other, t, base, metric):
+        if slots[n] != number and not offer(lists, mask, row, slots[n], base, limit, beta):
             break
     last = at
     while last > first:
         # the run of those at one time, from its first on
-        time = window.t[row_of(window, window.slots[last - 1])]
-        run = _first_at(window, first, last, time)
+        run = _first_at(t, slots, mask, first, last, t[slots[last - 1] & mask])
         for n in range(run, last):
-            if not offer(window, row, window.slots[n], t, base, metric):
+            if not offer(lists, mask, row, slots[n], base, limit, beta):
                 return
         last = run
 
@@ -154,17 +181,17 @@ def _first_from(slots, first, end, number):
 
 
 @njit
-def _first_at(window, first, last, time):
+def _first_at(t, slots, mask, first, last, time):
     """Place of the first event at `time`, which the one before `last` has. Near ones are tried first."""
     step = 1
     low = last - 1
-    while low - step >= first and window.t[row_of(window, window.slots[low - step])] == time:
+    while low - step >= first and t[slots[low - step] & mask] == time:
         low -= step
         step *= 2
     first = max(first, low - step)
     while first < low:
         middle = (first + low) // 2
-        if window.t[row_of(window, window.slots[middle])] < time:
+        if t[slots[middle] & mask] < time:
             first = middle + 1
         else:
             low = middle
@@ -172,47 +199,48 @@ def _first_at(window, first, last, time):
 
 
 @njit
-def offer(window, row, other, t, base, metric):
-    """Take an event as a neighbor if it is among the nearest; returns whether it is."""
-    gap = abs(window.t[row_of(window, other)] - t)
-    far = base + metric.beta * (np.float64(gap) * np.float64(gap))
-    k, degree, worst = window.source.shape[1], window.degree[row], window.worst[row]
-    if far > metric.limit:
+def offer(lists, mask, row, other, base, limit, beta):
+    """Take an event as a neighbor if it is among the nearest; returns whether it is. `lists`: see `lists_of`."""
+    t, source, far, degree, worst = lists
+    gap = abs(t[other & mask] - t[row])
+    here = base + beta * (np.float64(gap) * np.float64(gap))
+    if here > limit:
         return False
-    if degree < k:
-        window.source[row, degree], window.far[row, degree] = other, far
-        window.degree[row] = degree + 1
-        if degree == 0 or _comes_after(window, row, t, degree, worst):
-            window.worst[row] = degree
+    count, last = degree[row], worst[row]
+    if count < source.shape[1]:
+        source[row, count], far[row, count] = other, here
+        degree[row] = count + 1
+        if count == 0 or _comes_after(t, source, far, mask, row, count, last):
+            worst[row] = count
         return True
-    here = window.far[row, worst]
-    if far > here:
+    if here > far[row, last]:
         return False
-    if far == here:
-        last = window.source[row, worst]
-        apart = abs(window.t[row_of(window, last)] - t)
-        if gap > apart or (gap == apart and other > last):
+    if here == far[row, last]:
+        old = source[row, last]
+        apart = abs(t[old & mask] - t[row])
+        if gap > apart or (gap == apart and other > old):
             return False
-    window.source[row, worst], window.far[row, worst] = other, far
-    farthest(window, row, t)
+    source[row, last], far[row, last] = other, here
+    farthest(lists, mask, row)
     return True
 
 
 @njit
-def farthest(window, row, t):
+def farthest(lists, mask, row):
     """Find the farthest neighbor of a row."""
-    worst = 0
-    for n in range(1, window.degree[row]):
-        if _comes_after(window, row, t, n, worst):
-            worst = n
-    window.worst[row] = worst
+    t, source, far, degree, worst = lists
+    last = 0
+    for n in range(1, degree[row]):
+        if _comes_after(t, source, far, mask, row, n, last):
+            last = n
+    worst[row] = last
 
 
 @njit
-def _comes_after(window, row, t, a, b):
+def _comes_after(t, source, far, mask, row, a, b):
     """Whether a neighbor is farther than another: of equals the one farther in time, then the one that came later."""
-    if window.far[row, a] != window.far[row, b]:
-        return window.far[row, a] > window.far[row, b]
-    first, second = window.source[row, a], window.source[row, b]
-    apart, other = abs(window.t[row_of(window, first)] - t), abs(window.t[row_of(window, second)] - t)
+    if far[row, a] != far[row, b]:
+        return far[row, a] > far[row, b]
+    first, second = source[row, a], source[row, b]
+    apart, other = abs(t[first & mask] - t[row]), abs(t[second & mask] - t[row])
     return apart > other or (apart == other and first > second)

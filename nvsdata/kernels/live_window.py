@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from nvsdata.kernels.compiling import njit
-from nvsdata.kernels.live_clusters import add_member, cell_of, count_edge, lift, remove_member, rest, settle
+from nvsdata.kernels.live_clusters import add_member, cell_of, count_edge, grid_of, lift, remove_member, rest, settle
 from nvsdata.kernels.live_layers import convolve_cells, convolve_events
-from nvsdata.kernels.live_neighbors import farthest, offer, pop, push, row_of, search
+from nvsdata.kernels.live_neighbors import farthest, lists_of, offer, pop, push, row_of, search
 from nvsdata.kernels.live_pooling import activate, pool, read_out
 from nvsdata.kernels.marks import clear, mark
+from nvsdata.kernels.neighbors import near_sources
 
 
 @njit
@@ -59,18 +62,47 @@ def slide(window, cells, metric, near, dirty, until, t, x, y):
     k = window.source.shape[1]
     while window.ends[0] < window.ends[1] and window.t[row_of(window, window.ends[0])] < until:
         _leave(window, cells, metric, near)
+    source, degree, slots, mask, first = window.source, window.degree, window.slots, window.t.size - 1, window.ends[0]
     for n in range(near.count[0]):
         pixel = near.numbers[n]
         begin = window.begin[pixel]
         # the others have nearer ones in their own pixel
         for slot in range(begin, begin + min(window.size[pixel], k)):
-            _forget(window, cells, metric, dirty, window.slots[slot])
+            row = slots[slot] & mask
+            if _lost(source[row], degree[row], first):
+                _forget(window, cells, metric, dirty, slots[slot])
     clear(near)
+    if window.ends[0] == window.ends[1]:
+        _fill(window, cells, metric, dirty, t, x, y)
+        t = t[:0]
     for n in range(t.size):
         number = window.ends[1]
         push(window, number, t[n], x[n], y[n])
         _arrive(window, cells, metric, dirty, number)
     settle(cells)
+
+
+@njit
+def _fill(window, cells, metric, dirty, t, x, y):
+    """Append events to an empty window: all neighbors at once, which takes less time than one after the other."""
+    first, k = window.ends[1], window.source.shape[1]
+    degree, source = near_sources(t, x, y, metric.radius, metric.alpha, metric.beta, k)
+    lists, mask = lists_of(window), window.t.size - 1
+    for i in range(t.size):
+        push(window, first + i, t[i], x[i], y[i])
+        row = (first + i) & mask
+        window.degree[row] = degree[i]
+        for n in range(degree[i]):
+            j = source[i, n]
+            dx, dy, gap = np.int64(x[j]) - x[i], np.int64(y[j]) - y[i], np.float64(abs(t[j] - t[i]))
+            window.source[row, n] = first + j
+            window.far[row, n] = metric.alpha * (dx * dx + dy * dy) + metric.beta * (gap * gap)
+        add_member(cells, cell_of(cells, x[i], y[i]), first + i, x[i], y[i], t[i])
+        mark(dirty, row)
+    for i in range(t.size):
+        row = (first + i) & mask
+        farthest(lists, mask, row)
+        _count_own(window, cells, row, cell_of(cells, x[i], y[i]), 1)
 
 
 @njit
@@ -84,20 +116,18 @@ def _leave(window, cells, metric, near):
     remove_member(cells, home, number, x, y, window.t[row])
     mark(cells.rescan, home)
     pop(window)
-    for v in range(max(y - metric.side, 0), min(y + metric.side + 1, window.height)):
-        for u in range(max(x - metric.side, 0), min(x + metric.side + 1, window.width)):
-            mark(near, v * window.width + u)
+    width, height, offsets = window.width, window.height, metric.offsets
+    for n in range(len(offsets)):
+        u, v = x + offsets[n, 0], y + offsets[n, 1]
+        if 0 <= u < width and 0 <= v < height:
+            mark(near, v * width + u)
 
 
 @njit
 def _forget(window, cells, metric, dirty, number):
     """Remove the neighbors of an event that have gone, and find others in their place."""
     row = row_of(window, number)
-    home, degree, kept = cell_of(cells, window.x[row], window.y[row]), window.degree[row], 0
-    for n in range(degree):
-        kept += window.source[row, n] >= window.ends[0]
-    if kept == degree:
-        return
+    home, degree = cell_of(cells, window.x[row], window.y[row]), window.degree[row]
     mark(dirty, row)
     if degree == window.source.shape[1]:
         # others may have been too far
@@ -105,59 +135,70 @@ def _forget(window, cells, metric, dirty, number):
         search(window, number, metric)
         _count_own(window, cells, row, home, 1)
         return
-    kept = 0
+    kept, mask, grid = 0, window.t.size - 1, grid_of(cells)
     for n in range(degree):
         source = window.source[row, n]
         if source >= window.ends[0]:
             window.source[row, kept], window.far[row, kept] = source, window.far[row, n]
             kept += 1
         else:
-            count_edge(cells, home, _home(window, cells, source), -1)
+            there = cell_of(cells, window.x[source & mask], window.y[source & mask])
+            count_edge(cells.count, cells.counted, grid, home, there, -1)
     window.degree[row] = kept
-    farthest(window, row, window.t[row])
+    farthest(lists_of(window), mask, row)
+
+
+@njit
+def _lost(source, degree, first):
+    """Whether an event's neighbors have numbers below `first`."""
+    lost = False
+    for n in range(degree):
+        lost |= source[n] < first
+    return lost
 
 
 @njit
 def _arrive(window, cells, metric, dirty, number):
     """Find the neighbors of an event that has come, and whose neighbor it is."""
-    row, k = row_of(window, number), window.source.shape[1]
-    x, y, t = window.x[row], window.y[row], window.t[row]
+    lists, slots, mask, k = lists_of(window), window.slots, window.t.size - 1, window.source.shape[1]
+    source, far, degree, worst = window.source, window.far, window.degree, window.worst
+    begins, size, xs, ys = window.begin, window.size, window.x, window.y
+    offsets, apart, limit, beta = metric.offsets, metric.apart, metric.limit, metric.beta
+    count, counted, grid = cells.count, cells.counted, grid_of(cells)
+    row = number & mask
+    x, y = xs[row], ys[row]
     home = cell_of(cells, x, y)
-    add_member(cells, home, number, x, y, t)
+    add_member(cells, home, number, x, y, window.t[row])
     search(window, number, metric)
     _count_own(window, cells, row, home, 1)
     mark(dirty, row)
-    for v in range(max(y - metric.side, 0), min(y + metric.side + 1, window.height)):
-        for u in range(max(x - metric.side, 0), min(x + metric.side + 1, window.width)):
-            base = metric.alpha * ((u - x) * (u - x) + (v - y) * (v - y))
-            if base > metric.limit:
+    for n in range(apart.size):
+        u, v = x + offsets[n, 0], y + offsets[n, 1]
+        if not (0 <= u < window.width and 0 <= v < window.height):
+            continue
+        begin = begins[v * window.width + u]
+        end = begin + size[v * window.width + u]
+        # the others have nearer ones in their own pixel
+        for slot in range(end - 1, max(end - k - 1 - (n == 0), begin - 1), -1):
+            other = slots[slot]
+            place = other & mask
+            full = degree[place] == k
+            if other == number or (full and apart[n] > far[place, worst[place]]):
                 continue
-            pixel = v * window.width + u
-            end = window.begin[pixel] + window.size[pixel]
-            # the others have nearer ones in their own pixel
-            for slot in range(end - 1, max(end - k - 1 - (pixel == y * window.width + x), window.begin[pixel] - 1), -1):
-                other = window.slots[slot]
-                if other == number:
-                    continue
-                place = row_of(window, other)
-                full = window.degree[place] == k
-                last = window.source[place, window.worst[place]] if full else -1
-                if offer(window, place, number, window.t[place], base, metric):
-                    there = cell_of(cells, window.x[place], window.y[place])
-                    if full:
-                        count_edge(cells, there, _home(window, cells, last), -1)
-                    count_edge(cells, there, home, 1)
-                    mark(dirty, place)
+            last = source[place, worst[place]] & mask
+            if offer(lists, mask, place, number, apart[n], limit, beta):
+                there = cell_of(cells, xs[place], ys[place])
+                if full:
+                    count_edge(count, counted, grid, there, cell_of(cells, xs[last], ys[last]), -1)
+                count_edge(count, counted, grid, there, home, 1)
+                mark(dirty, place)
 
 
 @njit
 def _count_own(window, cells, row, home, way):
     """Add, or take away, the edges to an event."""
+    source, xs, ys, mask = window.source, window.x, window.y, window.t.size - 1
+    count, counted, grid = cells.count, cells.counted, grid_of(cells)
     for n in range(window.degree[row]):
-        count_edge(cells, home, _home(window, cells, window.source[row, n]), way)
-
-
-@njit(inline="always")
-def _home(window, cells, number):
-    row = row_of(window, number)
-    return cell_of(cells, window.x[row], window.y[row])
+        other = source[row, n] & mask
+        count_edge(count, counted, grid, home, cell_of(cells, xs[other], ys[other]), way)

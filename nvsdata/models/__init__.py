@@ -25,6 +25,7 @@ from nvsdata.models.pool import GraphPool
 from nvsdata.models.prediction import Trained
 from nvsdata.models.registry import NETWORKS, register_network
 from nvsdata.models.spline import SplineConv
+from nvsdata.models.streaming import stream
 from nvsdata.models.temporal import TEMPORAL
 
 __all__ = [
@@ -55,6 +56,7 @@ __all__ = [
     "rgcnn",
     "rgcnn3d",
     "save",
+    "stream",
 ]
 
 # for 34x34: the thesis's, with 3 convolutions, and deeper ones, which have two at one resolution

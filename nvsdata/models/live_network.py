@@ -1,0 +1,237 @@
+"""The arrays of a graph network that follows events, and the step that brings them up to date."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from nvsdata.data.events import Columns
+from nvsdata.data.grid import grid_shape
+from nvsdata.data.pseudo import Reach, axes
+from nvsdata.kernels.live_clusters import Cells
+from nvsdata.kernels.live_layers import TOGETHER, Features, Layer
+from nvsdata.kernels.live_neighbors import Metric, Window
+from nvsdata.kernels.live_pooling import Readout
+from nvsdata.kernels.live_window import step
+from nvsdata.kernels.marks import Marks
+from nvsdata.models.fusing import fused
+from nvsdata.models.graph_cnn import Activation, _GraphCNN
+from nvsdata.models.pool import GraphPool, coarse_reach
+from nvsdata.models.spline import SplineConv
+from nvsdata.transforms.graph import RadiusGraph
+
+LEAST = 256  # events that there is room for at first
+MOST_NEIGHBORS = 1 << 16
+
+
+class Parts:
+    """What following events needs of a network: convolutions, how each is pooled, and the fully connected layers.
+
+    ValueError, with the name of a part, for a network that can't, and for graphs without bound in space.
+    """
+
+    def __init__(self, model: nn.Module, graph: RadiusGraph) -> None:
+        if not isinstance(model, _GraphCNN):
+            raise ValueError(f"{type(model).__name__} can't stream: RGCNN and GCNN can")
+        if model.training:
+            raise ValueError("a network in training mode can't stream: call eval() first")
+        for name, part in model.features.named_modules():
+            conv = getattr(part, "conv", None)
+            if conv is not None and not isinstance(conv, SplineConv):
+                raise ValueError(f"features.{name}, a {type(conv).__name__}, can't stream: B-spline convolutions can")
+        if not isinstance(graph, RadiusGraph) or graph.alpha == 0:
+            raise ValueError(f"{graph} can't stream: its edges have no bound in space")
+        if model.in_channels != 1:
+            raise ValueError(
+                f"the network takes {model.in_channels} features of a node; a stream has its polarity alone"
+            )
+        if (given := axes(graph.pseudo)) != model.dim:
+            raise ValueError(f"edges of {graph} have {given} pseudo-coordinates, but the network takes {model.dim}")
+        self.model = fused(model)
+        self.sensor_size = model.sensor_size
+        self.loops: list[int] = []
+        self.convolutions: list[SplineConv] = []
+        self.pools: list[GraphPool | None] = []
+        layer: Any
+        for layer in self.model.features:
+            if isinstance(layer, GraphPool):
+                self.pools[-1] = layer
+            elif not isinstance(layer, Activation):
+                self.convolutions.append(layer.conv)
+                self.loops.append(int(layer.kernel.loops))
+                self.pools.append(None)
+        self.hidden = np.ascontiguousarray(_array(model.hidden.weight).T)
+        cells = model.grid[0] * model.grid[1]
+        self.shape = cells, len(self.hidden) // cells
+        self._bias = _array(model.hidden.bias).astype(np.float64)
+        self._classify = _array(model.classify.weight).astype(np.float64)
+        self._last = _array(model.classify.bias).astype(np.float64)
+
+    def scores(self, hidden: np.ndarray) -> torch.Tensor:
+        """Class scores from the sums of the hidden layer."""
+        return torch.from_numpy((self._classify @ np.maximum(hidden + self._bias, 0) + self._last).astype(np.float32))
+
+
+class LiveNetwork:
+    """A network's rows for the events in a window that slides.
+
+    - `hidden` float64 [hidden]: sums of the first fully connected layer, without its bias
+    - `products`: multiplications so far
+    """
+
+    def __init__(self, network: Parts, graph: RadiusGraph) -> None:
+        width, height = network.sensor_size
+        self._metric = Metric.of(float(graph.radius), float(graph.alpha), float(graph.beta))
+        side = int(self._metric.offsets.max())
+        k = int(min(graph.max_degree, MOST_NEIGHBORS))
+        self._window = _window(width, height, LEAST, k)
+        self._near = Marks.none(width * height)
+        self._plan = np.zeros((len(network.convolutions), 2), np.int64)
+        reach: Reach = graph.reach(network.sensor_size)
+        cells: list[Cells] = []
+        layers: list[Layer] = []
+        features = [_features(LEAST, 1)]
+        far = (side, side)
+        nodes = LEAST
+        for n, (conv, loops, pool) in enumerate(zip(network.convolutions, network.loops, network.pools, strict=True)):
+            layers.append(_layer(conv, loops, graph.pseudo != "abs", reach, nodes))
+            if pool is None:
+                self._plan[n] = -1, 0
+            else:
+                self._plan[n] = len(cells), pool.mode == "average"
+                made, far = _cells(network.sensor_size, pool.cluster, far, nodes)
+                cells.append(made)
+                nodes = made.members.size
+                reach = coarse_reach(reach, pool.cluster)
+            features.append(_features(nodes, conv.out_channels))
+        self._cells, self._layers, self._features = tuple(cells), tuple(layers), tuple(features)
+        shown, total = np.zeros(network.shape, np.float32), np.zeros(network.hidden.shape[1])
+        self._readout = Readout(network.hidden, shown, total, np.zeros(1, np.int64))
+
+    def __len__(self) -> int:
+        return int(self._window.ends[1] - self._window.ends[0])
+
+    @property
+    def hidden(self) -> np.ndarray:
+        return self._readout.sum
+
+    @property
+    def products(self) -> int:
+        return int(sum(layer.products[0] for layer in self._layers) + self._readout.products[0])
+
+    def _rows(self) -> np.ndarray:
+        """The rows of the events, in order."""
+        rows: np.ndarray = np.arange(self._window.ends[0], self._window.ends[1]) & (self._window.t.size - 1)
+        return rows
+
+    def over(self, until: int) -> int:
+        """How many events are before `until`."""
+        first, last = (int(end) for end in self._window.ends[:2])
+        t, mask = self._window.t, self._window.t.size - 1
+        return bisect_left(range(first, last), until, key=lambda number: t[number & mask])
+
+    def columns(self) -> Columns:
+        """The events."""
+        rows, window = self._rows(), self._window
+        p = self._features[0].values[rows, 0] > 0
+        return Columns(
+            window.t[rows], window.x[rows].astype(np.int16), window.y[rows].astype(np.int16), p.astype(np.uint8)
+        )
+
+    def step(self, until: int, columns: Columns) -> None:
+        """Remove events before `until`, and append others."""
+        count = len(self) + columns.t.size
+        if count > self._window.t.size:
+            self._grow(count)
+        x, y = columns.x.astype(np.int32), columns.y.astype(np.int32)
+        given = (2 * columns.p.astype(np.float32) - 1)[:, None]
+        state = self._cells, self._layers, self._features, self._plan, self._readout, self._near
+        step(self._window, self._metric, *state, until, columns.t, x, y, given)
+
+    def _grow(self, count: int) -> None:
+        """Make room for so many events."""
+        old, capacity = self._window, 1 << (count - 1).bit_length()
+        window = _window(old.width, old.height, capacity, old.source.shape[1])
+        numbers = np.arange(old.ends[0], old.ends[1])
+        source, target = numbers & (old.t.size - 1), numbers & (capacity - 1)
+
+        def moved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            b[target] = a[source]
+            return b
+
+        for name in ("t", "x", "y", "source", "far", "degree", "worst"):
+            moved(getattr(old, name), getattr(window, name))
+        for name in ("base", "room", "begin", "size", "ends"):
+            getattr(window, name)[:] = getattr(old, name)
+        window.slots[: old.slots.size] = old.slots
+        self._window = window
+        first = self._layers[0]
+        names = ("sums", "out", "degree", "age")
+        rows: dict[str, Any] = {name: moved(column := getattr(first, name), _wider(column, capacity)) for name in names}
+        self._layers = (first._replace(**rows | {"dirty": Marks.none(capacity)}), *self._layers[1:])
+        events = self._features[0]
+        wide = _features(capacity, events.values.shape[1])
+        moved(events.values, wide.values)
+        self._features = (wide, *self._features[1:])
+        cells = self._cells[0]
+        links: dict[str, Any] = {
+            name: moved(column := getattr(cells, name), _wider(column, capacity)) for name in ("after", "previous")
+        }
+        self._cells = (cells._replace(**links), *self._cells[1:])
+
+
+def _array(parameter: torch.Tensor) -> np.ndarray:
+    return parameter.detach().cpu().float().numpy()
+
+
+def _wider(column: np.ndarray, size: int) -> np.ndarray:
+    return np.zeros((size, *column.shape[1:]), column.dtype)
+
+
+def _window(width: int, height: int, capacity: int, k: int) -> Window:
+    columns: list[Any] = [np.zeros(capacity, kind) for kind in (np.int64, np.int32, np.int32)]
+    columns += [np.zeros((capacity, k), np.int64), np.zeros((capacity, k)), *np.zeros((2, capacity), np.int32)]
+    columns += [*np.zeros((4, width * height), np.int64), np.zeros(4 * capacity + 4, np.int64), np.zeros(3, np.int64)]
+    columns += [width, height]
+    return Window(*columns)
+
+
+def _features(nodes: int, channels: int) -> Features:
+    values = np.zeros((nodes, channels), np.float32)
+    return Features(values, values.copy(), Marks.none(nodes))
+
+
+def _layer(conv: SplineConv, loops: int, signed: bool, reach: Reach, nodes: int) -> Layer:
+    weight, channels = _array(conv.weight), conv.out_channels
+    own = _array(conv.root) if conv.root is not None else np.zeros(weight.shape[1:], np.float32)
+    weight = np.concatenate((weight, own[None]))
+    bias = _array(conv.bias) if conv.bias is not None else np.zeros(channels, np.float32)
+    return Layer(
+        weight, bias, conv.kernel_size, loops, int(conv.root is not None), signed, np.array(reach, np.float32),
+        np.zeros((nodes, 2, channels)), np.zeros((nodes, channels), np.float32), np.zeros(nodes, np.int64),
+        np.zeros(nodes, np.int64), Marks.none(nodes), np.zeros((TOGETHER, *weight.shape[:2]), np.float32),
+        np.zeros((TOGETHER, len(weight)), np.bool_), np.zeros((TOGETHER, 2, channels), np.float32),
+        np.zeros(1, np.int64),
+    )  # fmt: skip
+
+
+def _cells(
+    sensor_size: tuple[int, int], cluster: tuple[int, int], far: tuple[int, int], below: int
+) -> tuple[Cells, tuple[int, int]]:
+    """A pooled graph of `below` nodes up to `far` pixels from each other along x and y, and how far its own are."""
+    columns, rows = grid_shape(sensor_size, cluster)
+    across, down = (
+        min((pixels + side - 1) // side, count - 1)
+        for pixels, side, count in zip(far, cluster, (columns, rows), strict=True)
+    )
+    cells, offsets = columns * rows, (2 * across + 1) * (2 * down + 1)
+    state: list[Any] = [np.zeros(cells, np.int64), *np.zeros((3, cells, 3), np.int64), np.zeros(cells, np.bool_)]
+    state += [np.zeros((cells, offsets), np.int32), np.zeros((cells, offsets), np.bool_)]
+    state += [np.full(cells, -1), np.full(cells, -1), *np.zeros((2, below), np.int64)]
+    state += [Marks.none(cells * each) for each in (1, 1, offsets, offsets, 1)]
+    made = Cells(*cluster, columns, rows, across, down, *state)
+    return made, (across * cluster[0] + cluster[0] - 1, down * cluster[1] + cluster[1] - 1)
