@@ -10,10 +10,10 @@ import numpy as np
 
 from nvsdata.emulation.run import Run, brightness, bytes_of, first_weight
 from nvsdata.emulation.settings import SensorSettings
-from nvsdata.kernels.crossings import Array, Sensor, advance
+from nvsdata.kernels.crossings import NEVER, Array, Sensor, advance
 from nvsdata.kernels.emulate import TABLE_SIZE
 from nvsdata.kernels.logarithm import logarithm
-from nvsdata.kernels.photoreceptor import NEVER, rate
+from nvsdata.kernels.photoreceptor import advance_receptors, rate
 from nvsdata.kernels.tiles import TILE
 from nvsdata.video.decoder import stretched
 from nvsdata.video.frames import Frame
@@ -47,7 +47,10 @@ class PixelArray(Run):
         gap = now - before
         span = np.array([gap], np.float64 if gap > 1 << 21 else self._array.level.dtype)
         frames = bytes_of(frame), bytes_of(last), first_weight(frame), given
-        self._keys[0], count = advance(*frames, self._sensor, self._array, before, now, span, self._keys[0])
+        if self._sensor.speed:
+            self._keys[0], count = advance_receptors(*frames, self._sensor, self._array, before, now, self._keys[0])
+        else:
+            self._keys[0], count = advance(*frames, self._sensor, self._array, before, now, span, self._keys[0])
         return self._keys[0][:count]
 
     def _light(self) -> np.ndarray | None:

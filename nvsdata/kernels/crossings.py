@@ -14,10 +14,10 @@ import numpy as np
 from nvsdata.kernels.compiling import njit
 from nvsdata.kernels.emulate import look_up, weigh
 from nvsdata.kernels.logarithm import logarithm
-from nvsdata.kernels.photoreceptor import NEVER, follow
 from nvsdata.kernels.spikes import FEW, gathered, grown, row_of_marks
 from nvsdata.kernels.tiles import TILE, find_dirty
 
+NEVER = 2**62  # µs
 SLACK = 2.0**-24  # share of a threshold by which tiles wake early, because sleeping pixels are known to rounding only
 _U, _U32, _I32 = np.uint64, np.uint32, np.int32
 
@@ -85,43 +85,54 @@ def advance(frame, previous, first_weight, given, sensor, array, before, now, sp
         np.empty((FEW, width), np.int32),
     )
     active = np.empty(array.dirty.shape[1], np.bool_)
-    for r in range(array.dirty.shape[0]):
-        dirty, wake, since = array.dirty[r], array.wake[r], array.since[r]
-        some = False
-        for c in range(active.size):
-            active[c] = dirty[c] or wake[c] <= now
-            wake[c] = NEVER if active[c] else wake[c]
-            some |= active[c]
-        if not some:
+    # arrays one by one, because a tuple of them takes long to pass on
+    levels, memories, each, thresholds, leak = array.level, array.memory, sensor.each, sensor.thresholds, sensor.leak
+    table, dark, dirties, wakes = sensor.table, sensor.dark, array.dirty, array.wake
+    for r in range(dirties.shape[0]):
+        dirty, wake = dirties[r], wakes[r]
+        if not rouse(dirty, wake, now, active):
             continue
         for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
-            right = 0
-            while right < active.size:
-                # neighboring tiles together
-                left = right
-                while right < active.size and active[right] == active[left] and dirty[right] == dirty[left]:
-                    right += 1
-                if not active[left]:
-                    continue
-                x0, x1 = left * TILE[1], min(right * TILE[1], width)
-                b, level = end[x0:x1], array.level[y, x0:x1]
-                if not dirty[left]:
-                    b[:] = level
-                elif given.size:
-                    b[:] = given[y, x0:x1]
-                else:
-                    light = frame[y, x0:x1] if frame.shape[1] == width else frame[y, 3 * x0 : 3 * x1]
-                    _logarithms(light, first_weight, sensor, scratch, b)
-            if sensor.speed:
-                keys, n = follow(end, y, active, sensor, array, before, now, keys, n)
-                continue
-            keys, n = _cross(array.level[y], end, y, active, sensor, array, before, now, span, buffers, keys, n)
-            _keep(end, dirty, array.level[y])
-            if sensor.leak:
-                _set_wake(y, active, sensor, array, now)
-        for c in range(active.size):
-            since[c] = now if dirty[c] else since[c]
+            level, memory = levels[y], memories[y]
+            row_of_levels(frame, y, first_weight, given, table, dark, level, dirty, active, scratch, end)
+            fallen = memory.dtype.type(leak * before), memory.dtype.type(leak * now)
+            keys, n = _cross(level, end, y, active, each, thresholds, memory, wake, fallen, now, span, buffers, keys, n)
+            _keep(end, dirty, level)
+            if leak:
+                _set_wake(y, active, each, thresholds, level, memory, wake, leak, now)
     return keys, n
+
+
+@njit
+def rouse(dirty, wake, now, active):
+    """Which tiles of a row changed, or wake at `now`; returns whether any does. They have no time to wake at then."""
+    some = False
+    for c in range(active.size):
+        active[c] = dirty[c] or wake[c] <= now
+        wake[c] = NEVER if active[c] else wake[c]
+        some |= active[c]
+    return some
+
+
+@njit
+def row_of_levels(frame, y, first_weight, given, table, dark, level, dirty, active, scratch, end):
+    """Write the levels of the frame to `end`, in a row's active tiles; `scratch` uint32 [3, W]."""
+    width, right = end.size, 0
+    while right < active.size:
+        # neighboring tiles together
+        left = right
+        while right < active.size and active[right] == active[left] and dirty[right] == dirty[left]:
+            right += 1
+        if not active[left]:
+            continue
+        x0, x1 = left * TILE[1], min(right * TILE[1], width)
+        if not dirty[left]:
+            end[x0:x1] = level[x0:x1]
+        elif given.size:
+            end[x0:x1] = given[y, x0:x1]
+        else:
+            light = frame[y, x0:x1] if frame.shape[1] == width else frame[y, 3 * x0 : 3 * x1]
+            _logarithms(light, first_weight, table, dark, scratch, end[x0:x1])
 
 
 @njit
@@ -134,27 +145,25 @@ def _keep(end, dirty, level):
 
 
 @njit
-def _logarithms(light, first_weight, sensor, scratch, out):
+def _logarithms(light, first_weight, table, dark, scratch, out):
     """ln(q + dark) of a row of gray or color bytes."""
     if light.size == out.size:
-        look_up(light, sensor.table, out)
+        look_up(light, table, out)
         return
     thousandths = scratch[2, : out.size].view(np.int32)
     weigh(light, np.int32(first_weight), np.int32(413 - first_weight), thousandths)
-    if sensor.table.size:
-        look_up(thousandths, sensor.table, out)
+    if table.size:
+        look_up(thousandths, table, out)
         return
-    dark = np.int32(sensor.dark)
     for i in range(_U(out.size)):
-        thousandths[i] += dark
+        thousandths[i] += np.int32(dark)
     logarithm(thousandths, np.float32(0), np.float32(1), scratch, out)
 
 
 @njit
-def _fired(end, y, active, sensor, memory, drift, mask, x):
+def _fired(end, y, active, each, thresholds, memory, drift, mask, x):
     """Write to `x` where a row's pixels have reached their thresholds; returns how many. `mask`: scratch."""
-    each, off, on = sensor.each, sensor.thresholds[0], sensor.thresholds[1]
-    right = 0
+    off, on, right = thresholds[0], thresholds[1], 0
     while right < active.size:
         left, first = right, _U(right * TILE[1])
         # neighboring tiles together
@@ -176,23 +185,22 @@ def _fired(end, y, active, sensor, memory, drift, mask, x):
 
 # with Python's error model every division tests for zero, and isn't vectorized
 @njit(error_model="numpy")
-def _cross(start, end, y, active, sensor, array, before, now, span, buffers, keys, n):
+def _cross(start, end, y, active, each, thresholds, memory, wake, fallen, now, span, buffers, keys, n):
     """Events of a row whose levels go from `start` to `end`, as keys; memories follow. O(active pixels + events)."""
-    memory, wake = array.memory[y], array.wake[y // TILE[0]]
-    past, drift = memory.dtype.type(sensor.leak * before), memory.dtype.type(sensor.leak * now)
+    past, drift = fallen
     mask, x, moved, rise, step, first, later, count, low, three = buffers
-    m = _fired(end, y, active, sensor, memory, drift, mask, x)
+    m = _fired(end, y, active, each, thresholds, memory, drift, mask, x)
     if m == 0:
         return keys, n
-    off, on, zero = sensor.thresholds[0], sensor.thresholds[1], memory.dtype.type(0)
+    off, on, zero = thresholds[0], thresholds[1], memory.dtype.type(0)
     # one loop per array, so that each is vectorized
     for j in range(_U(m)):
         place = _U(x[j])
         moved[j] = end[place] - memory[place] + drift
         rise[j] = start[place] - memory[place] + past
-    if sensor.each.size:
+    if each.size:
         for j in range(_U(m)):
-            step[j] = sensor.each[_U(moved[j] > zero), y, _U(x[j])]
+            step[j] = each[_U(moved[j] > zero), y, _U(x[j])]
     else:
         for j in range(_U(m)):
             step[j] = on if moved[j] > zero else off
@@ -240,13 +248,12 @@ def _write(first, later, count, low, three, m, keys, n):
 
 
 @njit
-def _set_wake(y, active, sensor, array, now):
+def _set_wake(y, active, each, thresholds, level, memory, wake, leak, now):
     """Bring forward when tiles of a row wake, because memory leaks."""
-    level, memory, wake, each = array.level[y], array.memory[y], array.wake[y // TILE[0]], sensor.each
     for i in range(level.size):
         tile = i // TILE[1]
         if not active[tile] or wake[tile] <= now:
             continue
-        on = each[1, y, i] if each.size else sensor.thresholds[1]
-        room = on * (1 - SLACK) - (level[i] + sensor.leak * now - memory[i])
-        wake[tile] = now if room <= 0 else min(wake[tile], now + np.int64(min(room / sensor.leak, 2.0**61)))
+        on = each[1, y, i] if each.size else thresholds[1]
+        room = on * (1 - SLACK) - (level[i] + leak * now - memory[i])
+        wake[tile] = now if room <= 0 else min(wake[tile], now + np.int64(min(room / leak, 2.0**61)))

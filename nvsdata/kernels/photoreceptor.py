@@ -12,15 +12,15 @@ import math
 import numpy as np
 
 from nvsdata.kernels.compiling import njit
+from nvsdata.kernels.crossings import NEVER, rouse, row_of_levels
 from nvsdata.kernels.spikes import grown
-from nvsdata.kernels.tiles import TILE
+from nvsdata.kernels.tiles import TILE, find_dirty
 
 CHANGE = 0.1  # of the logarithm of light, in a step of a pixel
 CLOSE = 0.01  # µs to which a crossing is found
 TRIES = 60  # after which halving alone has found it
 EARLY = 1.0  # µs by which tiles wake early, because times are known to rounding only
 TINY = 1e-12  # of the logarithm of light: a lag that doesn't turn a curve, and what rounding may add up to
-NEVER = 2**62  # µs
 
 
 @njit
@@ -30,7 +30,28 @@ def rate(level, sensor):
 
 
 @njit
-def follow(end, y, active, sensor, array, before, now, keys, n):
+def advance_receptors(frame, previous, first_weight, given, sensor, array, before, now, keys):
+    """`crossings.advance` where pixels have photoreceptors."""
+    height, width = array.level.shape
+    find_dirty(frame, previous, frame.shape[1] // width * TILE[1], array.dirty)
+    n = np.int64(0)
+    end, scratch = np.empty_like(array.level[0]), np.empty((3, width), np.uint32)
+    active = np.empty(array.dirty.shape[1], np.bool_)
+    for r in range(array.dirty.shape[0]):
+        dirty, since = array.dirty[r], array.since[r]
+        if not rouse(dirty, array.wake[r], now, active):
+            continue
+        for y in range(r * TILE[0], min((r + 1) * TILE[0], height)):
+            level = array.level[y]
+            row_of_levels(frame, y, first_weight, given, sensor.table, sensor.dark, level, dirty, active, scratch, end)
+            keys, n = _follow(end, y, active, sensor, array, before, now, keys, n)
+        for c in range(active.size):
+            since[c] = now if dirty[c] else since[c]
+    return keys, n
+
+
+@njit
+def _follow(end, y, active, sensor, array, before, now, keys, n):
     """Events of a row's photoreceptors while the light goes to `end` in tiles that changed; the state follows.
 
     Returns the keys of the events, µs after `before`, and their number. O(active pixels + events).
