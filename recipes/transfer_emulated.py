@@ -9,6 +9,8 @@ frames of 1 / --fps s, averaged over 8x8 pixels and scaled to 40x30. From 160 co
 0.0005, for 50,000 iterations, its rate divided by 10 every 20,000. Tests use 5 random volumes per recording and the
 mean over the most active and the middle crop, each as it is and mirrored.
 
+With --digits first, it is `recipes/transfer_digits.py`: scikit-learn's digits, emulated, and N-MNIST's.
+
 OUT receives the trainings' logs and checkpoints, and `table.json`; --resume continues a stopped run.
 """
 
@@ -16,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +38,11 @@ SMALLER_SIDE = 30  # of 240x180 and of 320x240 alike
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["--digits"]:
+        import transfer_digits
+
+        del sys.argv[1]
+        return transfer_digits.main()
     args = arguments()
     with team(args.device) as here, here.claiming(args.out):
         data = {

@@ -45,7 +45,7 @@ def test_four_cells_from_one_command(tmp_path, fake_nmnist, run, monkeypatch):
     for kind in ("emulated", "real"):
         assert nvsdata.models.load(tmp_path / "out" / kind / "model.safetensors").model is not None
 
-    again = run(*words, "--resume")
+    again = run("transfer_emulated.py", "--digits", *words[1:], "--resume")
     assert "emulating" not in again
     assert json.loads((tmp_path / "out/table.json").read_text()) == table
 
