@@ -70,10 +70,16 @@ def convolve_events(window, layer, features):
             layer.dirty.numbers[left] = row
             left += 1
     layer.dirty.count[0] = left
-    t, xs, ys, sources = window.t, window.x, window.y, window.source
+    convolve_rows(window, layer, features, layer.dirty.numbers[:left])
+
+
+@njit
+def convolve_rows(window, layer, features, chosen):
+    """Compute rows of events, each anew."""
+    t, xs, ys, sources, mask = window.t, window.x, window.y, window.source, window.t.size - 1
     kernel, share, used = kernel_of(layer), layer.share, layer.used
-    for start in range(0, left, TOGETHER):
-        rows = layer.dirty.numbers[start : min(start + TOGETHER, left)]
+    for start in range(0, chosen.size, TOGETHER):
+        rows = chosen[start : min(start + TOGETHER, chosen.size)]
         for at in range(rows.size):
             row = rows[at]
             layer.degree[row] = window.degree[row] + layer.loops

@@ -8,7 +8,7 @@ pixel are nearer to each other: so a step looks at `k` events of each pixel near
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -68,6 +68,14 @@ class Window(NamedTuple):
     ends: np.ndarray
     width: int
     height: int
+
+    @classmethod
+    def empty(cls, width: int, height: int, capacity: int, k: int) -> Self:
+        """No event, of a sensor of `width` x `height`, and room for so many of `k` neighbors."""
+        columns: list[Any] = [np.zeros(capacity, kind) for kind in (np.int64, np.int32, np.int32)]
+        columns += [np.zeros((capacity, k), np.int64), np.zeros((capacity, k)), *np.zeros((2, capacity), np.int32)]
+        columns += [*np.zeros((4, width * height), np.int64), np.zeros(4 * capacity + 4, np.int64)]
+        return cls(*columns, np.zeros(3, np.int64), width, height)
 
 
 @njit(inline="always")
@@ -244,3 +252,24 @@ def _comes_after(t, source, far, mask, row, a, b):
     first, second = source[row, a], source[row, b]
     apart, other = abs(t[first & mask] - t[row]), abs(t[second & mask] - t[row])
     return apart > other or (apart == other and first > second)
+
+
+@njit
+def earlier_edges(window, metric, t, x, y):
+    """Edges to each event from its near ones among those before it: int64 [2, E], sorted by target; fills the window.
+
+    O(N (pixels up to the farthest neighbor) k).
+    """
+    n = t.size
+    total = 0
+    for i in range(n):
+        push(window, i, t[i], x[i], y[i])
+        search(window, i, metric)
+        total += window.degree[i]
+    edges, e = np.empty((2, total), np.int64), 0
+    for i in range(n):
+        sources = np.sort(window.source[i, : window.degree[i]])
+        for n in range(sources.size):
+            edges[0, e], edges[1, e] = sources[n], i
+            e += 1
+    return edges

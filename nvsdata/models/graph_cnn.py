@@ -124,7 +124,7 @@ def activated_pool(cluster: Size, sensor_size: Size, pooling: Pooling) -> list[n
     return [pool, activation] if pooling == "max" else [activation, pool]
 
 
-def check_pairs(channels: Sequence[int], clusters: Sequence[Size]) -> None:
+def check_pairs(channels: Sequence[int], clusters: Sequence[Size | None]) -> None:
     """ValueError unless there is one cluster for each number of channels, and at least one."""
     if len(channels) != len(clusters) or not channels:
         raise ValueError(f"channels and clusters must pair up, not {len(channels)} and {len(clusters)}")
@@ -160,7 +160,7 @@ class _GraphCNN(nn.Module):
         *,
         sensor_size: Size = (34, 34),
         channels: Sequence[int] = (32, 64, 128),
-        clusters: Sequence[Size] = ((2, 2), (4, 4), (7, 7)),
+        clusters: Sequence[Size | None] = ((2, 2), (4, 4), (7, 7)),
         hidden: int = 128,
         kernel_size: int = 5,
         in_channels: int = 1,
@@ -184,11 +184,16 @@ class _GraphCNN(nn.Module):
             else:
                 layers.append(ConvBlock(previous, width, kernel))
             # nodes that are those clusters already would be joined with none
-            pooled = depth > 0 and cluster == clusters[depth - 1]
-            layers += [Activation()] if pooled else activated_pool(cluster, sensor_size, pooling)
+            if cluster is None or (depth > 0 and cluster == clusters[depth - 1]):
+                layers.append(Activation())
+            else:
+                layers += activated_pool(cluster, sensor_size, pooling)
             previous = width
+        last = clusters[-1]
+        if last is None:
+            raise ValueError("the last block needs clusters: they are the cells that the network's output is read from")
         self.features = nn.Sequential(*layers)
-        self.cluster, self.grid = clusters[-1], grid_shape(sensor_size, clusters[-1])
+        self.cluster, self.grid = last, grid_shape(sensor_size, last)
         self.hidden = nn.Linear(self.grid[0] * self.grid[1] * previous, hidden)
         self.dropout = Dropout(dropout)
         self.classify = nn.Linear(hidden, num_classes)
@@ -216,7 +221,7 @@ class RGCNN(_GraphCNN):
     - `sensor_size`: (width, height) in pixels (default 34, 34)
     - `channels`: output channels of each of the L + 1 blocks (default 32, 64, 128)
     - `clusters`: (width, height) in pixels of the clusters of each of the L + 1 poolings (default (2, 2), (4, 4),
-      (7, 7)); the same clusters as of the block before stand for a block without pooling
+      (7, 7)); None, or the same clusters as of the block before, stands for a block without pooling, the last one aside
     - `hidden`: width of the hidden fully connected layer (default 128)
     - `kernel_size`: of the B-spline kernels, along each axis (default 5)
     - `in_channels`: features per node (default 1)

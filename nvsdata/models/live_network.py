@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -64,12 +65,21 @@ class Parts:
                 self.convolutions.append(layer.conv)
                 self.loops.append(int(layer.kernel.loops))
                 self.pools.append(None)
+        if graph.causal and any(self.pools[:-1]):
+            raise ValueError("pooling before the last block can't stream on a causal graph: clusters of None can")
+        if not graph.causal and self.pools[0] is None:
+            raise ValueError("a first block without pooling can't stream, but on a causal graph")
         self.hidden = np.ascontiguousarray(_array(model.hidden.weight).T)
         cells = model.grid[0] * model.grid[1]
         self.shape = cells, len(self.hidden) // cells
         self._bias = _array(model.hidden.bias).astype(np.float64)
         self._classify = _array(model.classify.weight).astype(np.float64)
         self._last = _array(model.classify.bias).astype(np.float64)
+
+    def readout(self) -> Readout:
+        """The first fully connected layer, of no features."""
+        sums = np.zeros(self.shape, np.float32), np.zeros(self.hidden.shape[1])
+        return Readout(self.hidden, *sums, np.zeros(1, np.int64))
 
     def scores(self, hidden: np.ndarray) -> torch.Tensor:
         """Class scores from the sums of the hidden layer."""
@@ -88,7 +98,7 @@ class LiveNetwork:
         self._metric = Metric.of(float(graph.radius), float(graph.alpha), float(graph.beta))
         side = int(self._metric.offsets.max())
         k = int(min(graph.max_degree, MOST_NEIGHBORS))
-        self._window = _window(width, height, LEAST, k)
+        self._window = Window.empty(width, height, LEAST, k)
         self._near = Marks.none(width * height)
         self._plan = np.zeros((len(network.convolutions), 2), np.int64)
         reach: Reach = graph.reach(network.sensor_size)
@@ -98,7 +108,7 @@ class LiveNetwork:
         far = (side, side)
         nodes = LEAST
         for n, (conv, loops, pool) in enumerate(zip(network.convolutions, network.loops, network.pools, strict=True)):
-            layers.append(_layer(conv, loops, graph.pseudo != "abs", reach, nodes))
+            layers.append(layer_of(conv, loops, graph.pseudo != "abs", reach, nodes))
             if pool is None:
                 self._plan[n] = -1, 0
             else:
@@ -109,8 +119,7 @@ class LiveNetwork:
                 reach = coarse_reach(reach, pool.cluster)
             features.append(_features(nodes, conv.out_channels))
         self._cells, self._layers, self._features = tuple(cells), tuple(layers), tuple(features)
-        shown, total = np.zeros(network.shape, np.float32), np.zeros(network.hidden.shape[1])
-        self._readout = Readout(network.hidden, shown, total, np.zeros(1, np.int64))
+        self._readout = network.readout()
 
     def __len__(self) -> int:
         return int(self._window.ends[1] - self._window.ends[0])
@@ -154,50 +163,55 @@ class LiveNetwork:
 
     def _grow(self, count: int) -> None:
         """Make room for so many events."""
-        old, capacity = self._window, 1 << (count - 1).bit_length()
-        window = _window(old.width, old.height, capacity, old.source.shape[1])
-        numbers = np.arange(old.ends[0], old.ends[1])
-        source, target = numbers & (old.t.size - 1), numbers & (capacity - 1)
-
-        def moved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            b[target] = a[source]
-            return b
-
-        for name in ("t", "x", "y", "source", "far", "degree", "worst"):
-            moved(getattr(old, name), getattr(window, name))
-        for name in ("base", "room", "begin", "size", "ends"):
-            getattr(window, name)[:] = getattr(old, name)
-        window.slots[: old.slots.size] = old.slots
-        self._window = window
-        first = self._layers[0]
-        names = ("sums", "out", "degree", "age")
-        rows: dict[str, Any] = {name: moved(column := getattr(first, name), _wider(column, capacity)) for name in names}
-        self._layers = (first._replace(**rows | {"dirty": Marks.none(capacity)}), *self._layers[1:])
-        events = self._features[0]
+        old = self._window
+        self._window, moved = roomier(old, count)
+        capacity = self._window.t.size
+        first, cells, events = self._layers[0], self._cells[0], self._features[0]
+        self._layers = (wider_layer(first, capacity, moved), *self._layers[1:])
         wide = _features(capacity, events.values.shape[1])
         moved(events.values, wide.values)
         self._features = (wide, *self._features[1:])
-        cells = self._cells[0]
-        links: dict[str, Any] = {
-            name: moved(column := getattr(cells, name), _wider(column, capacity)) for name in ("after", "previous")
-        }
+        links: dict[str, Any] = {n: moved(c := getattr(cells, n), wider(c, capacity)) for n in ("after", "previous")}
         self._cells = (cells._replace(**links), *self._cells[1:])
+
+
+Moved = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def roomier(old: Window, count: int) -> tuple[Window, Moved]:
+    """A window with room for so many events, and what copies rows of events into columns of its size."""
+    capacity = 1 << (count - 1).bit_length()
+    window = Window.empty(old.width, old.height, capacity, old.source.shape[1])
+    # the rows of all numbers that were used, because those that have gone may still be asked for
+    numbers = np.arange(max(int(old.ends[1]) - old.t.size, 0), old.ends[1])
+    source, target = numbers & (old.t.size - 1), numbers & (capacity - 1)
+
+    def moved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        b[target] = a[source]
+        return b
+
+    for name in ("t", "x", "y", "source", "far", "degree", "worst"):
+        moved(getattr(old, name), getattr(window, name))
+    for name in ("base", "room", "begin", "size", "ends"):
+        getattr(window, name)[:] = getattr(old, name)
+    window.slots[: old.slots.size] = old.slots
+    return window, moved
+
+
+def wider_layer(layer: Layer, capacity: int, moved: Moved) -> Layer:
+    """A layer of events with room for more."""
+    names = ("sums", "out", "degree", "age")
+    rows: dict[str, Any] = {name: moved(column := getattr(layer, name), wider(column, capacity)) for name in names}
+    return layer._replace(**rows | {"dirty": Marks.none(capacity)})
 
 
 def _array(parameter: torch.Tensor) -> np.ndarray:
     return parameter.detach().cpu().float().numpy()
 
 
-def _wider(column: np.ndarray, size: int) -> np.ndarray:
+def wider(column: np.ndarray, size: int) -> np.ndarray:
+    """An empty column of another length."""
     return np.zeros((size, *column.shape[1:]), column.dtype)
-
-
-def _window(width: int, height: int, capacity: int, k: int) -> Window:
-    columns: list[Any] = [np.zeros(capacity, kind) for kind in (np.int64, np.int32, np.int32)]
-    columns += [np.zeros((capacity, k), np.int64), np.zeros((capacity, k)), *np.zeros((2, capacity), np.int32)]
-    columns += [*np.zeros((4, width * height), np.int64), np.zeros(4 * capacity + 4, np.int64), np.zeros(3, np.int64)]
-    columns += [width, height]
-    return Window(*columns)
 
 
 def _features(nodes: int, channels: int) -> Features:
@@ -205,7 +219,8 @@ def _features(nodes: int, channels: int) -> Features:
     return Features(values, values.copy(), Marks.none(nodes))
 
 
-def _layer(conv: SplineConv, loops: int, signed: bool, reach: Reach, nodes: int) -> Layer:
+def layer_of(conv: SplineConv, loops: int, signed: bool, reach: Reach, nodes: int) -> Layer:
+    """A convolution of so many nodes."""
     weight, channels = _array(conv.weight), conv.out_channels
     own = _array(conv.root) if conv.root is not None else np.zeros(weight.shape[1:], np.float32)
     weight = np.concatenate((weight, own[None]))

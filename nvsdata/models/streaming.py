@@ -7,6 +7,7 @@ from torch import nn
 
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Columns, Events, concatenate
+from nvsdata.models.live_causal import LiveCausal
 from nvsdata.models.live_network import LiveNetwork, Parts
 from nvsdata.transforms.graph import RadiusGraph
 
@@ -20,12 +21,14 @@ def stream(model: nn.Module, window: int | None = 30_000, graph: RadiusGraph | N
 
     - `model`: an `RGCNN` or `GCNN` of B-spline convolutions, as trained
     - `window`: µs up to the last event, its own included, whose events count (default 30,000); None for all
-    - `graph`: that the network was trained with (default `RadiusGraph()`)
+    - `graph`: that the network was trained with (default `RadiusGraph()`). A causal one needs a network that pools
+      after its last block only (clusters of None before); a row is final then once it is computed, see `CausalStream`
 
     ValueError for a network in training mode, or one that can't stream, by the name of its part, for graphs without
     bound in space, and for a window below 1 µs.
     """
-    return Stream(model, window, graph or RadiusGraph())
+    graph = graph or RadiusGraph()
+    return (CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream)(model, window, graph)
 
 
 class Stream:
@@ -74,7 +77,12 @@ class Stream:
             raise ValueError(f"events fall back in time: to {first} µs, after {self._last}")
         self._last = last
         columns = events.columns
-        self._waiting.append(columns._replace(t=columns.t - self._origin))
+        self._take(columns._replace(t=columns.t - self._origin))
+
+    def _take(self, columns: Columns) -> None:
+        """Keep events until scores are asked for."""
+        last = int(columns.t[-1]) + self._origin
+        self._waiting.append(columns)
         if last - self._origin - int(self._waiting[0].t[-1]) >= (self.window or FOREVER):
             # pieces that are over by now needn't wait
             self._waiting = [piece for piece in self._waiting if piece.t[-1] >= self._until]
@@ -129,3 +137,31 @@ class Stream:
         before = self._live.products
         self._live.step(until, new)
         self.products += self._live.products - before
+
+
+class CausalStream(Stream):
+    """A network on a causal graph that follows events; made by `stream`.
+
+    An event's neighbors are among those that the window held when it came, its rows are computed once, and the network
+    sees the maxima over the events in the window. As long as none has gone, scores are those of the network on `graph`
+    of all events, up to rounding; afterwards events at the window's beginning still know their neighbors, which a graph
+    of the window alone lacks.
+    """
+
+    def reset(self) -> None:
+        """Forget all events."""
+        super().reset()
+        self._causal = LiveCausal(self._network, self.graph, self.window)
+        self.products = 0
+
+    def _take(self, columns: Columns) -> None:
+        self._causal.step(columns)
+        self.products = self._causal.products
+
+    def scores(self) -> torch.Tensor:
+        """Class scores (logits) float32 [num_classes] of the events in the window; without any, of an empty graph."""
+        return self._network.scores(self._causal.hidden)
+
+    def __len__(self) -> int:
+        """Number of events in the window."""
+        return len(self._causal)

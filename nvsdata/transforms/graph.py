@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -15,6 +16,7 @@ from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.pseudo import Pseudo, Reach, axes, check_pseudo, pseudo
 from nvsdata.data.recording import Recording, as_events, misplaced
 from nvsdata.kernels.graph import event_graph
+from nvsdata.kernels.live_neighbors import Metric, Window, earlier_edges
 from nvsdata.kernels.neighbors import near_edges
 from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
 
@@ -41,6 +43,8 @@ class RadiusGraph:
       |dy|, "signed" dx and dy, "signed-time" also dt
     - `reach_t`: µs that the end of the time axis of "signed-time" stands for (default 15,000, which 90% of the edges in
       windows of 30 ms are within)
+    - `causal`: edges lead from earlier events to later ones only, so that what a node hears is settled when it comes;
+      of those at one time, index decides (default False)
 
     Takes `Events` or a `Recording`, gives a `Graph` with one node per event in the same order, and the polarity
     as ±1 as its feature. Takes a `Graph`, such as `MergePixels` gives, too, and gives its nodes new edges. ValueError
@@ -53,6 +57,7 @@ class RadiusGraph:
     max_degree: int = 32
     pseudo: Pseudo = PSEUDO
     reach_t: int = REACH_T
+    causal: bool = False
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -62,11 +67,25 @@ class RadiusGraph:
         whole("max_degree", self.max_degree, 1)
         check_pseudo(self.pseudo)
         positive("reach_t", self.reach_t)
+        if self.causal and self.alpha == 0:
+            raise ValueError("a causal graph needs alpha above 0")
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
         sample = sample if isinstance(sample, Graph) else as_events(sample)
         metric = float(self.radius), float(self.alpha), float(self.beta), min(int(self.max_degree), MOST)
-        return _joined(sample, metric, self.reach(sample.sensor_size or (1, 1)), self.pseudo)
+        reach = self.reach(sample.sensor_size or (1, 1))
+        if self.causal:
+            return _joined_again(_nodes(sample), self._earlier, reach, self.pseudo)
+        return _joined(sample, metric, reach, self.pseudo)
+
+    def _earlier(self, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Edges from earlier nodes to later ones."""
+        size = int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1
+        capacity = 1 << max(t.size - 1, 1).bit_length()
+        window = Window.empty(*size, capacity, min(int(self.max_degree), max(t.size, 1)))
+        metric = Metric.of(float(self.radius), float(self.alpha), float(self.beta))
+        edges: np.ndarray = earlier_edges(window, metric, t, x, y)
+        return edges
 
     def reach(self, sensor_size: tuple[int, int]) -> Reach:
         """What the ends of the axes of the pseudo-coordinates stand for, in pixels and µs."""
@@ -130,12 +149,13 @@ def radius_graph(
     max_degree: int = 32,
     pseudo: Pseudo = PSEUDO,
     reach_t: int = REACH_T,
+    causal: bool = False,
 ) -> Graph:
     """Graph with one node per event, in the order of the events; see `RadiusGraph`.
 
     Time differences are computed in int64, so any time offset gives the same graph.
     """
-    return RadiusGraph(radius, alpha, beta, max_degree, pseudo, reach_t)(sample)
+    return RadiusGraph(radius, alpha, beta, max_degree, pseudo, reach_t, causal)(sample)
 
 
 def _reach(wide: float, high: float, reach_t: int, kind: Pseudo) -> Reach:
@@ -143,20 +163,37 @@ def _reach(wide: float, high: float, reach_t: int, kind: Pseudo) -> Reach:
     return tuple(max(float(end), SHORTEST) for end in (wide, high, reach_t))[: axes(kind)]
 
 
-Metric = tuple[float, float, float, int]  # radius, alpha, beta and D_max
+Limits = tuple[float, float, float, int]  # radius, alpha, beta and D_max
 
 
-def _joined(sample: Events | Recording | Graph, metric: Metric, reach: Reach, kind: Pseudo) -> Graph:
+def _joined(sample: Events | Recording | Graph, metric: Limits, reach: Reach, kind: Pseudo) -> Graph:
     if isinstance(sample, Graph):
-        return _joined_again(sample, metric, reach, kind)
+        return _joined_again(sample, lambda t, x, y: near_edges(t, x, y, *metric), reach, kind)
     events = as_events(sample)
     arrays = event_graph(*events.columns, events.start, *metric, reach, kind != "abs")
     x, pos, t, edge_index, edge_attr = map(torch.from_numpy, arrays)
     return Graph(x, pos, t, edge_index, edge_attr, None, events.sensor_size, reach, kind)
 
 
-def _joined_again(graph: Graph, metric: Metric, reach: Reach, kind: Pseudo) -> Graph:
-    """The same nodes with new edges between them; nodes are taken to lie at the nearest whole pixels."""
+Near = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def _nodes(sample: Events | Recording | Graph) -> Graph:
+    """A graph, or events as one without edges."""
+    if isinstance(sample, Graph):
+        return sample
+    events = as_events(sample)
+    x = torch.from_numpy(2 * events.p.astype(np.float32) - 1)[:, None]
+    pos = torch.from_numpy(np.stack((events.x, events.y), 1).astype(np.float32))
+    none = torch.empty((2, 0), dtype=torch.int64)
+    return Graph(x, pos, torch.from_numpy(events.t - events.start), none, torch.empty(0, 2), None, events.sensor_size)
+
+
+def _joined_again(graph: Graph, near: Near, reach: Reach, kind: Pseudo) -> Graph:
+    """The same nodes with new edges between them; nodes are taken to lie at the nearest whole pixels.
+
+    `near` gives edges int64 [2, E] of t, x and y in order of time.
+    """
     if isinstance(graph, GraphBatch):
         raise misplaced("Events, a Recording or a single graph", graph)
     order = np.argsort(graph.t.numpy(), kind="stable")
@@ -167,7 +204,7 @@ def _joined_again(graph: Graph, metric: Metric, reach: Reach, kind: Pseudo) -> G
     if not (places <= FURTHEST).all():
         raise ValueError(f"nodes must be at finite positions, at most {FURTHEST} pixels apart along an axis")
     x, y = places.T.astype(np.int32)
-    edges = near_edges(graph.t.numpy()[order], x, y, *metric)
+    edges = near(graph.t.numpy()[order], x, y)
     source, target = order[edges]
     # by target again, if the nodes weren't in order of time
     edges = np.stack((source, target))[:, np.lexsort((source, target))]
