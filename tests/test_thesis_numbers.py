@@ -304,6 +304,7 @@ def test_every_transform_with_defaults_is_pinned():
         T.RandomApply,
         T.RandomChoice,
         T.RefractoryPeriod,
+        T.RateLimit,
         T.RelativeTime,
         T.ToFrames,
         T.VoxelGrid,

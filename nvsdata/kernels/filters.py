@@ -10,17 +10,49 @@ NEVER = np.int64(-(2**63))  # more than 2^62 µs before all events
 
 
 @njit
-def after_pause(t, x, y, size, period):
-    """Mask of the events at least `period` µs after the last one of their pixel that passed. O(N + pixels).
+def after_pause(t, x, y, period, last):
+    """Mask of the events at least `period` µs after the last one of their pixel that passed. O(N).
 
-    `period` is at most 2^62.
+    `period` is at most 2^62; `last` int64 [H, W] are those, `NEVER` at first, and follow.
     """
-    last, keep = np.full((size[1], size[0]), NEVER), np.empty(t.size, np.bool_)
+    keep = np.empty(t.size, np.bool_)
     for i in range(np.uint64(t.size)):
         row, column = np.uint64(y[i]), np.uint64(x[i])
         keep[i] = last[row, column] <= t[i] - period
         if keep[i]:
             last[row, column] = t[i]
+    return keep
+
+
+@njit
+def first_of_boxes(t, x, y, side, duration, most, box, count):
+    """Mask of the first `most` events of each box of `side` x `side` pixels and `duration` µs. O(N).
+
+    `box` int64 [rows, columns] is the number of each place's last box, `NEVER` at first, and `count` how many it kept.
+    """
+    keep = np.empty(t.size, np.bool_)
+    for i in range(t.size):
+        row, column, now = y[i] // side, x[i] // side, t[i] // duration
+        if box[row, column] != now:
+            box[row, column], count[row, column] = now, 0
+        keep[i] = count[row, column] < most
+        count[row, column] += keep[i]
+    return keep
+
+
+@njit
+def within_rate(t, x, y, side, interval, burst, due):
+    """Mask of the events by which no place exceeds a rate: one per `interval` µs, after a pause up to `burst`. O(N).
+
+    Places have `side` x `side` pixels; `due` int64 [rows, columns] is when all that came so far would be over at this
+    rate, `NEVER` at first.
+    """
+    keep = np.empty(t.size, np.bool_)
+    for i in range(t.size):
+        row, column = y[i] // side, x[i] // side
+        keep[i] = due[row, column] <= t[i] + (burst - 1) * interval
+        if keep[i]:
+            due[row, column] = max(due[row, column], t[i]) + interval
     return keep
 
 

@@ -10,25 +10,32 @@ from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.models.live_causal import LiveCausal
 from nvsdata.models.live_network import LiveNetwork, Parts
 from nvsdata.transforms.graph import RadiusGraph
+from nvsdata.transforms.looking_back import LookingBack
 
 FOREVER = 2**62  # µs
 MANY = 12  # part of the window's events that come or go from which the whole is computed
 CALM = 2  # steps with few changes in a row from which rows are kept
 
 
-def stream(model: nn.Module, window: int | None = 30_000, graph: RadiusGraph | None = None) -> Stream:
+def stream(
+    model: nn.Module,
+    window: int | None = 30_000,
+    graph: RadiusGraph | None = None,
+    sampler: LookingBack | None = None,
+) -> Stream:
     """An object that is fed events, and has a network's scores of the last `window` µs at any moment; see `Stream`.
 
     - `model`: an `RGCNN` or `GCNN` of B-spline convolutions, as trained
     - `window`: µs up to the last event, its own included, whose events count (default 30,000); None for all
     - `graph`: that the network was trained with (default `RadiusGraph()`). A causal one needs a network that pools
       after its last block only (clusters of None before); a row is final then once it is computed, see `CausalStream`
+    - `sampler`: that events pass first, such as `transforms.RateLimit` (default: none)
 
     ValueError for a network in training mode, or one that can't stream, by the name of its part, for graphs without
     bound in space, and for a window below 1 µs.
     """
     graph = graph or RadiusGraph()
-    return (CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream)(model, window, graph)
+    return (CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream)(model, window, graph, sampler)
 
 
 class Stream:
@@ -41,10 +48,12 @@ class Stream:
     - `products`: multiplications so far, in rows that changed
     """
 
-    def __init__(self, model: nn.Module, window: int | None, graph: RadiusGraph) -> None:
+    def __init__(self, model: nn.Module, window: int | None, graph: RadiusGraph, sampler: LookingBack | None) -> None:
         if window is not None:
             whole("window", window, 1)
-        self.window, self.graph = window, graph
+        if sampler is not None and not isinstance(sampler, LookingBack):
+            raise ValueError(f"{sampler} can't stream: samplers that look back only can, see transforms.LookingBack")
+        self.window, self.graph, self.sampler = window, graph, sampler
         self._network = Parts(model, graph)
         self.products = 0
         self.reset()
@@ -53,11 +62,13 @@ class Stream:
         """Forget all events."""
         self._last: int | None = None
         self._origin = 0
+        self._sieve = self.sampler.begin(self._network.sensor_size) if self.sampler else None
         self._waiting: list[Columns] = []
         # events whose rows aren't kept, and how many steps with few changes there were since
         self._held, self._calm = Columns.empty(0), 0
         self._live: LiveNetwork | None = None
         self._found: torch.Tensor | None = None
+        self._seen = -FOREVER
 
     def feed(self, events: Events) -> None:
         """Take events, any number, none of them before one that was fed.
@@ -76,15 +87,15 @@ class Stream:
         elif first < self._last:
             raise ValueError(f"events fall back in time: to {first} µs, after {self._last}")
         self._last = last
-        columns = events.columns
+        columns = (self._sieve(events) if self._sieve else events).columns
         self._take(columns._replace(t=columns.t - self._origin))
 
     def _take(self, columns: Columns) -> None:
         """Keep events until scores are asked for."""
-        last = int(columns.t[-1]) + self._origin
-        self._waiting.append(columns)
-        if last - self._origin - int(self._waiting[0].t[-1]) >= (self.window or FOREVER):
-            # pieces that are over by now needn't wait
+        if columns.t.size:
+            self._waiting.append(columns)
+        if self._waiting and self._waiting[0].t[-1] < self._until - (self.window or 0):
+            # pieces that are over by now needn't wait; now and then, because there may be many
             self._waiting = [piece for piece in self._waiting if piece.t[-1] >= self._until]
 
     def scores(self) -> torch.Tensor:
@@ -111,10 +122,11 @@ class Stream:
 
     def _catch_up(self) -> None:
         """Take the events that wait."""
-        if not self._waiting:
+        until = self._until
+        if not self._waiting and until == self._seen:
             return
-        self._found = None
-        new, until = concatenate(self._waiting), self._until
+        self._found, self._seen = None, until
+        new = concatenate(self._waiting or [Columns.empty(0)])
         new = new.take(slice(int(new.t.searchsorted(until)), None))
         self._waiting = []
         before = len(self._live) if self._live is not None else self._held.t.size

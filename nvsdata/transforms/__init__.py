@@ -26,14 +26,7 @@ from nvsdata.transforms.compose import Compose, Each
 from nvsdata.transforms.crops import Crop, Downsample, crop_events, downsample, resize_events
 from nvsdata.transforms.event_frames import ToFrames, to_frames
 from nvsdata.transforms.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, merge_pixels
-from nvsdata.transforms.filters import (
-    BackgroundActivity,
-    HotPixels,
-    RefractoryPeriod,
-    background_activity,
-    drop_hot_pixels,
-    refractory_period,
-)
+from nvsdata.transforms.filters import BackgroundActivity, HotPixels, background_activity, drop_hot_pixels
 from nvsdata.transforms.flow_image import FourChannels, four_channels
 from nvsdata.transforms.frames import (
     FourCrops,
@@ -69,6 +62,15 @@ from nvsdata.transforms.latest import TORE, tore
 from nvsdata.transforms.leaky import LeakyFrame, leaky_frame
 from nvsdata.transforms.lengths import longest_window, window_length, with_window_length
 from nvsdata.transforms.log_polar import DART, dart
+from nvsdata.transforms.looking_back import (
+    FirstOfBoxes,
+    LookingBack,
+    RateLimit,
+    RefractoryPeriod,
+    first_of_each_box,
+    limit_rate,
+    refractory_period,
+)
 from nvsdata.transforms.noise import (
     DropByArea,
     DropByTime,
@@ -122,6 +124,7 @@ __all__ = [
     "EventImage",
     "EventSurfaces",
     "FilterCascade",
+    "FirstOfBoxes",
     "FourChannels",
     "FourCrops",
     "Graph2Grid",
@@ -129,6 +132,7 @@ __all__ = [
     "HotPixels",
     "KNNGraph",
     "LeakyFrame",
+    "LookingBack",
     "MedianDenoise",
     "MergePixels",
     "MergePolarities",
@@ -156,6 +160,7 @@ __all__ = [
     "RandomTimeScale",
     "RandomTranslate",
     "RandomWindow",
+    "RateLimit",
     "RefractoryPeriod",
     "RelativeTime",
     "Resize",
@@ -190,6 +195,7 @@ __all__ = [
     "event_image",
     "event_surfaces",
     "filter_cascade",
+    "first_of_each_box",
     "flip",
     "flip_polarity",
     "flip_time",
@@ -203,6 +209,7 @@ __all__ = [
     "jitter_time",
     "knn_graph",
     "leaky_frame",
+    "limit_rate",
     "longest_window",
     "median_denoise",
     "merge_pixels",

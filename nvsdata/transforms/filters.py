@@ -12,26 +12,6 @@ from nvsdata.transforms.together import change_all
 
 
 @dataclass(frozen=True)
-class RefractoryPeriod:
-    """Drop events less than `period` after the last one of their pixel that was kept, of either polarity.
-
-    - `period`: in µs
-
-    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError unless `period` is a positive whole
-    number. tonic's `RefractoryPeriod` counts from the last event, kept or not, and drops one exactly `period` after it.
-    """
-
-    period: int
-    deterministic: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        microseconds("period", self.period)
-
-    def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: refractory_period(events, self.period))
-
-
-@dataclass(frozen=True)
 class BackgroundActivity:
     """Drop events without company: no event of the eight pixels around, up to `window` earlier (Delbruck 2008).
 
@@ -69,12 +49,6 @@ class HotPixels:
 
     def __call__(self, sample: Any) -> Any:
         return change_all(sample, lambda events: drop_hot_pixels(events, self.rate))
-
-
-def refractory_period(events: Events, period: int) -> Events:
-    """Events that aren't too soon after another of their pixel; see `RefractoryPeriod`."""
-    t, x, y, _ = events.columns
-    return events.of(events.columns.take(kernel.after_pause(t, x, y, events.sensor_size, min(int(period), LATEST))))
 
 
 def background_activity(events: Events, window: int = 10_000) -> Events:

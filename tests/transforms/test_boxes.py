@@ -54,6 +54,8 @@ STAYING = [
     T.RandomTimeScale(),
     T.RandomWindow(50),
     T.RefractoryPeriod(50),
+    T.FirstOfBoxes(),
+    T.RateLimit(10),
     T.RelativeTime(),
     T.SelectPolarity(),
     T.SpatialJitter(),

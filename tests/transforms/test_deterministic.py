@@ -72,6 +72,8 @@ EXAMPLES = [
     (T.RandomTranslate(), GRAPHS),
     (T.RandomWindow(), EVENTS),
     (T.RefractoryPeriod(50), EVENTS),
+    (T.FirstOfBoxes(duration=50), EVENTS),
+    (T.RateLimit(500), EVENTS),
     (T.RelativeTime(), EVENTS),
     (T.Resize(20), FRAMES),
     (T.SelectPolarity(), EVENTS),

@@ -47,6 +47,8 @@ ANYWHERE = [
     T.RandomTimeFlip(1.0),
     T.RandomTimeScale(),
     T.RefractoryPeriod(500),
+    T.FirstOfBoxes(),
+    T.RateLimit(10),
     T.RelativeTime(),
     T.SelectPolarity(),
     T.DropByTime(),
