@@ -88,7 +88,7 @@ TRANSFORMS = [
     (
         "4.4.2: R = 3, alpha = 1, D_max = 32; docs/models.md: beta, signed",
         T.RadiusGraph,
-        f"RadiusGraph(radius=3.0, {METRIC}, max_degree=32, pseudo='signed', reach_t=15000)",
+        f"RadiusGraph(radius=3.0, {METRIC}, max_degree=32, pseudo='signed', reach_t=15000, causal=False)",
     ),
     ("5.3.1: the nearest node", T.KNNGraph, "KNNGraph(k=1, reach=8.0, pseudo='signed', reach_t=15000)"),
     ("5.3.1: S = 8, T_vol = 1/30 s", T.Volumes, "Volumes(count=8, duration=33333)"),
@@ -155,7 +155,7 @@ FLIPS = "RandomFlip(axis=0, p=0.5), RandomFlip(axis=1, p=0.5)"
 
 
 def graph(degree, pseudo):
-    return f"RadiusGraph(radius=3.0, {METRIC}, max_degree={degree}, pseudo='{pseudo}', reach_t=15000)"
+    return f"RadiusGraph(radius=3.0, {METRIC}, max_degree={degree}, pseudo='{pseudo}', reach_t=15000, causal=False)"
 
 
 def pipeline(protocol, *, training=True):
@@ -305,6 +305,7 @@ def test_every_transform_with_defaults_is_pinned():
         T.RandomChoice,
         T.RefractoryPeriod,
         T.RateLimit,
+        T.FirstOfBoxes,
         T.RelativeTime,
         T.ToFrames,
         T.VoxelGrid,

@@ -52,7 +52,7 @@ class Stream:
         if window is not None:
             whole("window", window, 1)
         if sampler is not None and not isinstance(sampler, LookingBack):
-            raise ValueError(f"{sampler} can't stream: samplers that look back only can, see transforms.LookingBack")
+            raise ValueError(f"{sampler} can't stream: samplers that look back only can, such as RateLimit")
         self.window, self.graph, self.sampler = window, graph, sampler
         self._network = Parts(model, graph)
         self.products = 0

@@ -64,7 +64,6 @@ from nvsdata.transforms.lengths import longest_window, window_length, with_windo
 from nvsdata.transforms.log_polar import DART, dart
 from nvsdata.transforms.looking_back import (
     FirstOfBoxes,
-    LookingBack,
     RateLimit,
     RefractoryPeriod,
     first_of_each_box,
@@ -132,7 +131,6 @@ __all__ = [
     "HotPixels",
     "KNNGraph",
     "LeakyFrame",
-    "LookingBack",
     "MedianDenoise",
     "MergePixels",
     "MergePolarities",
