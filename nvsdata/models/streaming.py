@@ -13,7 +13,7 @@ from nvsdata.transforms.graph import RadiusGraph
 from nvsdata.transforms.looking_back import LookingBack
 
 FOREVER = 2**62  # µs
-MANY = 12  # part of the window's events that come or go from which the whole is computed
+MANY = 24  # part of the window's events that come or go from which the whole is computed
 CALM = 2  # steps with few changes in a row from which rows are kept
 
 
