@@ -53,6 +53,12 @@ class LiveCausal:
         return self._readout.sum
 
     @property
+    def shown(self) -> np.ndarray:
+        """Maxima of the cells, [cells, C]."""
+        show_maxima(self._queues, self._features[-1], self._window.t.size - 1, self._readout)
+        return self._readout.shown
+
+    @property
     def products(self) -> int:
         """Multiplications so far."""
         return int(sum(layer.products[0] for layer in self._layers) + self._readout.products[0])

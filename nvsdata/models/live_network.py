@@ -11,7 +11,8 @@ import torch
 from torch import nn
 
 from nvsdata.data.events import Columns
-from nvsdata.data.grid import grid_shape
+from nvsdata.data.graph import Graph
+from nvsdata.data.grid import grid_shape, to_grid
 from nvsdata.data.pseudo import Reach, axes
 from nvsdata.kernels.live_clusters import Cells
 from nvsdata.kernels.live_layers import TOGETHER, Features, Layer
@@ -20,7 +21,8 @@ from nvsdata.kernels.live_pooling import Readout
 from nvsdata.kernels.live_window import step
 from nvsdata.kernels.marks import Marks
 from nvsdata.models.fusing import fused
-from nvsdata.models.graph_cnn import Activation, _GraphCNN
+from nvsdata.models.graph_cnn import Activation, _GraphCNN, input_of
+from nvsdata.models.graph_cnn3d import RGCNN3D
 from nvsdata.models.pool import GraphPool, coarse_reach
 from nvsdata.models.spline import SplineConv
 from nvsdata.transforms.graph import RadiusGraph
@@ -36,14 +38,15 @@ class Parts:
     """
 
     def __init__(self, model: nn.Module, graph: RadiusGraph) -> None:
-        if not isinstance(model, _GraphCNN):
-            raise ValueError(f"{type(model).__name__} can't stream: RGCNN and GCNN can")
+        if not isinstance(model, _GraphCNN | RGCNN3D):
+            raise ValueError(f"{type(model).__name__} can't stream: RGCNN and GCNN can, and the graph part of RGCNN3D")
         if model.training:
             raise ValueError("a network in training mode can't stream: call eval() first")
-        for name, part in model.features.named_modules():
+        which = "features" if isinstance(model, _GraphCNN) else "spatial"
+        for name, part in getattr(model, which).named_modules():
             conv = getattr(part, "conv", None)
             if conv is not None and not isinstance(conv, SplineConv):
-                raise ValueError(f"features.{name}, a {type(conv).__name__}, can't stream: B-spline convolutions can")
+                raise ValueError(f"{which}.{name}, a {type(conv).__name__}, can't stream: B-spline convolutions can")
         if not isinstance(graph, RadiusGraph) or graph.alpha == 0:
             raise ValueError(f"{graph} can't stream: its edges have no bound in space")
         if model.in_channels != 1:
@@ -52,13 +55,15 @@ class Parts:
             )
         if (given := axes(graph.pseudo)) != model.dim:
             raise ValueError(f"edges of {graph} have {given} pseudo-coordinates, but the network takes {model.dim}")
-        self.model = fused(model)
+        # the kernels' own device and precision
+        self.model = fused(model).cpu().float()
+        self.body = getattr(self.model, which)
         self.sensor_size = model.sensor_size
         self.loops: list[int] = []
         self.convolutions: list[SplineConv] = []
         self.pools: list[GraphPool | None] = []
         layer: Any
-        for layer in self.model.features:
+        for layer in self.body:
             if isinstance(layer, GraphPool):
                 self.pools[-1] = layer
             elif not isinstance(layer, Activation):
@@ -69,12 +74,18 @@ class Parts:
             raise ValueError("pooling before the last block can't stream on a causal graph: clusters of None can")
         if not graph.causal and self.pools[0] is None:
             raise ValueError("a first block without pooling can't stream, but on a causal graph")
-        self.hidden = np.ascontiguousarray(_array(model.hidden.weight).T)
-        cells = model.grid[0] * model.grid[1]
-        self.shape = cells, len(self.hidden) // cells
-        self._bias = _array(model.hidden.bias).astype(np.float64)
-        self._classify = _array(model.classify.weight).astype(np.float64)
-        self._last = _array(model.classify.bias).astype(np.float64)
+        last = self.pools[-1] or next(pool for pool in self.pools[::-1] if pool is not None)
+        self.grid, self.cluster = last.grid, last.cluster
+        self.shape = last.grid[0] * last.grid[1], self.convolutions[-1].out_channels
+        self._head = [model.hidden, model.classify] if isinstance(model, _GraphCNN) else []
+        rows = self._head[0].weight.shape[0] if self._head else 0
+        self.hidden = np.ascontiguousarray(_array(self._head[0].weight).T) if rows else np.zeros((0, 0), np.float32)
+        self._weights = [(_array(head.weight).astype(float), _array(head.bias).astype(float)) for head in self._head]
+
+    @property
+    def has_scores(self) -> bool:
+        """Whether there are fully connected layers."""
+        return bool(self._weights)
 
     def readout(self) -> Readout:
         """The first fully connected layer, of no features."""
@@ -83,7 +94,19 @@ class Parts:
 
     def scores(self, hidden: np.ndarray) -> torch.Tensor:
         """Class scores from the sums of the hidden layer."""
-        return torch.from_numpy((self._classify @ np.maximum(hidden + self._bias, 0) + self._last).astype(np.float32))
+        (_, bias), (classify, last) = self._weights
+        return torch.from_numpy((classify @ np.maximum(hidden + bias, 0) + last).astype(np.float32))
+
+    def as_grid(self, shown: np.ndarray) -> torch.Tensor:
+        """Features of cells [cells, C] as Graph2Grid has them, [C, rows, columns]."""
+        columns, rows = self.grid
+        return torch.from_numpy(shown.T.reshape(-1, rows, columns).copy())
+
+    def grid_of(self, graph: Graph) -> torch.Tensor:
+        """The same of a graph, computed as a whole."""
+        with torch.no_grad():
+            batch = self.body(input_of(self.model, graph))
+        return to_grid(batch.x, batch.pos, batch.batch, 1, 1, self.cluster, self.grid)[0, :, 0]
 
 
 class LiveNetwork:
@@ -127,6 +150,11 @@ class LiveNetwork:
     @property
     def hidden(self) -> np.ndarray:
         return self._readout.sum
+
+    @property
+    def shown(self) -> np.ndarray:
+        """Features of the last graph's cells, [cells, C]."""
+        return self._readout.shown
 
     @property
     def products(self) -> int:

@@ -7,6 +7,7 @@ from torch import nn
 
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Columns, Events, concatenate
+from nvsdata.data.graph import Graph
 from nvsdata.models.live_causal import LiveCausal
 from nvsdata.models.live_network import LiveNetwork, Parts
 from nvsdata.transforms.graph import RadiusGraph
@@ -25,7 +26,8 @@ def stream(
 ) -> Stream:
     """An object that is fed events, and has a network's scores of the last `window` µs at any moment; see `Stream`.
 
-    - `model`: an `RGCNN` or `GCNN` of B-spline convolutions, as trained
+    - `model`: an `RGCNN` or `GCNN` of B-spline convolutions, as trained, or an `RGCNN3D`, whose graph part streams:
+      `grid()` then has the window's frame for the 3D CNN
     - `window`: µs up to the last event, its own included, whose events count (default 30,000); None for all
     - `graph`: that the network was trained with (default `RadiusGraph()`). A causal one needs a network that pools
       after its last block only (clusters of None before); a row is final then once it is computed, see `CausalStream`
@@ -99,16 +101,34 @@ class Stream:
             self._waiting = [piece for piece in self._waiting if piece.t[-1] >= self._until]
 
     def scores(self) -> torch.Tensor:
-        """Class scores (logits) float32 [num_classes] of the events in the window; without any, of an empty graph."""
+        """Class scores (logits) float32 [num_classes] of the events in the window; without any, of an empty graph.
+
+        ValueError for RGCNN3D, whose 3D CNN takes sequences: give it grids.
+        """
+        self._check_scores()
         self._catch_up()
         if self._found is None and self._live is not None:
             self._found = self._network.scores(self._live.hidden)
         elif self._found is None:
-            end = int(self._held.t[-1]) if self._held.t.size else 0
-            events = Events.trusted(self._held, self._network.sensor_size, 0, end)
             with torch.no_grad():
-                self._found = self._network.model(self.graph(events))[0]
+                self._found = self._network.model(self._graph_of_all())[0]
         return self._found.clone()
+
+    def grid(self) -> torch.Tensor:
+        """Features of the last pooling as `Graph2Grid` has them, float32 [C, rows, columns], for a 3D CNN, say."""
+        self._catch_up()
+        if self._live is not None:
+            return self._network.as_grid(self._live.shown)
+        return self._network.grid_of(self._graph_of_all())
+
+    def _graph_of_all(self) -> Graph:
+        """The graph of the window, whose rows aren't kept."""
+        end = int(self._held.t[-1]) if self._held.t.size else 0
+        return self.graph(Events.trusted(self._held, self._network.sensor_size, 0, end))
+
+    def _check_scores(self) -> None:
+        if not self._network.has_scores:
+            raise ValueError("the 3D CNN takes sequences: give it grids, grid() has that of the window")
 
     def __len__(self) -> int:
         """Number of events in the window."""
@@ -172,7 +192,12 @@ class CausalStream(Stream):
 
     def scores(self) -> torch.Tensor:
         """Class scores (logits) float32 [num_classes] of the events in the window; without any, of an empty graph."""
+        self._check_scores()
         return self._network.scores(self._causal.hidden)
+
+    def grid(self) -> torch.Tensor:
+        """Features of the pooling, float32 [C, rows, columns]."""
+        return self._network.as_grid(self._causal.shown)
 
     def __len__(self) -> int:
         """Number of events in the window."""

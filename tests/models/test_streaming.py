@@ -11,6 +11,7 @@ from nvsdata import transforms as T
 from nvsdata.data.events import LATEST
 from nvsdata.data.graph import GraphBatch
 from nvsdata.models import streaming
+from nvsdata.models.graph_cnn import input_of
 from nvsdata.models.live_network import LiveNetwork, Parts
 from nvsdata.models.pool import GraphPool
 from nvsdata.transforms.defaults import LITERAL_BETA
@@ -165,6 +166,41 @@ def test_pieces_may_be_of_any_size_and_rows_are_kept_where_that_pays():
         states.append(live._live is not None)
     assert states == [False, False, True, True, True, True, False, False, True, True, False, False]
     assert live.products > 0
+
+
+@pytest.mark.parametrize("many", [0, 10**9])
+def test_the_graph_part_of_a_sequence_network_gives_grids(monkeypatch, many):
+    monkeypatch.setattr(streaming, "MANY", many)
+    monkeypatch.setattr(streaming, "CALM", 1)
+    rng = np.random.default_rng(9)
+    torch.manual_seed(0)
+    network = models.RGCNN3D(
+        3, sensor_size=(34, 34), channels=(4, 5), clusters=((2, 2), (7, 7)), temporal="plain"
+    ).eval()
+    graph = T.RadiusGraph(max_degree=5)
+    live = models.stream(network, 2_000, graph)
+    events = drawn(rng, 200, "narrow")
+    for at in range(0, 200, 40):
+        live.feed(events[at : at + 40])
+        window = of_window(events[: at + 40], 2_000)
+        with torch.no_grad():
+            expected = network.grid(network.spatial(input_of(network, graph(window))))[0, :, 0]
+        torch.testing.assert_close(live.grid(), expected, atol=1e-5, rtol=0)
+    with pytest.raises(ValueError, match="the 3D CNN takes sequences: give it grids"):
+        live.scores()
+    plain = models.stream(trained(), 2_000, graph)
+    plain.feed(events)
+    assert plain.grid().shape == (5, 5, 5)
+
+
+def test_models_of_other_precision_stream_as_float32():
+    rng = np.random.default_rng(4)
+    events = drawn(rng, 80, "wide")
+    exact = trained().double()
+    live = models.stream(exact, None, GRAPHS[0])
+    live.feed(events)
+    assert live.scores().dtype == torch.float32
+    torch.testing.assert_close(live.scores(), whole(exact, GRAPHS[0], events).float(), atol=1e-5, rtol=0)
 
 
 def test_nothing_is_computed_before_scores_are_asked_for(monkeypatch):
