@@ -44,8 +44,10 @@ class Queues(NamedTuple):
 
 
 @njit
-def advance_causal(window, metric, age, layers, features, queues, t, x, y, given):
+def advance_causal(window, metric, age, until, layers, features, queues, t, x, y, given):
     """Take events: their neighbors among those of the last `age` µs, their rows, and their places in the queues.
+
+    Afterwards events before time `until` are forgotten.
 
     `layers` are convolutions, `features` what each takes and what the last one gives, float32 [capacity, C].
     """
@@ -64,6 +66,8 @@ def advance_causal(window, metric, age, layers, features, queues, t, x, y, given
         for row in rows:
             for c in range(out.shape[1]):
                 values[row, c] = max(out[row, c], np.float32(0))
+    while window.ends[0] < window.ends[1] and window.t[window.ends[0] & mask] < until:
+        pop(window)
     last = features[len(layers)]
     while queues.first[0] < min(window.ends[0], first):
         _leave(window, queues, last, queues.first[0])

@@ -31,9 +31,10 @@ class Metric(NamedTuple):
     apart: np.ndarray
 
     @classmethod
-    def of(cls, radius: float, alpha: float, beta: float) -> Self:
-        """The metric of a graph; `alpha` must be above 0."""
-        side = int(radius / alpha**0.5)
+    def of(cls, radius: float, alpha: float, beta: float, most: int) -> Self:
+        """The metric of a graph whose nodes are at most so many pixels apart along an axis; `alpha` must be above 0."""
+        # one more, because the quotient may be rounded down
+        side = int(min(radius / alpha**0.5 + 1, most))
         y, x = np.mgrid[-side : side + 1, -side : side + 1].reshape(2, -1)
         order = np.argsort(x * x + y * y, kind="stable")
         offsets, apart = np.stack((x, y), 1)[order], (alpha * (x * x + y * y))[order]
@@ -269,7 +270,7 @@ def earlier_edges(window, metric, t, x, y):
     edges, e = np.empty((2, total), np.int64), 0
     for i in range(n):
         sources = np.sort(window.source[i, : window.degree[i]])
-        for n in range(sources.size):
-            edges[0, e], edges[1, e] = sources[n], i
+        for source in sources:
+            edges[0, e], edges[1, e] = source, i
             e += 1
     return edges

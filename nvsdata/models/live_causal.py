@@ -10,11 +10,11 @@ from nvsdata.data.events import Columns
 from nvsdata.kernels.live_causal import Queues, advance_causal, show_maxima
 from nvsdata.kernels.live_neighbors import Metric, Window
 from nvsdata.kernels.marks import Marks
-from nvsdata.models.live_network import LEAST, MOST_NEIGHBORS, Parts, layer_of, roomier, wider, wider_layer
+from nvsdata.models.live_network import LEAST, Parts, layer_of, roomier, wider, wider_layer
 from nvsdata.transforms.graph import RadiusGraph
 
-TOGETHER = 4096  # events that are taken in one step
-FOREVER = 2**61  # µs
+PIECE = 4096  # events that are taken in one step
+FOREVER = 2**63 - 1  # µs
 
 
 class LiveCausal:
@@ -25,9 +25,9 @@ class LiveCausal:
 
     def __init__(self, network: Parts, graph: RadiusGraph, window: int | None) -> None:
         self._age = FOREVER if window is None else window
-        self._metric = Metric.of(float(graph.radius), float(graph.alpha), float(graph.beta))
         width, height = network.sensor_size
-        self._window = Window.empty(width, height, LEAST, int(min(graph.max_degree, MOST_NEIGHBORS)))
+        self._metric = Metric.of(float(graph.radius), float(graph.alpha), float(graph.beta), max(width, height) - 1)
+        self._window = Window.empty(width, height, LEAST, int(graph.max_degree))
         reach, signed = graph.reach(network.sensor_size), graph.pseudo != "abs"
         convolutions = list(zip(network.convolutions, network.loops, strict=True))
         self._layers = tuple(layer_of(conv, loops, signed, reach, LEAST) for conv, loops in convolutions)
@@ -63,10 +63,11 @@ class LiveCausal:
         """Multiplications so far."""
         return int(sum(layer.products[0] for layer in self._layers) + self._readout.products[0])
 
-    def step(self, columns: Columns) -> None:
-        """Take events."""
-        for first in range(0, columns.t.size, TOGETHER):
-            some = columns.take(slice(first, first + TOGETHER))
+    def step(self, until: int, columns: Columns) -> None:
+        """Take events, and forget those before `until`."""
+        for first in range(0, max(columns.t.size, 1), PIECE):
+            some = columns.take(slice(first, first + PIECE))
+            over = until if first + PIECE >= columns.t.size else -FOREVER
             # those whose last rows are still in queues, too
             count = int(self._window.ends[1] - self._queues.first[0]) + some.t.size
             if count > self._window.t.size:
@@ -74,7 +75,7 @@ class LiveCausal:
             x, y = some.x.astype(np.int32), some.y.astype(np.int32)
             given = (2 * some.p.astype(np.float32) - 1)[:, None]
             state = self._layers, self._features, self._queues
-            advance_causal(self._window, self._metric, self._age, *state, some.t, x, y, given)
+            advance_causal(self._window, self._metric, self._age, over, *state, some.t, x, y, given)
 
     def _grow(self, count: int) -> None:
         """Make room for so many events."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from nvsdata.models.spline import SplineConv
 from nvsdata.transforms.graph import RadiusGraph
 
 LEAST = 256  # events that there is room for at first
-MOST_NEIGHBORS = 1 << 16
+MOST_NEIGHBORS = 1_024  # of a node; each event has room for all
 
 
 class Parts:
@@ -49,6 +50,8 @@ class Parts:
                 raise ValueError(f"{which}.{name}, a {type(conv).__name__}, can't stream: B-spline convolutions can")
         if not isinstance(graph, RadiusGraph) or graph.alpha == 0:
             raise ValueError(f"{graph} can't stream: its edges have no bound in space")
+        if graph.max_degree > MOST_NEIGHBORS:
+            raise ValueError(f"{graph} can't stream: max_degree must be at most {MOST_NEIGHBORS:,}")
         if model.in_channels != 1:
             raise ValueError(
                 f"the network takes {model.in_channels} features of a node; a stream has its polarity alone"
@@ -56,7 +59,7 @@ class Parts:
         if (given := axes(graph.pseudo)) != model.dim:
             raise ValueError(f"edges of {graph} have {given} pseudo-coordinates, but the network takes {model.dim}")
         # the kernels' own device and precision
-        self.model = fused(model).cpu().float()
+        self.model = fused(deepcopy(model).cpu().float())
         self.body = getattr(self.model, which)
         self.sensor_size = model.sensor_size
         self.loops: list[int] = []
@@ -118,10 +121,10 @@ class LiveNetwork:
 
     def __init__(self, network: Parts, graph: RadiusGraph) -> None:
         width, height = network.sensor_size
-        self._metric = Metric.of(float(graph.radius), float(graph.alpha), float(graph.beta))
+        self._metric = Metric.of(float(graph.radius), float(graph.alpha), float(graph.beta), max(width, height) - 1)
         side = int(self._metric.offsets.max())
-        k = int(min(graph.max_degree, MOST_NEIGHBORS))
-        self._window = Window.empty(width, height, LEAST, k)
+        self._window = Window.empty(width, height, LEAST, int(graph.max_degree))
+        self._origin = 0
         self._near = Marks.none(width * height)
         self._plan = np.zeros((len(network.convolutions), 2), np.int64)
         reach: Reach = graph.reach(network.sensor_size)
@@ -168,6 +171,7 @@ class LiveNetwork:
     def over(self, until: int) -> int:
         """How many events are before `until`."""
         first, last = (int(end) for end in self._window.ends[:2])
+        until -= self._origin
         t, mask = self._window.t, self._window.t.size - 1
         return bisect_left(range(first, last), until, key=lambda number: t[number & mask])
 
@@ -181,13 +185,21 @@ class LiveNetwork:
 
     def step(self, until: int, columns: Columns) -> None:
         """Remove events before `until`, and append others."""
+        if columns.t.size and self.over(until) == len(self):
+            # times begin anew where they may, so that their sums stay small
+            self._step(until, columns.first(0))
+            self._origin = int(columns.t[0])
+        self._step(until, columns)
+
+    def _step(self, until: int, columns: Columns) -> None:
         count = len(self) + columns.t.size
         if count > self._window.t.size:
             self._grow(count)
         x, y = columns.x.astype(np.int32), columns.y.astype(np.int32)
         given = (2 * columns.p.astype(np.float32) - 1)[:, None]
         state = self._cells, self._layers, self._features, self._plan, self._readout, self._near
-        step(self._window, self._metric, *state, until, columns.t, x, y, given)
+        until = max(until - self._origin, -(2**62))
+        step(self._window, self._metric, *state, until, columns.t - self._origin, x, y, given)
 
     def _grow(self, count: int) -> None:
         """Make room for so many events."""
@@ -238,7 +250,7 @@ def _array(parameter: torch.Tensor) -> np.ndarray:
 
 
 def wider(column: np.ndarray, size: int) -> np.ndarray:
-    """An empty column of another length."""
+    """A column of zeros of another length."""
     return np.zeros((size, *column.shape[1:]), column.dtype)
 
 

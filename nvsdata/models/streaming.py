@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import torch
 from torch import nn
 
@@ -13,7 +15,7 @@ from nvsdata.models.live_network import LiveNetwork, Parts
 from nvsdata.transforms.graph import RadiusGraph
 from nvsdata.transforms.looking_back import LookingBack
 
-FOREVER = 2**62  # µs
+FOREVER = 2**62  # µs, longer than any window
 MANY = 24  # part of the window's events that come or go from which the whole is computed
 CALM = 2  # steps with few changes in a row from which rows are kept
 
@@ -23,7 +25,7 @@ def stream(
     window: int | None = 30_000,
     graph: RadiusGraph | None = None,
     sampler: LookingBack | None = None,
-) -> Stream:
+) -> Stream | CausalStream:
     """An object that is fed events, and has a network's scores of the last `window` µs at any moment; see `Stream`.
 
     - `model`: an `RGCNN` or `GCNN` of B-spline convolutions, as trained, or an `RGCNN3D`, whose graph part streams:
@@ -37,40 +39,29 @@ def stream(
     bound in space, and for a window below 1 µs.
     """
     graph = graph or RadiusGraph()
-    return (CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream)(model, window, graph, sampler)
+    kind = CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream
+    return kind(model, window, graph, sampler)
 
 
-class Stream:
-    """A network that follows events; made by `stream`.
-
-    Its scores are those of the network on `graph` of the events in the window, up to rounding, however events were cut.
-    Nothing is computed before scores are asked for; then, after few new events, only rows that changed, and after many
-    the whole window. Memory is in proportion to the events in the window.
-
-    - `products`: multiplications so far, in rows that changed
-    """
+class _Follower(ABC):
+    """What follows events with a network in a window, on a graph."""
 
     def __init__(self, model: nn.Module, window: int | None, graph: RadiusGraph, sampler: LookingBack | None) -> None:
         if window is not None:
             whole("window", window, 1)
+            window = min(int(window), FOREVER)
         if sampler is not None and not isinstance(sampler, LookingBack):
             raise ValueError(f"{sampler} can't stream: samplers that look back only can, such as RateLimit")
         self.window, self.graph, self.sampler = window, graph, sampler
         self._network = Parts(model, graph)
-        self.products = 0
         self.reset()
 
     def reset(self) -> None:
         """Forget all events."""
+        self.products = 0
         self._last: int | None = None
         self._origin = 0
         self._sieve = self.sampler.begin(self._network.sensor_size) if self.sampler else None
-        self._waiting: list[Columns] = []
-        # events whose rows aren't kept, and how many steps with few changes there were since
-        self._held, self._calm = Columns.empty(0), 0
-        self._live: LiveNetwork | None = None
-        self._found: torch.Tensor | None = None
-        self._seen = -FOREVER
 
     def feed(self, events: Events) -> None:
         """Take events, any number, none of them before one that was fed.
@@ -92,20 +83,65 @@ class Stream:
         columns = (self._sieve(events) if self._sieve else events).columns
         self._take(columns._replace(t=columns.t - self._origin))
 
+    @property
+    def _until(self) -> int:
+        """The time before which events are over, in the clock that begins with the first one."""
+        return -FOREVER if self.window is None or self._last is None else self._last - self._origin - self.window + 1
+
+    @abstractmethod
     def _take(self, columns: Columns) -> None:
-        """Keep events until scores are asked for."""
-        if columns.t.size:
-            self._waiting.append(columns)
-        if self._waiting and self._waiting[0].t[-1] < self._until - (self.window or 0):
-            # pieces that are over by now needn't wait; now and then, because there may be many
-            self._waiting = [piece for piece in self._waiting if piece.t[-1] >= self._until]
+        """Take events that passed the sampler, perhaps none; those before `_until` are over."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of events in the window."""
+
+    @abstractmethod
+    def grid(self) -> torch.Tensor:
+        """Features of the last pooling as `Graph2Grid` has them, float32 [C, rows, columns], for a 3D CNN, say."""
 
     def scores(self) -> torch.Tensor:
         """Class scores (logits) float32 [num_classes] of the events in the window; without any, of an empty graph.
 
         ValueError for RGCNN3D, whose 3D CNN takes sequences: give it grids.
         """
-        self._check_scores()
+        if not self._network.has_scores:
+            raise ValueError("the 3D CNN takes sequences: give it grids, grid() has that of the window")
+        return self._scores()
+
+    @abstractmethod
+    def _scores(self) -> torch.Tensor: ...
+
+
+class Stream(_Follower):
+    """A network that follows events; made by `stream`.
+
+    Its scores are those of the network on `graph` of the events in the window, up to rounding, however events were cut.
+    Nothing is computed before scores are asked for; then, after few new events, only rows that changed, and after many
+    the whole window. Memory is in proportion to the most events that the window had, and to the pooled graphs' cells.
+
+    - `products`: multiplications since it was made or reset, in rows that changed
+    """
+
+    def reset(self) -> None:
+        """Forget all events."""
+        super().reset()
+        self._waiting: list[Columns] = []
+        # events whose rows aren't kept, and how many steps with few changes there were since
+        self._held, self._calm = Columns.empty(0), 0
+        self._live: LiveNetwork | None = None
+        self._found: torch.Tensor | None = None
+        self._seen = -FOREVER
+
+    def _take(self, columns: Columns) -> None:
+        if columns.t.size:
+            # copies, because the caller may use its arrays again
+            self._waiting.append(Columns(columns.t, *(column.copy() for column in columns[1:])))
+        # pieces that are over needn't wait; looked for once a window, because there may be many
+        if self._waiting and self._waiting[0].t[-1] < self._until - (self.window or 0):
+            self._waiting = [piece for piece in self._waiting if piece.t[-1] >= self._until]
+
+    def _scores(self) -> torch.Tensor:
         self._catch_up()
         if self._found is None and self._live is not None:
             self._found = self._network.scores(self._live.hidden)
@@ -126,19 +162,10 @@ class Stream:
         end = int(self._held.t[-1]) if self._held.t.size else 0
         return self.graph(Events.trusted(self._held, self._network.sensor_size, 0, end))
 
-    def _check_scores(self) -> None:
-        if not self._network.has_scores:
-            raise ValueError("the 3D CNN takes sequences: give it grids, grid() has that of the window")
-
     def __len__(self) -> int:
         """Number of events in the window."""
         self._catch_up()
         return self._held.t.size if self._live is None else len(self._live)
-
-    @property
-    def _until(self) -> int:
-        """The time before which events are over, in the clock that begins with the first one."""
-        return -FOREVER if self.window is None or self._last is None else self._last - self._origin - self.window + 1
 
     def _catch_up(self) -> None:
         """Take the events that wait."""
@@ -171,34 +198,33 @@ class Stream:
         self.products += self._live.products - before
 
 
-class CausalStream(Stream):
+class CausalStream(_Follower):
     """A network on a causal graph that follows events; made by `stream`.
 
-    An event's neighbors are among those that the window held when it came, its rows are computed once, and the network
-    sees the maxima over the events in the window. As long as none has gone, scores are those of the network on `graph`
-    of all events, up to rounding; afterwards events at the window's beginning still know their neighbors, which a graph
-    of the window alone lacks.
+    An event's neighbors are among those that the window held when it came, its rows are computed once, at `feed`, and
+    the network sees the maxima over the events in the window. As long as none has gone, scores are those of the network
+    on `graph` of all events, up to rounding; afterwards events at the window's beginning still know their neighbors,
+    which a graph of the window alone lacks.
+
+    - `products`: multiplications since it was made or reset
     """
 
     def reset(self) -> None:
         """Forget all events."""
         super().reset()
-        self._causal = LiveCausal(self._network, self.graph, self.window)
-        self.products = 0
+        self._live = LiveCausal(self._network, self.graph, self.window)
 
     def _take(self, columns: Columns) -> None:
-        self._causal.step(columns)
-        self.products = self._causal.products
+        self._live.step(self._until, columns)
+        self.products = self._live.products
 
-    def scores(self) -> torch.Tensor:
-        """Class scores (logits) float32 [num_classes] of the events in the window; without any, of an empty graph."""
-        self._check_scores()
-        return self._network.scores(self._causal.hidden)
+    def _scores(self) -> torch.Tensor:
+        return self._network.scores(self._live.hidden)
 
     def grid(self) -> torch.Tensor:
-        """Features of the pooling, float32 [C, rows, columns]."""
-        return self._network.as_grid(self._causal.shown)
+        """Features of the pooling as `Graph2Grid` has them, float32 [C, rows, columns]."""
+        return self._network.as_grid(self._live.shown)
 
     def __len__(self) -> int:
         """Number of events in the window."""
-        return len(self._causal)
+        return len(self._live)

@@ -22,6 +22,8 @@ from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
 
 MOST = 2**31 - 1  # neighbors; a kernel takes no larger number, and no graph has more
 SHORTEST = float(np.finfo(np.float32).tiny)
+LARGEST = 2**26  # pixels around the nodes of a causal graph
+FEW = 64  # neighbors that there is room for at first
 FURTHEST = 32_767  # pixels between nodes, as between events
 
 
@@ -80,12 +82,19 @@ class RadiusGraph:
 
     def _earlier(self, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Edges from earlier nodes to later ones."""
-        size = int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1
+        width, height = int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1
+        if width * height > LARGEST:
+            raise ValueError(f"nodes of a causal graph must lie in {LARGEST:,} pixels, not {width}x{height}")
+        metric = Metric.of(float(self.radius), float(self.alpha), float(self.beta), max(width, height) - 1)
         capacity = 1 << max(t.size - 1, 1).bit_length()
-        window = Window.empty(*size, capacity, min(int(self.max_degree), max(t.size, 1)))
-        metric = Metric.of(float(self.radius), float(self.alpha), float(self.beta))
-        edges: np.ndarray = earlier_edges(window, metric, t, x, y)
-        return edges
+        most, k = min(int(self.max_degree), max(t.size, 1)), FEW
+        while True:
+            # room for the neighbors that there are, not for all that there may be
+            window = Window.empty(width, height, capacity, min(k, most))
+            edges: np.ndarray = earlier_edges(window, metric, t, x, y)
+            if k >= most or window.degree.max() < k:
+                return edges
+            k *= 4
 
     def reach(self, sensor_size: tuple[int, int]) -> Reach:
         """What the ends of the axes of the pseudo-coordinates stand for, in pixels and µs."""

@@ -112,13 +112,41 @@ def test_long_pieces_and_single_events_give_the_same(monkeypatch):
     events = joined([drawn(rng, 3_000, "wide"), drawn(rng, 1_500, "narrow", 10**6)])
     found = []
     for size, together in ((1, 4096), (4_500, 4096), (700, 90)):
-        monkeypatch.setattr("nvsdata.models.live_causal.TOGETHER", together)
+        monkeypatch.setattr("nvsdata.models.live_causal.PIECE", together)
         live = models.stream(network, 20_000, GRAPHS[0])
         for at in range(0, 4_500, size):
             live.feed(events[at : at + size])
         found.append(live.scores())
     for other in found[1:]:
         torch.testing.assert_close(found[0], other, atol=1e-6, rtol=0)
+
+
+def test_a_window_ends_with_what_was_fed_though_the_sampler_dropped_it():
+    network = trained(1, **SHAPE)
+    live = models.stream(network, 1_000, GRAPHS[0], T.RefractoryPeriod(10**9))
+    live.feed(Events([0], [3], [3], [1], SIZE))
+    assert len(live) == 1
+    live.feed(Events([10**6], [3], [3], [1], SIZE))
+    assert len(live) == 0
+    torch.testing.assert_close(live.scores(), whole(network, GRAPHS[0], Events.empty(SIZE)))
+
+
+def test_odd_metrics_and_degrees():
+    two = Events([5, 5], [0, 3], [0, 0], [1, 1], SIZE)
+    # exactly at the radius, though the quotient is rounded down
+    assert T.RadiusGraph(radius=0.3, alpha=0.01, causal=True)(two).edge_index.tolist() == [[0], [1]]
+    assert T.RadiusGraph(alpha=1e-12, causal=True)(two).edge_index.tolist() == [[0], [1]]
+    # many neighbors
+    busy = Events(np.arange(900), np.full(900, 4), np.full(900, 4), np.zeros(900), SIZE)
+    counts = torch.bincount(T.RadiusGraph(max_degree=10**6, causal=True)(busy).edge_index[1], minlength=900)
+    assert counts.tolist() == list(range(900))
+    assert T.RadiusGraph(max_degree=300, causal=True)(busy).edge_index.shape[1] == 300 * 299 // 2 + 600 * 300
+    with pytest.raises(ValueError, match="max_degree must be at most 1,024"):
+        models.stream(trained(**SHAPE), graph=T.RadiusGraph(max_degree=10**6, causal=True))
+    far = Graph(torch.ones(2, 1), torch.tensor([[0.0, 0.0], [32_767, 32_767]]), torch.zeros(2, dtype=torch.int64),
+                torch.empty((2, 0), dtype=torch.int64), torch.empty(0, 2))  # fmt: skip
+    with pytest.raises(ValueError, match="nodes of a causal graph must lie in 67,108,864 pixels, not 32768x32768"):
+        GRAPHS[0](far)
 
 
 def test_reset_and_an_empty_window():

@@ -148,7 +148,7 @@ def test_neighbors_are_those_of_the_graph(seed, k, window):
             ours.add((target + offset % wide - cells.across + 17 * (offset // wide - cells.down), target))
         assert ours == edges
         places = torch.cat((batch.pos.long(), (batch.t + events.start)[:, None]), 1)
-        assert cells.place[at].tolist() == places.tolist()
+        assert (cells.place[at] + [0, 0, live._origin]).tolist() == places.tolist()
 
 
 def test_pieces_may_be_of_any_size_and_rows_are_kept_where_that_pays():
@@ -201,6 +201,41 @@ def test_models_of_other_precision_stream_as_float32():
     live.feed(events)
     assert live.scores().dtype == torch.float32
     torch.testing.assert_close(live.scores(), whole(exact, GRAPHS[0], events).float(), atol=1e-5, rtol=0)
+
+
+def test_exact_streams_at_odd_metrics_windows_and_times(always):
+    network, rng = trained(dim=3), np.random.default_rng(11)
+    graph = T.RadiusGraph(pseudo="signed-time", max_degree=6)
+    for gap in (2**40, 2**61):
+        live = models.stream(network, 30_000, graph)
+        live.feed(Events([0], [1], [1], [1], SIZE))
+        live.scores()
+        late = drawn(rng, 200, "narrow", gap)
+        for at in range(0, 200, 20):
+            live.feed(late[at : at + 20])
+            found = live.scores()
+        torch.testing.assert_close(found, whole(network, graph, of_window(late, 30_000)), atol=1e-5, rtol=0)
+    for window in (2**63, 2**70, np.int64(2**63 - 1)):
+        live = models.stream(trained(), window)
+        live.feed(Events([0], [1], [1], [1], SIZE))
+        live.feed(Events([2**61], [1], [1], [1], SIZE))
+        assert len(live) == 2
+    thin = T.RadiusGraph(radius=0.3, alpha=0.01, max_degree=6)
+    live = models.stream(trained(), None, thin)
+    events = Events([0, 0, 9], [0, 3, 5], [0, 0, 2], [1, 1, 0], SIZE)
+    live.feed(events)
+    torch.testing.assert_close(live.scores(), whole(trained(), thin, events), atol=1e-5, rtol=0)
+
+
+def test_the_arrays_that_were_fed_may_be_used_again():
+    columns = [np.arange(5), np.arange(5, dtype=np.int16), np.arange(5, dtype=np.int16), np.ones(5, np.uint8)]
+    events = Events(*columns, SIZE)
+    live = models.stream(trained(), None, GRAPHS[0])
+    expected = whole(trained(), GRAPHS[0], Events(*(column.copy() for column in columns), SIZE))
+    live.feed(events)
+    for column in columns:
+        column[:] = 0
+    torch.testing.assert_close(live.scores(), expected, atol=1e-5, rtol=0)
 
 
 def test_nothing_is_computed_before_scores_are_asked_for(monkeypatch):
