@@ -179,9 +179,8 @@ class LiveNetwork:
         """The events."""
         rows, window = self._rows(), self._window
         p = self._features[0].values[rows, 0] > 0
-        return Columns(
-            window.t[rows], window.x[rows].astype(np.int16), window.y[rows].astype(np.int16), p.astype(np.uint8)
-        )
+        x, y = window.x[rows].astype(np.int16), window.y[rows].astype(np.int16)
+        return Columns(window.t[rows] + self._origin, x, y, p.astype(np.uint8))
 
     def step(self, until: int, columns: Columns) -> None:
         """Remove events before `until`, and append others."""

@@ -1,5 +1,7 @@
 """Networks that follow events against the same network on the whole window, and neighbors against their definition."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
@@ -201,6 +203,20 @@ def test_models_of_other_precision_stream_as_float32():
     live.feed(events)
     assert live.scores().dtype == torch.float32
     torch.testing.assert_close(live.scores(), whole(exact, GRAPHS[0], events).float(), atol=1e-5, rtol=0)
+
+
+def test_rows_that_are_given_up_after_a_late_start_leave_the_right_events():
+    rng = np.random.default_rng(12)
+    network, graph = trained(), GRAPHS[0]
+    live = models.stream(network, 40_000, graph)
+    events = joined([drawn(rng, 5, "wide"), drawn(rng, 400, "wide", 10**9)])
+    states = []
+    for start, stop in pairwise((0, 5, 200, 201, 202, 203, 204, 205, 405)):
+        live.feed(events[start:stop])
+        expected = whole(network, graph, of_window(events[:stop], 40_000))
+        torch.testing.assert_close(live.scores(), expected, atol=1e-5, rtol=0)
+        states.append(live._live is not None)
+    assert states == [False, False, False, True, True, True, True, False]
 
 
 def test_exact_streams_at_odd_metrics_windows_and_times(always):
