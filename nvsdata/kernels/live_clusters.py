@@ -18,6 +18,7 @@ class Cells(NamedTuple):
     """A pooled graph.
 
     - `width`, `height`: of a cell in pixels; `columns`, `rows`: of the grid
+    - `axes`: of places that count, 2, or 3 with time
     - `across`, `down`: most cells between the ends of an edge; its place among a cell's `offsets` tells the source
     - `members` int64 [cells], `sums` int64 [cells, 3]: how many nodes below, and the sums of their x, y and t
     - `place`, `was` int64 [cells, 3]: x, y and t of the nodes now, and before the step where they `moved`; without
@@ -37,6 +38,7 @@ class Cells(NamedTuple):
     rows: int
     across: int
     down: int
+    axes: int
     members: np.ndarray
     sums: np.ndarray
     place: np.ndarray
@@ -136,11 +138,12 @@ def settle(cells):
         cell = cells.touched.numbers[n]
         members, alive = cells.members[cell], cells.alive[cell]
         cells.touched.marked[cell] = False
-        for axis in range(3):
+        for axis in range(cells.axes):
             cells.was[cell, axis] = cells.place[cell, axis]
         same = alive == (members > 0)
         if members:
-            for axis in range(3):
+            # without its axis, time stays 0, because it changes with each event
+            for axis in range(cells.axes):
                 # rounded down, times before the first event, too
                 cells.place[cell, axis] = cells.sums[cell, axis] // members
                 same &= cells.place[cell, axis] == cells.was[cell, axis]

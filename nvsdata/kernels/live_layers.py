@@ -138,17 +138,19 @@ def _sum_up(cells, layer, features, at, cell):
     values, before, place, was = features.values, features.before, cells.place, cells.was
     kernel, share, used = kernel_of(layer), layer.share, layer.used
     offsets = edge.shape[1]
+    # in halves: of features that changed, half the channels did, say
     degree, different = layer.loops, np.int64(changed[cell])
     for offset in range(offsets):
         now = edge[cell, offset]
         degree += now
         if turned[cell * offsets + offset]:
-            different += 1
+            different += 2
         elif now:
             source = neighbor(grid, cell, offset)
-            different += 2 * moved[source] or changed[source]
+            # taken away and added, or only what is different
+            different += 4 if moved[source] else np.int64(changed[source])
     layer.degree[cell] = degree
-    anew = moved[cell] or different > degree or layer.age[cell] >= OLD
+    anew = moved[cell] or different > 2 * degree or layer.age[cell] >= OLD
     layer.age[cell] += 1
     if anew:
         layer.sums[cell, 0], layer.sums[cell, 1], layer.age[cell] = 0.0, layer.bias, 0
@@ -162,6 +164,7 @@ def _sum_up(cells, layer, features, at, cell):
         source = neighbor(grid, cell, offset)
         if not (anew or new or moved[source] or changed[source]):
             continue
+        # `less`: what it added before is to be taken away, because it is gone, changed or moved
         away, less = _away(place, source, place, cell), not anew and now != new
         if now and less and not moved[source]:
             _add(share, used, kernel, at, values, before, source, away, 1, True)

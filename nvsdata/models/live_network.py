@@ -139,7 +139,7 @@ class LiveNetwork:
                 self._plan[n] = -1, 0
             else:
                 self._plan[n] = len(cells), pool.mode == "average"
-                made, far = _cells(network.sensor_size, pool.cluster, far, nodes)
+                made, far = _cells(network.sensor_size, pool.cluster, far, nodes, axes(graph.pseudo))
                 cells.append(made)
                 nodes = made.members.size
                 reach = coarse_reach(reach, pool.cluster)
@@ -274,9 +274,9 @@ def layer_of(conv: SplineConv, loops: int, signed: bool, reach: Reach, nodes: in
 
 
 def _cells(
-    sensor_size: tuple[int, int], cluster: tuple[int, int], far: tuple[int, int], below: int
+    sensor_size: tuple[int, int], cluster: tuple[int, int], far: tuple[int, int], below: int, axes: int
 ) -> tuple[Cells, tuple[int, int]]:
-    """A pooled graph of `below` nodes up to `far` pixels from each other along x and y, and how far its own are."""
+    """A pooled graph of `below` nodes up to `far` pixels apart along x and y, and how far its own are."""
     columns, rows = grid_shape(sensor_size, cluster)
     across, down = (
         min((pixels + side - 1) // side, count - 1)
@@ -287,5 +287,5 @@ def _cells(
     state += [np.zeros((cells, offsets), np.int32), np.zeros((cells, offsets), np.bool_)]
     state += [np.full(cells, -1), np.full(cells, -1), *np.zeros((2, below), np.int64)]
     state += [Marks.none(cells * each) for each in (1, 1, offsets, offsets, 1)]
-    made = Cells(*cluster, columns, rows, across, down, *state)
+    made = Cells(*cluster, columns, rows, across, down, axes, *state)
     return made, (across * cluster[0] + cluster[0] - 1, down * cluster[1] + cluster[1] - 1)
