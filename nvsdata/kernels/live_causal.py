@@ -12,8 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from nvsdata.kernels.compiling import njit
+from nvsdata.kernels.live_clusters import cell_of
 from nvsdata.kernels.live_layers import convolve_rows
-from nvsdata.kernels.live_neighbors import pop, push, search
+from nvsdata.kernels.live_neighbors import pop, push, row_of, search
+from nvsdata.kernels.live_pooling import show
 from nvsdata.kernels.marks import Marks, mark
 
 
@@ -54,8 +56,7 @@ def advance_causal(window, metric, age, until, layers, features, queues, t, x, y
     first, mask = window.ends[1], window.t.size - 1
     rows = np.empty(t.size, np.int64)
     for n in range(t.size):
-        while window.ends[0] < window.ends[1] and window.t[window.ends[0] & mask] < t[n] - age + 1:
-            pop(window)
+        _forget(window, t[n] - age + 1)
         push(window, first + n, t[n], x[n], y[n])
         search(window, first + n, metric)
         rows[n] = (first + n) & mask
@@ -66,8 +67,7 @@ def advance_causal(window, metric, age, until, layers, features, queues, t, x, y
         for row in rows:
             for c in range(out.shape[1]):
                 values[row, c] = max(out[row, c], np.float32(0))
-    while window.ends[0] < window.ends[1] and window.t[window.ends[0] & mask] < until:
-        pop(window)
+    _forget(window, until)
     last = features[len(layers)]
     while queues.first[0] < min(window.ends[0], first):
         _leave(window, queues, last, queues.first[0])
@@ -77,17 +77,18 @@ def advance_causal(window, metric, age, until, layers, features, queues, t, x, y
         _enter(window, queues, last, number)
 
 
-@njit(inline="always")
-def _cell(window, queues, row):
-    column = min(window.x[row] // queues.width, queues.columns - 1)
-    return min(window.y[row] // queues.height, queues.rows - 1) * queues.columns + column
+@njit
+def _forget(window, until):
+    """Remove the events before a time from the window."""
+    while window.ends[0] < window.ends[1] and window.t[row_of(window, window.ends[0])] < until:
+        pop(window)
 
 
 @njit
 def _enter(window, queues, values, number):
     """Append an event to its cell's queue."""
     row, mask = number & (window.t.size - 1), window.t.size - 1
-    cell = _cell(window, queues, row)
+    cell = cell_of(queues, window.x[row], window.y[row])
     tail = queues.tail[cell]
     queues.previous[row], queues.after[row] = tail, -1
     if tail >= 0:
@@ -104,7 +105,7 @@ def _enter(window, queues, values, number):
 def _leave(window, queues, values, number):
     """Remove the first event of its cell's queue."""
     row, mask = number & (window.t.size - 1), window.t.size - 1
-    cell = _cell(window, queues, row)
+    cell = cell_of(queues, window.x[row], window.y[row])
     if queues.settled[cell] < number:
         # nothing is left of the older part: the newer one takes its place
         queues.settled[cell] = queues.tail[cell]
@@ -127,20 +128,11 @@ def _leave(window, queues, values, number):
 @njit
 def show_maxima(queues, values, mask, readout):
     """Bring the first fully connected layer up to date. O(changed maxima · hidden)."""
-    channels = values.shape[1]
     for n in range(queues.changed.count[0]):
         cell = queues.changed.numbers[n]
         queues.changed.marked[cell] = False
         head = queues.head[cell]
         older = head >= 0 and head <= queues.settled[cell]
-        for c in range(channels):
-            value = queues.newer[cell, c]
-            if older:
-                value = max(value, values[head & mask, c])
-            difference = np.float64(value) - readout.shown[cell, c]
-            if difference != 0:
-                readout.shown[cell, c] = value
-                for o in range(readout.sum.size):
-                    readout.sum[o] += difference * readout.weight[cell * channels + c, o]
-                readout.products[0] += readout.sum.size
+        maxima = queues.newer[cell]
+        show(readout, cell, np.maximum(maxima, values[head & mask]) if older else maxima)
     queues.changed.count[0] = 0

@@ -202,7 +202,8 @@ def _count_all(edge, home, grid, count, counted, wide, cell, way):
             continue
         if edge[cell, offset]:
             count_edge(count, counted, wide, home[cell], home[other], way)
-        if edge[other, offset_of(grid, other, cell)]:
+        # an edge from it lies where the offset is the opposite one
+        if edge[other, edge.shape[1] - 1 - offset]:
             count_edge(count, counted, wide, home[other], home[cell], way)
 
 

@@ -83,18 +83,25 @@ def activate(rows, out, features):
 @njit
 def read_out(cells, features, readout):
     """Bring the fully connected layer up to date. O(changed features · hidden)."""
-    channels = features.values.shape[1]
     for marks in (cells.moved, features.changed):
         for n in range(marks.count[0]):
             cell = marks.numbers[n]
-            alive = cells.members[cell] > 0
-            for c in range(channels):
-                value = features.values[cell, c] if alive else np.float32(0)
-                difference = np.float64(value) - readout.shown[cell, c]
-                if difference != 0:
-                    readout.shown[cell, c] = value
-                    weight = readout.weight[cell * channels + c]
-                    for o in range(weight.size):
-                        readout.sum[o] += difference * weight[o]
-                    readout.products[0] += weight.size
+            if cells.members[cell] > 0:
+                show(readout, cell, features.values[cell])
+            else:
+                show(readout, cell, np.zeros(features.values.shape[1], np.float32))
     clear(features.changed)
+
+
+@njit
+def show(readout, cell, values):
+    """Set the features of a cell that the fully connected layer sees."""
+    shown = readout.shown[cell]
+    for c in range(values.size):
+        difference = np.float64(values[c]) - shown[c]
+        if difference != 0:
+            shown[c] = values[c]
+            weight = readout.weight[cell * shown.size + c]
+            for o in range(weight.size):
+                readout.sum[o] += difference * weight[o]
+            readout.products[0] += weight.size
