@@ -22,62 +22,37 @@ from typing import Any
 
 import nvsdata
 from nvsdata import Events, models
-from nvsdata import transforms as T
 from nvsdata.commands.options import at_least_1, positive
 from nvsdata.training import run
-from nvsdata.transforms.looking_back import LookingBack
 
 
 def main() -> None:
     args = arguments()
-    trained = models.load(args.model)
-    live = models.stream(trained.model, **followed(trained.transform, args.window))
+    decider = models.Decider(models.load(args.model), args.window)
+    decider.prepare()
     events = nvsdata.read(args.recording)
-    for line in decisions(live, events, trained.classes, every=args.every, speed=args.speed, behind=args.behind):
+    for line in decisions(decider, events, every=args.every, speed=args.speed, behind=args.behind):
         print(json.dumps(line), flush=True)
 
 
-def followed(transform: Any, window: int | None) -> dict[str, Any]:
-    """What `models.stream` needs besides the network; ValueError for a transform with steps that can't stream."""
-    found: dict[str, Any] = {"window": window}
-    for step in transform.transforms if isinstance(transform, T.Compose) else [transform]:
-        if isinstance(step, T.RandomWindow):
-            found["window"] = window or step.duration
-        elif isinstance(step, T.RadiusGraph):
-            found["graph"] = step
-        elif isinstance(step, LookingBack):
-            found["sampler"] = step
-        else:
-            raise ValueError(f"{step} can't stream: the network was trained on windows that it changes as a whole")
-    return found
-
-
 def decisions(
-    live: Any, events: Events, classes: tuple[str, ...], *, every: int, speed: float | None, behind: int
+    decider: models.Decider, events: Events, *, every: int, speed: float | None, behind: int
 ) -> Iterator[dict[str, Any]]:
     """A line per decision."""
-    began, work, skipped = time.perf_counter(), 0.0, 0
+    began, skipped = time.perf_counter(), 0
     for start in range(events.start, events.end + 1, every):
         piece = events.window(start, start + every)
         due = began + (start + every - events.start) / 1e6 / speed if speed else 0.0
         if speed:
             time.sleep(max(due - time.perf_counter(), 0))
-        started = time.perf_counter()
-        live.feed(piece)
+        decider.feed(piece)
         if speed and time.perf_counter() - due > behind / 1e6:
             skipped += 1
-            work += time.perf_counter() - started
             continue
-        scores = live.scores().softmax(0)
-        count = len(live)
-        now = time.perf_counter()
-        best = int(scores.argmax())
-        line: dict[str, Any] = {"time": start + every, "class": classes[best] if classes else str(best)}
-        line |= {"probability": round(float(scores[best]), 4), "events": count}
-        line["work"] = round(1e6 * (work + now - started))
+        line = decider.decide(start + every)
         if speed:
-            line |= {"behind": max(round(1e6 * (now - due)), 0), "skipped": skipped}
-        work, skipped = 0.0, 0
+            line |= {"behind": max(round(1e6 * (time.perf_counter() - due)), 0), "skipped": skipped}
+        skipped = 0
         yield line
 
 

@@ -32,7 +32,7 @@ from nvsdata.training import TrainTestSplit, Votes, accuracies, loader, run, tea
 from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWORKS, SCHEDULES, Objects
 from nvsdata.transforms.defaults import BETA, PSEUDO
 
-GRAPH = ("k", "radius", "alpha", "beta", "max_degree", "pseudo", "features")
+GRAPH = ("k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
 NETWORK = ("network", "convolution", "depth", "kernel_size", "dropout", "image_size")
 SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "schedule", "smoothing")
 # rounds of the last evaluation if the test set has fewer than FEW recordings
@@ -106,6 +106,8 @@ def arguments() -> argparse.Namespace:
         default=["patch5"],
         help="of nodes beside polarity (default patch5: how many events each of 5x5 pixels around a node has)",
     )
+    causal = "a network that can follow events in real time (docs/streaming.md); needs --features without any"
+    add("--causal", action="store_true", help=causal)
     add("--schedule", choices=SCHEDULES, default=SCHEDULES[0], help="of the learning rate (default one-cycle)")
     add("--smoothing", type=float, default=0.05, help="share of a target that goes to all classes (default 0.05)")
     add("--depth", type=int, help="number of convolutions (default 5 for n-mnist; Table 4.4 for 240x180)")

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from nvsdata.datasets import NMNIST
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.training import Team, TrainTestSplit, accuracies, loader, run, team
 from nvsdata.training.objects import BATCH, Objects
+from nvsdata.video.picture import Frame
 from nvsdata.video.saccades import saccades
 
 KINDS = ("emulated", "real")
@@ -74,7 +76,7 @@ def main() -> None:
 def emulate(root: Path, name: str) -> None:
     """Write all digits as N-MNIST's files, by an emulator whose thresholds give as many events."""
     pictures, labels = digits()
-    settings = as_many(EMULATORS[name], pictures[:: len(pictures) // SOME])
+    settings = as_many(EMULATORS[name], pictures[:: len(pictures) // SOME], EVENTS, saccades)
     print(f"emulating {len(pictures)} digits by {settings}", flush=True)
     for n, (still, label) in enumerate(zip(pictures, labels, strict=True)):
         path = root / "Train" / str(label) / f"{n:05d}.bin"
@@ -83,26 +85,26 @@ def emulate(root: Path, name: str) -> None:
     put(root / "done", repr(settings).encode())
 
 
-def digits() -> tuple[np.ndarray, np.ndarray]:
-    """The pictures, white on black, uint8 [N, 20, 20], and what they show: each digit `COPIES` times, drawn anew."""
+def digits(side: int = SIDE) -> tuple[np.ndarray, np.ndarray]:
+    """The pictures, white on black, uint8 [N, side, side], and what they show: each `COPIES` times, drawn anew."""
     try:
         from sklearn.datasets import load_digits
     except ImportError:
         raise ImportError("the digits are scikit-learn's: pip install 'nvsdata[digits]'") from None
     found, rng = load_digits(), np.random.default_rng(0)
-    pictures = [drawn(small / 16, rng) for _ in range(COPIES) for small in found.images]
+    pictures = [drawn(small / 16, rng, side) for _ in range(COPIES) for small in found.images]
     return np.array(pictures), np.tile(found.target, COPIES)
 
 
-def drawn(small: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A digit of 8x8 as MNIST draws them: in 20x20 pixels, some slanted, narrow or thin."""
+def drawn(small: np.ndarray, rng: np.random.Generator, side: int = SIDE) -> np.ndarray:
+    """A digit of 8x8 as MNIST draws them: in 20x20 pixels or more, some slanted, narrow or thin."""
     slant, narrow, turn = rng.uniform(-0.1, 0.4), rng.uniform(0.65, 1.0), rng.uniform(-0.15, 0.15)
-    scale = SIDE / 8
+    scale = side / 8
     across, along = np.array([narrow, -slant]) * scale, np.array([0, 0.9]) * scale
     way = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ np.stack((across, along))
-    middle = np.full(2, (SIDE - 1) / 2) - way @ np.full(2, 3.5)
+    middle = np.full(2, (side - 1) / 2) - way @ np.full(2, 3.5)
     where = np.column_stack((way, middle)).astype(np.float32)
-    large = cv2.warpAffine(small.astype(np.float32), where, (SIDE, SIDE), flags=cv2.INTER_CUBIC)
+    large = cv2.warpAffine(small.astype(np.float32), where, (side, side), flags=cv2.INTER_CUBIC)
     # a higher level cuts strokes thinner
     sharp = 0.5 + (large - rng.uniform(0.35, 0.65)) * 2.5
     return np.rint(255 * np.clip(sharp, 0, 1)).astype(np.uint8)
@@ -114,8 +116,8 @@ def seen(settings: Any, still: np.ndarray) -> Events:
     return Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size, start=events.start, end=events.end)
 
 
-def as_many(settings: Any, pictures: np.ndarray) -> Any:
-    """The settings with thresholds that give `EVENTS` on average, to a hundredth."""
+def as_many(settings: Any, pictures: np.ndarray, events: int, moved: Callable[[np.ndarray], Iterator[Frame]]) -> Any:
+    """The settings with thresholds that give so many events on average, to a hundredth, of pictures as they move."""
 
     def with_threshold(value: float) -> Any:
         return replace(settings, **({"on": value, "off": value} if isinstance(settings, DVS) else {"threshold": value}))
@@ -123,7 +125,7 @@ def as_many(settings: Any, pictures: np.ndarray) -> Any:
     low, high = 0.02, 2.0
     while high / low > 1.01:
         middle = (low * high) ** 0.5
-        more = np.mean([len(with_threshold(middle).emulate(saccades(still))) for still in pictures]) > EVENTS
+        more = np.mean([len(with_threshold(middle).emulate(moved(still))) for still in pictures]) > events
         low, high = (middle, high) if more else (low, middle)
     return with_threshold(low)
 

@@ -25,6 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     simulated = "simulate a camera that sees a moving square or the monitor, with faults such as drift=100"
     add("--simulate", nargs="?", const="", metavar="NAME=NUMBER,...", help=simulated)
     add("--live", action="store_true", help="show events in a window")
+    add(
+        "--model",
+        type=path,
+        metavar="MODEL",
+        help="a trained network that decides what it sees: a line of JSON each (default: none)",
+    )
     add("--overwrite", action="store_true", help="replace what is there")
     screen = parser.add_argument_group("playing videos on a monitor")
     add = screen.add_argument
@@ -48,7 +54,13 @@ def run(args: argparse.Namespace) -> int:
         settings = session.settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
         simulate = None if args.simulate is None else Simulation.of(args.simulate)
     if args.monitor is None and not args.calibrate:
-        how = {"live": args.live, "overwrite": args.overwrite}
+        decider = None
+        if args.model is not None:
+            # only here: torch takes seconds to start
+            from nvsdata import models
+
+            decider = models.Decider(models.load(args.model))
+        how = {"live": args.live, "overwrite": args.overwrite, "decider": decider}
         return session.run(args.out, args.seconds, args.device, settings, simulate, **how)
     region = args.screen_region and tuple(args.screen_region)
     screen = {"display": args.display, "region": region, "scaling": args.scaling}
@@ -64,5 +76,7 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--resume and --verify need --monitor, the folder of videos")
     if args.monitor is not None and args.overwrite:
         raise UsageError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
-    if args.out is None and not (args.live or args.calibrate):
+    if args.model is not None and (args.monitor is not None or args.calibrate):
+        raise UsageError("--model is for one recording: it goes with neither --monitor nor --calibrate")
+    if args.out is None and not (args.live or args.model or args.calibrate):
         raise UsageError("--out says where the recording goes")

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from nvsdata.models import reference
 from nvsdata.models.checkpoint import load, save
 from nvsdata.models.conv import CONVOLUTIONS
+from nvsdata.models.decisions import Decider
 from nvsdata.models.event_tensors import EST
 from nvsdata.models.fusing import fused
 from nvsdata.models.graph_cnn import GCNN, RGCNN, Pooling
@@ -42,6 +43,7 @@ __all__ = [
     "TEMPORAL",
     "BatchNorm",
     "Complexity",
+    "Decider",
     "Graph2Grid",
     "GraphPool",
     "MatrixLSTM",

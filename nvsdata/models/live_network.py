@@ -35,10 +35,12 @@ MOST_NEIGHBORS = 1_024  # of a node; each event has room for all
 class Parts:
     """What following events needs of a network: convolutions, how each is pooled, and the fully connected layers.
 
+    - `channels`: features of a node of `graph`
+
     ValueError, with the name of a part, for a network that can't, and for graphs without bound in space.
     """
 
-    def __init__(self, model: nn.Module, graph: RadiusGraph) -> None:
+    def __init__(self, model: nn.Module, graph: Any, channels: int = 1) -> None:
         if not isinstance(model, _GraphCNN | RGCNN3D):
             raise ValueError(f"{type(model).__name__} can't stream: RGCNN and GCNN can, and the graph part of RGCNN3D")
         if model.training:
@@ -52,10 +54,9 @@ class Parts:
             raise ValueError(f"{graph} can't stream: its edges have no bound in space")
         if graph.max_degree > MOST_NEIGHBORS:
             raise ValueError(f"{graph} can't stream: max_degree must be at most {MOST_NEIGHBORS:,}")
-        if model.in_channels != 1:
-            raise ValueError(
-                f"the network takes {model.in_channels} features of a node; a stream has its polarity alone"
-            )
+        if model.in_channels != channels:
+            has = "its polarity alone" if channels == 1 else f"{channels} on the given graph"
+            raise ValueError(f"the network takes {model.in_channels} features of a node; a stream has {has}")
         if (given := axes(graph.pseudo)) != model.dim:
             raise ValueError(f"edges of {graph} have {given} pseudo-coordinates, but the network takes {model.dim}")
         # the kernels' own device and precision

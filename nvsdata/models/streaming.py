@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import torch
 from torch import nn
@@ -12,6 +13,8 @@ from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.data.graph import Graph
 from nvsdata.models.live_causal import LiveCausal
 from nvsdata.models.live_network import LiveNetwork, Parts
+from nvsdata.transforms.compose import Compose
+from nvsdata.transforms.features import NodeFeatures
 from nvsdata.transforms.graph import RadiusGraph
 from nvsdata.transforms.looking_back import LookingBack
 
@@ -23,7 +26,7 @@ CALM = 2  # steps with few changes in a row from which rows are kept
 def stream(
     model: nn.Module,
     window: int | None = 30_000,
-    graph: RadiusGraph | None = None,
+    graph: RadiusGraph | NodeFeatures | None = None,
     sampler: LookingBack | None = None,
 ) -> Stream | CausalStream:
     """An object that is fed events, and has a network's scores of the last `window` µs at any moment; see `Stream`.
@@ -32,28 +35,46 @@ def stream(
       `grid()` then has the window's frame for the 3D CNN
     - `window`: µs up to the last event, its own included, whose events count (default 30,000); None for all
     - `graph`: that the network was trained with (default `RadiusGraph()`). A causal one needs a network that pools
-      after its last block only (clusters of None before); a row is final then once it is computed, see `CausalStream`
+      after its last block only (clusters of None before); a row is final then once it is computed, see `CausalStream`.
+      With `NodeFeatures` of a `RadiusGraph` the whole window is computed at each decision, because features such as
+      `Patch` change with every event around a node
     - `sampler`: that events pass first, such as `transforms.RateLimit` (default: none)
 
     ValueError for a network in training mode, or one that can't stream, by the name of its part, for graphs without
     bound in space, and for a window below 1 µs.
     """
     graph = graph or RadiusGraph()
+    if isinstance(graph, NodeFeatures):
+        if not graph.deterministic:
+            raise ValueError(f"{graph} can't stream: it isn't deterministic")
+        if getattr(_edges_of(graph), "causal", False):
+            raise ValueError(f"{graph} can't stream on a causal graph: its features know events to come")
     kind = CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream
     return kind(model, window, graph, sampler)
+
+
+def _edges_of(graph: Any) -> Any:
+    """What makes the edges of a graph whose nodes may have features."""
+    if isinstance(graph, NodeFeatures):
+        graph = graph.graph
+    if isinstance(graph, Compose) and len(graph.transforms) == 1:
+        graph = graph.transforms[0]
+    return graph
 
 
 class _Follower(ABC):
     """What follows events with a network in a window, on a graph."""
 
-    def __init__(self, model: nn.Module, window: int | None, graph: RadiusGraph, sampler: LookingBack | None) -> None:
+    def __init__(self, model: nn.Module, window: int | None, graph: Any, sampler: LookingBack | None) -> None:
         if window is not None:
             whole("window", window, 1)
             window = min(int(window), FOREVER)
         if sampler is not None and not isinstance(sampler, LookingBack):
             raise ValueError(f"{sampler} can't stream: samplers that look back only can, such as RateLimit")
         self.window, self.graph, self.sampler = window, graph, sampler
-        self._network = Parts(model, graph)
+        self._has_features = isinstance(graph, NodeFeatures)
+        channels = graph(Events.empty((1, 1))).x.shape[1] if self._has_features else 1
+        self._network = Parts(model, _edges_of(graph), channels)
         self.reset()
 
     def reset(self) -> None:
@@ -159,8 +180,12 @@ class Stream(_Follower):
 
     def _graph_of_all(self) -> Graph:
         """The graph of the window, whose rows aren't kept."""
-        end = int(self._held.t[-1]) if self._held.t.size else 0
-        return self.graph(Events.trusted(self._held, self._network.sensor_size, 0, end))
+        start, end = 0, 0
+        if self._last is not None:
+            end = self._last - self._origin + 1
+            start = 0 if self.window is None else end - self.window
+        graph: Graph = self.graph(Events.trusted(self._held, self._network.sensor_size, start, end))
+        return graph
 
     def __len__(self) -> int:
         """Number of events in the window."""
@@ -185,7 +210,8 @@ class Stream(_Follower):
         if self._live is not None:
             self._held, self._live, self._calm = self._live.columns(), None, 0
         self._held = concatenate([self._held.take(slice(over, None)), new])
-        self._calm = self._calm + 1 if few else 0
+        # features of nodes change with all events around
+        self._calm = self._calm + 1 if few and not self._has_features else 0
         if self._calm == CALM:
             self._live = LiveNetwork(self._network, self.graph)
             self._step(until, self._held)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import fields, replace
 from pathlib import Path
 from threading import Event
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -20,6 +20,7 @@ from nvsdata.data.events import Events
 from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.deciding import Deciding
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.batch import manifest_of, record_videos, verify
@@ -30,6 +31,9 @@ from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
+
+if TYPE_CHECKING:
+    from nvsdata.models import Decider
 
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
 
@@ -43,8 +47,9 @@ def run(
     *,
     live: bool,
     overwrite: bool,
+    decider: Decider | None = None,
 ) -> int:
-    """Record a camera and print how it went; return 0 if nothing was lost, else 1.
+    """Record a camera and print how it went; return 0 if nothing was lost and decisions went on to the end, else 1.
 
     - `out`: the file; may be None with `live`
     - `seconds`: how long to record; None: until Ctrl-C, SIGTERM or SIGHUP
@@ -53,8 +58,10 @@ def run(
     - `simulate`: record a simulated camera in place of a real one
     - `live`: show events in a window; closing it ends the recording
     - `overwrite`: replace `out` if it is there
+    - `decider`: of a network that follows the events; a line of JSON per decision is printed, and the report to stderr
 
-    FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it.
+    FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it, ValueError
+    if the camera is larger than the network is for.
     """
     backend = simulate and simulate.alone()
     with (
@@ -63,12 +70,21 @@ def run(
         Davis.find(serial, backend=backend) as camera,
     ):
         facts = camera.facts
+        if decider is not None:
+            _check_size((facts.width, facts.height), decider.sensor_size)
+            decider.prepare()
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
         say(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
         shown: Any = Terminal(sys.stderr)
-        with tqdm(total=seconds, unit="s", disable=None, file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar:
+        deciding = None if decider is None else Deciding(decider, lambda line: print(json.dumps(line), flush=True))
+        with (
+            deciding or nullcontext(),
+            tqdm(total=seconds, unit="s", disable=None, file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar,
+        ):
 
             def watch(report: RecordingReport, events: Events) -> None:
+                if deciding is not None:
+                    deciding.add(report, events)
                 rate = report.events / report.seconds if report.seconds else 0
                 bar.set_description_str(f"{report.events:,} events, {rate / 1e3:,.0f} k/s, ", refresh=False)
                 bar.update(min(report.seconds, seconds or report.seconds) - bar.n)
@@ -77,8 +93,16 @@ def run(
                 report = _shown(camera, out, settings, seconds, stop, watch)
             else:
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
-    say(summary(report), sys.stdout)
+    say(summary(report), sys.stderr if decider else sys.stdout)
+    if deciding is not None and deciding.error is not None:
+        say(f"decisions ended early: {deciding.error}")
+        return 1
     return 0 if report.whole else 1
+
+
+def _check_size(camera: tuple[int, int], network: tuple[int, int]) -> None:
+    if camera[0] > network[0] or camera[1] > network[1]:
+        raise ValueError("the camera has {}x{} pixels, but the network is for {}x{}".format(*camera, *network))
 
 
 @contextmanager

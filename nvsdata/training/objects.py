@@ -30,6 +30,8 @@ DIGITS = ("n-mnist", "mnist-dvs")
 SMALL = "n-mnist"  # so few events that each is a node
 # settings for it, and for all others
 USUAL: dict[str, tuple[Any, Any]] = {"k": (1, 8), "depth": (5, None), "dropout": (0.2, 0.5)}
+# rows that follow events can't be pooled between
+CAUSAL: tuple[dict[str, Any], ...] = ({"channels": (32, 64, 128)}, {"channels": (64, 128, 128)})
 SCHEDULES = ("one-cycle", "steps")
 FEATURES: dict[str, Any] = {
     "age": T.Age(),
@@ -49,6 +51,8 @@ class Objects:
     - `k`: most events per box of the non-uniform sampling, 1 for no sampling (Table 4.1); None: 1 for n-mnist, else 8
     - `radius`, `alpha`, `beta`, `max_degree`, `pseudo`: of the graph; see `RadiusGraph` (Table 4.2)
     - `features`: of nodes beside polarity, of `FEATURES`
+    - `causal`: whether edges come from earlier events only, and the network pools once, at its end, so that it can
+      follow events in real time (`models.stream`); k is 1 then, and no features know events to come
     - `depth`: number of convolutions, for 240x180 (Table 4.4) or 34x34; None: 5 for n-mnist, else the dataset's own
     - `kernel_size`: cells of a kernel along an axis (Table 4.5)
     - `width`: factor of the numbers of channels
@@ -60,7 +64,7 @@ class Objects:
     - `image_size`: pixels of event images along a side, for `IMAGE_NETWORKS` (Table 4.6)
 
     The defaults are those of docs/models.md, which says where they depart from the thesis and what that changes.
-    ValueError for an unknown network, feature or schedule.
+    ValueError for an unknown network, feature or schedule, and for a causal network with features, a depth, or k > 1.
     """
 
     dataset: str
@@ -74,6 +78,7 @@ class Objects:
     max_degree: int = 8
     pseudo: Pseudo = PSEUDO
     features: tuple[str, ...] = ("patch5",)
+    causal: bool = False
     depth: int | None = None
     kernel_size: int = 5
     width: float = 1.0
@@ -103,10 +108,22 @@ class Objects:
             raise ValueError(f"schedule must be one of {SCHEDULES}, not {self.schedule!r}")
         if unknown := set(self.features) - FEATURES.keys():
             raise ValueError(f"features must be of {tuple(FEATURES)}, not {', '.join(sorted(unknown))}")
+        given = {
+            "features": self.features,
+            "depth": self.depth,
+            "k": (self.k or 1) > 1,
+            "network": self.network in IMAGE_NETWORKS,
+        }
+        if self.causal and (wrong := [name for name, value in given.items() if value]):
+            raise ValueError(
+                f"a causal network is an rgcnn or gcnn without features, depth or k > 1: {wrong[0]} is given"
+            )
 
     def setting(self, name: str) -> Any:
         """A setting, or if it is None, what it is for the dataset."""
         given = getattr(self, name)
+        if self.causal and name in ("k", "depth"):
+            return 1 if name == "k" else None
         return given if given is not None or name not in USUAL else USUAL[name][self.dataset != SMALL]
 
     @property
@@ -137,7 +154,8 @@ class Objects:
         return T.Compose([window, *(self._changes() if changes else []), *sample, graph])
 
     def _graph(self) -> T.RadiusGraph:
-        return T.RadiusGraph(self.radius, self.alpha, self.beta, self.max_degree, self.pseudo)
+        metric = self.radius, self.alpha, self.beta
+        return T.RadiusGraph(*metric, self.max_degree, self.pseudo, causal=self.causal)
 
     def _changes(self) -> list[Any]:
         """What is done to events in training."""
@@ -165,7 +183,9 @@ class Objects:
             "root_weight": self.root_weight,
             "dropout": self.setting("dropout"),
         }
-        if (depth := self.setting("depth")) is not None:
+        if self.causal:
+            settings |= CAUSAL[side > 34] | {"clusters": (None, None, settings["clusters"][-1])}
+        elif (depth := self.setting("depth")) is not None:
             settings |= self._of_depth(depth, side)
         if any(ours > theirs for ours, theirs in zip(sensor_size, settings["sensor_size"], strict=True)):
             raise ValueError(

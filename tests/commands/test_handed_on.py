@@ -55,7 +55,7 @@ def test_one_recording_is_asked_for(words, session):
     assert (name, device, simulate) == ("run", None, None)
     assert out == (Path("a.h5") if "--out" in words else None)
     assert seconds == (2 if "--seconds" in words else None)
-    assert how == {"live": "--live" in words, "overwrite": "--overwrite" in words}
+    assert how == {"live": "--live" in words, "overwrite": "--overwrite" in words, "decider": None}
 
 
 def test_calibrations_and_folders_are_asked_for(session):

@@ -340,3 +340,35 @@ def test_what_cannot_stream_is_told():
     with pytest.raises(ValueError, match="events fall back in time: to 8 µs, after 9"):
         live.feed(Events([8], [1], [1], [1], SIZE))
     assert len(live) == 3
+
+
+@pytest.mark.parametrize("window", [3_000, None])
+def test_features_of_nodes_are_those_of_the_window(window):
+    edges = T.Compose([T.RadiusGraph(max_degree=5)])
+    graph = T.NodeFeatures(edges, [T.Patch(3), T.Age(), T.PatchMean(5)])
+    network = trained(in_channels=1 + 18 + 1 + 2)
+    live, done = models.stream(network, window, graph), 0
+    assert torch.equal(live.scores(), whole(network, graph, Events.empty(SIZE)))
+    events = drawn(np.random.default_rng(0), 300, "narrow", 10**12)
+    for cut in (1, 2, 3, 150, 151, 152, 300):
+        live.feed(events[done:cut])
+        done = cut
+        # as a recording's window in training, whose ages are shares of it
+        last = int(events.t[cut - 1])
+        start = int(events.t[0]) if window is None else last + 1 - window
+        fed = Events(*events[:cut].columns, SIZE, end=last + 1).window(start, last + 1)
+        assert torch.allclose(live.scores(), whole(network, graph, fed), atol=1e-6)
+    assert live.grid().shape == (5, 5, 5)
+
+
+def test_features_that_know_events_to_come_cannot_stream_causally():
+    network = trained(clusters=(None, None, None, (7, 7)), in_channels=19)
+    graph = T.NodeFeatures(T.Compose([T.RadiusGraph(causal=True)]), [T.Patch(3)])
+    with pytest.raises(ValueError, match="on a causal graph: its features know events to come"):
+        models.stream(network, graph=graph)
+    sampled = T.NodeFeatures(T.Compose([T.NonUniformSample(8), T.RadiusGraph()]), [T.Patch(3)])
+    with pytest.raises(ValueError, match="isn't deterministic"):
+        models.stream(network, graph=sampled)
+    several = T.NodeFeatures(T.RadiusGraph(), [T.Patch(5)])
+    with pytest.raises(ValueError, match="takes 19 features of a node; a stream has 51 on the given graph"):
+        models.stream(trained(in_channels=19), graph=several)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nvsdata
-from nvsdata import NMNIST
+from nvsdata import NMNIST, EventFolder
 
 
 def bars():
@@ -48,6 +48,25 @@ def test_four_cells_from_one_command(tmp_path, fake_nmnist, run, monkeypatch):
     again = run("transfer_emulated.py", "--digits", *words[1:], "--resume")
     assert "emulating" not in again
     assert json.loads((tmp_path / "out/table.json").read_text()) == table
+
+
+def test_digits_on_any_sensor(tmp_path, run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sklearn.datasets", SimpleNamespace(load_digits=bars))
+    words = "draw_digits.py", "--out", tmp_path, "--size", 60, 50, "--events", 6_000, "--digits", 12
+    assert "12 digits by DVS(on=" in run(*words)
+    dataset = EventFolder(tmp_path)
+    assert len(dataset) == 12
+    recordings = [dataset[n][0] for n in range(12)]
+    assert {events.sensor_size for events in recordings} == {(60, 50)}
+    assert abs(np.mean([len(events) for events in recordings]) / 6_000 - 1) < 0.2
+    # the digit is as large as the sensor allows, with its path
+    assert all(np.ptp(events.y) > 30 for events in recordings)
+    # a stopped run goes on
+    gone = next(tmp_path.rglob("*.h5"))
+    before = gone.read_bytes()
+    gone.unlink()
+    run(*words)
+    assert gone.read_bytes() == before
 
 
 def test_a_missing_package_is_named(tmp_path, fake_nmnist, run, monkeypatch):

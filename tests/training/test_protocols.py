@@ -181,3 +181,31 @@ def test_batches_of_longer_sequences_are_smaller(tmp_path):
     assert (trainer.batch, trainer.epochs, trainer.seed) == (5, 3, 9)
     with pytest.raises(ValueError, match=r"network must be one of \('rgcnn3d', 'c3d', .*, not 'c4d'"):
         Actions("c4d")
+
+
+@pytest.mark.parametrize("kind", ["rgcnn", "gcnn"])
+@pytest.mark.parametrize(("sensor", "channels", "last"), [((34, 34), 32, (7, 7)), ((240, 180), 64, (60, 45))])
+def test_causal_networks_pool_at_their_end_only_and_can_stream(kind, sensor, channels, last):
+    protocol = Objects("folder", kind, causal=True, features=())
+    assert protocol.settings["k"] == 1
+    model = protocol.build(sensor, 3)
+    assert model.settings["channels"] == (channels, 2 * channels, 128)
+    assert model.settings["clusters"] == (None, None, last)
+    assert model.settings["sensor_size"] == sensor
+    trained = models.Trained(model.eval(), (), protocol.pipeline(training=False), {}, {})
+    decider = models.Decider(trained)
+    assert isinstance(decider.stream, models.streaming.CausalStream)
+    assert decider.stream.window == 30_000
+
+
+@pytest.mark.parametrize("wrong", [{"features": ("age",)}, {"depth": 3}, {"k": 2}, {"network": "vgg19"}])
+def test_causal_networks_know_no_events_to_come(wrong):
+    with pytest.raises(ValueError, match=f"a causal network is .*: {next(iter(wrong))} is given"):
+        Objects("n-mnist", causal=True, **{"features": ()} | wrong)
+    assert Objects("n-mnist", causal=True, features=(), k=1).settings["k"] == 1
+
+
+def test_the_usual_networks_can_stream_as_they_were_trained():
+    protocol = Objects("n-mnist")
+    trained = models.Trained(protocol.build((34, 34), 10).eval(), (), protocol.pipeline(training=False), {}, {})
+    assert models.Decider(trained).stream.scores().shape == (10,)

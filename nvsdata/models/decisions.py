@@ -1,0 +1,75 @@
+"""What a trained network decides about events that keep coming."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from nvsdata.data.events import Events
+from nvsdata.models.prediction import Trained
+from nvsdata.models.streaming import stream
+from nvsdata.transforms.compose import Compose
+from nvsdata.transforms.features import NodeFeatures
+from nvsdata.transforms.graph import RadiusGraph
+from nvsdata.transforms.looking_back import LookingBack
+from nvsdata.transforms.windows import RandomWindow
+
+
+class Decider:
+    """A trained network that follows events, in the window, on the graph and with the sampler of its training.
+
+    - `trained`: what `models.load` gives
+    - `window`: µs that the network sees (default: as it was trained)
+
+    ValueError for a network, or a transform of it, that can't stream; see `models.stream`.
+    """
+
+    def __init__(self, trained: Trained, window: int | None = None) -> None:
+        self.stream = stream(trained.model, **_how(trained.transform, window))
+        self.classes = trained.classes
+        self.sensor_size: tuple[int, int] = trained.model.sensor_size  # type: ignore[assignment]
+        self._work = 0.0
+
+    def prepare(self) -> None:
+        """Compile the kernels, which takes seconds once, before events come."""
+        many = np.arange(100)
+        for start, count in ((0, 100), (100, 1), (101, 1), (102, 1)):
+            same = np.zeros(count, int)
+            self.feed(Events(start + many[:count], same, same, same, self.sensor_size))
+            self.decide(0)
+        self.stream.reset()
+
+    def feed(self, events: Events) -> None:
+        """Take events, none of them before one that was fed."""
+        began = time.perf_counter()
+        self.stream.feed(events)
+        self._work += time.perf_counter() - began
+
+    def decide(self, now: int) -> dict[str, Any]:
+        """The decision: `time` (µs, as given), `class`, `probability`, `events` in the window, `work` (µs of computing
+        since the last decision)."""
+        began = time.perf_counter()
+        scores = self.stream.scores().softmax(0)
+        best = int(scores.argmax())
+        found: dict[str, Any] = {"time": now, "class": self.classes[best] if self.classes else str(best)}
+        found |= {"probability": round(float(scores[best]), 4), "events": len(self.stream)}
+        found["work"] = round(1e6 * (self._work + time.perf_counter() - began))
+        self._work = 0.0
+        return found
+
+
+def _how(transform: Any, window: int | None) -> dict[str, Any]:
+    """What `stream` needs besides the network."""
+    found: dict[str, Any] = {"window": window}
+    for step in transform.transforms if isinstance(transform, Compose) else [transform]:
+        if isinstance(step, RandomWindow):
+            found["window"] = window or step.duration
+        elif isinstance(step, RadiusGraph | NodeFeatures):
+            found["graph"] = step
+        elif isinstance(step, LookingBack):
+            found["sampler"] = step
+        else:
+            raise ValueError(f"{step} can't stream: the network was trained on windows that it changes as a whole")
+    return found

@@ -1,0 +1,87 @@
+"""A network that decides what a camera sees, in a thread beside the recording."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from threading import Condition, Thread
+from typing import Any, Protocol
+
+from nvsdata.common.clock import host_time
+from nvsdata.data.events import Events
+from nvsdata.recording.capture import RecordingReport
+
+
+class Decides(Protocol):
+    """What is fed events and gives a line per decision, such as `models.Decider`."""
+
+    stream: Any
+
+    def feed(self, events: Events) -> None: ...
+    def decide(self, now: int) -> dict[str, Any]: ...
+
+
+class Deciding(Thread):
+    """Decides about what a camera sends as soon as it is there, and never makes the recording wait.
+
+    - `decider`: fed all events, but for those that no decision would see: if it is late by more than its window, it
+      goes on with the newest window
+    - `tell`: called with each decision, which also has `behind` (µs since its last event), `skipped` (blocks of the
+      camera without a decision of their own since the last one) and `missed` (events that weren't fed since then)
+
+    Use it in a `with` block; `add` is for `record`'s `watch`. `error` is what ended the decisions early, None if
+    nothing did: the recording goes on then.
+    """
+
+    def __init__(self, decider: Decides, tell: Callable[[dict[str, Any]], None]) -> None:
+        super().__init__(name="nvsdata-decisions", daemon=True)
+        self.error: Exception | None = None
+        self._decider, self._tell = decider, tell
+        self._waiting: deque[Events] = deque()
+        self._change = Condition()
+        self._zero, self._over = 0.0, False
+        self._missed = self._told = 0
+
+    def add(self, report: RecordingReport, events: Events) -> None:
+        """The next events, of a camera whose time began at the host's `report.zero`."""
+        if not len(events) or self.error is not None:
+            return
+        window = self._decider.stream.window
+        with self._change:
+            self._zero = report.zero
+            self._waiting.append(events)
+            # what no decision will see needn't wait, however late it is
+            while window is not None and self._waiting[0].t[-1] <= events.t[-1] - window:
+                self._missed += len(self._waiting.popleft())
+            self._change.notify()
+
+    def run(self) -> None:
+        try:
+            while blocks := self._take():
+                for events in blocks:
+                    self._decider.feed(events)
+                last = int(blocks[-1].t[-1])
+                line = self._decider.decide(last)
+                late = max(round(host_time() - self._zero - last), 0)
+                missed, self._told = self._missed - self._told, self._missed
+                self._tell(line | {"behind": late, "skipped": len(blocks) - 1, "missed": missed})
+        except Exception as error:  # the recording doesn't end because a network fails
+            self.error = error
+
+    def _take(self) -> list[Events]:
+        """All that waits, at least a block; empty at the end."""
+        with self._change:
+            self._change.wait_for(lambda: bool(self._waiting) or self._over)
+            blocks = list(self._waiting)
+            self._waiting.clear()
+        return blocks
+
+    def __enter__(self) -> Deciding:
+        self.start()
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        with self._change:
+            self._over = True
+            self._change.notify()
+        self.join()
