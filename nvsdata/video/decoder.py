@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.errors import FormatError
+from nvsdata.common.forks import forkless
 from nvsdata.common.prefetch import in_one_thread
 
 SMALL = 1 << 20  # pixels of the largest frame that one thread decodes
@@ -38,8 +39,12 @@ class Decoder:
     """
 
     def __init__(self, path: Path, color: bool) -> None:
-        self._reader, options = _opened(path)
         self.levels, self._luma = FULL, False
+        with forkless():
+            self._open(path, color)
+
+    def _open(self, path: Path, color: bool) -> None:
+        self._reader, options = _opened(path)
         self.rate = float(self._reader.get(cv2.CAP_PROP_FPS))
         self.promised = int(self._reader.get(cv2.CAP_PROP_FRAME_COUNT))
         self._first = self._reader.read()[1]
@@ -52,11 +57,13 @@ class Decoder:
         with _without_warnings() if self._luma else nullcontext():
             while frame is not None:
                 yield round(self._reader.get(cv2.CAP_PROP_POS_MSEC) * 1000), frame
-                frame = self._reader.read()[1]
+                with forkless():
+                    frame = self._reader.read()[1]
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.release()
+        with forkless():
+            self._reader.release()
 
     def _pixel_format(self) -> int:
         return int(self._reader.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT))

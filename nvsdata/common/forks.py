@@ -1,0 +1,64 @@
+"""Native code whose locks a forked process mustn't inherit."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Condition, get_ident
+
+PATIENCE = 5.0  # s that a fork waits for threads, at most
+
+
+class _Gate:
+    """Lets threads in unless a process is being forked, and a fork through once none is inside."""
+
+    def __init__(self) -> None:
+        self.change = Condition()
+        self.inside: set[int] = set()
+        self.forks = 0
+
+
+_gate = _Gate()
+
+
+@contextmanager
+def forkless() -> Iterator[None]:
+    """While the block runs, no other thread forks this process.
+
+    A forked process has one thread. A lock that another one held, within FFmpeg, say, stays held there for ever.
+    Blocks must be short, and don't nest.
+    """
+    gate, me = _gate, get_ident()
+    with gate.change:
+        gate.change.wait_for(lambda: not gate.forks)
+        gate.inside.add(me)
+    try:
+        yield
+    finally:
+        with gate.change:
+            gate.inside.discard(me)
+            gate.change.notify_all()
+
+
+def _before() -> None:
+    me = get_ident()
+    with _gate.change:
+        _gate.forks += 1
+        _gate.change.wait_for(lambda: not _gate.inside - {me}, PATIENCE)
+
+
+def _in_parent() -> None:
+    with _gate.change:
+        _gate.forks -= 1
+        _gate.change.notify_all()
+
+
+def _in_child() -> None:
+    global _gate
+    # its lock may have been another thread's
+    _gate = _Gate()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before, after_in_parent=_in_parent, after_in_child=_in_child)
