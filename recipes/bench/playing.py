@@ -77,7 +77,7 @@ def measured(place: Path, simulation: Simulation) -> dict[str, float]:
 
     def cut_take(one: take.Take, target: Path) -> dict[str, object]:
         told = take.cut_take(one, target)
-        line, _ = take.synced(one)
+        line = take.synced(one).line
         true = (one.performance.start - began[-1]) * (1 + simulation.drift * 1e-6)
         starts.append(line.camera(one.performance.start) - true)
         drifts.append(line.drift * 1e6 - simulation.drift)

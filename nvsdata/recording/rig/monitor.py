@@ -83,7 +83,7 @@ class Monitor:
             self.close()
             raise ValueError(f"region {self.region} is not within the screen of {self.size[0]}x{self.size[1]}")
         self.refresh, self.synced, self._cost = self._measure(display)
-        self._origin = host_time()
+        self._origin, self._drawing = host_time(), 0.0
 
     def _measure(self, display: int) -> tuple[float, bool, float]:
         """µs from refresh to refresh, whether flips wait for it, and the µs that they take if they don't."""
@@ -113,6 +113,23 @@ class Monitor:
         picture, place = self._placed(frame)
         return self._shown(lambda: self._draw(picture, place), due)
 
+    def fade(self, level: int, frame: Frame, duration: int, *, back: bool = False) -> None:
+        """Go from one gray to a picture in `duration` µs, black around it, too; or `back` from the picture to the gray.
+
+        ValueError as for `show`.
+        """
+        picture, (x, y) = self._placed(frame)
+        whole = np.zeros((self.size[1], self.size[0], 3), np.uint8)
+        height, width = picture.shape[:2]
+        whole[y : y + height, x : x + width] = picture
+        gray = np.full_like(whole, level)
+        steps = max(int(duration / (2 * self.refresh)), 1)
+        began = host_time()
+        for n in range(1, steps):
+            share = 1 - n / steps if back else n / steps
+            mixed = np.asarray(cv2.addWeighted(whole, share, gray, 1 - share, 0))
+            self._shown(lambda mixed=mixed: self._draw(mixed, (0, 0)), began + 2 * n * self.refresh)  # type: ignore[misc]
+
     def wait(self, until: float) -> None:
         """Keep what is shown until a host time (µs)."""
         while (left := until - host_time()) > 0:
@@ -126,8 +143,11 @@ class Monitor:
     def _shown(self, draw: Callable[[], Any], due: float | None) -> float:
         self._attend()
         if due is not None:
-            self.wait(due - 1.5 * self.refresh)
+            self.wait(due - 1.5 * self.refresh - self._drawing)
+        began = host_time()
         draw()
+        # large pictures take long to draw: as long as the longest of late
+        self._drawing = max(host_time() - began, 0.9 * self._drawing)
         if not self.synced:
             earliest = max(host_time() + self._cost, (due or 0) - self.refresh / 2)
             tick = self._origin + np.ceil((earliest - self._origin) / self.refresh) * self.refresh

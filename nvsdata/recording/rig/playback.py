@@ -19,6 +19,9 @@ DIM, BRIGHT = 108, 148
 STEP = 3  # refreshes that a step of the pattern lasts
 STILL = 300_000  # µs of a still screen before and after each pattern
 SETTLE = 2_000_000  # µs that the first picture is shown before the video moves: pixels adapt to it (Hu et al. 2016)
+FADE = 400_000  # µs from the dim level to the first picture, and from the last one back: a jump overruns the readout
+COUNTED = 100_000  # µs before the video moves at which the camera's drops are counted
+LATE = 20_000  # µs by which a picture may be late on any screen, because eyes and pixels don't see it
 USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 
 
@@ -31,7 +34,9 @@ class PlaybackLog:
     - `start`, `stop`: from when to when the video lasted
     - `due`, `shown`: when each picture of the video was due, and when it was shown
     - `skipped`: pictures that weren't shown, because the next one was already due
+    - `missed`: µs for which pictures that were left out should have been shown
     - `truncated`: why the video ended early, None if it didn't
+    - `dropped`: events that the camera dropped while the video played, None if it doesn't count them
     """
 
     refresh: float
@@ -42,12 +47,20 @@ class PlaybackLog:
     due: list[float] = field(default_factory=list)
     shown: list[float] = field(default_factory=list)
     skipped: int = 0
+    missed: float = 0.0
     truncated: str | None = None
+    dropped: int | None = None
 
     @property
     def late(self) -> int:
         """Pictures shown more than a refresh after they were due."""
         return int((np.array(self.shown) - np.array(self.due) > self.refresh).sum())
+
+    @property
+    def wrong(self) -> float:
+        """For how many ms the screen showed a picture that was over, beyond what a refresh or 20 ms explain."""
+        late = np.array(self.shown) - np.array(self.due) - max(self.refresh, LATE)
+        return float(np.maximum(late, 0).sum() + self.missed) / 1e3
 
     @property
     def frames(self) -> int:
@@ -64,6 +77,7 @@ class PlaybackLog:
             "refresh": round(self.refresh, 1),
             "late": self.late,
             "skipped": self.skipped,
+            "wrong": round(self.wrong, 1),
             "flashes": after(self.flashes),
             "due": after(self.due),
             "shown": after(self.shown),
@@ -72,8 +86,10 @@ class PlaybackLog:
         }
 
 
-def perform(monitor: Monitor, video: Path) -> PlaybackLog:
+def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = lambda: None) -> PlaybackLog:
     """Show a video, paced by its own times, between flash patterns.
+
+    `dropped` is asked how many events the camera has dropped, just before the video moves and when it is over.
 
     FormatError or FileNotFoundError, before anything is shown, for a file without a picture. `Monitor` lists others.
     """
@@ -82,10 +98,15 @@ def perform(monitor: Monitor, video: Path) -> PlaybackLog:
     try:
         first = next(frames)
         _flash(monitor, done)
-        shown = monitor.show(first)
-        done.start = shown + SETTLE
-        _play(monitor, done, first, frames)
+        monitor.fade(DIM, first, FADE)
+        done.start = monitor.show(first) + SETTLE
+        monitor.wait(done.start - COUNTED)
+        before = dropped()
+        last = _play(monitor, done, first, frames)
         monitor.wait(done.stop)
+        after = dropped()
+        done.dropped = None if before is None or after is None else after - before
+        monitor.fade(DIM, last, FADE, back=True)
         _flash(monitor, done)
     finally:
         if hasattr(frames, "close"):
@@ -93,8 +114,8 @@ def perform(monitor: Monitor, video: Path) -> PlaybackLog:
     return done
 
 
-def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Frame]) -> None:
-    """Show the pictures after the first; those whose successor is due are skipped."""
+def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Frame]) -> Frame:
+    """Show the pictures after the first, and return the last; those whose successor is due are skipped."""
     done.due.append(done.start)
     done.shown.append(done.start)
     waiting: Frame | None = None
@@ -107,6 +128,7 @@ def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Fr
     if waiting is not None:
         _in_turn(monitor, done, waiting, float("inf"))
     done.stop = done.start + last + gap
+    return waiting or first
 
 
 def _to_the_end(frames: Iterator[Frame], done: PlaybackLog) -> Iterator[Frame]:
@@ -119,6 +141,7 @@ def _to_the_end(frames: Iterator[Frame], done: PlaybackLog) -> Iterator[Frame]:
 def _in_turn(monitor: Monitor, done: PlaybackLog, frame: Frame, next_due: float) -> None:
     if host_time() > next_due - monitor.refresh / 2:
         done.skipped += 1
+        done.missed += next_due - done.start - frame.time
         return
     due = done.start + frame.time
     done.shown.append(monitor.show(frame, due))

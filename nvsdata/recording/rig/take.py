@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
-from nvsdata.data.events import Events, concatenate
+from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.pieces import cut
 from nvsdata.data.recording import Recording
@@ -19,36 +19,23 @@ from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.rig.clock_fit import MOST_DRIFT, ClockFit, NoSync, fit
+from nvsdata.recording.rig.clock_fit import ClockFit, NoSync
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import PlaybackLog, perform
+from nvsdata.recording.rig.sync import Take, synced
 
 PIECE = 1_000_000  # µs of a recording that are read at once
-BESIDE = 500_000  # µs that are read before and after the flashes
 BIN = 10_000  # µs per bin of the event rate
 FEWEST = 1_000  # events/s: fewer are noise
 FULL = 10e6  # events/s above which the readout counts as full in a bin
 MOST_FULL = 0.01  # share of full bins
-MOST_LATE = 0.05  # share of the pictures that were late or skipped
+# ms for which a screen may show a wrong picture, whatever the video's length, and as a share of it
+MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
 
 
 class TakeRejected(Exception):
     """A take that must be done again, and why."""
-
-
-@dataclass
-class Take:
-    """A video played and recorded.
-
-    - `raw`: the uncut recording
-    - `report`: how recording went
-    - `performance`: how playing went
-    """
-
-    raw: Path
-    report: RecordingReport
-    performance: PlaybackLog
 
 
 @dataclass
@@ -68,7 +55,7 @@ def record_take(camera: Camera, monitor: Monitor, video: Path, raw: Path, settin
     try:
         recorder.begun.wait()
         monitor.check = recorder.check
-        performance = perform(monitor, video)
+        performance = perform(monitor, video, camera.dropped)
     except BaseException:
         with suppress(OSError, ValueError):
             recorder.finish()
@@ -81,31 +68,6 @@ def record_take(camera: Camera, monitor: Monitor, video: Path, raw: Path, settin
     return Take(raw, report, performance)
 
 
-def synced(take: Take) -> tuple[ClockFit, str]:
-    """The fit of the take's flashes, and what it is by: "triggers" of the external input if they show the flashes, else
-    "events". NoSync if neither shows them.
-    """
-    done = take.performance
-    shown, bright = np.array(done.flashes), np.array(done.bright)
-    try:
-        return fit(take.report.triggers, shown, bright), "triggers"
-    except NoSync:
-        return fit(_around_flashes(take), shown, bright), "events"
-
-
-def _around_flashes(take: Take) -> Events:
-    """Events of the time around the flashes, before and after the video."""
-    recording = formats.open(take.raw)
-    flashes, start = np.array(take.performance.flashes), take.performance.start
-    windows: list[tuple[int, int]] = []
-    for group in (flashes[flashes < start], flashes[flashes >= start]):
-        first, last = group[[0, -1]] - take.report.zero
-        lo, hi = first * (1 - MOST_DRIFT) - BESIDE, last * (1 + MOST_DRIFT) + BESIDE
-        lo = max(int(lo), windows[-1][1] if windows else 0)
-        windows.append((lo, max(int(hi), lo)))
-    return Events.trusted(concatenate([recording.read(*window).columns for window in windows]), recording.sensor_size)
-
-
 def cut_take(take: Take, target: Path) -> dict[str, Any]:
     """Write the take to `target`, cut to its video, from time 0; return what the manifest is to say about it.
 
@@ -113,7 +75,7 @@ def cut_take(take: Take, target: Path) -> dict[str, Any]:
     """
     report, done = take.report, take.performance
     try:
-        line, by = synced(take)
+        line, by, refused = synced(take)
     except NoSync as error:
         raise TakeRejected(str(error)) from None
     span = round(line.camera(done.start)), round(line.camera(done.stop))
@@ -128,11 +90,13 @@ def cut_take(take: Take, target: Path) -> dict[str, Any]:
         "events": tally.events,
         "on": tally.on,
         "sensor_size": recording.sensor_size,
-        "sync": {"by": by, **asdict(line)},
+        "sync": {"by": by, **asdict(line)} | ({"triggers": refused} if refused else {}),
         "frames": done.frames,
         "late": done.late,
         "skipped": done.skipped,
-        "dropped": report.dropped,
+        "wrong": round(done.wrong, 1),
+        "dropped": done.dropped if done.dropped is not None else report.dropped,
+        "dropped_in_all": report.dropped,
         "odd": {name: count for name, count in report.error_counts.items() if count},
         "temperature": report.temperature,
     }
@@ -142,15 +106,19 @@ def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Ta
     """`TakeRejected` unless all of the video was shown in time, seen and kept."""
     if report.lost:
         raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")
-    if report.dropped:
-        raise TakeRejected(f"the camera dropped {report.dropped} events")
+    # what is dropped before and after the video, between dim level and picture, say, isn't missing from it
+    dropped = report.dropped if done.dropped is None else done.dropped
+    if dropped:
+        raise TakeRejected(f"the camera dropped {dropped} events")
     if report.error_counts.get("lost_wraps"):
         raise TakeRejected("parts of the camera's stream are missing")
     if line.residual > WORST_RESIDUAL:
         raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")
-    missed = done.late + done.skipped
-    if missed > MOST_LATE * done.frames:
-        raise TakeRejected(f"{missed} of {done.frames} pictures were late: is the computer busy?")
+    if done.wrong > max(MOST_WRONG, SHARE_WRONG * duration / 1e3):
+        missed = f"{done.late + done.skipped} of {done.frames} pictures were late or left out"
+        raise TakeRejected(
+            f"the screen showed a wrong picture for {done.wrong:.0f} ms ({missed}): is the computer busy?"
+        )
     if tally.events < FEWEST * duration / MICROSECONDS:
         raise TakeRejected(f"{tally.events} events in {duration / MICROSECONDS:.2f} s are too few")
     if tally.full > MOST_FULL:

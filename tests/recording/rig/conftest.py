@@ -55,7 +55,7 @@ def headless(monkeypatch):
 @pytest.fixture
 def quick(monkeypatch, headless):
     """`lab.hurry`, undone afterwards."""
-    for module, name in ((playback, "STEP"), (playback, "STILL"), (playback, "SETTLE"), (playback, "flashes")):
-        monkeypatch.setattr(module, name, getattr(module, name))
-    monkeypatch.setattr(take, "MOST_LATE", take.MOST_LATE)
+    for name in ("STEP", "STILL", "SETTLE", "FADE", "flashes"):
+        monkeypatch.setattr(playback, name, getattr(playback, name))
+    monkeypatch.setattr(take, "MOST_WRONG", take.MOST_WRONG)
     lab.hurry()

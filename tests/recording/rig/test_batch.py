@@ -15,14 +15,10 @@ import nvsdata
 from nvsdata import EventFolder
 from nvsdata.cli import main
 from nvsdata.recording import capture
-from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig import batch, take
-from nvsdata.recording.rig.clock_fit import ClockFit
 from nvsdata.recording.rig.monitor import Monitor
-from nvsdata.recording.rig.playback import PlaybackLog
-from nvsdata.recording.rig.take import TakeRejected, Tally
 from nvsdata.recording.simulated.camera import SimulatedDavis, picture
 from nvsdata.recording.simulated.scenes import Watched
 from nvsdata.recording.simulated.usb_backend import Backend
@@ -57,7 +53,7 @@ def truth(monkeypatch):
         began.append((self._began, self.speed))
 
     def measuring(one, target):
-        line, _ = take.synced(one)
+        line = take.synced(one).line
         zero, speed = began[-1]
         start = one.performance.start
         found.append((line.camera(start) - (start - zero) * speed, (1 + line.drift - speed) * 1e6))
@@ -236,29 +232,3 @@ def test_a_format_without_frames_is_refused_before_anything_is_touched(tmp_path,
     assert main(["record", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *how]) == 1
     assert ".txt files hold no frames: record to .h5 or .aedat" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("report", "done", "line", "tally", "reason"),
-    [
-        ({"lost": 8}, {}, {}, {}, "8 bytes came faster"),
-        ({"dropped": 3}, {}, {}, {}, "dropped 3 events"),
-        ({"error_counts": {"lost_wraps": 1}}, {}, {}, {}, "stream are missing"),
-        ({}, {"skipped": 2}, {}, {}, "2 of 22 pictures were late"),
-        ({}, {}, {"residual": 2e3}, {}, "2000 µs off"),
-        ({}, {}, {}, {"events": 999}, "999 events in 1.00 s are too few"),
-        ({}, {}, {}, {"full": 0.05}, "full for 5% of the time"),
-    ],
-)
-def test_what_spoils_a_take(report, done, line, tally, reason, monkeypatch):
-    monkeypatch.setattr(take, "MOST_LATE", 0.05)
-    times = list(np.arange(20.0))
-    given = (
-        RecordingReport(None, **report),
-        PlaybackLog(16_667, due=times, shown=times, **done),
-        ClockFit(**{"offset": 0.0, "drift": 0.0, "residual": 5.0, "used": 30, "flashes": 32} | line),
-        Tally(**{"events": 5_000, "on": 0, "full": 0.0} | tally),
-        1_000_000,
-    )
-    with pytest.raises(TakeRejected, match=reason):
-        take._check(*given)

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from lab import make_video
 
+from nvsdata.common.clock import host_time
 from nvsdata.common.errors import FormatError
 from nvsdata.recording.rig import playback
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import BRIGHT, DIM, perform
+from nvsdata.video.frames import Frame
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -79,3 +81,48 @@ def test_what_is_no_video_is_told_before_anything_is_shown(tmp_path):
     with Monitor(window=(64, 48), look=lambda *shown: seen.append(shown)) as monitor, pytest.raises(FormatError):
         perform(monitor, tmp_path / "a.avi")
     assert not seen
+
+
+def test_nothing_jumps_between_the_dim_level_and_the_picture(tmp_path, monkeypatch):
+    """A jump from dim to a white or black picture would overrun the sensor's memory."""
+    monkeypatch.setattr(playback, "FADE", 400_000)
+    seen = []
+    white = np.full((60, 80), 255, np.uint8)
+    frames = [Frame(0, white), Frame(40_000, white)]
+    monkeypatch.setattr(playback, "frames_of", lambda video: iter(frames))
+    with Monitor(window=(100, 60), look=lambda moment, picture: seen.append((moment, picture.copy()))) as monitor:
+        done = perform(monitor, tmp_path / "white")
+    picture = [shown for moment, shown in seen if moment not in done.flashes]
+    middle = np.array([int(shown[30, 50, 0]) for shown in picture])
+    beside = np.array([int(shown[30, 5, 0]) for shown in picture])
+    # 12 steps at least, from gray to white in the middle, and to black beside it
+    up = middle[: int(np.argmax(middle == 255)) + 1]
+    assert np.diff(up[up >= DIM]).max() <= 16
+    assert np.abs(np.diff(beside)).max() <= 12
+    assert (beside.min(), middle.max()) == (0, 255)
+    # and back again before the pattern
+    back = middle[len(middle) - int(np.argmax(middle[::-1] == 255)) - 1 :]
+    assert back.size > 10
+    assert np.abs(np.diff(back)).max() <= 16
+    assert done.start - done.flashes[len(done.flashes) // 2 - 1] > playback.SETTLE + playback.FADE
+
+
+def test_only_what_is_dropped_while_the_video_plays_counts(tmp_path):
+    counts = iter([17_000, 17_003])
+    video = make_video(tmp_path / "a.avi", frames=3)
+    with Monitor(window=(64, 48)) as monitor:
+        assert perform(monitor, video, lambda: next(counts)).dropped == 3
+        # a camera that doesn't count
+        assert perform(monitor, video).dropped is None
+
+
+def test_the_drops_are_counted_close_to_the_video(tmp_path):
+    asked = []
+    video = make_video(tmp_path / "a.avi", frames=6)
+    with Monitor(window=(64, 48)) as monitor:
+        done = perform(monitor, video, lambda: asked.append(host_time()) or 0)
+    before, after = asked
+    assert 0 < done.start - before < playback.COUNTED + 50_000
+    assert 0 <= after - done.stop < 50_000
+    # the first picture has been there for as long as it should before the video moves
+    assert done.shown[0] == done.start

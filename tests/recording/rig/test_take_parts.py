@@ -9,9 +9,10 @@ import nvsdata
 from nvsdata import Events
 from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.rig import take
-from nvsdata.recording.rig.clock_fit import ClockFit, NoSync
+from nvsdata.recording.rig.clock_fit import ClockFit
 from nvsdata.recording.rig.playback import PlaybackLog, _in_turn
-from nvsdata.recording.rig.take import Take, TakeRejected, Tally, _around_flashes, _check, _tally, cut_take, synced
+from nvsdata.recording.rig.sync import Sync, Take
+from nvsdata.recording.rig.take import TakeRejected, Tally, _check, _tally, cut_take
 
 
 def events_at(t, p=None):
@@ -23,9 +24,12 @@ def events_at(t, p=None):
     ("changed", "told"),
     [
         ({}, None),
-        ({"late": 2, "skipped": 3}, None),
-        ({"late": 3, "skipped": 3}, "6 of 103 pictures were late: is the computer busy"),
-        ({"late": 6}, "6 of 100 pictures were late"),
+        # 2% of 2.5 s, and what a refresh or 20 ms explain isn't wrong
+        ({"late": 100, "by": 20_000}, None),
+        ({"late": 5, "by": 30_000}, None),
+        ({"late": 5, "by": 30_010}, r"showed a wrong picture for 50 ms \(5 of 100 pictures were late or left out\)"),
+        ({"skipped": 1, "missed": 50_000.0}, None),
+        ({"late": 2, "by": 25_000, "skipped": 1, "missed": 41_000.0}, r"51 ms \(3 of 101 pictures"),
         ({"residual": 1_000.0}, None),
         ({"residual": 1_001.0}, "the flashes are 1001 µs off the fit in the median"),
         ({"events": 2_500}, None),
@@ -35,16 +39,19 @@ def events_at(t, p=None):
         ({"lost": 1}, "1 bytes came faster than they could be decoded and written"),
         ({"dropped": 1}, "the camera dropped 1 events"),
         ({"dropped": None}, None),
+        ({"dropped": 28_000, "within": 0}, None),
+        ({"dropped": 28_000, "within": 3}, "the camera dropped 3 events"),
         ({"lost_wraps": 1}, "parts of the camera's stream are missing"),
     ],
 )
 def test_how_much_may_be_amiss(changed, told):
-    given = {"late": 0, "skipped": 0, "residual": 5.0, "events": 5_000, "full": 0.0} | changed
+    given = {"late": 0, "by": 0, "skipped": 0, "missed": 0.0, "residual": 5.0, "events": 5_000, "full": 0.0} | changed
     report = RecordingReport(None, lost=given.get("lost", 0), dropped=given.get("dropped", 0))
     report.error_counts = {"lost_wraps": given.get("lost_wraps", 0), "odd_bytes": 3}
     due = np.arange(100) * 40_000.0
-    shown = due + np.where(np.arange(100) < given["late"], 16_668, 16_667)
-    done = PlaybackLog(16_667.0, due=due.tolist(), shown=shown.tolist(), skipped=given["skipped"])
+    shown = due + np.where(np.arange(100) < given["late"], given["by"], 16_667)
+    lists = {"due": due.tolist(), "shown": shown.tolist(), "dropped": given.get("within")}
+    done = PlaybackLog(16_667.0, skipped=given["skipped"], missed=given["missed"], **lists)
     line = ClockFit(0.0, 0.0, given["residual"], 30, 32)
     how = (report, done, line, Tally(given["events"], 0, given["full"]), 2_500_000)
     if told is None:
@@ -70,50 +77,14 @@ def test_what_is_counted_of_a_recording(tmp_path, monkeypatch):
     assert _tally(recording, 15_000, 45_000) == Tally(3, 0, 0.0)
 
 
-def test_only_the_events_around_the_flashes_are_looked_at(tmp_path):
-    zero, start = 100_000.0, 3_000_000.0
-    t = [499_000, 501_000, 1_500_000, 2_600_000, 2_604_000, 5_490_000, 5_498_000, 6_000_000, 6_600_000, 6_604_000]
-    nvsdata.write(events_at(t), tmp_path / "a.h5")
-    done = PlaybackLog(16_667.0, flashes=[1_100_000.0, 2_200_000.0, start + 3_100_000, start + 3_200_000], start=start)
-    found = _around_flashes(Take(tmp_path / "a.h5", RecordingReport(None, zero=zero), done))
-    # from half a second before the first to half a second after the last, and a drift of 500 ppm more
-    # 1,000,000 - 500 - 500,000 to 2,100,000 + 1,050 + 500,000; 6,000,000 - 3,000 - 500,000 to 6,603,050
-    assert found.t.tolist() == [501_000, 1_500_000, 2_600_000, 5_498_000, 6_000_000, 6_600_000]
-    assert found.sensor_size == (40, 30)
-    close = PlaybackLog(16_667.0, flashes=[600_000.0, 1_700_000.0, start + 1, start + 2], start=start)
-    # what lies around both groups is read once, and nothing from before the recording
-    found = _around_flashes(Take(tmp_path / "a.h5", RecordingReport(None, zero=zero + 2.6e6), close))
-    assert found.t.tolist() == [499_000, 501_000]
-
-
-def test_triggers_are_taken_and_else_events(monkeypatch):
-    monkeypatch.setattr(take, "_around_flashes", lambda one: "seen")
-    line, good = ClockFit(0.0, 0.0, 0.0, 9, 9), []
-
-    def fit(seen, shown, bright):
-        assert (shown.tolist(), bright.tolist()) == ([1.0], [True])
-        if seen not in good:
-            raise NoSync("none")
-        return line
-
-    monkeypatch.setattr(take, "fit", fit)
-    one = Take(None, RecordingReport(None, triggers=[5]), PlaybackLog(1.0, [1.0], [True]))
-    for known, by in (([[5], "seen"], "triggers"), (["seen"], "events")):
-        good[:] = known
-        assert synced(one) == (line, by)
-    good.clear()
-    with pytest.raises(TakeRejected, match="none"):
-        cut_take(one, None)
-
-
 def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
     line = ClockFit(1_000.4, 0.5, 10.0, 9, 9)
-    monkeypatch.setattr(take, "synced", lambda one: (line, "triggers"))
+    monkeypatch.setattr(take, "synced", lambda one: Sync(line, "events", "stray"))
     t = [2_499, 2_500, 3_000, 31_000, 31_001]
     nvsdata.write(events_at(t, np.array([1, 1, 0, 1, 1])), tmp_path / "raw.h5")
     monkeypatch.setattr(take, "FEWEST", 1)
-    report = RecordingReport(None, dropped=0, error_counts={"a": 2, "b": 0}, temperature=20.5)
-    done = PlaybackLog(16_667.0, start=1_000.0, stop=20_000.0, due=[1.0, 2.0], shown=[1.0, 2.0])
+    report = RecordingReport(None, dropped=7, error_counts={"a": 2, "b": 0}, temperature=20.5)
+    done = PlaybackLog(16_667.0, start=1_000.0, stop=20_000.0, due=[1.0, 2.0], shown=[1.0, 2.0], dropped=0)
     told = cut_take(Take(tmp_path / "raw.h5", report, done), tmp_path / "deep/out/a.h5")
     assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
     assert told == {
@@ -122,11 +93,14 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
         "events": 2,
         "on": 1,
         "sensor_size": (40, 30),
-        "sync": {"by": "triggers", "offset": 1_000.4, "drift": 0.5, "residual": 10.0, "used": 9, "flashes": 9},
+        "sync": {"by": "events", "offset": 1_000.4, "drift": 0.5, "residual": 10.0, "used": 9, "flashes": 9}
+        | {"triggers": "stray"},
         "frames": 2,
         "late": 0,
         "skipped": 0,
+        "wrong": 0.0,
         "dropped": 0,
+        "dropped_in_all": 7,
         "odd": {"a": 2},
         "temperature": 20.5,
     }
@@ -140,7 +114,7 @@ def test_a_picture_is_skipped_if_the_next_is_due(monkeypatch, now, skipped):
     monitor = SimpleNamespace(refresh=16_667.0, show=lambda frame, due: shown.append(due) or due + 5)
     done = PlaybackLog(16_667.0, start=20_000.0)
     _in_turn(monitor, done, SimpleNamespace(time=40_000), 100_000.0)
-    assert done.skipped == skipped
+    assert (done.skipped, done.missed) == ((1, 40_000.0) if skipped else (0, 0.0))
     assert (shown, done.due, done.shown) == (([], [], []) if skipped else ([60_000.0], [60_000.0], [60_005.0]))
 
 
@@ -152,6 +126,7 @@ def test_what_was_played_in_whole_microseconds():
         "refresh": 16_666.7,
         "late": 1,
         "skipped": 3,
+        "wrong": 0.0,
         "flashes": [-100, 200],
         "due": [0, 500],
         "shown": [1, 19_000],
