@@ -38,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--monitor", type=path, metavar="IN", help="a folder of videos: play and record each of them")
     add("--resume", action="store_true", help="go on with a folder that holds recordings")
     add("--verify", action="store_true", help="compare what was recorded with the manifest, record nothing")
+    corners = (
+        "what --calibrate wrote: recordings are compared with where the screen was then (default: with each other)"
+    )
+    add("--calibration", type=path, metavar="DIR", help=corners)
+    add("--strict", action="store_true", help="record again, and at last refuse, what looks odd, not only list it")
+    add("--accept-quiet", action="store_true", help="accept recordings with hardly any events, though the video moves")
     add_videos(add)
     add("--display", type=int, default=0, metavar="N", help="number of the display")
     add("--screen-region", type=int, nargs=4, metavar=place, help="pixels of the screen for videos (default: all)")
@@ -68,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
         out, overwrite = args.out or Path("calibration"), args.overwrite
         return session.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
     chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
+    chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
     return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 

@@ -30,10 +30,10 @@ def forkless() -> Iterator[None]:
     Blocks must be short, and don't nest.
     """
     gate, me = _gate, get_ident()
-    with gate.change:
-        gate.change.wait_for(lambda: not gate.forks)
-        gate.inside.add(me)
     try:
+        with gate.change:
+            gate.change.wait_for(lambda: not gate.forks)
+            gate.inside.add(me)
         yield
     finally:
         with gate.change:

@@ -23,10 +23,13 @@ class Decider:
     - `trained`: what `models.load` gives
     - `window`: µs that the network sees (default: as it was trained)
 
-    ValueError for a network, or a transform of it, that can't stream; see `models.stream`.
+    ValueError for a network, or a transform of it, that can't stream (see `models.stream`), and for a network that was
+    saved without its transform.
     """
 
     def __init__(self, trained: Trained, window: int | None = None) -> None:
+        if trained.transform is None:
+            raise ValueError("the network was saved without its transform, so nobody knows what graphs it takes")
         self.stream = stream(trained.model, **_how(trained.transform, window))
         self.classes = trained.classes
         self.sensor_size: tuple[int, int] = trained.model.sensor_size  # type: ignore[assignment]
@@ -49,9 +52,14 @@ class Decider:
 
     def decide(self, now: int) -> dict[str, Any]:
         """The decision: `time` (µs, as given), `class`, `probability`, `events` in the window, `work` (µs of computing
-        since the last decision)."""
+        since the last decision).
+
+        ValueError for scores that are NaN.
+        """
         began = time.perf_counter()
         scores = self.stream.scores().softmax(0)
+        if scores.isnan().any():
+            raise ValueError("the network gives NaN")
         best = int(scores.argmax())
         found: dict[str, Any] = {"time": now, "class": self.classes[best] if self.classes else str(best)}
         found |= {"probability": round(float(scores[best]), 4), "events": len(self.stream)}
@@ -65,7 +73,7 @@ def _how(transform: Any, window: int | None) -> dict[str, Any]:
     found: dict[str, Any] = {"window": window}
     for step in transform.transforms if isinstance(transform, Compose) else [transform]:
         if isinstance(step, RandomWindow):
-            found["window"] = window or step.duration
+            found["window"] = step.duration if window is None else window
         elif isinstance(step, RadiusGraph | NodeFeatures):
             found["graph"] = step
         elif isinstance(step, LookingBack):

@@ -182,8 +182,9 @@ class Stream(_Follower):
         """The graph of the window, whose rows aren't kept."""
         start, end = 0, 0
         if self._last is not None:
-            end = self._last - self._origin + 1
-            start = 0 if self.window is None else end - self.window
+            end = self._last - self._origin
+            # as windows of recordings are, whose end is their first moment that is over
+            start, end = (0, end) if self.window is None else (end + 1 - self.window, end + 1)
         graph: Graph = self.graph(Events.trusted(self._held, self._network.sensor_size, start, end))
         return graph
 

@@ -28,15 +28,21 @@ class Deciding(Thread):
       goes on with the newest window
     - `tell`: called with each decision, which also has `behind` (µs since its last event), `skipped` (blocks of the
       camera without a decision of their own since the last one) and `missed` (events that weren't fed since then)
+    - `ended`: called with the error that ended the decisions early; the recording goes on then
 
-    Use it in a `with` block; `add` is for `record`'s `watch`. `error` is what ended the decisions early, None if
-    nothing did: the recording goes on then.
+    Use it in a `with` block; `add` is for `record`'s `watch`. `error` is that error, None if there was none. On a
+    causal graph, events that were missed would have been neighbors of the oldest ones in the window.
     """
 
-    def __init__(self, decider: Decides, tell: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(
+        self,
+        decider: Decides,
+        tell: Callable[[dict[str, Any]], None],
+        ended: Callable[[Exception], None] = lambda error: None,
+    ) -> None:
         super().__init__(name="nvsdata-decisions", daemon=True)
         self.error: Exception | None = None
-        self._decider, self._tell = decider, tell
+        self._decider, self._tell, self._ended = decider, tell, ended
         self._waiting: deque[Events] = deque()
         self._change = Condition()
         self._zero, self._over = 0.0, False
@@ -67,6 +73,7 @@ class Deciding(Thread):
                 self._tell(line | {"behind": late, "skipped": len(blocks) - 1, "missed": missed})
         except Exception as error:  # the recording doesn't end because a network fails
             self.error = error
+            self._ended(error)
 
     def _take(self) -> list[Events]:
         """All that waits, at least a block; empty at the end."""

@@ -25,7 +25,7 @@ from nvsdata.recording.journal import check_finished, journal_of, left_over, tol
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.batch import manifest_of, record_videos, verify
 from nvsdata.recording.rig.calibrate import calibrate
-from nvsdata.recording.rig.calibration import FIGURES, write_calibration
+from nvsdata.recording.rig.calibration import FIGURES, corners_in, write_calibration
 from nvsdata.recording.rig.calibration import summary as calibration_summary
 from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
@@ -64,6 +64,13 @@ def run(
     if the camera is larger than the network is for.
     """
     backend = simulate and simulate.alone()
+    if decider is not None:
+        if decider.stream.window is None:
+            raise ValueError(
+                "the network was trained on whole recordings, but a camera has no end: train it on windows"
+            )
+        say("preparing the network")
+        decider.prepare()
     with (
         _place(out, settings, overwrite),
         stopped_by_interrupt() as stop,
@@ -72,11 +79,10 @@ def run(
         facts = camera.facts
         if decider is not None:
             _check_size((facts.width, facts.height), decider.sensor_size)
-            decider.prepare()
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
         say(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
         shown: Any = Terminal(sys.stderr)
-        deciding = None if decider is None else Deciding(decider, lambda line: print(json.dumps(line), flush=True))
+        deciding = None if decider is None else _deciding(decider, stop, alone=out is None and not live)
         with (
             deciding or nullcontext(),
             tqdm(total=seconds, unit="s", disable=None, file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar,
@@ -93,11 +99,21 @@ def run(
                 report = _shown(camera, out, settings, seconds, stop, watch)
             else:
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
-    say(summary(report), sys.stderr if decider else sys.stdout)
-    if deciding is not None and deciding.error is not None:
-        say(f"decisions ended early: {deciding.error}")
-        return 1
-    return 0 if report.whole else 1
+            bar.close()
+            # before the last decisions are told, which nobody may read
+            say(summary(report), sys.stderr if decider else sys.stdout)
+    return 0 if report.whole and (deciding is None or deciding.error is None) else 1
+
+
+def _deciding(decider: Decider, stop: Event, *, alone: bool) -> Deciding:
+    """Decisions as lines of JSON; if they fail, and events are for nothing else (`alone`), the recording ends."""
+
+    def ended(error: Exception) -> None:
+        say(f"decisions ended early: {error or type(error).__name__}")
+        if alone:
+            stop.set()
+
+    return Deciding(decider, lambda line: print(json.dumps(line), flush=True), ended)
 
 
 def _check_size(camera: tuple[int, int], network: tuple[int, int]) -> None:
@@ -196,6 +212,9 @@ def run_batch(
     limit: int | None,
     resume: bool,
     check: bool,
+    calibration: Path | None = None,
+    strict: bool = False,
+    accept_quiet: bool = False,
 ) -> int:
     """Play and record a folder of videos, or `check` what was recorded; return 0 if all of it went well, else 1."""
     videos = videos_in(source, out, format, limit)
@@ -206,6 +225,8 @@ def run_batch(
             print(f"{name}: {fault}")
         print(f"{len(videos) - len(found):,} of {len(videos):,} recordings are sound")
         return 1 if found else 0
+    how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
+    how |= {"strict": strict, "accept_quiet": accept_quiet}
     backend, look = simulate.watched() if simulate else (None, None)
     window = WINDOW if simulate else None
     with (
@@ -217,12 +238,15 @@ def run_batch(
             return Davis.find(serial, backend=backend)
 
         try:
-            result = record_videos(videos, out, manifest, find, monitor, settings)
+            result = record_videos(videos, out, manifest, find, monitor, settings, **how)
         except KeyboardInterrupt:
             say(f"{len(manifest.videos):,} of {len(videos):,} are done: --resume goes on with them")
             raise
     for name, reason in result.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
+    for name, line in manifest.videos.items():
+        if doubts := line.get("look"):
+            print(f"{name}: have a look: {'; '.join(doubts)}", file=sys.stderr)
     done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
     print(f"{done}; {result.events:,} events in {out}")
     return 1 if result.failed else 0

@@ -115,8 +115,9 @@ class Objects:
             "network": self.network in IMAGE_NETWORKS,
         }
         if self.causal and (wrong := [name for name, value in given.items() if value]):
+            value = getattr(self, wrong[0])
             raise ValueError(
-                f"a causal network is an rgcnn or gcnn without features, depth or k > 1: {wrong[0]} is given"
+                f"a causal network is an rgcnn or gcnn with features=() and without depth or k: {wrong[0]} is {value!r}"
             )
 
     def setting(self, name: str) -> Any:

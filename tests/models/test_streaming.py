@@ -354,9 +354,8 @@ def test_features_of_nodes_are_those_of_the_window(window):
         live.feed(events[done:cut])
         done = cut
         # as a recording's window in training, whose ages are shares of it
-        last = int(events.t[cut - 1])
-        start = int(events.t[0]) if window is None else last + 1 - window
-        fed = Events(*events[:cut].columns, SIZE, end=last + 1).window(start, last + 1)
+        last, fed = int(events.t[cut - 1]), Events(*events[:cut].columns, SIZE)
+        fed = fed if window is None else fed.window(last + 1 - window, last + 1)
         assert torch.allclose(live.scores(), whole(network, graph, fed), atol=1e-6)
     assert live.grid().shape == (5, 5, 5)
 

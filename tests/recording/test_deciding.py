@@ -127,6 +127,52 @@ def test_what_cannot_decide_is_told_before_anything_is_recorded(tmp_path, capsys
     assert not out.exists()
 
 
+def test_what_fails_is_told_when_it_does_and_ends_what_nothing_else_needs(tmp_path, capsys, monkeypatch):
+    network = saved(tmp_path / "m.safetensors")
+    for part in network.parameters():
+        torch.nn.init.constant_(part, float("nan"))
+    transform = T.Compose([T.RandomWindow(10_000), T.RadiusGraph(max_degree=4)])
+    models.save(network, tmp_path / "n.safetensors", transform=transform)
+    with pytest.raises(ValueError, match="gives NaN"):
+        models.Decider(models.load(tmp_path / "n.safetensors")).prepare()
+
+    class Failing(models.Decider):
+        def decide(self, now):
+            raise BrokenPipeError(32, "Broken pipe")
+
+        def prepare(self):
+            pass
+
+    monkeypatch.setattr(models, "Decider", Failing)
+    words = ["record", "--simulate", "--model", str(tmp_path / "m.safetensors")]
+    # without an end of its own
+    assert main(words) == 1
+    assert main([*words, "--out", str(tmp_path / "a.h5"), "--seconds", "0.3"]) == 1
+    told = capsys.readouterr().err
+    assert told.count("decisions ended early: [Errno 32] Broken pipe") == 2
+    assert len(nvsdata.read(tmp_path / "a.h5"))
+
+
+@pytest.mark.parametrize(
+    ("transform", "message"),
+    [(None, "without its transform"), (T.RadiusGraph(max_degree=4), "trained on whole recordings, but a camera")],
+)
+def test_networks_that_say_too_little(tmp_path, capsys, transform, message):
+    network = saved(tmp_path / "m.safetensors")
+    models.save(network, tmp_path / "n.safetensors", transform=transform)
+    assert main(["record", "--simulate", "--model", str(tmp_path / "n.safetensors")]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_the_window_is_that_of_the_training_unless_one_is_given(tmp_path):
+    saved(tmp_path / "m.safetensors")
+    trained = models.load(tmp_path / "m.safetensors")
+    assert models.Decider(trained).stream.window == 10_000
+    assert models.Decider(trained, 500).stream.window == 500
+    with pytest.raises(ValueError, match="window"):
+        models.Decider(trained, 0)
+
+
 def test_one_model_per_recording(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["record", "--monitor", str(tmp_path), "--out", "x", "--model", "m.safetensors"])

@@ -21,9 +21,11 @@ from nvsdata.common.locks import locked
 from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig.contact_sheets import Sheets
+from nvsdata.recording.rig.content import Inspector
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
-from nvsdata.recording.rig.take import TakeRejected, cut_take, record_take
+from nvsdata.recording.rig.sync import TakeRejected
+from nvsdata.recording.rig.take import cut_take, record_take
 from nvsdata.video.folder import Video
 from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, file_facts, noted
 
@@ -69,6 +71,10 @@ def record_videos(
     find: Callable[[], Camera],
     monitor: Monitor,
     settings: Settings,
+    *,
+    corners: list[list[float]] | None = None,
+    strict: bool = False,
+    accept_quiet: bool = False,
 ) -> FolderReport:
     """Play and record every video that isn't done; each gets its line of the manifest as soon as it is done.
 
@@ -82,10 +88,13 @@ def record_videos(
     - `find`: opens the camera; called again when the camera was gone
     - `monitor`: plays the videos
     - `settings`: the camera's
+    - `corners`, `strict`, `accept_quiet`: see `content.Inspector`
 
     Raises CameraError if there is no camera at the start, OSError if nothing can be written.
     """
     takes: Counter[str] = Counter()
+    known = [line["content"] for line in manifest.videos.values() if line["status"] in DONE and "content" in line]
+    inspector = Inspector(monitor, corners, known, strict, accept_quiet)
     with (
         _Cameras(find, monitor, settings) as cameras,
         Sheets(out, videos, manifest) as sheets,
@@ -106,7 +115,7 @@ def record_videos(
             try:
                 with noted(video, line, (CameraError, MonitorError)):
                     line |= file_facts(video)
-                    line |= _recorded(video, out, camera, monitor, settings)
+                    line |= _recorded(video, out, camera, monitor, settings, inspector)
             except (TakeRejected, CameraError) as reason:
                 if isinstance(reason, CameraError):
                     cameras.drop()
@@ -120,7 +129,9 @@ def record_videos(
     return run.report
 
 
-def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings) -> dict[str, Any]:
+def _recorded(
+    video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings, inspector: Inspector
+) -> dict[str, Any]:
     """Play and record a video, and return its part of the manifest's line."""
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
@@ -133,7 +144,8 @@ def _recorded(video: Video, out: Path, camera: Camera, monitor: Monitor, setting
         raise
     with (out / PLAYED).open("a", encoding="utf-8") as file:
         file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
-    line = cut_take(take, video.target)
+    line = cut_take(take, video.path, video.target, inspector)
+    inspector.others.append(line["content"])
     raw.unlink()
     if take.performance.truncated:
         line |= {"status": "truncated", "reason": take.performance.truncated}

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from nvsdata.common.errors import FormatError
 from nvsdata.common.files import atomic
 from nvsdata.data.events import Events
 from nvsdata.plots import curves, save
@@ -74,20 +75,30 @@ def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
 
     `NoSync` if too few pixels see the screen, or none sees the quarter.
     """
-    seen = cv2.morphologyEx((screen >= SEEN).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(seen)
-    if count < 2 or stats[1:, cv2.CC_STAT_AREA].max() < LEAST * seen.size:
-        raise NoSync("too few pixels see the screen: aim the camera at it, and focus")
-    largest = (labels == 1 + stats[1:, cv2.CC_STAT_AREA].argmax()).astype(np.uint8)
-    contours, _ = cv2.findContours(largest, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    contour = max(contours, key=cv2.contourArea)
-    corners = _refined(_quadrilateral(cv2.convexHull(contour)), contour[:, 0])
-    place = np.argwhere((quarter >= SEEN) & (largest > 0))
+    corners, largest = outline_of(screen)
+    place = np.argwhere((quarter >= SEEN) & largest)
     if not len(place):
         raise NoSync("no pixel sees the upper left quarter of the screen")
     # the corner nearest to the quarter is the first; the others follow clockwise on the sensor as on the screen
     first = int(np.hypot(*(corners - place.mean(0)[::-1]).T).argmin())
     return np.roll(corners, -first, 0)
+
+
+def outline_of(screen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the screen [4, 2], clockwise on the sensor, and the mask of the pixels that see it, bool [H, W].
+
+    - `screen`: as for `corners_of`
+
+    `NoSync` if too few pixels see the screen.
+    """
+    seen = cv2.morphologyEx((screen >= SEEN).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(seen)
+    if count < 2 or stats[1:, cv2.CC_STAT_AREA].max() < LEAST * seen.size:
+        raise NoSync("too few pixels see the screen: aim the camera at it, and focus")
+    largest = labels == 1 + stats[1:, cv2.CC_STAT_AREA].argmax()
+    contours, _ = cv2.findContours(largest.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contour = max(contours, key=cv2.contourArea)
+    return _refined(_quadrilateral(cv2.convexHull(contour)), contour[:, 0]), largest
 
 
 def _quadrilateral(hull: np.ndarray) -> np.ndarray:
@@ -215,6 +226,16 @@ def write_calibration(found: Calibration, settings: Settings, size: tuple[int, i
     title = "flicker of a still screen: height over noise"
     ends = (SLOWEST, HIGHEST)
     save(curves(lines, title, "Hz", highest=max(float(spectrum.max()), STRONG), ends=ends), out / "flicker.png")
+
+
+def corners_in(folder: Path) -> list[list[float]]:
+    """The screen's corners that a calibration found, from its folder. FormatError if the file is damaged."""
+    path = folder / FIGURES
+    try:
+        corners: list[list[float]] = np.array(json.loads(path.read_text())["corners"], float).reshape(4, 2).tolist()
+    except (ValueError, KeyError, TypeError) as error:
+        raise FormatError(path, f"isn't what --calibrate writes: {error}") from None
+    return corners
 
 
 def _picture(found: Calibration) -> np.ndarray:

@@ -165,13 +165,8 @@ class Monitor:
         """The picture in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
         pixels = frame.pixels
         height, width = pixels.shape[:2]
-        x, y, wide, high = self.region
-        scale = min(wide / width, high / height)
-        if self.scaling == "integer":
-            if scale < 1:
-                raise ValueError(f"a picture of {width}x{height} is larger than the region of {wide}x{high}")
-            scale = int(scale)
-        size = max(1, round(width * scale)), max(1, round(height * scale))
+        x, y, *shown = self.place_of(width, height)
+        size, scale = (shown[0], shown[1]), shown[0] / width
         how = cv2.INTER_NEAREST if self.scaling == "integer" else cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
         picture = np.asarray(pixels if size == (width, height) else cv2.resize(pixels, size, interpolation=how))
         if picture.ndim == 2:
@@ -179,7 +174,18 @@ class Monitor:
         if picture.dtype != np.uint8:
             picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
         picture = picture if frame.red_first else picture[..., ::-1]
-        return np.ascontiguousarray(picture), (x + (wide - size[0]) // 2, y + (high - size[1]) // 2)
+        return np.ascontiguousarray(picture), (x, y)
+
+    def place_of(self, width: int, height: int) -> tuple[int, int, int, int]:
+        """Where on the screen a picture of that size goes: x, y, width, height. ValueError as for `show`."""
+        x, y, wide, high = self.region
+        scale = min(wide / width, high / height)
+        if self.scaling == "integer":
+            if scale < 1:
+                raise ValueError(f"a picture of {width}x{height} is larger than the region of {wide}x{high}")
+            scale = int(scale)
+        wide_shown, high_shown = max(1, round(width * scale)), max(1, round(height * scale))
+        return x + (wide - wide_shown) // 2, y + (high - high_shown) // 2, wide_shown, high_shown
 
     def _draw(self, picture: np.ndarray, place: tuple[int, int]) -> None:
         self._surface.fill((0, 0, 0))

@@ -20,6 +20,10 @@ MARGIN = 50_000  # µs around a group of flashes in which nothing else may trigg
 STRAY = 0.1  # triggers without a flash, as a share of the flashes, that are let pass
 
 
+class TakeRejected(Exception):
+    """A take that must be done again, and why."""
+
+
 @dataclass
 class Take:
     """A video played and recorded.

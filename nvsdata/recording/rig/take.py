@@ -20,22 +20,18 @@ from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.clock_fit import ClockFit, NoSync
+from nvsdata.recording.rig.content import Inspector, Span
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import PlaybackLog, perform
-from nvsdata.recording.rig.sync import Take, synced
+from nvsdata.recording.rig.sync import Take, TakeRejected, synced
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
-FEWEST = 1_000  # events/s: fewer are noise
 FULL = 10e6  # events/s above which the readout counts as full in a bin
 MOST_FULL = 0.01  # share of full bins
 # ms for which a screen may show a wrong picture, whatever the video's length, and as a share of it
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
-
-
-class TakeRejected(Exception):
-    """A take that must be done again, and why."""
 
 
 @dataclass
@@ -68,8 +64,8 @@ def record_take(camera: Camera, monitor: Monitor, video: Path, raw: Path, settin
     return Take(raw, report, performance)
 
 
-def cut_take(take: Take, target: Path) -> dict[str, Any]:
-    """Write the take to `target`, cut to its video, from time 0; return what the manifest is to say about it.
+def cut_take(take: Take, video: Path, target: Path, inspector: Inspector) -> dict[str, Any]:
+    """Write the take of a video to `target`, cut to it, from time 0; return what the manifest is to say about it.
 
     `TakeRejected` if it must be done again: nothing is written then.
     """
@@ -82,6 +78,7 @@ def cut_take(take: Take, target: Path) -> dict[str, Any]:
     recording = formats.open(take.raw)
     tally = _tally(recording, *span)
     _check(report, done, line, tally, span[1] - span[0])
+    content = inspector.judged(Span(take, recording, line, *span), video, tally.events)
     target.parent.mkdir(parents=True, exist_ok=True)
     formats.write(cut(recording, *span, every=PIECE), target)
     return {
@@ -99,7 +96,7 @@ def cut_take(take: Take, target: Path) -> dict[str, Any]:
         "dropped_in_all": report.dropped,
         "odd": {name: count for name, count in report.error_counts.items() if count},
         "temperature": report.temperature,
-    }
+    } | content
 
 
 def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
@@ -119,8 +116,6 @@ def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Ta
         raise TakeRejected(
             f"the screen showed a wrong picture for {done.wrong:.0f} ms ({missed}): is the computer busy?"
         )
-    if tally.events < FEWEST * duration / MICROSECONDS:
-        raise TakeRejected(f"{tally.events} events in {duration / MICROSECONDS:.2f} s are too few")
     if tally.full > MOST_FULL:
         raise TakeRejected(
             f"the readout is full for {tally.full:.0%} of the time: lower the contrast, or raise thresholds"

@@ -52,12 +52,12 @@ def truth(monkeypatch):
         begin(self)
         began.append((self._began, self.speed))
 
-    def measuring(one, target):
+    def measuring(one, *how):
         line = take.synced(one).line
         zero, speed = began[-1]
         start = one.performance.start
         found.append((line.camera(start) - (start - zero) * speed, (1 + line.drift - speed) * 1e6))
-        return develop(one, target)
+        return develop(one, *how)
 
     monkeypatch.setattr(SimulatedDavis, "_begin", remembering)
     monkeypatch.setattr(batch, "cut_take", measuring)

@@ -37,13 +37,13 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
         raw.write_bytes(b"")
         return SimpleNamespace(performance=SimpleNamespace(truncated=None, log=dict))
 
-    def cut(take, target):
+    def cut(take, video, target, inspector):
         error = fails.pop(0) if fails else None
         if error is not None:
             raise error
         target.parent.mkdir(parents=True, exist_ok=True)
         nvsdata.write(SOUND, target)
-        return {"recording": target.stat().st_size, "duration": DURATION, "events": N, "on": N // 2}
+        return {"recording": target.stat().st_size, "duration": DURATION, "events": N, "on": N // 2, "content": {}}
 
     monkeypatch.setattr(batch, "record_take", taken)
     monkeypatch.setattr(batch, "cut_take", cut)
