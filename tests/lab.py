@@ -23,6 +23,6 @@ def make_video(path, frames=12, fps=30, size=(80, 60), seed=0):
 
 def hurry():
     """Shorter patterns and waits; and pictures may be late, on a machine that does other things besides."""
-    playback.STEP, playback.STILL, playback.SETTLE, playback.FADE = 2, 120_000, 150_000, 50_000
+    playback.STEP, playback.STILL, playback.SETTLE, playback.FADE = 2, 120_000, 400_000, 150_000
     playback.flashes = lambda: clock_fit.flashes(17)
     take.MOST_WRONG = 1e6

@@ -15,17 +15,18 @@ from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.recording import Recording
 from nvsdata.emulation.emulator import Emulator
 from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.recording.rig import playback
 from nvsdata.recording.rig.calibration import outline_of, response
 from nvsdata.recording.rig.clock_fit import ClockFit, NoSync
 from nvsdata.recording.rig.monitor import Monitor
-from nvsdata.recording.rig.playback import SETTLE
 from nvsdata.recording.rig.sync import Take, TakeRejected, around_flashes
 from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
 
 BIN = 50_000  # µs per bin of time
 CELL = 20  # pixels per cell of the sensor, along each side
 BLOCK = 5  # bins in which events may come early or late
-PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8)
+# a screen changes when a picture is due, not little by little before
+PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8, timestamps="fixed")
 FEWEST = 1_000  # events/s that a video must give for its motion to be judged by
 ABSENT = 0.1  # of what is expected: less counts as missing
 SILENT = 30  # expected events of noise without which silence means that something is missing
@@ -34,7 +35,7 @@ COUNTED = 50  # expected events from which their absence means something
 LONGEST_GAP = 100.0  # ms
 LEAST_COVER = 0.25  # of the sensor
 MOST_ASPECT = 1.35  # by which the screen's width to height may be off
-MOST_HIDDEN, MOST_STRAY, MOST_NOISE = 0.25, 0.3, 10.0
+MOST_HIDDEN, MOST_STRAY, MOST_NOISE = 0.25, 0.2, 10.0
 LEAST_SCALE, MOST_SCALE = 0.1, 10.0
 RELATIVE = {"scale": (0.3, 3.3), "cover": (0.8, 1.25), "seen": (0.7, np.inf)}
 MOVED = 5.0  # pixels that a corner may be off
@@ -201,7 +202,7 @@ class _Noise(NamedTuple):
 
 def _noise(span: Span, size: tuple[int, int]) -> _Noise:
     """Noise, from the time in which the first picture stands still."""
-    time = SETTLE // 2
+    time = playback.SETTLE // 2
     events = span.recording.read(max(span.start - time, 0), span.start)
     counts = _histogram(events, max(span.start - time, 0), 1, time + 1)[0]
     seconds = max(min(time, span.start), 1) / MICROSECONDS
@@ -274,8 +275,7 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
     seconds = len(found) * BIN / MICROSECONDS
     if due.sum() < FEWEST * seconds:
         # what happens all the same isn't the video's
-        extra = _excess(found, np.zeros_like(due), noise)
-        return None, 0.0, 0.0, extra / max(found.sum(), COUNTED)
+        return None, 0.0, 0.0, _stray(found, np.zeros_like(due), noise)
     in_time, found_in_time = due.sum(1), found.sum(1) - noise.sum()
     busy = in_time >= 0.25 * in_time.max()
     scale = float(np.median(found_in_time[busy] / in_time[busy]))
@@ -288,16 +288,20 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
     there, places = level * due.sum(0), found.sum(0) - len(found) * noise
     sure = there >= np.maximum(COUNTED, 5 * np.sqrt(len(found) * noise))
     hidden = float(there[sure & (places < ABSENT * there)].sum() / max(there[sure].sum(), 1))
-    return scale, gap, hidden, _excess(found, level * due, noise) / max(float(found.sum()), COUNTED)
+    return scale, gap, hidden, _stray(found, level * due, noise)
 
 
-def _excess(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> float:
-    """Events beyond what is due and noise, by place and a quarter of a second."""
+def _stray(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> float:
+    """Share of the events that is beyond what is due and noise, by place and a quarter of a second."""
     blocks = np.arange(0, len(found), BLOCK)
     seen, expected = (np.add.reduceat(counts, blocks, 0) for counts in (found, due))
-    long = np.diff(np.append(blocks, len(found)))[:, None]
-    usual = expected + long * noise
-    return float(np.maximum(seen - 3 * expected - long * noise - 5 * np.sqrt(usual) - 20, 0).sum())
+    still = np.diff(np.append(blocks, len(found)))[:, None] * noise
+    busy = expected >= COUNTED
+    if busy.any():
+        # events of something else, everywhere in time, would raise what counts as due
+        expected *= min(max(float(np.median((seen - still)[busy] / expected[busy])), ABSENT), 1.0)
+    beyond = seen - 3 * expected - still - 5 * np.sqrt(expected + still) - 20
+    return float(np.maximum(beyond, 0).sum()) / max(float(found.sum()), COUNTED)
 
 
 def _longest(flags: np.ndarray) -> int:
