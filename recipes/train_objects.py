@@ -34,7 +34,7 @@ from nvsdata.transforms.defaults import BETA, PSEUDO
 
 GRAPH = ("k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
 NETWORK = ("network", "convolution", "depth", "kernel_size", "dropout", "image_size")
-SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "schedule", "smoothing")
+SETTINGS = ("dataset", "window", *GRAPH, *NETWORK, "augment", "schedule", "smoothing")
 # rounds of the last evaluation if the test set has fewer than FEW recordings
 ROUNDS, FEW = 5, 1_000
 
@@ -106,6 +106,7 @@ def arguments() -> argparse.Namespace:
         default=["patch5"],
         help="of nodes beside polarity (default patch5: how many events each of 5x5 pixels around a node has)",
     )
+    add("--no-augment", dest="augment", action="store_false", help="train on windows as they are")
     causal = "a network that can follow events in real time (docs/streaming.md); needs --features without any"
     add("--causal", action="store_true", help=causal)
     add("--schedule", choices=SCHEDULES, default=SCHEDULES[0], help="of the learning rate (default one-cycle)")
