@@ -200,10 +200,11 @@ class Journal:
             self._file.close()
 
     def add(self, line: dict[str, Any]) -> None:
-        """Append a line; it has been handed to the system when this returns."""
+        """Append a line; it is on the disk when this returns."""
         assert self._file is not None, "a journal is added to within its block"
         self._file.write(json_line(line))
         self._file.flush()
+        os.fsync(self._file.fileno())
 
 
 def json_line(value: dict[str, Any]) -> str:

@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -27,6 +28,9 @@ from nvsdata.recording.camera import Camera, CameraError, Decoder, check_camera
 from nvsdata.recording.journal import Journal, check_finished, told_of
 from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, CameraReader
 
+# s until the reset of the clock must be in the stream, and how often it is asked for
+RESET_WAIT, RESETS = 1.0, 2
+NO_RESET = "the camera doesn't mark the reset of its clock: plug it in again"
 RESERVE = 64 << 20  # bytes of disk that are left free, as room for what the writer still holds
 # s for which a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer overflows
 SWITCH = 2e-4
@@ -78,7 +82,8 @@ class RecordingReport:
     @property
     def whole(self) -> bool:
         """Whether nothing was lost on the way."""
-        return not self.lost and not self.dropped and self.failure is None
+        faulty = self.lost or self.dropped or self.error_counts.get("usb_errors")
+        return not faulty and self.failure is None
 
 
 class Unfinished(OSError):
@@ -110,9 +115,9 @@ def record(
     - `journaled`: until the file is whole, keep what the camera sends in FILE.davis, which `nvsdata.open` reads; it is
       removed when the file is there, and stays if the file can't be written (default True)
 
-    Raises CameraError if the camera can't be configured or started, TypeError for an object that isn't a camera,
-    ValueError for frames in a format that holds none, FileExistsError if there is a journal of that file already, and
-    `Unfinished` if the file can't be written.
+    Raises CameraError if the camera can't be configured or started, or doesn't mark the reset of its clock, TypeError
+    for an object that isn't a camera, ValueError for frames in a format that holds none, FileExistsError if there is a
+    journal of that file already, and `Unfinished` if the file can't be written.
     """
     check_camera(camera)
     report = RecordingReport(None if path is None else Path(path))
@@ -137,7 +142,7 @@ def record(
             if report.path is not None and head is not None:
                 journal = Journal(report.path, head)
             reader.keep(journal)
-            pieces = _pieces(decoder, reader, last, report, watch)
+            pieces = _pieces(camera, decoder, reader, last, report, watch)
             if path is None:
                 deque(pieces, maxlen=0)
             else:
@@ -155,6 +160,7 @@ def record(
             reader.finish()
             if journal is not None:
                 journal.close()
+    report.error_counts["usb_errors"] = getattr(camera, "faults", 0)
     report.received, report.lost, report.ended = reader.received, reader.lost, reader.ended
     if not reader.gone:
         with suppress(CameraError):
@@ -207,7 +213,24 @@ def switching_fast() -> Iterator[None]:
         sys.setswitchinterval(before)
 
 
+def _blocks(camera: Camera, decoder: Decoder, reader: CameraReader, report: RecordingReport) -> Iterator[bytes]:
+    """What was read; asks for the reset of the clock again if it isn't in there, and CameraError if it stays away."""
+    asked, times = time.monotonic(), 1
+    while block := reader.take():
+        yield block
+        if getattr(decoder, "begun", True) or time.monotonic() - asked < RESET_WAIT:
+            continue
+        if times == RESETS:
+            raise CameraError(NO_RESET)
+        camera.reset_time()
+        reader.delay(time.monotonic() - asked)
+        report.zero, asked, times = host_time(), time.monotonic(), times + 1
+    if reader.received and not getattr(decoder, "begun", True):
+        raise CameraError(NO_RESET)
+
+
 def _pieces(
+    camera: Camera,
     decoder: Decoder,
     reader: CameraReader,
     last: int | None,
@@ -216,14 +239,15 @@ def _pieces(
 ) -> Iterator[Events]:
     """What the camera sends, from the reset of its clock until `last` µs of its time."""
     yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)
-    for piece, triggers in decoder.decoded(iter(reader.take, b""), last):
+    for piece, triggers in decoder.decoded(_blocks(camera, decoder, reader, report), last):
         report.events += len(piece)
         if len(piece):
             report.seconds = max(report.seconds, int(piece.t[-1]) / 1e6)
         report.frames += len(piece.frames)
         report.samples += piece.inertial.t.size
         report.temperature = piece.about.get("temperature", report.temperature)
-        report.error_counts = decoder.error_counts | {"odd_bytes": reader.odd}
+        usb = getattr(camera, "faults", 0)
+        report.error_counts = decoder.error_counts | {"odd_bytes": reader.odd, "usb_errors": usb}
         report.received, report.lost = reader.received, reader.lost
         report.triggers += triggers.tolist()
         watch(report, piece)

@@ -78,6 +78,11 @@ class CameraReader(Thread):
         """Keep what is read from now on."""
         self._begun = True
 
+    def delay(self, seconds: float) -> None:
+        """Read for so much longer, because the recording began so much later."""
+        if self.seconds is not None:
+            self.seconds += seconds
+
     def keep(self, journal: Journal | None) -> None:
         """From now on hand on what was read, after it is in the journal if there is one."""
         if journal is None:

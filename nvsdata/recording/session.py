@@ -191,6 +191,7 @@ def run_calibration(
             Davis.find(serial, backend=backend) as camera,
             Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
         ):
+            _tell_odd(monitor, simulate)
             say("aim and focus until the picture is sharp, then press Enter (Escape to leave)")
             found = calibrate(camera, monitor, settings, seconds)
             size = (camera.facts.width, camera.facts.height)
@@ -233,6 +234,7 @@ def run_batch(
         Monitor(**screen, window=window, look=look) as monitor,
         manifest_of(out, settings, format, monitor, resume=resume) as manifest,
     ):
+        _tell_odd(monitor, simulate)
 
         def find() -> Davis:
             return Davis.find(serial, backend=backend)
@@ -250,6 +252,12 @@ def run_batch(
     done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
     print(f"{done}; {result.events:,} events in {out}")
     return 1 if result.failed else 0
+
+
+def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:
+    """Say what is odd about a real screen's refresh."""
+    if simulate is None and (odd := monitor.odd()):
+        say(odd)
 
 
 def summary(report: RecordingReport) -> str:

@@ -109,7 +109,7 @@ def test_a_stalled_camera_ends_the_recording_and_keeps_what_it_sent(tmp_path, mo
 
 
 def test_what_finds_no_room_is_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(pipeline, "ROOM", 2_000)
+    monkeypatch.setattr(pipeline, "ROOM", 30_000)
     with opened(SimulatedDavis(scene=Outlines(rate=2_000_000))) as davis:
         report = record(davis, tmp_path / "a.h5", seconds=0.3)
     assert report.lost > 0

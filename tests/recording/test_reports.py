@@ -58,6 +58,8 @@ def test_a_report_in_a_few_lines(given, told):
         ({}, True, None),
         ({"ended": "it was stopped", "dropped": 0}, True, None),
         ({"lost": 1}, False, None),
+        ({"error_counts": {"usb_errors": 1}}, False, None),
+        ({"error_counts": {"usb_errors": 0, "odd_bytes": 3}}, True, None),
         ({"dropped": 1}, False, None),
         ({"ended": "gone"}, False, "gone"),
         ({"ended": "the disk is full"}, False, "No space left on device"),
@@ -133,12 +135,14 @@ def test_what_a_recording_counts(tmp_path):
         (piece(samples=3), [11]),
         (piece(8, frames="c", samples=1, temperature=31.0), []),
     )
-    first, *found = list(_pieces(decoder, reader, 99, report, lambda *given: seen.append(len(given[1]))))
+    first, *found = list(
+        _pieces(SimpleNamespace(faults=2), decoder, reader, 99, report, lambda *given: seen.append(len(given[1])))
+    )
     assert (len(first), first.sensor_size, first.about) == (0, (4, 3), {"camera": "x"})
     assert [len(one) for one in found] == seen == [2, 0, 0, 1]
     assert (report.events, report.seconds, report.frames, report.samples) == (3, 2.5, 3, 4)
     assert (report.received, report.lost, report.triggers, report.temperature) == (10, 2, [7, 9, 11], 31.0)
-    assert report.error_counts == {"x": 4, "odd_bytes": 3}
+    assert report.error_counts == {"x": 4, "odd_bytes": 3, "usb_errors": 2}
     assert (decoder.last, reader.ended) == (99, None)
 
 
@@ -147,7 +151,7 @@ def test_64_mb_of_the_disk_stay_free(tmp_path, monkeypatch, free, ended):
     monkeypatch.setattr(capture.shutil, "disk_usage", lambda place: SimpleNamespace(free=free))
     for path, told in ((tmp_path / "a.h5", ended), (None, None)):
         reader = Blocks()
-        list(_pieces(Decoding((piece(1), [])), reader, None, RecordingReport(path), lambda *_: None))
+        list(_pieces(None, Decoding((piece(1), [])), reader, None, RecordingReport(path), lambda *_: None))
         assert reader.ended == told
     assert RESERVE == 67_108_864
 

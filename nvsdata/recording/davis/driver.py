@@ -30,13 +30,15 @@ from nvsdata.recording.davis.registers import (
 )
 from nvsdata.recording.davis.stream import Decoder
 from nvsdata.recording.usb.process_reader import SubprocessStream, can_read_in_subprocess
-from nvsdata.recording.usb.transfers import Disconnected, Stream, SyncStream, queued
+from nvsdata.recording.usb.transfers import INTERRUPT, AsyncStream, Disconnected, Stream, SyncStream, queued
 
 VENDOR = 0x152A
 # product ID: the board, and the oldest firmware that will do
 BOARDS = {0x841B: ("FX2", 4), 0x841A: ("FX3", 6)}
 LOGIC, PATCH = 18, 1
 ENDPOINT = 0x82
+DEBUG = 0x81  # of the FX3: messages of its firmware, which must be read, or it waits
+MESSAGES = 4, 64, INTERRUPT  # requests for them, bytes of each, and kind
 READ, WRITE = 0xC0, 0x40
 REGISTER, SEVERAL = 0xBF, 0xC2
 TIMEOUT = 1_000  # ms
@@ -58,6 +60,9 @@ class Davis:
         self.device = device
         self.settings = Settings()
         self._stream: Stream | None = None
+        self._debug: AsyncStream | None = None
+        self.messages: list[str] = []  # of its firmware
+        self.faults = 0  # USB requests that failed since the last start
         with _told():
             self._claim()
             self.facts = self._facts()
@@ -96,10 +101,23 @@ class Davis:
 
     def _claim(self) -> None:
         # done before the serial number is read, because pyusb doesn't tell the failures of that apart
-        if self.device.get_active_configuration().bConfigurationValue != 1:
+        if not self._configured():
             self.device.set_configuration(1)
         usb.util.claim_interface(self.device, 0)
-        self._serial = (self.device.serial_number or "")[:8]
+        try:
+            self._serial = (self.device.serial_number or "")[:8]
+        except ValueError:
+            # pyusb's word for strings that can't be read, as of a camera that has only just come back
+            raise CameraError("the camera doesn't tell its serial number: plug it in again") from None
+
+    def _configured(self) -> bool:
+        """Whether the device has its one configuration; if it has none, pyusb raises an error without a number."""
+        try:
+            return bool(self.device.get_active_configuration().bConfigurationValue == 1)
+        except usb.core.USBError as error:
+            if error.errno is not None:
+                raise
+            return False
 
     def _facts(self) -> DeviceInfo:
         board, least = BOARDS[self.device.idProduct]
@@ -173,24 +191,27 @@ class Davis:
 
     def get(self, module: int, parameter: int) -> int:
         """Read a register."""
-        with _told():
-            answer = self.device.ctrl_transfer(READ, REGISTER, module, parameter, 4, timeout=TIMEOUT)
+        answer = self._control(READ, REGISTER, module, parameter, 4)
         if len(answer) != 4:
             raise CameraError(f"the camera answered {len(answer)} bytes for register {module}/{parameter}, not 4")
         return int.from_bytes(bytes(answer), "big")
 
     def set(self, module: int, parameter: int, value: int) -> None:
         """Write a register."""
+        self._control(WRITE, REGISTER, module, parameter, int(value).to_bytes(4, "big"))
+
+    def _control(self, kind: int, request: int, value: int, index: int, data: Any) -> Any:
+        """A control transfer, tried again once if it isn't answered in time."""
         with _told():
-            self.device.ctrl_transfer(
-                WRITE, REGISTER, module, parameter, int(value).to_bytes(4, "big"), timeout=TIMEOUT
-            )
+            try:
+                return self.device.ctrl_transfer(kind, request, value, index, data, timeout=TIMEOUT)
+            except usb.core.USBTimeoutError:
+                return self.device.ctrl_transfer(kind, request, value, index, data, timeout=TIMEOUT)
 
     def set_together(self, *writes: tuple[int, int, int]) -> None:
         """Write several registers, each (module, parameter, value), with nothing in between."""
         data = b"".join(bytes([m, p]) + int(value).to_bytes(4, "big") for m, p, value in writes)
-        with _told():
-            self.device.ctrl_transfer(WRITE, SEVERAL, len(writes), 0, data, timeout=TIMEOUT)
+        self._control(WRITE, SEVERAL, len(writes), 0, data)
 
     def get64(self, module: int, parameter: int) -> int:
         """Read a counter of 64 bits, whose upper half is at `parameter`."""
@@ -222,7 +243,9 @@ class Davis:
         time.sleep(0.01)
         with _told():
             self.device.clear_halt(ENDPOINT)
-        self._stream = _stream(self.device)
+        self._stream, self.faults = _stream(self.device), 0
+        if self.facts.board == "FX3":
+            self._debug = queued(self.device, DEBUG, *MESSAGES)
         self.set(MUX, 3, 1)
         time.sleep(0.2)  # biases settle
         for module, parameter in ((USB, 0), (MUX, 1), (MUX, 0)):
@@ -255,12 +278,18 @@ class Davis:
             return self._stream.read(timeout)
         except Disconnected as error:
             raise Unplugged(f"the camera stopped sending: {error}") from None
+        finally:
+            self.faults = self._stream.faults
+            # byte 0 says that it is a message, the text begins at byte 6
+            said = [] if self._debug is None else self._debug.arrived()
+            self.messages += [m[6:].decode("ascii", "replace").rstrip("\0 \n") for m in said if m[:1] == b"\0"]
 
     def end_reading(self) -> None:
         """Cancel the requests that still wait; called after the last `read`, by the thread that read."""
-        if self._stream is not None:
-            self._stream.close()
-            self._stream = None
+        for stream in (self._debug, self._stream):
+            if stream is not None:
+                stream.close()
+        self._debug = self._stream = None
 
     def dropped(self) -> int | None:
         """Events that the camera itself has dropped since it was powered on, None if it doesn't count them."""

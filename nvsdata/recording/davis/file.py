@@ -2,7 +2,8 @@
 
 The first line is `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.Decoder`), `last` (µs at which the
 recording ends, or null) and `about` (as `Recording.about`). The camera's words follow, 16 bits each, little-endian.
-Time 0 is the first reset of the camera's clock. A process that is killed leaves half a word at most, which is ignored.
+Time 0 is the first reset of the camera's clock, or, if there is none, that of its own clock. A process that is killed
+leaves half a word at most, which is ignored.
 """
 
 from __future__ import annotations
@@ -77,6 +78,12 @@ class StreamRecording(FileRecording):
         yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=self._about)
         for piece, _ in decoder.decoded(self._blocks(), self._last):
             yield piece
+        if not decoder.begun:
+            # nothing marks the clock's reset: all of it counts, in the camera's own time
+            decoder = self._decoder()
+            decoder.begun = True
+            for piece, _ in decoder.decoded(self._blocks(), None):
+                yield piece
         for name, count in decoder.error_counts.items():
             self._repair(name, count)
 

@@ -82,7 +82,8 @@ class Decoder:
     `sample_words` and `frame_words` the numbers of the words at which samples and frames ended. `error_counts` counts
     faults since the start, by name: addresses that don't exist, unknown words, broken frames and samples (which are
     dropped), columns of a frame with too few pixels (the rest keeps what was there before), pieces whose last byte is
-    half a word (which is dropped).
+    half a word (which is dropped). `begun` says whether `decoded` has met a reset of the clock; set it to True before,
+    and everything counts.
     """
 
     width: int
@@ -95,6 +96,7 @@ class Decoder:
     inertial_flips: int = 0
     steady: bool = False
     words: int = field(default=0, init=False)
+    begun: bool = field(default=False, init=False)
     specials: Specials = field(init=False)
     samples: Inertial = field(init=False)
     sample_words: np.ndarray = field(init=False)
@@ -173,17 +175,16 @@ class Decoder:
         Times count from the first reset of the camera's clock, and what came before it is left out; so is what comes
         from `last` (µs) on. Where the blocks are cut doesn't change the whole result. The decoder must be `steady`.
         """
-        begun = False
         size = (self.width, self.height)
         for block in blocks:
             events = self.feed(block)
             specials, samples, frames = self.specials, self.samples, self.frames
             kept, triggers = slice(None), (specials.kind == kernel.RISING) | (specials.kind == kernel.PULSE)
-            if not begun:
+            if not self.begun:
                 resets = np.flatnonzero(specials.kind == kernel.RESET)
                 if not resets.size:
                     continue
-                begun, word = True, int(specials.word[resets[0]])
+                self.begun, word = True, int(specials.word[resets[0]])
                 kept = slice(int(specials.before[resets[0]]), None)
                 triggers &= specials.word > word
                 samples = samples.take(self.sample_words > word)

@@ -18,6 +18,7 @@ ONSET = 0.05  # share of a flash's events after which it counts as begun
 NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 Hz
 GROUP = 3e6  # µs that a group of flashes takes at most
 MOST_DRIFT = 500e-6  # of the camera's clock against the host's
+A_REFRESH = 34_000  # µs by which the slowest screens may show a picture late
 LEAST = 0.6  # share of the flashes that must be found
 LOOSE = 400.0  # µs that a flash may be off the fit, however close the others are
 
@@ -94,7 +95,12 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
     if used < LEAST * host.size:
         raise NoSync(f"of {host.size} flashes only {used} agree in time")
     if abs(slope - 1) > MOST_DRIFT:
-        raise NoSync(f"a clock that is {abs(slope - 1) * 1e6:.0f} ppm off isn't this camera's")
+        off, late = f"a clock that is {abs(slope - 1) * 1e6:.0f} ppm off", (slope - 1) * np.ptp(host)
+        if abs(late) <= A_REFRESH:
+            raise NoSync(
+                f"{off}, or flashes shown up to {abs(late) / 1e3:.0f} ms late: is the screen's refresh as told?"
+            )
+        raise NoSync(f"{off} isn't this camera's")
     return ClockFit(offset, slope - 1, residual, used, host.size)
 
 

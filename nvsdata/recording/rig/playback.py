@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ SETTLE = 2_000_000  # µs that the first picture is shown before the video moves
 FADE = 400_000  # µs from the dim level to the first picture, and from the last one back: a jump overruns the readout
 COUNTED = 100_000  # µs before the video moves at which the camera's drops are counted
 LATE = 20_000  # µs by which a picture may be late on any screen, because eyes and pixels don't see it
+LOOKED_AT = 12  # pictures whose rate is compared with the screen's
+TOO_FAST = 0.9  # share of a refresh: pictures nearer to each other can't be shown
 USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 
 
@@ -91,18 +94,21 @@ def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = l
 
     `dropped` is asked how many events the camera has dropped, just before the video moves and when it is over.
 
-    FormatError or FileNotFoundError, before anything is shown, for a file without a picture. `Monitor` lists others.
+    FormatError or FileNotFoundError, before anything is shown, for a file without a picture, ValueError for a video of
+    more pictures per second than the screen shows. `Monitor` lists others.
     """
     done = PlaybackLog(monitor.refresh)
     frames = frames_of(video)
     try:
-        first = next(frames)
+        begin = _begin(frames, done)
+        _check_rate(begin, monitor.refresh)
+        first, others = begin[0], chain(begin[1:], frames)
         _flash(monitor, done)
         monitor.fade(DIM, first, FADE)
         done.start = monitor.show(first) + SETTLE
         monitor.wait(done.start - COUNTED)
         before = dropped()
-        last = _play(monitor, done, first, frames)
+        last = _play(monitor, done, first, others)
         monitor.wait(done.stop)
         after = dropped()
         done.dropped = None if before is None or after is None else after - before
@@ -112,6 +118,20 @@ def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = l
         if hasattr(frames, "close"):
             frames.close()
     return done
+
+
+def _begin(frames: Iterator[Frame], done: PlaybackLog) -> list[Frame]:
+    """The first pictures, fewer of a video that is short or cut off."""
+    return list(_to_the_end(islice(frames, LOOKED_AT), done))
+
+
+def _check_rate(frames: list[Frame], refresh: float) -> None:
+    if len(frames) < LOOKED_AT:
+        return
+    gap = float(np.median(np.diff([frame.time for frame in frames])))
+    if gap < TOO_FAST * refresh:
+        rates = f"{1e6 / gap:.0f} pictures per second, and the screen shows {1e6 / refresh:.0f}"
+        raise ValueError(f"the video has {rates}: play it on a faster screen, or make a slower video of it")
 
 
 def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Frame]) -> Frame:

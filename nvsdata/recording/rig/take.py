@@ -31,6 +31,12 @@ FULL = 10e6  # events/s above which the readout counts as full in a bin
 MOST_FULL = 0.01  # share of full bins
 # ms for which a screen may show a wrong picture, whatever the video's length, and as a share of it
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
+# faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`
+STREAM = {
+    "lost_wraps": "parts of the camera's stream are missing",
+    "late_resets": "the camera's clock was reset in the middle",
+    "usb_errors": "USB transfers failed, and parts of the camera's stream may be missing",
+}
 WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
 
 
@@ -107,8 +113,9 @@ def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Ta
     dropped = report.dropped if done.dropped is None else done.dropped
     if dropped:
         raise TakeRejected(f"the camera dropped {dropped} events")
-    if report.error_counts.get("lost_wraps"):
-        raise TakeRejected("parts of the camera's stream are missing")
+    for fault, told in STREAM.items():
+        if report.error_counts.get(fault):
+            raise TakeRejected(told)
     if line.residual > WORST_RESIDUAL:
         raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")
     if done.wrong > max(MOST_WRONG, SHARE_WRONG * duration / 1e3):

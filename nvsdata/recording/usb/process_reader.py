@@ -42,6 +42,8 @@ class SubprocessStream:
     Raises `Disconnected` if the process can't open the device.
     """
 
+    faults = 0  # the first one ends the process
+
     def __init__(self, opener: Callable[[], Any], endpoint: int, freed: Callable[[], None] = lambda: None) -> None:
         context = get_context("spawn")
         self._freed = freed

@@ -11,8 +11,9 @@ from typing import Any, Protocol
 import usb.core
 
 COUNT, SIZE = 32, 1 << 16  # requests, and bytes of each
-COMPLETED, TIMED_OUT, CANCELLED = 0, 2, 3
-BULK = 2
+COMPLETED, FAILED, TIMED_OUT, CANCELLED, NO_DEVICE = 0, 1, 2, 3, 5
+BULK, INTERRUPT = 2, 3
+MOST_FAULTS = 4 * COUNT  # requests that may fail until the device counts as gone
 PATIENCE = 1.0  # s that canceled requests may take
 
 
@@ -21,7 +22,9 @@ class Disconnected(Exception):
 
 
 class Stream(Protocol):
-    """What a camera sends, as it comes."""
+    """What a camera sends, as it comes; `faults` counts requests that failed, with which bytes may be lost."""
+
+    faults: int
 
     def read(self, timeout: int) -> bytes:
         """Bytes that came within `timeout` ms, maybe none. `Disconnected` if the device is gone."""
@@ -37,7 +40,7 @@ class SyncStream:
     """
 
     def __init__(self, device: Any, endpoint: int) -> None:
-        self.device, self.endpoint = device, endpoint
+        self.device, self.endpoint, self.faults = device, endpoint, 0
         self._buffer = array.array("B", bytes(SIZE))
 
     def read(self, timeout: int) -> bytes:
@@ -58,29 +61,36 @@ class _Timeval(ctypes.Structure):
 
 
 class AsyncStream:
-    """`COUNT` requests that wait in libusb, so that the camera can always send.
+    """Requests that wait in libusb, so that the camera can always send.
 
     - `lib`, `context`, `handle`: pyusb's own, of a device whose interface has been claimed
     - `endpoint`: to read from
+    - `count`, `size`: how many requests, and bytes of each (default 32, 65,536)
+    - `kind`: of the endpoint, `BULK` or `INTERRUPT` (default `BULK`)
     """
 
-    def __init__(self, lib: Any, context: Any, handle: Any, endpoint: int) -> None:
+    def __init__(
+        self, lib: Any, context: Any, handle: Any, endpoint: int, count: int = COUNT, size: int = SIZE, kind: int = BULK
+    ) -> None:
         from usb.backend import libusb1
 
         self._lib, self._context = lib, context
         self._done: deque[bytes] = deque()
         self._ending = False
-        self._failed: int | None = None
+        self.faults = 0
+        # those that libusb didn't take, or that failed: tried again
+        self._idle: list[Any] = []
+        self._gone = False
         self._waiting: dict[int, Any] = {}
         # kept alive here, because libusb knows only their addresses
         self._callback = libusb1._libusb_transfer_cb_fn_p(self._complete)
-        self._buffers = [ctypes.create_string_buffer(SIZE) for _ in range(COUNT)]
+        self._buffers = [ctypes.create_string_buffer(size) for _ in range(count)]
         self._transfers = []
         for buffer in self._buffers:
             transfer = lib.libusb_alloc_transfer(0)
             request = transfer.contents
-            request.dev_handle, request.endpoint, request.type = handle, endpoint, BULK
-            request.timeout, request.length = 0, SIZE
+            request.dev_handle, request.endpoint, request.type = handle, endpoint, kind
+            request.timeout, request.length = 0, size
             request.buffer = ctypes.cast(buffer, ctypes.c_void_p)
             request.callback = self._callback
             self._transfers.append(transfer)
@@ -90,29 +100,46 @@ class AsyncStream:
         if self._lib.libusb_submit_transfer(transfer) == 0:
             self._waiting[ctypes.addressof(transfer.contents)] = transfer
         else:
-            self._failed = -1
+            self.faults += 1
+            self._idle.append(transfer)
 
     def _complete(self, transfer: Any) -> None:
         """Called by libusb with each request that is done: keep what came, and ask for more."""
         request = transfer.contents
         self._waiting.pop(ctypes.addressof(request), None)
-        if request.actual_length and request.status in (COMPLETED, TIMED_OUT, CANCELLED):
+        if request.actual_length:
+            # a request that failed may have brought something, too
             self._done.append(ctypes.string_at(request.buffer, request.actual_length))
         if request.status in (COMPLETED, TIMED_OUT):
             if not self._ending:
                 self._submit(transfer)
         elif request.status != CANCELLED:
-            self._failed = request.status
+            self.faults += 1
+            self._gone |= request.status == NO_DEVICE
+            self._idle.append(transfer)
 
     def read(self, timeout: int) -> bytes:
         if not self._done:
-            if self._failed is not None and not self._waiting:
+            self._try_again()
+            if not self._waiting:
                 raise Disconnected("no request is answered any more")
             self._handle(timeout)
         taken = []
         while self._done:
             taken.append(self._done.popleft())
         return b"".join(taken)
+
+    def _try_again(self) -> None:
+        """Submit those that failed, unless the device is gone."""
+        idle, self._idle = self._idle, []
+        for transfer in idle if not self._gone and self.faults < MOST_FAULTS else ():
+            self._submit(transfer)
+
+    def arrived(self) -> list[bytes]:
+        """What came while another stream of the same device was read."""
+        taken = list(self._done)
+        self._done.clear()
+        return taken
 
     def _handle(self, timeout: int) -> None:
         span = _Timeval(timeout // 1000, timeout % 1000 * 1000)
@@ -132,10 +159,10 @@ class AsyncStream:
             self._transfers = []
 
 
-def queued(device: Any, endpoint: int) -> AsyncStream | None:
-    """A stream of requests that wait in libusb; None if the device's backend isn't pyusb's libusb backend."""
+def queued(device: Any, endpoint: int, *how: int) -> AsyncStream | None:
+    """Requests that wait in libusb, see `AsyncStream`; None if the device's backend isn't pyusb's libusb backend."""
     parts = _libusb(device)
-    return None if parts is None else AsyncStream(*parts, endpoint)
+    return None if parts is None else AsyncStream(*parts, endpoint, *how)
 
 
 def _libusb(device: Any) -> tuple[Any, Any, Any] | None:

@@ -126,3 +126,15 @@ def test_the_drops_are_counted_close_to_the_video(tmp_path):
     assert 0 <= after - done.stop < 50_000
     # the first picture has been there for as long as it should before the video moves
     assert done.shown[0] == done.start
+
+
+def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_shown(tmp_path):
+    fast, seen = make_video(tmp_path / "fast.avi", frames=24, fps=120), []
+    look = {"look": lambda *shown: seen.append(shown)}
+    told = "the video has 120 pictures per second, and the screen shows 60"
+    with Monitor(window=(64, 48), **look) as monitor, pytest.raises(ValueError, match=told):
+        perform(monitor, fast)
+    assert not seen
+    # as fast as the screen is fast enough
+    with Monitor(window=(64, 48)) as monitor:
+        assert perform(monitor, make_video(tmp_path / "a.avi", frames=14, fps=60)).frames == 14

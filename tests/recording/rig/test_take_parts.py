@@ -32,8 +32,8 @@ def events_at(t, p=None):
         ({"late": 2, "by": 25_000, "skipped": 1, "missed": 41_000.0}, r"51 ms \(3 of 101 pictures"),
         ({"residual": 1_000.0}, None),
         ({"residual": 1_001.0}, "the flashes are 1001 µs off the fit in the median"),
-        ({"events": 2_500}, None),
-        ({"events": 2_499}, r"2499 events in 2\.50 s are too few"),
+        ({"late_resets": 1}, "the camera's clock was reset in the middle"),
+        ({"usb_errors": 1}, "USB transfers failed"),
         ({"full": 0.01}, None),
         ({"full": 0.011}, "the readout is full for 1% of the time: lower the contrast"),
         ({"lost": 1}, "1 bytes came faster than they could be decoded and written"),
@@ -47,7 +47,8 @@ def events_at(t, p=None):
 def test_how_much_may_be_amiss(changed, told):
     given = {"late": 0, "by": 0, "skipped": 0, "missed": 0.0, "residual": 5.0, "events": 5_000, "full": 0.0} | changed
     report = RecordingReport(None, lost=given.get("lost", 0), dropped=given.get("dropped", 0))
-    report.error_counts = {"lost_wraps": given.get("lost_wraps", 0), "odd_bytes": 3}
+    faults = ("lost_wraps", "late_resets", "usb_errors")
+    report.error_counts = {"odd_bytes": 3} | {name: given.get(name, 0) for name in faults}
     due = np.arange(100) * 40_000.0
     shown = due + np.where(np.arange(100) < given["late"], given["by"], 16_667)
     lists = {"due": due.tolist(), "shown": shown.tolist(), "dropped": given.get("within")}
@@ -82,10 +83,16 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
     monkeypatch.setattr(take, "synced", lambda one: Sync(line, "events", "stray"))
     t = [2_499, 2_500, 3_000, 31_000, 31_001]
     nvsdata.write(events_at(t, np.array([1, 1, 0, 1, 1])), tmp_path / "raw.h5")
-    monkeypatch.setattr(take, "FEWEST", 1)
     report = RecordingReport(None, dropped=7, error_counts={"a": 2, "b": 0}, temperature=20.5)
     done = PlaybackLog(16_667.0, start=1_000.0, stop=20_000.0, due=[1.0, 2.0], shown=[1.0, 2.0], dropped=0)
-    told = cut_take(Take(tmp_path / "raw.h5", report, done), tmp_path / "deep/out/a.h5")
+    one, video = Take(tmp_path / "raw.h5", report, done), tmp_path / "a.avi"
+
+    def judged(span, given, events):
+        assert (span.take, span.line, span.start, span.stop) == (one, line, 2_500, 31_000)
+        assert (given, events) == (video, 2)
+        return {"content": {"gap": 0.0}, "look": ["odd"]}
+
+    told = cut_take(one, video, tmp_path / "deep/out/a.h5", SimpleNamespace(judged=judged))
     assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
     assert told == {
         "recording": (tmp_path / "deep/out/a.h5").stat().st_size,
@@ -103,6 +110,8 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
         "dropped_in_all": 7,
         "odd": {"a": 2},
         "temperature": 20.5,
+        "content": {"gap": 0.0},
+        "look": ["odd"],
     }
 
 

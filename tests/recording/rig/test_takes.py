@@ -15,7 +15,9 @@ from nvsdata.recording.rig.take import TakeRejected
 from nvsdata.video.folder import videos_in
 
 DURATION = 10_000  # µs of each video
-MONITOR = SimpleNamespace(size=(64, 48), region=(0, 0, 64, 48), refresh=16_667.0, synced=False, scaling="aspect")
+MONITOR = SimpleNamespace(
+    size=(64, 48), region=(0, 0, 64, 48), refresh=16_667.0, told=16_667.0, synced=False, scaling="aspect"
+)
 N = 50
 SOUND = Events(np.arange(N) * 200, np.arange(N) % 40, np.arange(N) % 30, np.arange(N) % 2, (40, 30))
 

@@ -2,6 +2,7 @@
 
 import array
 import ctypes
+from itertools import islice
 
 import pytest
 import usb.core
@@ -118,16 +119,26 @@ def test_requests_as_libusb_wants_them():
 
 
 @pytest.mark.parametrize(
-    ("status", "kept", "again"), [(COMPLETED, True, True), (2, True, True), (CANCELLED, True, False), (1, False, False)]
+    ("status", "again", "faults"), [(COMPLETED, 1, 0), (2, 1, 0), (CANCELLED, 0, 0), (1, 2, 1), (4, 2, 1)]
 )
-def test_what_becomes_of_a_request(status, kept, again):
-    """By how it ended: done, too late, canceled, or failed; data may come with each."""
+def test_what_becomes_of_a_request(status, again, faults):
+    """By how it ended: done, too late, canceled, failed or stalled; data that came with it is never lost."""
     library = Library([])
     reader = queued(library)
     library._complete(library.pending.pop(0), b"abc", status)
-    assert len(library.pending) == COUNT - (not again)
-    assert reader.read(0) == (b"abc" if kept else b"")
-    assert (reader._failed is None) == (status != 1)
+    assert len(library.pending) == COUNT - (again != 1)
+    assert reader.read(0) == b"abc"
+    assert reader.faults == faults
+    # one that failed is tried again when nothing waits to be taken
+    assert reader.read(0) == b""
+    assert len(library.pending) == COUNT - (again == 0)
+
+
+def test_a_device_that_is_gone_is_not_asked_again():
+    library = Library([])
+    reader = queued(library)
+    library._complete(library.pending.pop(0), b"", 5)
+    assert (reader.read(0), len(library.pending)) == (b"", COUNT - 1)
 
 
 def test_requests_that_libusb_refuses():
@@ -135,6 +146,40 @@ def test_requests_that_libusb_refuses():
     library.libusb_submit_transfer = lambda transfer: -4
     with pytest.raises(Disconnected, match="no request is answered any more"):
         queued(library).read(10)
+
+
+def test_requests_that_libusb_refuses_at_first_are_counted_and_made_up_for():
+    library, take = Library([b"abc"]), Library.libusb_submit_transfer
+    refused = iter(range(3))
+    library.libusb_submit_transfer = lambda transfer: (
+        -11 if next(refused, None) is not None else take(library, transfer)
+    )
+    reader = queued(library)
+    assert (len(library.pending), reader.faults) == (COUNT - 3, 3)
+    assert reader.read(10) == b"abc"
+    assert (len(library.pending), reader.faults) == (COUNT, 3)
+    reader.close()
+    assert library.freed == COUNT
+
+
+def test_a_device_whose_requests_go_on_failing_is_gone():
+    library = Library([], last=1)
+    reader = queued(library)
+    reads = iter(lambda: reader.read(0), None)
+    with pytest.raises(Disconnected):
+        list(islice(reads, 2_000))
+    assert reader.faults >= transfers.MOST_FAULTS
+
+
+def test_messages_of_the_firmware_come_by_another_endpoint():
+    library = Library([])
+    reader = AsyncStream(library, None, libusb1._libusb_device_handle(), 0x81, 4, 64, transfers.INTERRUPT)
+    assert len(library.pending) == 4
+    for request in library.structures:
+        assert (request.endpoint, request.type, request.length) == (0x81, 3, 64)
+    library._complete(library.pending.pop(0), b"\0\1time" + b"hello", COMPLETED)
+    assert reader.arrived() == [b"\0\1timehello"]
+    assert (reader.arrived(), len(library.pending)) == ([], 4)
 
 
 def test_one_request_at_a_time():
