@@ -218,14 +218,16 @@ def run_batch(
     accept_quiet: bool = False,
 ) -> int:
     """Play and record a folder of videos, or `check` what was recorded; return 0 if all of it went well, else 1."""
-    videos = videos_in(source, out, format, limit)
+    videos = videos_in(source, out, format)
     check_format(videos[0].target, settings)
     if check:
-        found = verify(videos, out)
+        found = verify(videos, out, limit)
+        videos = videos[:limit]
         for name, fault in found.items():
             print(f"{name}: {fault}")
-        print(f"{len(videos) - len(found):,} of {len(videos):,} recordings are sound")
+        print(f"{sum(video.name not in found for video in videos):,} of {len(videos):,} recordings are sound")
         return 1 if found else 0
+    videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
     how |= {"strict": strict, "accept_quiet": accept_quiet}
     backend, look = simulate.watched() if simulate else (None, None)

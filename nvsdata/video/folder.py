@@ -6,6 +6,7 @@ import errno
 import hashlib
 import os
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +36,9 @@ class Video(NamedTuple):
 def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:
     """A video, or every video below a folder, sorted; recordings go to `out`, in the same tree of folders.
 
+    A recording is named as its video, without the extension unless two would have the same name. Hidden files, such as
+    those that macOS puts beside others, and hidden folders are left out.
+
     FileNotFoundError if there is no video, ValueError for an unknown format, FormatError for a name that isn't UTF-8.
     """
     if format not in FORMATS:
@@ -42,19 +46,29 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
     if not source.exists():
         raise FileNotFoundError(f"{source}: no such folder or video")
     root = source if source.is_dir() else source.parent
-    paths = sorted(p for p in source.rglob("*") if p.suffix.lower() in VIDEOS) if source.is_dir() else [source]
+    paths = sorted(_below(source)) if source.is_dir() else [source]
     if not paths:
         raise FileNotFoundError(f"no videos below {source}; they end in {' '.join(sorted(VIDEOS))}")
     for path in paths:
         check_name(path)
-    stems = Counter(path.relative_to(root).with_suffix("") for path in paths)
+    names = {path.relative_to(root) for path in paths}
+    stems = Counter(name.with_suffix("") for name in names)
     found = []
     for path in paths[:limit]:
         name = path.relative_to(root)
-        # a.avi and a.mp4 side by side keep their extensions
-        kept = name if stems[name.with_suffix("")] > 1 else name.with_suffix("")
+        # a.avi, a.mp4 and a.avi.mp4 side by side keep their extensions
+        short = name.with_suffix("")
+        kept = name if stems[short] > 1 or short in names else short
         found.append(Video(name.as_posix(), path, out / kept.with_name(kept.name + FORMATS[format])))
     return found
+
+
+def _below(source: Path) -> Iterator[Path]:
+    for folder, folders, files in os.walk(source):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            if not name.startswith(".") and Path(name).suffix.lower() in VIDEOS:
+                yield Path(folder) / name
 
 
 def check_name(path: str | os.PathLike[str]) -> None:

@@ -26,7 +26,7 @@ from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
 from nvsdata.recording.rig.sync import TakeRejected
 from nvsdata.recording.rig.take import cut_take, record_take
-from nvsdata.video.folder import Video
+from nvsdata.video.folder import Video, sha256
 from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, file_facts, noted
 
 TAKES = 3  # takes of a video before it counts as failed
@@ -193,11 +193,12 @@ class _Cameras:
         self.drop()
 
 
-def verify(videos: list[Video], out: Path) -> dict[str, str]:
-    """Compare the recordings in `out` with its manifest; return what is wrong, by name of the video.
+def verify(videos: list[Video], out: Path, limit: int | None = None) -> dict[str, str]:
+    """Compare the recordings of the first `limit` videos in `out` with its manifest, and with the videos.
 
-    What is wrong is noted in the manifest, so that the next run records it again. FileNotFoundError if the folder has
-    no manifest.
+    Returns what is wrong, by name: of a video, or of a file in `out` that is none of theirs. What is wrong with
+    recordings is noted in the manifest, so that the next run records them again. FileNotFoundError if the folder has no
+    manifest.
     """
     path = out / NAME
     if not path.exists():
@@ -205,13 +206,26 @@ def verify(videos: list[Video], out: Path) -> dict[str, str]:
     found = {}
     with locked(out), Journal(path, {}) as journal:
         lines = {line["video"]: line for line in journal.lines}
-        for video in tqdm(videos, desc="verifying", unit="video", disable=None):
+        for video in tqdm(videos[:limit], desc="verifying", unit="video", disable=None):
             line = lines.get(video.name)
             fault = _fault(video, line)
             if fault is not None:
                 found[video.name] = fault
                 if line is not None and line["status"] in DONE:
                     journal.add(line | {"status": "failed", "reason": fault})
+    return found | dict.fromkeys(_strays(videos, out), "isn't a recording of any of the videos")
+
+
+def _strays(videos: list[Video], out: Path) -> list[str]:
+    """Files in the folder of recordings that are neither recordings of these videos nor written by a batch."""
+    ours = {video.target for video in videos}
+    found = []
+    for path in sorted(out.rglob("*")):
+        name = path.relative_to(out)
+        hidden = any(part.startswith(".") for part in name.parts)
+        told = len(name.parts) == 1 and (path.name in (NAME, PLAYED) or path.match("contact-sheet-*.png"))
+        if path.is_file() and path not in ours and not hidden and not told:
+            found.append(name.as_posix())
     return found
 
 
@@ -219,6 +233,8 @@ def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
     """How a recording differs from what the manifest says about it; None if it doesn't."""
     if line is None or line["status"] not in DONE:
         return "isn't recorded" if line is None else f"isn't recorded: {line['reason']}"
+    if video.path.stat().st_size != line["bytes"] or sha256(video.path) != line["sha256"]:
+        return f"{video.path}: isn't the video any more that was recorded"
     try:
         events = formats.read(video.target)
     except (OSError, ValueError) as error:
@@ -227,6 +243,8 @@ def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
         return f"{video.target}: holds {len(events)} events, not the {line['events']} that were recorded"
     if len(events) and not (events.t[0] >= 0 and events.t[-1] < line["duration"]):
         return f"{video.target}: has times outside the video's {line['duration']} µs"
+    if "recording_sha256" in line and sha256(video.target) != line["recording_sha256"]:
+        return f"{video.target}: was changed since it was recorded"
     return None
 
 

@@ -29,12 +29,15 @@ def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: flo
     until Enter). `NoSync` if the camera doesn't see the screen.
     """
     pieces: list[Events] = []
+    aimed = False
     size = (camera.facts.width, camera.facts.height)
     with LiveView(size) as live:
 
         def watch(report: RecordingReport, events: Events) -> None:
             live.add(events)
-            pieces.append(events)
+            # aiming may take an hour
+            if aimed:
+                pieces.append(events)
 
         recorder = Recorder(camera, None, settings, watch=watch)
 
@@ -47,7 +50,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: flo
             recorder.begun.wait()
             monitor.check = check
             _aim(monitor, seconds)
-            pieces.clear()
+            aimed = True
             whole = _flashed(monitor, 1)
             corner = _flashed(monitor, 2)
             still = monitor.fill(BRIGHT) + STILL

@@ -24,6 +24,7 @@ from nvsdata.recording.rig.content import Inspector, Span
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import PlaybackLog, perform
 from nvsdata.recording.rig.sync import Take, TakeRejected, synced
+from nvsdata.video.folder import sha256
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
@@ -89,6 +90,7 @@ def cut_take(take: Take, video: Path, target: Path, inspector: Inspector) -> dic
     formats.write(cut(recording, *span, every=PIECE), target)
     return {
         "recording": target.stat().st_size,
+        "recording_sha256": sha256(target),
         "duration": span[1] - span[0],
         "events": tally.events,
         "on": tally.on,

@@ -13,6 +13,7 @@ from nvsdata.recording.rig.clock_fit import ClockFit
 from nvsdata.recording.rig.playback import PlaybackLog, _in_turn
 from nvsdata.recording.rig.sync import Sync, Take
 from nvsdata.recording.rig.take import TakeRejected, Tally, _check, _tally, cut_take
+from nvsdata.video.folder import sha256
 
 
 def events_at(t, p=None):
@@ -96,6 +97,7 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
     assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
     assert told == {
         "recording": (tmp_path / "deep/out/a.h5").stat().st_size,
+        "recording_sha256": sha256(tmp_path / "deep/out/a.h5"),
         "duration": 28_500,
         "events": 2,
         "on": 1,

@@ -3,6 +3,7 @@
 import json
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 
@@ -12,7 +13,7 @@ from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig import batch
 from nvsdata.recording.rig.take import TakeRejected
-from nvsdata.video.folder import videos_in
+from nvsdata.video.folder import sha256, videos_in
 
 DURATION = 10_000  # µs of each video
 MONITOR = SimpleNamespace(
@@ -45,7 +46,9 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
             raise error
         target.parent.mkdir(parents=True, exist_ok=True)
         nvsdata.write(SOUND, target)
-        return {"recording": target.stat().st_size, "duration": DURATION, "events": N, "on": N // 2, "content": {}}
+        return {"recording": target.stat().st_size, "duration": DURATION, "events": N, "on": N // 2, "content": {}} | {
+            "recording_sha256": sha256(target)
+        }
 
     monkeypatch.setattr(batch, "record_take", taken)
     monkeypatch.setattr(batch, "cut_take", cut)
@@ -94,7 +97,8 @@ def moved(t):
 @pytest.mark.parametrize(
     ("events", "fault"),
     [
-        (moved(np.append(SOUND.t[:-1], DURATION - 1)), None),
+        (SOUND, None),
+        (moved(np.append(SOUND.t[:-1], DURATION - 1)), "was changed since it was recorded"),
         (moved(np.append(SOUND.t[:-1], DURATION)), "outside the video's 10000 µs"),
         (moved(np.append(SOUND.t[:-1], DURATION + 1)), "outside the video's 10000 µs"),
         (moved(np.append(SOUND.t[:-1], 10**9)), "outside the video's 10000 µs"),
@@ -105,7 +109,8 @@ def moved(t):
 )
 def test_verify_sees_events_that_were_not_recorded(folder, monkeypatch, events, fault):
     recorded(folder, monkeypatch)
-    nvsdata.write(events, folder / "out/run/b.h5")
+    if events is not SOUND:
+        nvsdata.write(events, folder / "out/run/b.h5")
     found = verified(folder)
     if fault is None:
         assert found == {}
@@ -126,3 +131,34 @@ def test_verify_sees_files_that_are_gone_or_damaged(folder, monkeypatch):
     assert sorted(found) == ["run/a.avi", "run/c.avi"]
     assert "a.h5" in found["run/a.avi"]
     assert "c.h5" in found["run/c.avi"]
+
+
+def test_verify_sees_columns_that_were_overwritten(folder, monkeypatch):
+    """As many events, at times within the video, but others."""
+    recorded(folder, monkeypatch)
+    target = folder / "out/run/b.h5"
+    target.chmod(0o644)
+    with h5py.File(target, "r+") as file:
+        file["events/x"][:] = file["events/x"][:][::-1]
+    assert verified(folder) == {"run/b.avi": f"{target}: was changed since it was recorded"}
+
+
+@pytest.mark.parametrize("content", [b"B", b"longer"])
+def test_verify_sees_videos_that_were_changed(folder, monkeypatch, content):
+    recorded(folder, monkeypatch)
+    (folder / "in/run/b.avi").write_bytes(content)
+    assert list(verified(folder)) == ["run/b.avi"]
+    assert "isn't the video any more" in verified(folder)["run/b.avi"]
+
+
+def test_verify_sees_stray_files(folder, monkeypatch):
+    recorded(folder, monkeypatch)
+    (folder / "out/run/copy of b.h5").write_bytes((folder / "out/run/b.h5").read_bytes())
+    (folder / "out/run/.hidden").write_bytes(b"")
+    (folder / "out/contact-sheet-001.png").write_bytes(b"")
+    (folder / "in/run/a.avi").unlink()
+    stray = "isn't a recording of any of the videos"
+    assert verified(folder) == {"run/a.h5": stray, "run/copy of b.h5": stray}
+    assert list(batch.verify(videos_in(folder / "in", folder / "out"), folder / "out", 1)) == list(verified(folder))
+    # and it changes nothing about the recordings
+    assert all(line["status"] == "recorded" for line in lines(folder))
