@@ -121,6 +121,7 @@ CHANGING = {
     "Shelf",
     "SimulatedDavis",
     "Spikes",
+    "Status",
     "Take",
     "Tally",
     "Watched",

@@ -42,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "what --calibrate wrote: recordings are compared with where the screen was then (default: with each other)"
     )
     add("--calibration", type=path, metavar="DIR", help=corners)
+    alarm = "run by the shell if nothing can be recorded; the reason is in $NVSDATA_ALARM (default: none)"
+    add("--on-alarm", metavar="CMD", help=alarm)
+    add("--status", type=path, metavar="OUT", help="say how a batch is going (default: record)")
     add("--strict", action="store_true", help="record again, and at last refuse, what looks odd, not only list it")
     add("--accept-quiet", action="store_true", help="accept recordings with hardly any events, though the video moves")
     add_videos(add)
@@ -51,10 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record, calibrate, or play and record: 1 if anything was lost."""
+    """Record, calibrate, or play and record: 1 if anything was lost, 3 if a batch gave up."""
     from nvsdata.recording import session
     from nvsdata.recording.simulated.options import Simulation
 
+    if args.status is not None:
+        return session.run_status(args.status)
     _check(args)
     with usage():
         settings = session.settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
@@ -75,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
         return session.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
     chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
+    chosen["on_alarm"] = args.on_alarm
     return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 

@@ -29,12 +29,15 @@ from nvsdata.recording.rig.calibration import FIGURES, corners_in, write_calibra
 from nvsdata.recording.rig.calibration import summary as calibration_summary
 from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
+from nvsdata.recording.rig.status import told as status_of
+from nvsdata.recording.rig.watch import BatchStopped
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
 
 if TYPE_CHECKING:
     from nvsdata.models import Decider
 
+GAVE_UP = 3  # exit code
 WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
 
 
@@ -216,8 +219,12 @@ def run_batch(
     calibration: Path | None = None,
     strict: bool = False,
     accept_quiet: bool = False,
+    on_alarm: str | None = None,
 ) -> int:
-    """Play and record a folder of videos, or `check` what was recorded; return 0 if all of it went well, else 1."""
+    """Play and record a folder of videos, or `check` what was recorded.
+
+    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1.
+    """
     videos = videos_in(source, out, format)
     check_format(videos[0].target, settings)
     if check:
@@ -229,7 +236,7 @@ def run_batch(
         return 1 if found else 0
     videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
-    how |= {"strict": strict, "accept_quiet": accept_quiet}
+    how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm}
     backend, look = simulate.watched() if simulate else (None, None)
     window = WINDOW if simulate else None
     with (
@@ -246,6 +253,9 @@ def run_batch(
         except KeyboardInterrupt:
             say(f"{len(manifest.videos):,} of {len(videos):,} are done: --resume goes on with them")
             raise
+        except BatchStopped as error:
+            say(str(error))
+            return GAVE_UP
     for name, reason in result.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
     for name, line in manifest.videos.items():
@@ -260,6 +270,13 @@ def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:
     """Say what is odd about a real screen's refresh."""
     if simulate is None and (odd := monitor.odd()):
         say(odd)
+
+
+def run_status(out: Path) -> int:
+    """Print how the batch that records to `out` is going; return 0 if it is going or ended well, else 1."""
+    text, well = status_of(out)
+    print(text)
+    return 0 if well else 1
 
 
 def summary(report: RecordingReport) -> str:

@@ -14,7 +14,7 @@ from nvsdata import formats
 from nvsdata.common.errors import FormatError
 
 # formats that recordings are written in, and their extensions
-FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in ("hdf5", "aedat2", "aedat3", "text")}
+FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in ("hdf5", "aedat2", "aedat3", "aedat4", "text")}
 VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
 # errors of the disk or the folder, not of one video: the videos after it would fail, too
 FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)

@@ -72,7 +72,12 @@ def test_calibrations_and_folders_are_asked_for(session):
     assert (second[1][0], second[1][4], second[1][5]["region"]) == (Path("b"), None, (1, 2, 3, 4))
     assert third[1][:3] == (Path("in"), Path("b"), None)
     assert third[1][5]["scaling"] == "integer"
-    assert third[2] == {"format": "hdf5", "limit": 3, "resume": True, "check": False}
+    assert third[2] == {"format": "hdf5", "limit": 3, "resume": True, "check": False} | {
+        "calibration": None,
+        "strict": False,
+        "accept_quiet": False,
+        "on_alarm": None,
+    }
 
 
 def test_a_reader_that_leaves_ends_a_command_with_1(monkeypatch, tmp_path):
@@ -313,3 +318,12 @@ def test_nothing_else_gets_the_numbers_of_closed_streams(monkeypatch, closed):
         cli._open_standard_streams()
     assert asked == [0, 1, 2]
     assert opened == [(os.devnull, os.O_RDWR)] * len(closed)
+
+
+def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
+    given = []
+    monkeypatch.setattr("nvsdata.recording.session.run_batch", lambda *args, **how: given.append(how) or 3)
+    words = ["--calibration", "c", "--strict", "--accept-quiet", "--on-alarm", "mail me"]
+    assert main(["record", "--monitor", "in", "--out", "b", *words]) == 3
+    how = {"calibration": Path("c"), "strict": True, "accept_quiet": True, "on_alarm": "mail me"}
+    assert given[0].items() >= how.items()

@@ -40,7 +40,7 @@ def test_where_there_are_no_videos(tmp_path):
     assert str(none.value) == f"no videos below {tmp_path}; they end in {ENDINGS}"
     with pytest.raises(FileNotFoundError, match="gone: no such folder or video"):
         videos_in(tmp_path / "gone", tmp_path)
-    with pytest.raises(ValueError, match=r"^format must be one of hdf5, aedat2, aedat3, text, not 'h5'$"):
+    with pytest.raises(ValueError, match=r"^format must be one of hdf5, aedat2, aedat3, aedat4, text, not 'h5'$"):
         videos_in(tmp_path, tmp_path, "h5")
     check_name("a\nü.avi")
     with pytest.raises(FormatError, match="a name that isn't UTF-8"):

@@ -24,13 +24,16 @@ from nvsdata.recording.rig.contact_sheets import Sheets
 from nvsdata.recording.rig.content import Inspector
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
+from nvsdata.recording.rig.status import STATUS, Status
 from nvsdata.recording.rig.sync import TakeRejected
 from nvsdata.recording.rig.take import cut_take, record_take
+from nvsdata.recording.rig.watch import Watch, prune
 from nvsdata.video.folder import Video, sha256
 from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, file_facts, noted
 
 TAKES = 3  # takes of a video before it counts as failed
 RETRY = 1_000_000  # µs between attempts to find a camera that is gone
+MISSED = 60_000_000  # µs after which somebody is told
 KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
 PLAYED = "playback.jsonl"  # when each picture of each take was shown
@@ -76,12 +79,15 @@ def record_videos(
     corners: list[list[float]] | None = None,
     strict: bool = False,
     accept_quiet: bool = False,
+    on_alarm: str | None = None,
 ) -> FolderReport:
     """Play and record every video that isn't done; each gets its line of the manifest as soon as it is done.
 
-    A video whose take fails its checks is recorded again after the others. After three failed takes the video has
-    failed, and its last take is kept in `out/.takes`, uncut. If the camera goes away, the batch waits for it. A video
-    that can't be decoded fails, and the rest goes on. `out` gets contact sheets, forty recordings per page.
+    A video whose take fails its checks is recorded again after the others, at once if the camera was the reason. After
+    three failed takes the video has failed; the last 20 takes that failed are kept in `out/.takes`, uncut. If the
+    camera goes away, the batch waits for it; if takes of several videos fail one after another, the camera is opened
+    anew, then the batch pauses and sounds an alarm (see `watch`). A video that can't be decoded fails, and the rest
+    goes on. `out` gets contact sheets, forty recordings per page, and `status.json`.
 
     - `videos`: what is to be played
     - `out`: the folder of recordings
@@ -90,8 +96,10 @@ def record_videos(
     - `monitor`: plays the videos
     - `settings`: the camera's
     - `corners`, `strict`, `accept_quiet`: see `content.Inspector`
+    - `on_alarm`: a command for alarms (default: none)
 
-    Raises CameraError if there is no camera at the start, OSError if nothing can be written.
+    Raises CameraError if there is no camera at the start, OSError if nothing can be written, `BatchStopped` if nothing
+    could be recorded for hours.
     """
     takes: Counter[str] = Counter()
     known = [line["content"] for line in manifest.videos.values() if line["status"] in DONE and "content" in line]
@@ -100,34 +108,59 @@ def record_videos(
         _Cameras(find, monitor, settings) as cameras,
         Sheets(out, videos, manifest) as sheets,
         FolderRun(manifest, videos, DONE, "recording") as run,
+        _status(out, len(run.waiting)) as status,
     ):
+        watch = Watch(status, on_alarm, cameras.drop, monitor.wait)
+        cameras.watched_by(watch, status)
         waiting = deque(run.waiting)
         while waiting:
             video = waiting.popleft()
             takes[video.name] += 1
             camera = cameras.get()
-            now = datetime.now(UTC).isoformat(timespec="seconds")
-            line: dict[str, Any] = {
-                "video": video.name,
-                "status": "recorded",
-                "when": now,
-                "camera": camera.facts.serial,
-            }
+            status.set(video=video.name, state="recording")
+            line = _line(video, camera)
             try:
                 with noted(video, line, (CameraError, MonitorError)):
                     line |= file_facts(video)
                     line |= _recorded(video, out, camera, monitor, settings, inspector)
             except (TakeRejected, CameraError) as reason:
+                prune(out / HIDDEN)
                 if isinstance(reason, CameraError):
                     cameras.drop()
+                takes.subtract(watch.failed(video.name, str(reason)))
                 if takes[video.name] < TAKES:
-                    run.bar.write(f"{video.name}: {reason}; again later")
-                    waiting.append(video)
+                    first = isinstance(reason, CameraError) and takes[video.name] == 1
+                    run.bar.write(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
+                    (waiting.appendleft if first else waiting.append)(video)
                     continue
                 line |= {"status": "failed", "reason": str(reason)}
+            good = line["status"] in DONE
+            if good:
+                watch.succeeded()
             run.add(line | {"takes": takes[video.name]})
+            status.set(done=status.done + good, failed=status.failed + (not good), look=status.look + ("look" in line))
             sheets.add(video)
     return run.report
+
+
+@contextmanager
+def _status(out: Path, total: int) -> Iterator[Status]:
+    """The status of a run, which says at its end how it ended."""
+    status = Status(out, total)
+    status.set()
+    try:
+        yield status
+    except BaseException as error:
+        with suppress(OSError):
+            status.set(state="interrupted" if isinstance(error, KeyboardInterrupt) else "stopped")
+        raise
+    status.set(state="done", video=None)
+
+
+def _line(video: Video, camera: Camera) -> dict[str, Any]:
+    """What the manifest says about a video in any case."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"video": video.name, "status": "recorded", "when": now, "camera": camera.facts.serial}
 
 
 def _recorded(
@@ -160,10 +193,15 @@ class _Cameras:
         self.monitor, self.settings, self._find = monitor, settings, find
         self._camera: Camera | None = None
         self._had_one = False
+        self._told: tuple[Watch, Status] | None = None
+
+    def watched_by(self, watch: Watch, status: Status) -> None:
+        """Tell these if the camera is gone."""
+        self._told = watch, status
 
     def get(self) -> Camera:
         """The camera; waits for it if it was there before. ValueError for settings that it doesn't have."""
-        told = ""
+        told, since = "", host_time()
         while self._camera is None:
             try:
                 self._camera = self._find()
@@ -176,6 +214,12 @@ class _Cameras:
                 if str(error) != told:
                     told = str(error)
                     tqdm.write(f"{told}: waiting for it")
+                if self._told is not None:
+                    watch, status = self._told
+                    status.set(state="waiting for the camera")
+                    if host_time() - since > MISSED:
+                        watch.alarm(f"the camera has been gone for {MISSED / 60e6:.0f} minutes: {told}")
+                        since = float("inf")
                 self.monitor.wait(host_time() + RETRY)
         return self._camera
 
@@ -223,7 +267,7 @@ def _strays(videos: list[Video], out: Path) -> list[str]:
     for path in sorted(out.rglob("*")):
         name = path.relative_to(out)
         hidden = any(part.startswith(".") for part in name.parts)
-        told = len(name.parts) == 1 and (path.name in (NAME, PLAYED) or path.match("contact-sheet-*.png"))
+        told = len(name.parts) == 1 and (path.name in (NAME, PLAYED, STATUS) or path.match("contact-sheet-*.png"))
         if path.is_file() and path not in ours and not hidden and not told:
             found.append(name.as_posix())
     return found

@@ -86,7 +86,7 @@ class Span(NamedTuple):
     stop: int
 
 
-@dataclass
+@dataclass(frozen=True)
 class Inspector:
     """Judges the recordings of a batch, each beside those before it.
 

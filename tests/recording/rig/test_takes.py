@@ -11,14 +11,15 @@ import nvsdata
 from nvsdata import Events
 from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.rig import batch
+from nvsdata.recording.rig import batch, watch
 from nvsdata.recording.rig.take import TakeRejected
 from nvsdata.video.folder import sha256, videos_in
 
 DURATION = 10_000  # µs of each video
 MONITOR = SimpleNamespace(
-    size=(64, 48), region=(0, 0, 64, 48), refresh=16_667.0, told=16_667.0, synced=False, scaling="aspect"
-)
+    size=(64, 48), region=(0, 0, 64, 48), refresh=16_667.0, told=16_667.0, synced=False, scaling="aspect",
+    wait=lambda until: None,
+)  # fmt: skip
 N = 50
 SOUND = Events(np.arange(N) * 200, np.arange(N) % 40, np.arange(N) % 30, np.arange(N) % 2, (40, 30))
 
@@ -68,11 +69,14 @@ def verified(folder):
 
 @pytest.mark.parametrize("error", [TakeRejected("no flash"), CameraError("unplugged")])
 def test_a_take_that_failed_and_then_succeeded_has_not_failed(folder, monkeypatch, error):
-    report = recorded(folder, monkeypatch, [error, None, error])
+    report = recorded(folder, monkeypatch, [error, None, error] if isinstance(error, TakeRejected) else [error])
     assert (report.done, report.kept, report.events, report.failed) == (3, 0, 3 * N, {})
     told = lines(folder)
-    # the first is done again after the others
-    assert [(line["video"], line["takes"]) for line in told] == [("run/b.avi", 1), ("run/a.avi", 2), ("run/c.avi", 2)]
+    # a take that was wrong is done again after the others, one that the camera ended at once
+    order = [("run/a.avi", 2), ("run/b.avi", 1), ("run/c.avi", 1)]
+    if isinstance(error, TakeRejected):
+        order = [("run/b.avi", 1), ("run/a.avi", 2), ("run/c.avi", 2)]
+    assert [(line["video"], line["takes"]) for line in told] == order
     assert all(line["status"] == "recorded" and "reason" not in line for line in told)
     assert verified(folder) == {}
 
@@ -162,3 +166,26 @@ def test_verify_sees_stray_files(folder, monkeypatch):
     assert list(batch.verify(videos_in(folder / "in", folder / "out"), folder / "out", 1)) == list(verified(folder))
     # and it changes nothing about the recordings
     assert all(line["status"] == "recorded" for line in lines(folder))
+
+
+def test_takes_that_all_fail_pause_the_batch_and_cost_no_video_its_takes(folder, monkeypatch, capsys):
+    """Six in a row, of three videos: then the cause passes."""
+    waited = []
+    monkeypatch.setattr(MONITOR, "wait", waited.append)
+    report = recorded(folder, monkeypatch, [TakeRejected("0 events")] * 6)
+    assert (report.done, report.failed) == (3, {})
+    assert len(waited) == 1
+    assert [line["takes"] for line in lines(folder)] == [1, 1, 1]
+    told = capsys.readouterr().out
+    assert "6 takes in a row failed, the last one of run/c.avi: 0 events; tried again in 10 minutes" in told
+    state = json.loads((folder / "out/status.json").read_text())
+    assert (state["state"], state["done"], state["failed"], state["left"], state["in_a_row"]) == ("done", 3, 0, 0, 0)
+
+
+def test_a_batch_that_gives_up_says_so(folder, monkeypatch):
+    monkeypatch.setattr(watch, "MOST_PAUSES", 1)
+    with pytest.raises(watch.BatchStopped, match="given up after 1 pauses"):
+        recorded(folder, monkeypatch, [TakeRejected("0 events")] * 12)
+    assert json.loads((folder / "out/status.json").read_text())["state"] == "stopped"
+    # and goes on when it is told to
+    assert recorded(folder, monkeypatch, resume=True).done == 3
