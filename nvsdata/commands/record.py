@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         help="a trained network that decides what it sees: a line of JSON each (default: none)",
     )
+    add("--note", metavar="TEXT", help="kept with each recording, such as about the room (default: none)")
     add("--overwrite", action="store_true", help="replace what is there")
     screen = parser.add_argument_group("playing videos on a monitor")
     add = screen.add_argument
@@ -71,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
             from nvsdata import models
 
             decider = models.Decider(models.load(args.model))
-        how = {"live": args.live, "overwrite": args.overwrite, "decider": decider}
+        how = {"live": args.live, "overwrite": args.overwrite, "decider": decider, "note": args.note}
         return session.run(args.out, args.seconds, args.device, settings, simulate, **how)
     region = args.screen_region and tuple(args.screen_region)
     screen = {"display": args.display, "region": region, "scaling": args.scaling}
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         return session.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
     chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
-    chosen["on_alarm"] = args.on_alarm
+    chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live}
     return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 

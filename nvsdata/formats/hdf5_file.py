@@ -51,7 +51,7 @@ def text_of(file: Any, name: str) -> str:
     """A text attribute of a file; empty if it has none."""
     value = attribute(file, name)
     if isinstance(value, bytes):
-        return value.decode("ascii", "replace")
+        return value.decode("utf-8", "replace")
     return "" if value is None else str(value)
 
 

@@ -26,7 +26,8 @@ from nvsdata.formats.hdf5_file import found_in
 
 TIMES = ("start", "exposure_start", "exposure_end", "end")
 PLACES = ("x", "y", "width", "height")
-TEXTS = ("camera", "serial", "started")
+TEXTS = ("camera", "serial", "started", "note")
+TABLES = ("biases", "settings")
 CHUNK, CHUNK_PIXELS = 1 << 12, 1 << 16  # rows, and pixels, per chunk
 GATHERED = 64  # frames, or pieces with inertial samples, that are written together
 
@@ -67,7 +68,7 @@ class Beside:
             else:
                 # fixed length, like all texts here
                 text = value if isinstance(value, str) else json.dumps(value)
-                self._file.attrs[name] = np.bytes_(text.encode("ascii", "replace"))
+                self._file.attrs[name] = np.bytes_(text.encode())
 
     def _write(self, least: int) -> None:
         """Write the gathered frames and the gathered samples if there are `least` of them."""
@@ -141,9 +142,10 @@ def frames_in(
 def about_in(texts: Callable[[str], str], number: Callable[[str], Any]) -> dict[str, Any]:
     """What a file states about its camera; `texts` and `number` give an attribute by its name, if there is one."""
     about: dict[str, Any] = {name: text for name in TEXTS if (text := texts(name))}
-    with suppress(ValueError, RecursionError):
-        if isinstance(biases := json.loads(texts("biases") or "0"), dict):
-            about["biases"] = biases
+    for name in TABLES:
+        with suppress(ValueError, RecursionError):
+            if isinstance(table := json.loads(texts(name) or "0"), dict):
+                about[name] = table
     with suppress(TypeError, ValueError):
         about["temperature"] = float(number("temperature"))
     return about

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from threading import Event
@@ -23,12 +23,14 @@ from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.deciding import Deciding
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.rig.batch import manifest_of, record_videos, verify
+from nvsdata.recording.rig.batch import DONE, manifest_of, record_videos, verify
 from nvsdata.recording.rig.calibrate import calibrate
 from nvsdata.recording.rig.calibration import FIGURES, corners_in, write_calibration
 from nvsdata.recording.rig.calibration import summary as calibration_summary
+from nvsdata.recording.rig.estimate import estimate
 from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
+from nvsdata.recording.rig.report import REPORT, write_report
 from nvsdata.recording.rig.status import told as status_of
 from nvsdata.recording.rig.watch import BatchStopped
 from nvsdata.recording.simulated.options import Simulation
@@ -51,6 +53,7 @@ def run(
     live: bool,
     overwrite: bool,
     decider: Decider | None = None,
+    note: str | None = None,
 ) -> int:
     """Record a camera and print how it went; return 0 if nothing was lost and decisions went on to the end, else 1.
 
@@ -61,6 +64,7 @@ def run(
     - `simulate`: record a simulated camera in place of a real one
     - `live`: show events in a window; closing it ends the recording
     - `overwrite`: replace `out` if it is there
+    - `note`: kept with the recording
     - `decider`: of a network that follows the events; a line of JSON per decision is printed, and the report to stderr
 
     FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it, ValueError
@@ -79,7 +83,7 @@ def run(
         stopped_by_interrupt() as stop,
         Davis.find(serial, backend=backend) as camera,
     ):
-        facts = camera.facts
+        facts, camera.note = camera.facts, note
         if decider is not None:
             _check_size((facts.width, facts.height), decider.sensor_size)
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
@@ -220,6 +224,8 @@ def run_batch(
     strict: bool = False,
     accept_quiet: bool = False,
     on_alarm: str | None = None,
+    note: str | None = None,
+    live: bool = False,
 ) -> int:
     """Play and record a folder of videos, or `check` what was recorded.
 
@@ -236,7 +242,7 @@ def run_batch(
         return 1 if found else 0
     videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
-    how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm}
+    how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm, "live": live}
     backend, look = simulate.watched() if simulate else (None, None)
     window = WINDOW if simulate else None
     with (
@@ -246,8 +252,12 @@ def run_batch(
         _tell_odd(monitor, simulate)
 
         def find() -> Davis:
-            return Davis.find(serial, backend=backend)
+            camera = Davis.find(serial, backend=backend)
+            camera.note = note
+            return camera
 
+        left = [video for video in videos if not manifest.has(video, DONE)]
+        say(estimate(left, list(manifest.videos.values()), out, monitor.refresh))
         try:
             result = record_videos(videos, out, manifest, find, monitor, settings, **how)
         except KeyboardInterrupt:
@@ -256,11 +266,16 @@ def run_batch(
         except BatchStopped as error:
             say(str(error))
             return GAVE_UP
+        finally:
+            # what ended the batch is more important than a page about it
+            with suppress(OSError):
+                write_report(manifest, out, note)
     for name, reason in result.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
             print(f"{name}: have a look: {'; '.join(doubts)}", file=sys.stderr)
+    print(f"figures, and what to look at, are in {out / REPORT}")
     done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
     print(f"{done}; {result.events:,} events in {out}")
     return 1 if result.failed else 0

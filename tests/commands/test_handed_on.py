@@ -55,7 +55,10 @@ def test_one_recording_is_asked_for(words, session):
     assert (name, device, simulate) == ("run", None, None)
     assert out == (Path("a.h5") if "--out" in words else None)
     assert seconds == (2 if "--seconds" in words else None)
-    assert how == {"live": "--live" in words, "overwrite": "--overwrite" in words, "decider": None}
+    assert how == {"live": "--live" in words, "overwrite": "--overwrite" in words} | {
+        "decider": None,
+        "note": None,
+    }
 
 
 def test_calibrations_and_folders_are_asked_for(session):
@@ -77,6 +80,8 @@ def test_calibrations_and_folders_are_asked_for(session):
         "strict": False,
         "accept_quiet": False,
         "on_alarm": None,
+        "note": None,
+        "live": False,
     }
 
 
@@ -324,6 +329,8 @@ def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
     given = []
     monkeypatch.setattr("nvsdata.recording.session.run_batch", lambda *args, **how: given.append(how) or 3)
     words = ["--calibration", "c", "--strict", "--accept-quiet", "--on-alarm", "mail me"]
+    words += ["--note", "dark", "--live"]
     assert main(["record", "--monitor", "in", "--out", "b", *words]) == 3
     how = {"calibration": Path("c"), "strict": True, "accept_quiet": True, "on_alarm": "mail me"}
+    how |= {"note": "dark", "live": True}
     assert given[0].items() >= how.items()

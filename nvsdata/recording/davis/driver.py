@@ -6,6 +6,7 @@ import errno
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from typing import Any, Self
 
 import numpy as np
@@ -59,6 +60,7 @@ class Davis:
     def __init__(self, device: Any) -> None:
         self.device = device
         self.settings = Settings()
+        self.note: str | None = None  # what recordings are to say besides
         self._stream: Stream | None = None
         self._debug: AsyncStream | None = None
         self.messages: list[str] = []  # of its firmware
@@ -311,10 +313,12 @@ class Davis:
         )
 
     def about(self) -> dict[str, Any]:
-        """What recordings say about the camera: its name, its serial number, and the biases that were set."""
+        """What recordings say about the camera: its name, its serial number, biases, settings, and `note`."""
         numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
         numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
-        return {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
+        told = {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
+        told["settings"] = {name: value for name, value in asdict(self.settings).items() if name != "biases"}
+        return told | ({"note": self.note} if self.note else {})
 
     def journal_head(self, decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
         """The first bytes of a file of the format `davis`; see `Camera`."""

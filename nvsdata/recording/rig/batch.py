@@ -24,6 +24,7 @@ from nvsdata.recording.rig.contact_sheets import Sheets
 from nvsdata.recording.rig.content import Inspector
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
+from nvsdata.recording.rig.report import REPORT
 from nvsdata.recording.rig.status import STATUS, Status
 from nvsdata.recording.rig.sync import TakeRejected
 from nvsdata.recording.rig.take import cut_take, record_take
@@ -80,6 +81,7 @@ def record_videos(
     strict: bool = False,
     accept_quiet: bool = False,
     on_alarm: str | None = None,
+    live: bool = False,
 ) -> FolderReport:
     """Play and record every video that isn't done; each gets its line of the manifest as soon as it is done.
 
@@ -97,6 +99,7 @@ def record_videos(
     - `settings`: the camera's
     - `corners`, `strict`, `accept_quiet`: see `content.Inspector`
     - `on_alarm`: a command for alarms (default: none)
+    - `live`: show events in a window (default False)
 
     Raises CameraError if there is no camera at the start, OSError if nothing can be written, `BatchStopped` if nothing
     could be recorded for hours.
@@ -122,7 +125,7 @@ def record_videos(
             try:
                 with noted(video, line, (CameraError, MonitorError)):
                     line |= file_facts(video)
-                    line |= _recorded(video, out, camera, monitor, settings, inspector)
+                    line |= _recorded(video, out, camera, monitor, settings, inspector, live)
             except (TakeRejected, CameraError) as reason:
                 prune(out / HIDDEN)
                 if isinstance(reason, CameraError):
@@ -164,13 +167,13 @@ def _line(video: Video, camera: Camera) -> dict[str, Any]:
 
 
 def _recorded(
-    video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings, inspector: Inspector
+    video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings, inspector: Inspector, live: bool
 ) -> dict[str, Any]:
     """Play and record a video, and return its part of the manifest's line."""
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
     try:
-        take = record_take(camera, monitor, video.path, raw, settings)
+        take = record_take(camera, monitor, video.path, raw, settings, live=live)
     except CameraError:
         raise
     except BaseException:
@@ -267,7 +270,9 @@ def _strays(videos: list[Video], out: Path) -> list[str]:
     for path in sorted(out.rglob("*")):
         name = path.relative_to(out)
         hidden = any(part.startswith(".") for part in name.parts)
-        told = len(name.parts) == 1 and (path.name in (NAME, PLAYED, STATUS) or path.match("contact-sheet-*.png"))
+        told = len(name.parts) == 1 and (
+            path.name in (NAME, PLAYED, STATUS, REPORT) or path.match("contact-sheet-*.png")
+        )
         if path.is_file() and path not in ours and not hidden and not told:
             found.append(name.as_posix())
     return found

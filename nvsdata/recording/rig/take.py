@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.clock_fit import ClockFit, NoSync
 from nvsdata.recording.rig.content import Inspector, Span
+from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import PlaybackLog, perform
 from nvsdata.recording.rig.sync import Take, TakeRejected, synced
@@ -50,14 +51,33 @@ class Tally:
     full: float = 0.0
 
 
-def record_take(camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings) -> Take:
-    """Record to `raw` while a video plays; an error of the monitor, the video or the camera ends both."""
+def record_take(
+    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings, *, live: bool = False
+) -> Take:
+    """Record to `raw` while a video plays; an error of the monitor, the video or the camera ends both.
+
+    With `live`, events are shown in a window.
+    """
+    with LiveView((camera.facts.width, camera.facts.height)) if live else nullcontext() as view:
+        return _recorded(camera, monitor, video, raw, settings, view)
+
+
+def _recorded(
+    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings, view: LiveView | None
+) -> Take:
     # no journal, because a take that is cut short is recorded again
-    recorder = Recorder(camera, raw, settings, journaled=False)
+    watch: dict[str, Any] = {} if view is None else {"watch": lambda report, events: view.add(events)}
+    recorder = Recorder(camera, raw, settings, journaled=False, **watch)
+
+    def check() -> None:
+        recorder.check()
+        if view is not None:
+            view.draw()
+
     recorder.start()
     try:
         recorder.begun.wait()
-        monitor.check = recorder.check
+        monitor.check = check
         performance = perform(monitor, video, camera.dropped)
     except BaseException:
         with suppress(OSError, ValueError):

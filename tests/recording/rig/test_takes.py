@@ -37,7 +37,7 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
     """Record the folder; `fails` are the errors of its takes, in their order, None for one that succeeds."""
     fails, out = list(fails), folder / "out"
 
-    def taken(camera, monitor, video, raw, settings):
+    def taken(camera, monitor, video, raw, settings, *, live):
         raw.write_bytes(b"")
         return SimpleNamespace(performance=SimpleNamespace(truncated=None, log=dict))
 
