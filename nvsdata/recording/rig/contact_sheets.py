@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
@@ -22,7 +23,10 @@ SPAN = 40_000  # µs of events in a picture
 
 
 class Sheets:
-    """`out/contact-sheet-001.png` and so on, each drawn when all its videos are done, or when the block ends."""
+    """`out/contact-sheet-001.png` and so on, each drawn when all its videos are done, or when the block ends.
+
+    At the end `contact-sheet-000.png` shows up to forty recordings that are odd, if there are any.
+    """
 
     def __init__(self, out: Path, videos: list[Video], manifest: Manifest) -> None:
         size = COLUMNS * ROWS
@@ -51,9 +55,19 @@ class Sheets:
         with suppress(OSError):
             for page in sorted(self._stale):
                 self._draw(page)
+            self._draw_odd()
+
+    def _draw_odd(self) -> None:
+        path, lines = self.out / "contact-sheet-000.png", self.manifest.videos
+        videos = [video for page in self._pages for video in page]
+        odd = [(video, lines[video.name]) for video in videos if lines.get(video.name, {}).get("look")]
+        if odd:
+            save(_page(odd[: COLUMNS * ROWS]), path)
+        else:
+            path.unlink(missing_ok=True)
 
 
-def _page(videos: list[tuple[Video, dict[str, Any] | None]]) -> np.ndarray:
+def _page(videos: Sequence[tuple[Video, dict[str, Any] | None]]) -> np.ndarray:
     wide, high = 2 * TILE[0] + 12, TILE[1] + CAPTION + 8
     rows = -(-len(videos) // COLUMNS)
     page = np.full((rows * high, min(COLUMNS, len(videos)) * wide, 3), 240, np.uint8)

@@ -124,3 +124,16 @@ def test_the_picture_marks_the_screens_own_upper_left():
     ]
     assert reds[0] > 90
     assert max(reds[1:]) < 60
+
+
+def test_aiming_keeps_no_events(tmp_path, quick, monkeypatch):
+    """It may take an hour, at 16 MB/s."""
+    monkeypatch.setattr(calibrate, "WATCHED", 300_000)
+    joined, real = [], calibrate.concatenate
+    monkeypatch.setattr(calibrate, "concatenate", lambda parts: joined.append(real(parts)) or joined[-1])
+    out = tmp_path / "c"
+    assert main(["record", "--calibrate", "--simulate", "--seconds", "1.5", "--out", str(out)]) == 0
+    (columns,) = joined
+    # nothing from before the pattern but the block that came when aiming ended
+    assert columns.t[0] > 1_200_000
+    assert columns.t[-1] - columns.t[0] < 6_000_000

@@ -41,19 +41,27 @@ def test_a_sheet_has_forty_videos(tmp_path):
 def test_a_sheet_is_drawn_when_its_last_video_is_done_or_at_the_end(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(contact_sheets, "ROWS", 1)
-    monkeypatch.setattr(contact_sheets, "_page", lambda there: [line for _, line in there])
+    monkeypatch.setattr(contact_sheets, "_page", lambda there: [line and line["n"] for _, line in there])
     monkeypatch.setattr(contact_sheets, "save", lambda page, path: drawn.append((path.name, page)))
     videos = [SimpleNamespace(name=f"{n}.avi") for n in range(12)]
     lines = {}
     with Sheets(tmp_path, videos, SimpleNamespace(videos=lines)) as sheets:
         for n in (4, 5, 6, 7, 0, 8):
-            lines[f"{n}.avi"] = n
+            lines[f"{n}.avi"] = {"n": n} | ({"look": ["a hand"]} if n in (5, 8) else {})
             sheets.add(videos[n])
             assert drawn == ([] if n in (4, 5, 6) else [("contact-sheet-002.png", [4, 5, 6, 7])])
     assert drawn[1:] == [
         ("contact-sheet-001.png", [0, None, None, None]),
         ("contact-sheet-003.png", [8, None, None, None]),
+        # the odd ones again, on a sheet that comes first
+        ("contact-sheet-000.png", [5, 8]),
     ]
+    (tmp_path / "contact-sheet-000.png").touch()
+    del drawn[:], lines["5.avi"], lines["8.avi"]
+    with Sheets(tmp_path, videos, SimpleNamespace(videos=lines)):
+        pass
+    assert drawn == []
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_sheet_that_cannot_be_written_is_no_error(tmp_path):
