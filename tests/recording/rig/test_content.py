@@ -11,9 +11,10 @@ import nvsdata
 from nvsdata import Events
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.rig import content, playback, take
-from nvsdata.recording.rig.content import Content, Inspector, Span, TakeRejected, emulated
+from nvsdata.recording.rig import motion, playback, take
+from nvsdata.recording.rig.content import Content, Inspector, Span, TakeRejected
 from nvsdata.recording.rig.monitor import Monitor
+from nvsdata.recording.rig.motion import emulated
 from nvsdata.recording.rig.sync import Take, synced
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.frames import Frame
@@ -245,7 +246,7 @@ def test_the_emulated_video_is_where_the_screen_shows_it(monkeypatch):
         pixels = np.zeros((50, 200), np.uint8)
         pixels[15:35, 10 + 10 * n : 40 + 10 * n] = 200
         frames.append(Frame(n * 40_000, pixels))
-    monkeypatch.setattr(content, "frames_of", lambda video: iter(frames))
+    monkeypatch.setattr(motion, "frames_of", lambda video: iter(frames))
 
     class Screen:
         size = (400, 200)
