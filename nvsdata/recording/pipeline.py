@@ -12,6 +12,7 @@ from nvsdata.recording.journal import Journal
 ROOM = 64 << 20  # bytes that may wait to be kept and decoded
 PIECE = 1 << 20  # bytes handed on at once, if that many wait
 GATHER = 0.03  # s to wait for more, if few bytes wait
+SILENT_END = 1.0  # s without anything at the end: a camera that sends words of its clock has stopped before
 TAIL = 0.3  # s to wait for what is still on its way after the camera was stopped
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
 
@@ -135,9 +136,11 @@ class CameraReader(Thread):
             if self.stop.is_set():
                 if self.ended == TIME_UP:
                     self.ended = STOPPED
-                return
+                break
             if self.seconds is not None and now - began > self.seconds + TAIL:
-                return
+                break
+        if self.camera.silence is not None and now - heard > SILENT_END and self.ended in (TIME_UP, STOPPED):
+            self.ended = f"the camera sent nothing for the last {now - heard:.1f} s"
 
     def _read_tail(self) -> None:
         until, silent = time.monotonic() + TAIL, 0

@@ -130,6 +130,23 @@ def test_a_camera_that_falls_silent(monkeypatch, silence, told):
 
 
 @pytest.mark.parametrize(
+    ("blocks", "silence", "told"),
+    [
+        (8, 5.0, "the time was up"),
+        (7, 5.0, "the time was up"),
+        (5, 5.0, "the camera sent nothing for the last 1.5 s"),
+        (0, 5.0, "the camera sent nothing for the last 4.0 s"),
+        (5, None, "the time was up"),
+    ],
+)
+def test_a_camera_that_was_silent_at_the_end(monkeypatch, blocks, silence, told):
+    camera = Scripted([b"ab"] * blocks, 0.5)
+    camera.silence = silence
+    reader, taken = read(camera, monkeypatch, seconds=3.5)
+    assert (reader.ended, taken) == (told, b"ab" * blocks)
+
+
+@pytest.mark.parametrize(
     ("error", "told"),
     [(CameraError("gone"), "gone"), (ValueError("odd"), "the camera failed (ValueError: odd)")],
 )

@@ -60,7 +60,7 @@ class Content:
     @property
     def quiet(self) -> bool:
         """Whether the video moves so little that few events are right."""
-        return self.scale is None
+        return self.scale is None and self.corners is not None
 
     def told(self) -> dict[str, Any]:
         """The figures for a manifest."""
@@ -101,7 +101,9 @@ class Inspector:
         """
         found, seconds = self.look(span, video), (span.stop - span.start) / MICROSECONDS
         if not (found.quiet or self.accept_quiet) and events < FEWEST * seconds:
-            due = f"its motion should give about {found.emulated}"
+            due = (
+                f"its motion should give about {found.emulated}" if found.emulated else "hardly a pixel saw the screen"
+            )
             raise TakeRejected(f"{events} events in {seconds:.2f} s are too few: {due}")
         doubts = self.doubts(found)
         if self.strict and doubts:
@@ -112,7 +114,7 @@ class Inspector:
         """The figures of a take of a video."""
         size = span.recording.sensor_size
         corners, cover, seen = self._screen(span)
-        place = self.corners or corners
+        place = self.corners or corners or self._usual("corners")
         bins = max(-(-(span.stop - span.start) // BIN), 1)
         found, silence = _counts(span.recording, span.start, span.stop, bins)
         noise = _noise(span, size)

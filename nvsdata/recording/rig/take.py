@@ -97,6 +97,7 @@ def cut_take(take: Take, video: Path, target: Path, inspector: Inspector) -> dic
     `TakeRejected` if it must be done again: nothing is written then.
     """
     report, done = take.report, take.performance
+    _check_stream(report, done)
     try:
         line, by, refused = synced(take)
     except NoSync as error:
@@ -104,7 +105,7 @@ def cut_take(take: Take, video: Path, target: Path, inspector: Inspector) -> dic
     span = round(line.camera(done.start)), round(line.camera(done.stop))
     recording = formats.open(take.raw)
     tally = _tally(recording, *span)
-    _check(report, done, line, tally, span[1] - span[0])
+    _check(done, line, tally, span[1] - span[0])
     content = inspector.judged(Span(take, recording, line, *span), video, tally.events)
     target.parent.mkdir(parents=True, exist_ok=True)
     formats.write(cut(recording, *span, every=PIECE), target)
@@ -127,8 +128,8 @@ def cut_take(take: Take, video: Path, target: Path, inspector: Inspector) -> dic
     } | content
 
 
-def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
-    """`TakeRejected` unless all of the video was shown in time, seen and kept."""
+def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:
+    """`TakeRejected` unless all that the camera sent was kept, by a clock that went on."""
     if report.lost:
         raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")
     # what is dropped before and after the video, between dim level and picture, say, isn't missing from it
@@ -138,6 +139,10 @@ def _check(report: RecordingReport, done: PlaybackLog, line: ClockFit, tally: Ta
     for fault, told in STREAM.items():
         if report.error_counts.get(fault):
             raise TakeRejected(told)
+
+
+def _check(done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
+    """`TakeRejected` unless all of the video was shown in time and seen."""
     if line.residual > WORST_RESIDUAL:
         raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")
     if done.wrong > max(MOST_WRONG, SHARE_WRONG * duration / 1e3):

@@ -184,6 +184,22 @@ def test_strict_refuses_and_a_moving_video_needs_events(lab_of_one, video, right
     assert Inspector(lab_of_one.monitor, accept_quiet=True).judged(span, video, 0)
 
 
+def test_a_screen_that_hardly_a_pixel_sees_is_no_quiet_video(lab_of_one, video, right, tmp_path):
+    """One event of 200 still shows the flashes, but no corners to expect events between."""
+    span, events = right
+    faint = events[np.random.default_rng(0).random(len(events)) < 0.005]
+    nvsdata.write(faint, tmp_path / "a.h5")
+    take_ = Take(tmp_path / "a.h5", span.take.report, span.take.performance)
+    odd = span._replace(take=take_, recording=nvsdata.open(tmp_path / "a.h5"))
+    with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: hardly a pixel saw the screen"):
+        Inspector(lab_of_one.monitor).judged(odd, video, 150)
+    # other recordings, or a calibration, tell where it should be
+    others = [Inspector(lab_of_one.monitor).look(span, video).told()] * 3
+    for known in (Inspector(lab_of_one.monitor, others=others), Inspector(lab_of_one.monitor, others[0]["corners"])):
+        with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: its motion should give about \d+"):
+            known.judged(odd, video, 150)
+
+
 def figures(**changed):
     corners = [[14.0, 12.0], [228.0, 8.0], [226.0, 172.0], [10.0, 168.0]]
     usual = {"emulated": 10**5, "scale": 1.0, "gap": 0.0, "hidden": 0.0, "stray": 0.0, "noise": 0.5}

@@ -1,5 +1,6 @@
 """What is counted of a take, and how much of it may be amiss."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from nvsdata.recording.rig import take
 from nvsdata.recording.rig.clock_fit import ClockFit
 from nvsdata.recording.rig.playback import PlaybackLog, _in_turn
 from nvsdata.recording.rig.sync import Sync, Take
-from nvsdata.recording.rig.take import TakeRejected, Tally, _check, _tally, cut_take
+from nvsdata.recording.rig.take import TakeRejected, Tally, _check, _check_stream, _tally, cut_take
 from nvsdata.video.folder import sha256
 
 
@@ -55,12 +56,9 @@ def test_how_much_may_be_amiss(changed, told):
     lists = {"due": due.tolist(), "shown": shown.tolist(), "dropped": given.get("within")}
     done = PlaybackLog(16_667.0, skipped=given["skipped"], missed=given["missed"], **lists)
     line = ClockFit(0.0, 0.0, given["residual"], 30, 32)
-    how = (report, done, line, Tally(given["events"], 0, given["full"]), 2_500_000)
-    if told is None:
-        _check(*how)
-    else:
-        with pytest.raises(TakeRejected, match=told):
-            _check(*how)
+    with nullcontext() if told is None else pytest.raises(TakeRejected, match=told):
+        _check_stream(report, done)
+        _check(done, line, Tally(given["events"], 0, given["full"]), 2_500_000)
 
 
 def test_what_is_counted_of_a_recording(tmp_path, monkeypatch):
