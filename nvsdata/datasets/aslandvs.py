@@ -91,7 +91,7 @@ class ASLANDVS(CountedFromBottom):
 
     def _select(self, found: list[Any]) -> Iterator[Any]:
         for pair, fold in zip(found, self.folds, strict=True):
-            if self.split == "all" or (fold == self.fold) == (self.split == "test"):
+            if self.split_name == "all" or (fold == self.fold) == (self.split_name == "test"):
                 yield pair
 
     def _by_name(self) -> dict[str, str]:

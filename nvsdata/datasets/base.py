@@ -11,12 +11,15 @@ from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+import torch
+
 import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Run, Slice
 from nvsdata.datasets.facts import Info, Sample
-from nvsdata.datasets.indexing import Samples, Transform, check_choice
+from nvsdata.datasets.indexing import PairTransform, Samples, Transform, check_choice
 from nvsdata.datasets.layout import nothing_below
+from nvsdata.datasets.shapes import shape_of
 from nvsdata.datasets.source import Folder, Source, joined, recordings_in
 from nvsdata.datasets.splits import stratified
 
@@ -32,17 +35,19 @@ class EventDataset(Samples):
     nvsdata that takes events takes either.
 
     - `root`: a folder, or a packed store that `nvsdata pack` made from one
-    - `split`: one of `splits`: "train" (default), "test" or "all"
+    - `split`: one of `splits`: "train" (default), "test" or "all"; True and False stand for the first two
     - `fold`: which of several splits; its meaning and default depend on the dataset (None takes the default)
     - `transform`: applied to the recording
     - `target_transform`: applied to the target, an int
     - `download`: whether to download what is missing below `root` first (default False)
+    - `train`: True or False for the split "train" or "test", as torchvision has it (default: as `split` says)
+    - `transforms`: applied to recording and target, gives both, in place of `transform` and `target_transform`
     - `seed`: makes random transforms depend on (seed, epoch, index) alone; see `Samples` (default None)
     - `errors`: what happens to damaged recordings: "raise" (default), "skip" or "repair"; see `Samples`
 
     `classes` (names), `class_to_idx`, `targets` (list of ints, one per sample), `sensor_size` and `samples` describe
-    what was found; `split_hash` identifies the split. `ds[:10]` and `ds.subset(...)` are datasets, too. Subclasses
-    define `info` and how to split.
+    what was found, `split_name` is what was asked for, and `split_hash` identifies it. `ds[:10]` and `ds.subset(...)`
+    are datasets, too, and `ds.split(0.9)` gives two. Subclasses define `info` and how to split.
 
     FileNotFoundError if `root` doesn't exist or has no recordings of the split. ValueError for a split or fold that
     the dataset doesn't have, and a store of another dataset or split. TypeError for a transform that isn't callable.
@@ -58,19 +63,20 @@ class EventDataset(Samples):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str = "train",
-        *,
-        fold: int | None = None,
+        split: str | bool = "train",
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
+        *,
+        fold: int | None = None,
+        train: bool | None = None,
+        transforms: PairTransform | None = None,
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
-        check_choice("split", split, self.splits)
-        self.root, self.split = Path(root).expanduser(), split
+        self.root, self.split_name = Path(root).expanduser(), self._split_of(split, train)
         self.fold = self._check_fold(fold)
-        self._set(transform, target_transform, seed, errors)
+        self._set(transform, target_transform, transforms, seed, errors)
         if download:
             self._download()
         self.source = self._source()
@@ -98,7 +104,7 @@ class EventDataset(Samples):
             if store.dataset != self.info.name:
                 raise ValueError(f"{self.root} holds {store.dataset}, not {self.info.name}")
             # a store of one split doesn't hold the others
-            if store.split != "all" and (store.split, store.fold) != (self.split, self.fold):
+            if store.split != "all" and (store.split, store.fold) != (self.split_name, self.fold):
                 which = f"split {store.split!r}, fold {store.fold}"
                 raise ValueError(f"{self.root} was packed from {which} only: pack split='all' for all others")
             return store
@@ -112,6 +118,18 @@ class EventDataset(Samples):
 
     def _classes(self) -> list[str]:
         return list(self.info.classes)
+
+    def _split_of(self, split: str | bool, train: bool | None) -> str:
+        """The split's name, where `train`, or a bool in place of the name, stands for "train" or "test"."""
+        asked = split if isinstance(split, bool) else train
+        if not isinstance(split, bool):
+            check_choice("split", split, self.splits)
+        if asked is None:
+            return str(split)
+        named = "train" if asked else "test"
+        if train not in (None, asked) or not (isinstance(split, bool) or split in (named, self.splits[0])):
+            raise ValueError(f"split={split!r} and train={train} contradict each other: give one of them")
+        return named
 
     def _check_fold(self, fold: int | None) -> int:
         """The fold to use; ValueError for one that doesn't exist. This base class has a single split."""
@@ -166,12 +184,12 @@ class EventDataset(Samples):
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
         """The samples of the split: here, those below a folder whose name contains the split's name."""
-        if self.split == "all":
+        if self.split_name == "all":
             return found
-        inside = {folder for folder in self.listing if self.part_of(folder) == self.split}
+        inside = {folder for folder in self.listing if self.part_of(folder) == self.split_name}
         chosen = [sample for sample in found if os.path.dirname(sample.name) in inside]
         if not chosen:
-            raise FileNotFoundError(self._nothing(f"no folder {self.split.capitalize()} with recordings"))
+            raise FileNotFoundError(self._nothing(f"no folder {self.split_name.capitalize()} with recordings"))
         return chosen
 
     def _usable(self, samples: Iterable[Any]) -> Iterable[Any]:
@@ -184,7 +202,7 @@ class EventDataset(Samples):
 
     def _held_out(self, found: list[Sample], for_testing: Callable[[Sample], bool]) -> list[Sample]:
         """The samples of the split, where `for_testing` selects the test samples and all others are for training."""
-        return [s for s in found if self.split == "all" or for_testing(s) == (self.split == "test")]
+        return [s for s in found if self.split_name == "all" or for_testing(s) == (self.split_name == "test")]
 
     def part_of(self, folder: str) -> str | None:
         """The part, "train" or "test", that the name of the folder or of one above it contains; None if neither."""
@@ -204,7 +222,7 @@ class EventDataset(Samples):
     @property
     def packed_split(self) -> str:
         """The split that `recording_names` belong to."""
-        return self.split
+        return self.split_name
 
     @property
     def sensor_size(self) -> tuple[int, int] | None:
@@ -266,10 +284,16 @@ class EventDataset(Samples):
         return as_html(self)
 
     def __repr__(self) -> str:
+        return f"{type(self).__name__}: {len(self)} {self._what()}, {len(self.classes)} classes\n" + self.extra_repr()
+
+    def extra_repr(self) -> str:
+        """What the repr says below its first line."""
+        size = self.info.sensor_size
         lines = [
-            f"{type(self).__name__}: {len(self)} {self._what()}, {len(self.classes)} classes",
             f"root: {self.root}",
-            f"split: {self.split}" + (f", fold {self.fold}" if self.fold else "") + f", hash {self.split_hash}",
+            f"split: {self.split_name}" + (f", fold {self.fold}" if self.fold else "") + f", hash {self.split_hash}",
+            f"sensor: {size[0]}x{size[1]}" if size else "sensor: as each recording states",
+            f"sample: {self._sample_told()}",
         ]
         if self.skipped:
             lines.append(f"left out: {len(self.skipped)}")
@@ -279,7 +303,17 @@ class EventDataset(Samples):
             lines.append(f"transform: {self.transform!r}")
         if self.transforms is not None:
             lines.append(f"transforms: {self.transforms!r}")
-        return "\n    ".join(lines)
+        return "\n".join(f"    {line}" for line in lines)
+
+    def _sample_told(self) -> str:
+        """Kind and shape of the first sample, which is made for it; no random numbers are used up."""
+        state = torch.get_rng_state()
+        try:
+            return shape_of(self._made(0)[0])
+        except Exception as error:  # a transform of the user's may raise anything
+            return f"can't be made ({type(error).__name__}: {error})"
+        finally:
+            torch.set_rng_state(state)
 
 
 class RandomSplitDataset(EventDataset):
@@ -296,11 +330,11 @@ class RandomSplitDataset(EventDataset):
         return fold or 0
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        if self.split in ("all", self.source.split) or not found:
+        if self.split_name in ("all", self.source.split) or not found:
             return found
         names = [(self.classes[sample.label], self._name_of(sample)) for sample in found]
         train, test = stratified(names, 0.2, seed=self.fold)
-        return [found[i] for i in (train if self.split == "train" else test)]
+        return [found[i] for i in (train if self.split_name == "train" else test)]
 
 
 @contextmanager

@@ -103,7 +103,7 @@ class DVS128Gesture(EventDataset):
         return [line.strip().rsplit(".", 1)[0] for line in listed.splitlines() if line.strip()]
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        trials = self._trials_in(f"trials_to_{self.split}.txt")
+        trials = self._trials_in(f"trials_to_{self.split_name}.txt")
         if trials is not None:
             wanted = set(trials)
             return [sample for sample in found if _trial(sample)[0] in wanted]

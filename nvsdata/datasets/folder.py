@@ -9,7 +9,7 @@ from functools import cached_property
 from nvsdata import formats
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Info, Sample
-from nvsdata.datasets.indexing import Transform
+from nvsdata.datasets.indexing import PairTransform, Transform
 from nvsdata.datasets.source import recordings_in
 
 PARTS = ("train", "test")
@@ -44,13 +44,15 @@ class EventFolder(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str = "all",
-        *,
-        sensor_size: tuple[int, int] | None = None,
-        fold: int | None = None,
+        split: str | bool = "all",
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
+        *,
+        sensor_size: tuple[int, int] | None = None,
+        fold: int | None = None,
+        train: bool | None = None,
+        transforms: PairTransform | None = None,
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
@@ -58,10 +60,12 @@ class EventFolder(EventDataset):
         super().__init__(
             root,
             split,
+            transform,
+            target_transform,
+            download,
             fold=fold,
-            transform=transform,
-            target_transform=target_transform,
-            download=download,
+            train=train,
+            transforms=transforms,
             seed=seed,
             errors=errors,
         )
@@ -99,10 +103,12 @@ class EventFolder(EventDataset):
     @cached_property
     def _homes(self) -> list[str]:
         """Prefixes of the paths of the split's class folders."""
-        if self.split != "all":
-            if self.split not in self._parts:
-                raise FileNotFoundError(f"{self.root / self.split} is not a folder; split={self.split!r} needs it")
-            return [self._parts[self.split] + "/"]
+        if self.split_name != "all":
+            if self.split_name not in self._parts:
+                raise FileNotFoundError(
+                    f"{self.root / self.split_name} is not a folder; split={self.split_name!r} needs it"
+                )
+            return [self._parts[self.split_name] + "/"]
         if not self._parts:
             return [""]
         used = {name.split("/")[0] for name in recordings_in(self.listing) if "/" in name}

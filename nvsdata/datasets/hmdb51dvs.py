@@ -51,9 +51,9 @@ class HMDB51DVS(CountedFromBottom):
         return numbered_fold(fold, range(1, 4), 1)
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        if self.split == "all":
+        if self.split_name == "all":
             return found
-        wanted = PARTS[self.split]
+        wanted = PARTS[self.split_name]
         chosen = {
             (label, stem)
             for label, name in enumerate(self.classes)

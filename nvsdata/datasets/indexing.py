@@ -8,14 +8,18 @@ from copy import copy
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
+import numpy as np
+import torch
 from torch.utils.data import Dataset
 
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
 from nvsdata.datasets.seeded import Passes, seeded
-from nvsdata.datasets.splits import split_hash
+from nvsdata.datasets.splits import split_hash, stratified
 
 Transform = Callable[[Any], Any]
+PairTransform = Callable[[Any, Any], tuple[Any, Any]]
+"""Of sample and target together."""
 
 
 class Samples(Dataset[tuple[Any, Any]]):
@@ -39,17 +43,27 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     samples: list[Any]
     classes: list[str]
-    transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None  # of sample and target, in place of the other two
+    transforms: PairTransform | None = None  # in place of the other two
     independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on which samples there are
 
     def _set(
-        self, transform: Transform | None, target_transform: Transform | None, seed: int | None, errors: str
+        self,
+        transform: Transform | None,
+        target_transform: Transform | None,
+        transforms: PairTransform | None,
+        seed: int | None,
+        errors: str,
     ) -> None:
         """Set how samples are made; ValueError or TypeError for settings that make no sense."""
         check_choice("errors", errors, ERRORS)
-        if transform is not None and not callable(transform):
-            raise TypeError(f"transform must be callable, not {transform!r}; T.Compose([...]) calls several in a row")
-        self.transform, self.target_transform = transform, target_transform
+        for name, given in (("transform", transform), ("target_transform", target_transform)):
+            if given is not None and not callable(given):
+                raise TypeError(f"{name} must be callable, not {given!r}; T.Compose([...]) calls several in a row")
+        if transforms is not None and not callable(transforms):
+            raise TypeError(f"transforms must be callable, not {transforms!r}")
+        if transforms is not None and (transform is not None or target_transform is not None):
+            raise ValueError("transforms takes the place of transform and target_transform: give it, or them")
+        self.transform, self.target_transform, self.transforms = transform, target_transform, transforms
         self.seed, self.errors = seed, errors
 
     def _count(self) -> None:
@@ -68,6 +82,41 @@ class Samples(Dataset[tuple[Any, Any]]):
                 del vars(part)[name]
         part._count()
         return part
+
+    def split(self, share: float, *, seed: int = 0) -> tuple[Self, Self]:
+        """Two datasets that share no recording: the first has `share` of each class, drawn by `seed` (default 0).
+
+        Each has its own `transform`: set one to None, and the other keeps its augmentation. All windows and labeled
+        parts that are of one class and one recording go to the same side. The draw depends on names alone; see
+        `splits.stratified`. ValueError unless 0 < share < 1.
+        """
+        if not 0 < share < 1:
+            raise ValueError(f"share must lie between 0 and 1, not {share}")
+        groups: dict[tuple[str, str], list[int]] = {}
+        for index, sample in enumerate(self.samples):
+            files = " ".join(name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in self._files(sample))
+            groups.setdefault((self.classes[sample.label], files), []).append(index)
+        members = list(groups.values())
+        first, second = (
+            sorted(index for group in side for index in members[group])
+            for side in stratified(list(groups), 1 - share, seed)
+        )
+        return self.subset(first), self.subset(second)
+
+    @property
+    def class_counts(self) -> list[int]:
+        """Samples of each class."""
+        return list(map(int, np.bincount(np.array(self.targets, np.int64), minlength=len(self.classes))))
+
+    @property
+    def class_weights(self) -> torch.Tensor:
+        """Weight of each class, float32, inverse to its number of samples, 0 without any: a sample's mean weight is 1.
+
+        For `CrossEntropyLoss(weight=...)`; `WeightedRandomSampler(ds.class_weights[ds.targets], len(ds))` draws each
+        class equally often.
+        """
+        counts = torch.tensor(self.class_counts, dtype=torch.float32)
+        return torch.where(counts > 0, len(self) / (counts.clamp(min=1) * (counts > 0).sum()), 0.0)
 
     @abstractmethod
     def recording(self, index: int) -> Recording:
@@ -130,7 +179,8 @@ class Samples(Dataset[tuple[Any, Any]]):
     def _made(self, index: int) -> tuple[Any, Any]:
         recordings = self.recordings(index)
         if self.transforms is not None:
-            sample, target = self.transforms(recordings[0], self.target(index))
+            whole = recordings[0] if len(recordings) == 1 else recordings
+            sample, target = self.transforms(whole, self.target(index))
         else:
             change = self.transform or as_events
             sample, target = self.joined([change(recording) for recording in recordings]), self.target(index)

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.expected import numbered
 from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.indexing import Transform
+from nvsdata.datasets.indexing import PairTransform, Transform
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
 SCALES = (4, 8, 16)
@@ -70,13 +70,15 @@ class MNISTDVS(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str = "train",
-        *,
-        scale: int | None = 4,
-        fold: int | None = None,
+        split: str | bool = "train",
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
+        *,
+        scale: int | None = 4,
+        fold: int | None = None,
+        train: bool | None = None,
+        transforms: PairTransform | None = None,
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
@@ -86,10 +88,12 @@ class MNISTDVS(EventDataset):
         super().__init__(
             root,
             split,
+            transform,
+            target_transform,
+            download,
             fold=fold,
-            transform=transform,
-            target_transform=target_transform,
-            download=download,
+            train=train,
+            transforms=transforms,
             seed=seed,
             errors=errors,
         )
@@ -104,5 +108,5 @@ class MNISTDVS(EventDataset):
             if len(parts) < 4 or not (parts[2][5:].isdigit() and parts[3].isdigit()):
                 continue
             part = "test" if int(parts[3]) >= FIRST_TEST_ID else "train"
-            if self.scale in (None, int(parts[2][5:])) and self.split in ("all", part):
+            if self.scale in (None, int(parts[2][5:])) and self.split_name in ("all", part):
                 yield sample

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ import torch
 from nvsdata.common.errors import FormatError
 from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.indexing import Transform
+from nvsdata.datasets.indexing import PairTransform, Transform
 from nvsdata.datasets.source import joined
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
@@ -58,9 +57,7 @@ class NCaltech101(RandomSplitDataset):
     - `fold`: seed of the random split, at least 0 (default 0)
     - `boxes`: whether targets are dicts of `boxes` (float32 [N, 4]: left, top, right and bottom edge in pixels; N is 0
       or 1) and `labels` (int64 [N]) in place of ints (default False)
-    - `transforms`: applied to the recording and the target, gives both, in place of `transform` and
-      `target_transform`; `T.WithBoxes(...)` moves boxes along with events (default None)
-    - other parameters: those of `EventDataset`
+    - other parameters: those of `EventDataset`; as `transforms`, `T.WithBoxes(...)` moves boxes along with events
     """
 
     info = Info(
@@ -93,30 +90,29 @@ class NCaltech101(RandomSplitDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str = "train",
+        split: str | bool = "train",
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        download: bool = False,
         *,
         background: bool = True,
         fold: int | None = None,
         boxes: bool = False,
-        transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,
-        transform: Transform | None = None,
-        target_transform: Transform | None = None,
-        download: bool = False,
+        train: bool | None = None,
+        transforms: PairTransform | None = None,
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
-        if transforms is not None and (transform is not None or target_transform is not None):
-            raise ValueError("transforms takes the place of transform and target_transform: give it, or them")
-        if transforms is not None and not callable(transforms):
-            raise TypeError(f"transforms must be callable, not {transforms!r}")
-        self.background, self.boxes, self.transforms = background, boxes, transforms
+        self.background, self.boxes = background, boxes
         super().__init__(
             root,
             split,
+            transform,
+            target_transform,
+            download,
             fold=fold,
-            transform=transform,
-            target_transform=target_transform,
-            download=download,
+            train=train,
+            transforms=transforms,
             seed=seed,
             errors=errors,
         )

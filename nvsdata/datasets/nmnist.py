@@ -12,7 +12,7 @@ from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.expected import Holding, numbered
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.indexing import Transform
+from nvsdata.datasets.indexing import PairTransform, Transform
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
 _BOTH = Archive(
@@ -80,14 +80,16 @@ class NMNIST(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str = "train",
+        split: str | bool = "train",
+        transform: Transform | None = None,
+        target_transform: Transform | None = None,
+        download: bool = False,
         *,
         first_saccade: bool = False,
         stabilized: bool = False,
         fold: int | None = None,
-        transform: Transform | None = None,
-        target_transform: Transform | None = None,
-        download: bool = False,
+        train: bool | None = None,
+        transforms: PairTransform | None = None,
         seed: int | None = None,
         errors: str = "raise",
     ) -> None:
@@ -95,10 +97,12 @@ class NMNIST(EventDataset):
         super().__init__(
             root,
             split,
+            transform,
+            target_transform,
+            download,
             fold=fold,
-            transform=transform,
-            target_transform=target_transform,
-            download=download,
+            train=train,
+            transforms=transforms,
             seed=seed,
             errors=errors,
         )

@@ -131,9 +131,9 @@ class UCF101DVS(_UCF):
         return numbered_fold(fold, range(1, 4), 1)
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        if self.split == "all":
+        if self.split_name == "all":
             return found
-        stems = self._stems_in(f"{self.split}list0{self.fold}.txt")
+        stems = self._stems_in(f"{self.split_name}list0{self.fold}.txt")
         if stems is None:
             # the rule of the lists: seven groups are for testing, the next seven in the next split
             held = range(7 * self.fold - 6, 7 * self.fold + 1)

@@ -41,7 +41,7 @@ def problems(root: Path, dataset: type[EventDataset] | None = None) -> Iterator[
     yield from ((name, "empty") for name in found.skipped if name not in left_out)
     names = [name for name in found.recording_names() if name not in left_out]
     yield from _each(found.source, names, found.opened_with)
-    if found.split == "all":
+    if found.split_name == "all":
         yield from _lacking(found)
 
 

@@ -60,7 +60,7 @@ class YUPENNDVS(CountedFromBottom):
         return fold or 0
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:
-        if self.split in ("all", self.source.split) or not found:
+        if self.split_name in ("all", self.source.split) or not found:
             return found
         if self.fold >= len(found):
             raise ValueError(f"fold must be below the {len(found)} recordings, not {self.fold}")

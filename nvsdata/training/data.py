@@ -101,4 +101,4 @@ def _with(dataset: Any, transform: Any) -> Any:
 def data_of(train: Any, test: Any, seed: int) -> dict[str, Any]:
     """What is trained and tested on, for `Trainer`: dataset, split, fold, the run's seed, hashes of both sets."""
     hashes = {"hash": train.split_hash, "test_hash": test.split_hash}
-    return {"dataset": train.info.name, "split": train.split, "fold": train.fold, "seed": seed, **hashes}
+    return {"dataset": train.info.name, "split": train.split_name, "fold": train.fold, "seed": seed, **hashes}

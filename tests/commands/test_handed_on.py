@@ -179,7 +179,7 @@ def test_what_was_packed_is_counted(tmp_path, monkeypatch, capsys):
     asked, skipped = [], {}
 
     def pack(found, out, **options):
-        asked.append((type(found).__name__, found.split, out, options))
+        asked.append((type(found).__name__, found.split_name, out, options))
         return SimpleNamespace(packed=1_200, events=5_600_000, skipped=skipped)
 
     monkeypatch.setattr(writer, "pack", pack)

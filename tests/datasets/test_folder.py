@@ -64,6 +64,7 @@ def test_what_is_told_of_a_folder(tmp_path):
     trees.put(tmp_path, {f"{name}/{i}.bin": ONE for name in ("ant", "bee") for i in range(2)})
     dataset = EventFolder(tmp_path)
     lines = ["EventFolder: 4 recordings, 2 classes", f"root: {tmp_path}", f"split: all, hash {dataset.split_hash}"]
+    lines += ["sensor: as each recording states", f"sample: {dataset[0][0]}"]
     assert repr(dataset).split("\n    ") == lines
     cut = nvsdata.windows(dataset, 10**7).subset([0, 0, 1])
     assert repr(cut).startswith("EventFolder: 3 samples of 2 recordings, 2 classes\n")
