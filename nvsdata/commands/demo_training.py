@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from nvsdata import formats, models, plots, training
 from nvsdata import transforms as T
+from nvsdata.common.progress import bar
 from nvsdata.datasets import EventFolder
 from nvsdata.emulation import PIX2NVS
 
@@ -138,7 +138,7 @@ def make_dataset(folder: Path, seed: int) -> None:
     mark.touch()
     rng = np.random.default_rng(seed)
     jobs = [(split, shape, i) for split, count in COUNTS.items() for shape in SHAPES for i in range(count)]
-    for split, shape, i in tqdm(jobs, "recordings", leave=False, disable=None):
+    for split, shape, i in bar(jobs, "recordings", leave=False):
         path = folder / split / shape / f"{i:03d}.h5"
         path.parent.mkdir(parents=True, exist_ok=True)
         formats.write(CAMERA.stream(scene(shape, rng), FPS), path)

@@ -25,9 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the page: 1 if a recording can't be read."""
-    from tqdm import tqdm
-
     from nvsdata.common.files import creating, put
+    from nvsdata.common.progress import bar
     from nvsdata.datasets import EventFolder
     from nvsdata.datasets.facts import Sample
     from nvsdata.datasets.indexing import check_choice
@@ -50,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         draw = random.Random(0)
         chosen = [draw.sample(found, min(args.read, len(found))) for found in by_class]
         faults = []
-        with tqdm(total=sum(map(len, chosen)), desc="read", leave=False) as progress:
+        with bar(None, "reading", total=sum(map(len, chosen)), leave=False) as progress:
             for shelf, indices in zip(shelves, chosen, strict=True):
                 for index in indices:
                     name = data.samples[index].name

@@ -92,5 +92,7 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
     if args.model is not None and (args.monitor is not None or args.calibrate):
         raise UsageError("--model is for one recording: it goes with neither --monitor nor --calibrate")
+    if args.note is not None and not args.note.isprintable():
+        raise UsageError(f"--note must be text in this terminal's encoding, on one line, not {args.note!r}")
     if args.out is None and not (args.live or args.model or args.calibrate):
         raise UsageError("--out says where the recording goes")

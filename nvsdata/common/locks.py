@@ -59,6 +59,20 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
                 place.unlink()
 
 
+def is_locked(output: str | os.PathLike[str]) -> bool:
+    """Whether a process writes to `output`, as far as this user may know; nothing is created or changed."""
+    try:
+        with open(os.open(lock_path(output), os.O_RDONLY), encoding="utf-8") as file:
+            if is_dead(str(_holder(file).get("owner"))):
+                return False
+            # of a process of another host, or of one that has its number now
+            return _try_lock(file, shared=True) is not True
+    except FileNotFoundError:
+        return False
+    except PermissionError:
+        return True
+
+
 def lock_path(output: str | os.PathLike[str]) -> Path:
     """The path of an output's lock file."""
     target = Path(output)
@@ -144,7 +158,7 @@ def _refuse_others(place: Path) -> None:
             raise FileExistsError(f"{place} is not a lock of nvsdata's: move it away")
 
 
-def _try_lock(file: IO[str]) -> bool | None:
+def _try_lock(file: IO[str], *, shared: bool = False) -> bool | None:
     """Try to take the lock without waiting; returns whether that worked, None if the file system has no locks."""
     try:
         if sys.platform == "win32":
@@ -156,7 +170,7 @@ def _try_lock(file: IO[str]) -> bool | None:
         else:
             import fcntl
 
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except OSError as error:
         return None if error.errno in _UNSUPPORTED else False
     return True

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, TextIO
 
@@ -27,6 +29,31 @@ class Terminal:
         return getattr(self.stream, name)
 
 
+_quiet = False
+
+
+def be_quiet(quiet: bool = True) -> None:
+    """From now on leave out notes and progress bars, or show them again."""
+    global _quiet
+    _quiet = quiet
+
+
+def is_quiet() -> bool:
+    """Whether notes and progress bars are left out."""
+    return _quiet
+
+
 def say(text: str, stream: TextIO | None = None) -> None:
     """Write a line, to stderr by default."""
     print(text, file=Terminal(stream or sys.stderr), flush=True)
+
+
+def remark(text: str) -> None:
+    """Write a line on how it goes to stderr, unless the user wants it quiet."""
+    if not _quiet:
+        say(text)
+
+
+def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
+    """Write a result to stdout: as text, or its facts as a line of JSON."""
+    print(json.dumps(facts, default=str) if as_json else text, flush=True)

@@ -36,7 +36,7 @@ INDIFFERENT = (
     "boxes",
     "seed",
     "errors",
-    "split",
+    "split_name",
     "fold",
     "_damage",
     "_passes",

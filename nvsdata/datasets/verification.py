@@ -6,8 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from tqdm import tqdm
-
+from nvsdata.common.progress import bar
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.expected import Found, lacking, some
 from nvsdata.datasets.registry import DATASETS
@@ -60,7 +59,7 @@ def _of_files(source: Source, root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _each(source: Source, names: list[str], size: tuple[int, int] | None) -> Iterator[tuple[str, str]]:
-    for name in tqdm(names, "verifying", unit="rec", disable=None):
+    for name in bar(names, "verifying", unit="rec"):
         for fault in _faults(source, name, size):
             yield name, fault
         if isinstance(source, Store) and source.damaged(name):

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from tqdm import tqdm
 
 from nvsdata.common.files import atomic, sweep
+from nvsdata.common.progress import bar
 from nvsdata.common.validation import microseconds, whole
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.base import EventDataset
@@ -55,7 +55,7 @@ def windows(dataset: Data, duration: int | None = None, *, events: int | None = 
     part = dataset.subset(())
     part.samples = [
         window
-        for sample in tqdm(dataset.samples, "windows", disable=len(dataset) < ASKED, leave=False)
+        for sample in bar(dataset.samples, "windows", shown=len(dataset) >= ASKED, leave=False)
         for window in cut(sample, index.places(sample), size, step)
     ]
     index.save()

@@ -7,6 +7,7 @@ from collections.abc import Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,8 @@ def convert_videos(
     target.mkdir(parents=True, exist_ok=True)
     made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
     with claimed(target), Manifest(target, "nvsdata-videos", made) as manifest:
-        videos = {job.video: job for job in found}
+        before = manifest.as_before([job.video for job in found])
+        videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
         with (
             FolderRun(manifest, list(videos), DONE, "converting") as run,
             closing(_results([videos[video] for video in run.waiting], jobs, scheduler)) as results,

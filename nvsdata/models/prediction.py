@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeGuard, overload
+from typing import Any, TypeGuard, cast, overload
 
 import torch
 from torch import nn
-from tqdm import tqdm
 
 from nvsdata import formats
+from nvsdata.common.progress import bar
 from nvsdata.common.validation import at_least
 from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
@@ -78,8 +78,7 @@ class Trained:
         at_least("windows", windows, 1)
         if _is_one(recordings):
             return self._voted(recordings, windows)
-        bar = tqdm(recordings, "recordings", delay=1, disable=None)
-        found = [self._voted(recording, windows) for recording in bar]
+        found = [self._voted(one, windows) for one in bar(cast("Iterable[One]", recordings), "recordings", delay=1)]
         return torch.stack(found) if found else torch.empty(0, len(self.classes))
 
     def _voted(self, recording: One, windows: int) -> torch.Tensor:

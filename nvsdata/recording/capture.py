@@ -176,7 +176,7 @@ def check_format(path: Path, settings: Any) -> bool:
     """
     holds = formats.writer_of(path).holds_samples
     if getattr(settings, "frames", False) and not holds:
-        raise ValueError(f"{path.suffix} files hold no frames: record to .h5 or .aedat, or without frames")
+        raise ValueError(f"{path.suffix} files hold no frames: record to .h5, .aedat or .aedat4, or without frames")
     return holds
 
 

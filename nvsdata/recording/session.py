@@ -11,11 +11,10 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
 from nvsdata.common.files import claimed, creating
 from nvsdata.common.locks import check_place
-from nvsdata.common.terminal import Terminal, say
+from nvsdata.common.progress import bar as progress
+from nvsdata.common.terminal import Terminal, remark, say
 from nvsdata.data.events import Events
 from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
@@ -23,7 +22,7 @@ from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.deciding import Deciding
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.rig.batch import DONE, manifest_of, record_videos, verify
+from nvsdata.recording.rig.batch import DONE, format_of, manifest_of, record_videos, verify
 from nvsdata.recording.rig.calibrate import calibrate
 from nvsdata.recording.rig.calibration import FIGURES, corners_in, write_calibration
 from nvsdata.recording.rig.calibration import summary as calibration_summary
@@ -76,7 +75,7 @@ def run(
             raise ValueError(
                 "the network was trained on whole recordings, but a camera has no end: train it on windows"
             )
-        say("preparing the network")
+        remark("preparing the network")
         decider.prepare()
     with (
         _place(out, settings, overwrite),
@@ -87,12 +86,12 @@ def run(
         if decider is not None:
             _check_size((facts.width, facts.height), decider.sensor_size)
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
-        say(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
+        remark(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
         shown: Any = Terminal(sys.stderr)
         deciding = None if decider is None else _deciding(decider, stop, alone=out is None and not live)
         with (
             deciding or nullcontext(),
-            tqdm(total=seconds, unit="s", disable=None, file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar,
+            progress(total=seconds, unit="s", file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar,
         ):
 
             def watch(report: RecordingReport, events: Events) -> None:
@@ -231,7 +230,7 @@ def run_batch(
 
     Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1.
     """
-    videos = videos_in(source, out, format)
+    videos = videos_in(source, out, format_of(out) if check else format)
     check_format(videos[0].target, settings)
     if check:
         found = verify(videos, out, limit)
@@ -256,12 +255,14 @@ def run_batch(
             camera.note = note
             return camera
 
+        videos = manifest.as_before(videos)
         left = [video for video in videos if not manifest.has(video, DONE)]
-        say(estimate(left, list(manifest.videos.values()), out, monitor.refresh))
+        remark(estimate(left, list(manifest.videos.values()), out, monitor.refresh))
         try:
             result = record_videos(videos, out, manifest, find, monitor, settings, **how)
         except KeyboardInterrupt:
-            say(f"{len(manifest.videos):,} of {len(videos):,} are done: --resume goes on with them")
+            there = sum(manifest.has(video, DONE) for video in videos)
+            say(f"{there:,} of {len(videos):,} are done: --resume goes on with them")
             raise
         except BatchStopped as error:
             say(str(error))

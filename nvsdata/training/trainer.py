@@ -17,9 +17,9 @@ import torch
 from torch import nn
 from torch.nn.functional import cross_entropy
 from torch.nn.parallel import DistributedDataParallel
-from tqdm import tqdm
 
 from nvsdata import models
+from nvsdata.common.progress import bar
 from nvsdata.models.distributed import all_reduce_sum
 from nvsdata.training import runs
 from nvsdata.training.data import loader
@@ -139,7 +139,7 @@ class Trainer:
         model.train()
         device = self.team.device
         sums = torch.zeros(3, dtype=torch.float64, device=device)  # loss, right, seen
-        for _ in tqdm(range(steps), title, leave=False, disable=True if self.team.rank else None):
+        for _ in bar(range(steps), title, shown=not self.team.rank, leave=False):
             inputs, targets = next(batches)
             inputs, targets = inputs.to(device), targets.to(device)
             scores = model(inputs)

@@ -105,7 +105,7 @@ def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Fra
             raise FormatError(path, "not one frame can be decoded")
         # by time, because several containers only estimate how many frames they hold, as if they came regularly
         whole = decoder.promised * gap
-        if whole - (last + longest) > max(3 * gap, whole / 50):
+        if count < decoder.promised and whole - (last + longest) > max(3 * gap, whole / 50):
             raise TruncatedVideo(path, f"ends after {count} of {decoder.promised} frames: cut off or damaged")
     finally:
         decoder.close()

@@ -15,10 +15,10 @@ from typing import Any, Self
 import cv2
 import h5py
 import numpy as np
-from tqdm import tqdm
 
 from nvsdata._version import __version__
 from nvsdata.common.files import Journal
+from nvsdata.common.progress import bar
 from nvsdata.video.folder import Video, fatal, sha256
 
 NAME = "manifest.jsonl"
@@ -68,9 +68,29 @@ class Manifest(Journal):
             and video.target.stat().st_size == line["recording"]
         )
 
+    def as_before(self, videos: Sequence[Video]) -> list[Video]:
+        """The videos, each with the recording that it had before; see `as_before`."""
+        return as_before(videos, self.lines, self.path.parent)
+
     def add(self, line: dict[str, Any]) -> None:
         super().add(line)
         self.videos[line["video"]] = line
+
+
+def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
+    """The videos, each with the recording in `out` that lines of the manifest name: a video that was added since, such
+    as a.mp4 beside a.avi, would give others new names.
+
+    ValueError if two would have the same recording.
+    """
+    known = {line["video"]: out / line["file"] for line in lines if "file" in line}
+    found = [video._replace(target=known.get(video.name, video.target)) for video in videos]
+    whose: dict[Path, str] = {}
+    for video in found:
+        other = whose.setdefault(video.target, video.name)
+        if other != video.name:
+            raise ValueError(f"{video.name} and {other} would both be recorded to {video.target}: rename one of them")
+    return found
 
 
 @dataclass
@@ -111,16 +131,23 @@ class FolderRun:
         self._manifest, self._done = manifest, done
         self.waiting = [video for video in videos if not manifest.has(video, done)]
         self.report = FolderReport(kept=len(videos) - len(self.waiting))
-        self.bar = tqdm(total=len(self.waiting), desc=what, unit="video", disable=None)
+        self.bar = bar(None, what, total=len(self.waiting), unit="video")
         self._started = time.monotonic()
+        self._files = {video.name: video.target.relative_to(manifest.path.parent).as_posix() for video in videos}
 
     def add(self, line: dict[str, Any]) -> None:
         """Keep the line of a video that is done, or that failed."""
+        line = {"video": line["video"], "file": self._files[line["video"]]} | line
         self._manifest.add(line)
         self.report.count(line, self._done)
         seconds = max(time.monotonic() - self._started, 1e-3)
         self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)
         self.bar.update()
+
+    def again(self, video: Video) -> None:
+        """A video that failed isn't done yet after all."""
+        self.report.failed.pop(video.name, None)
+        self.bar.update(-1)
 
     def __enter__(self) -> Self:
         return self

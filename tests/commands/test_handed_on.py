@@ -27,6 +27,7 @@ from nvsdata.plots.films import Film
         (["--monitor", "a"], "--out says where the recording goes"),
         ([], "--out says where the recording goes"),
         (["--out", "a", "--bias", "x"], "x"),
+        (["--out", "a", "--note", "caf\udce9"], "--note must be text in this terminal's encoding"),
         (["--out", "a", "--simulate", "x=1"], "x"),
     ],
 )

@@ -8,7 +8,7 @@ import pytest
 from processes_of_others import another_process, dead_owner
 
 from nvsdata.common.files import claimed
-from nvsdata.common.locks import OutputInUse, is_dead, lock_path, locked, owner
+from nvsdata.common.locks import OutputInUse, is_dead, is_locked, lock_path, locked, owner
 
 HOLD = """
     import sys
@@ -31,6 +31,25 @@ def test_the_second_is_told_who_the_first_is(output):
     with locked(output):
         pass
     assert not lock_path(output).exists()
+
+
+def test_whether_a_process_writes_is_asked_without_a_trace(output, monkeypatch):
+    assert not is_locked(output)
+    assert not lock_path(output).exists()
+    with another_process(HOLD.format(path=str(output))) as (first, _):
+        before = lock_path(output).read_bytes()
+        assert is_locked(output)
+        assert lock_path(output).read_bytes() == before
+        first.kill()
+        first.wait()
+        assert not is_locked(output)
+        assert lock_path(output).exists()
+    with locked(output):
+        assert is_locked(output)
+        # another user's lock may not be opened
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "open", lambda *_: exec("raise PermissionError"))
+            assert is_locked(output)
 
 
 def test_a_lock_dies_with_its_process(output):

@@ -17,7 +17,8 @@ from nvsdata.cli import main
 from nvsdata.emulation import PIX2NVS, convert
 from nvsdata.emulation.convert import convert_videos
 from nvsdata.formats import hdf5
-from nvsdata.video.folder import FORMATS
+from nvsdata.video.folder import FORMATS, Video
+from nvsdata.video.manifest import as_before
 
 
 @pytest.fixture
@@ -74,6 +75,20 @@ def test_a_second_run_does_only_what_is_missing(videos, tmp_path):
         convert_videos(videos, out, PIX2NVS(threshold=0.3))
     with pytest.raises(ValueError, match="made with format hdf5, not text"):
         convert_videos(videos, out, format="text")
+
+
+def test_a_video_that_is_added_beside_another_gives_it_no_new_name(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out)
+    write_video(videos / "run/a.mkv")
+    report = convert_videos(videos, out)
+    assert (report.done, report.kept) == (1, 4)
+    assert sorted(path.name for path in (out / "run").iterdir()) == ["a.h5", "a.mkv.h5", "b.h5"]
+    # a.mkv was first, and is called a.h5 there
+    (out / "manifest.jsonl").unlink()
+    made = [Video("run/a.mkv", videos / "run/a.mkv", out / "run/a.h5"), Video("b", videos, out / "run/a.h5")]
+    with pytest.raises(ValueError, match=r"b and run/a\.mkv would both be recorded to .*a\.h5: rename one of them"):
+        as_before(made, [], out)
 
 
 def test_after_a_run_was_killed(videos, tmp_path):

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 from clips import moving_square, write_video
+from PIL import Image
 
 from nvsdata import FormatError
 from nvsdata.emulation import PIX2NVS
@@ -290,3 +291,12 @@ def test_a_container_without_a_picture(tmp_path, monkeypatch):
     monkeypatch.setattr(FakeCapture, "read", lambda self: (False, None))
     with pytest.raises(FormatError, match="not one frame can be decoded"):
         list(frames_of(tmp_path / "a.mkv"))
+
+
+def test_a_last_picture_that_stays_long_is_no_damage(tmp_path):
+    """The mean rate of such a GIF promises frames until its end."""
+    pictures = [Image.fromarray(np.full((40, 60), 20 * n, np.uint8)) for n in range(11)]
+    times = [40] * 10 + [5_000]
+    pictures[0].save(tmp_path / "a.gif", save_all=True, append_images=pictures[1:], duration=times)
+    found = list(frames_of(tmp_path / "a.gif"))
+    assert [frame.time for frame in found] == [40_000 * n for n in range(11)]

@@ -17,9 +17,9 @@ from urllib.parse import quote
 
 import requests
 import urllib3
-from tqdm import tqdm
 
 from nvsdata.common.errors import DownloadError
+from nvsdata.common.progress import bar as progress
 from nvsdata.datasets.archives.arrival_check import QUOTA, fault_of, kind_of, page_of
 from nvsdata.datasets.archives.unpack import take_out
 from nvsdata.datasets.facts import Archive, Info
@@ -230,7 +230,7 @@ def _one_try(url: str, part: _Part, archive: Archive) -> bool:
 
 def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, name: str) -> None:
     shown: dict[str, Any] = {"initial": begin, "total": total, "desc": name, "unit": "B", "unit_scale": True}
-    with path.open("ab") as file, tqdm(**shown, disable=None) as bar:
+    with path.open("ab") as file, progress(**shown) as bar:
         for chunk in chunks:
             file.write(chunk)
             bar.update(len(chunk))

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from nvsdata.common.files import atomic, creating, named
 from nvsdata.common.processes import pool
+from nvsdata.common.progress import bar
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source, joined
 from nvsdata.datasets.store.part import Part
@@ -73,17 +73,11 @@ def pack(
         with Part(target.with_name(f".{target.name}.part"), dataset, names) as part:
             done = part.done
             todo = [name for name in names if name not in done]
-            bar = tqdm(
-                total=len(names),
-                initial=len(names) - len(todo),
-                unit="rec",
-                desc=f"packing {dataset.info.name}",
-                disable=None,
-            )
-            with bar:
+            what, begun = f"packing {dataset.info.name}", len(names) - len(todo)
+            with bar(None, what, total=len(names), initial=begun, unit="rec") as progress:
                 for name, result in _decoded(dataset, todo, jobs):
                     part.add(name, result)
-                    bar.update()
+                    progress.update()
         if not part.facts:
             raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
         with atomic(target) as temporary:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from nvsdata.common.files import Journal
+from nvsdata.common.progress import bar as progress
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.emulation.tuning.space import Space, check, place_of, plain, settings_at, space_of
@@ -111,7 +111,7 @@ def search(
     with (
         _Trials(journal, head, type(base)) if journal else nullcontext() as done,
         ThreadPoolExecutor(jobs) as pool,
-        tqdm(total=trials, desc="searching", unit="trial", disable=None) as bar,
+        progress(None, "searching", total=trials, unit="trial") as bar,
     ):
         while len(result.trials) < trials:
             count = min(BATCH, trials - len(result.trials))

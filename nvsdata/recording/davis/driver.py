@@ -245,6 +245,8 @@ class Davis:
         time.sleep(0.01)
         with _told():
             self.device.clear_halt(ENDPOINT)
+        # of an earlier start that failed half-way
+        self.end_reading()
         self._stream, self.faults = _stream(self.device), 0
         if self.facts.board == "FX3":
             self._debug = queued(self.device, DEBUG, *MESSAGES)

@@ -12,12 +12,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
+import cv2
 
 from nvsdata import formats
 from nvsdata.common.clock import host_time
 from nvsdata.common.files import Journal, claimed
 from nvsdata.common.locks import locked
+from nvsdata.common.progress import bar, say_beside
 from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig.contact_sheets import Sheets
@@ -29,8 +30,8 @@ from nvsdata.recording.rig.status import STATUS, Status
 from nvsdata.recording.rig.sync import TakeRejected
 from nvsdata.recording.rig.take import cut_take, record_take
 from nvsdata.recording.rig.watch import Watch, prune
-from nvsdata.video.folder import Video, sha256
-from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, file_facts, noted
+from nvsdata.video.folder import Video, fatal, sha256
+from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, as_before, file_facts, noted
 
 TAKES = 3  # takes of a video before it counts as failed
 RETRY = 1_000_000  # µs between attempts to find a camera that is gone
@@ -116,6 +117,7 @@ def record_videos(
         watch = Watch(status, on_alarm, cameras.drop, monitor.wait)
         cameras.watched_by(watch, status)
         waiting = deque(run.waiting)
+        given_up: dict[str, Video] = {}  # since the last take that was right
         while waiting:
             video = waiting.popleft()
             takes[video.name] += 1
@@ -123,25 +125,35 @@ def record_videos(
             status.set(video=video.name, state="recording")
             line = _line(video, camera)
             try:
-                with noted(video, line, (CameraError, MonitorError)):
+                with noted(video, line, (OSError,)):
                     line |= file_facts(video)
                     line |= _recorded(video, out, camera, monitor, settings, inspector, live)
-            except (TakeRejected, CameraError) as reason:
+            except (TakeRejected, OSError) as reason:
+                if _ends_all(reason, video):
+                    raise
                 prune(out / HIDDEN)
                 if isinstance(reason, CameraError):
                     cameras.drop()
-                takes.subtract(watch.failed(video.name, str(reason)))
+                spared = watch.failed(video.name, str(reason))
+                takes.subtract(spared)
+                for other in [given_up.pop(name) for name in dict.fromkeys(spared) if name in given_up]:
+                    # its last take failed for the same reason as those of the others
+                    run.again(other)
+                    status.set(failed=status.failed - 1)
+                    waiting.append(other)
                 if takes[video.name] < TAKES:
                     first = isinstance(reason, CameraError) and takes[video.name] == 1
-                    run.bar.write(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
+                    say_beside(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
                     (waiting.appendleft if first else waiting.append)(video)
                     continue
                 line |= {"status": "failed", "reason": str(reason)}
-            good = line["status"] in DONE
-            if good:
+                given_up[video.name] = video
+            if line["status"] in DONE:
                 watch.succeeded()
+                given_up.clear()
             run.add(line | {"takes": takes[video.name]})
-            status.set(done=status.done + good, failed=status.failed + (not good), look=status.look + ("look" in line))
+            bad = "reason" in line
+            status.set(done=status.done + (not bad), failed=status.failed + bad, look=status.look + ("look" in line))
             sheets.add(video)
     return run.report
 
@@ -158,6 +170,11 @@ def _status(out: Path, total: int) -> Iterator[Status]:
             status.set(state="interrupted" if isinstance(error, KeyboardInterrupt) else "stopped")
         raise
     status.set(state="done", video=None)
+
+
+def _ends_all(reason: Exception, video: Video) -> bool:
+    """Whether an error is one of the disk or the monitor, after which nothing can be recorded."""
+    return isinstance(reason, MonitorError) or (isinstance(reason, OSError) and fatal(reason, video.path))
 
 
 def _line(video: Video, camera: Camera) -> dict[str, Any]:
@@ -181,7 +198,11 @@ def _recorded(
         raise
     with (out / PLAYED).open("a", encoding="utf-8") as file:
         file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
-    line = cut_take(take, video.path, video.target, inspector)
+    try:
+        line = cut_take(take, video.path, video.target, inspector)
+    except (ValueError, cv2.error, MemoryError) as error:
+        # the video was played, so it isn't the reason
+        raise TakeRejected(f"the recording can't be read or judged: {error}") from error
     inspector.others.append(line["content"])
     raw.unlink()
     if take.performance.truncated:
@@ -216,7 +237,7 @@ class _Cameras:
                     raise
                 if str(error) != told:
                     told = str(error)
-                    tqdm.write(f"{told}: waiting for it")
+                    say_beside(f"{told}: waiting for it")
                 if self._told is not None:
                     watch, status = self._told
                     status.set(state="waiting for the camera")
@@ -240,6 +261,20 @@ class _Cameras:
         self.drop()
 
 
+def format_of(out: Path) -> str:
+    """The format of the recordings in a folder, by its manifest.
+
+    FileNotFoundError if it has none, ValueError if that isn't one of recordings.
+    """
+    path = out / NAME
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file, so nothing was recorded there")
+    head = Journal(path, {}).head
+    if KIND not in head:
+        raise ValueError(f"{path} is not a manifest of {KIND}")
+    return str(head["format"])
+
+
 def verify(videos: list[Video], out: Path, limit: int | None = None) -> dict[str, str]:
     """Compare the recordings of the first `limit` videos in `out` with its manifest, and with the videos.
 
@@ -248,12 +283,12 @@ def verify(videos: list[Video], out: Path, limit: int | None = None) -> dict[str
     manifest.
     """
     path = out / NAME
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file, so nothing was recorded there")
+    format_of(out)
     found = {}
     with locked(out), Journal(path, {}) as journal:
         lines = {line["video"]: line for line in journal.lines}
-        for video in tqdm(videos[:limit], desc="verifying", unit="video", disable=None):
+        videos = as_before(videos, journal.lines, out)
+        for video in bar(videos[:limit], "verifying", unit="video"):
             line = lines.get(video.name)
             fault = _fault(video, line)
             if fault is not None:

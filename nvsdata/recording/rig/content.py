@@ -18,7 +18,7 @@ from nvsdata.recording.rig.motion import BIN, emulated, histogram
 from nvsdata.recording.rig.sync import Take, TakeRejected, around_flashes
 
 BLOCK = 5  # bins in which events may come early or late
-FEWEST = 1_000  # events/s that a video must give for its motion to be judged by
+FEWEST = 1_000  # events that a video must give within a second for its motion to be judged by
 ABSENT = 0.1  # of what is expected: less counts as missing
 SILENT = 30  # expected events of noise without which silence means that something is missing
 COUNTED = 50  # expected events from which their absence means something
@@ -100,7 +100,11 @@ class Inspector:
         `TakeRejected` if it has too few events, or, when `strict`, if anything is odd about it.
         """
         found, seconds = self.look(span, video), (span.stop - span.start) / MICROSECONDS
-        if not (found.quiet or self.accept_quiet) and events < FEWEST * seconds:
+        fewest = FEWEST * seconds
+        if found.emulated:
+            # a video may be still but for a moment
+            fewest = min(fewest, LEAST_SCALE * found.emulated)
+        if not (found.quiet or self.accept_quiet) and events < fewest:
             due = (
                 f"its motion should give about {found.emulated}" if found.emulated else "hardly a pixel saw the screen"
             )
@@ -121,7 +125,7 @@ class Inspector:
         if place is None:
             lost = {"scale": None, "gap": 0.0, "hidden": 1.0, "stray": 0.0}
             return Content(0, **lost, noise=noise.hertz, cover=cover, seen=seen, corners=None)  # type: ignore[arg-type]
-        due = emulated(video, self.monitor, np.array(place, np.float32), size, bins)
+        due = emulated(video, self.monitor, np.array(place, np.float32), size, bins, span.line.drift)
         scale, gap, hidden, stray = _compared(found, due, noise.counts)
         if silence * noise.hertz * size[0] * size[1] / MICROSECONDS > SILENT:
             # even noise is missing
@@ -218,7 +222,9 @@ def _counts(recording: Recording, start: int, stop: int, bins: int) -> tuple[np.
 def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[float | None, float, float, float]:
     """`scale`, `gap`, `hidden` and `stray` of `Content`, from events that were found and due [bins, cells]."""
     seconds = len(found) * BIN / MICROSECONDS
-    if due.sum() < FEWEST * seconds:
+    second = min(MICROSECONDS // BIN, len(due))
+    busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()
+    if busiest < FEWEST * min(seconds, 1.0):
         # what happens all the same isn't the video's
         return None, 0.0, 0.0, _stray(found, np.zeros_like(due), noise)
     in_time, found_in_time = due.sum(1), found.sum(1) - noise.sum()

@@ -28,11 +28,14 @@ def histogram(events: Events, start: int, bins: int, width: int) -> np.ndarray:
     return np.bincount(key, minlength=bins * columns * rows).reshape(bins, columns * rows).astype(np.float64)
 
 
-def emulated(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int], bins: int) -> np.ndarray:
+def emulated(
+    video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int], bins: int, drift: float = 0.0
+) -> np.ndarray:
     """Events per bin of time and cell, [bins, cells], that PIX2NVS gives for a video on the screen.
 
     - `corners`: of the screen on the sensor, from its upper left clockwise, float32 [4, 2]
     - `size`: (width, height) of the sensor
+    - `drift`: of the clock that bins go by (default 0)
     """
     columns, rows = (-(-side // CELL) for side in size)
     counts = np.zeros((bins, columns * rows))
@@ -41,9 +44,10 @@ def emulated(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int
         if run is None:
             run = PIXELS.begin(frame)
             continue
-        events = run.step(frame).events()
-        inside = events.window(None, bins * BIN)
-        counts += histogram(inside, 0, bins, BIN)
+        events = run.step(frame._replace(time=round(frame.time * (1 + drift)))).events().window(None, bins * BIN)
+        if len(events):
+            first, last = int(events.t[0]) // BIN, int(events.t[-1]) // BIN
+            counts[first : last + 1] += histogram(events, first * BIN, last + 1 - first, BIN)
     return counts
 
 

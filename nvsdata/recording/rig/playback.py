@@ -24,7 +24,7 @@ FADE = 400_000  # µs from the dim level to the first picture, and from the last
 COUNTED = 100_000  # µs before the video moves at which the camera's drops are counted
 LATE = 20_000  # µs by which a picture may be late on any screen, because eyes and pixels don't see it
 LOOKED_AT = 12  # pictures whose rate is compared with the screen's
-TOO_FAST = 0.9  # share of a refresh: pictures nearer to each other can't be shown
+TOO_FAST = 0.995  # share of a refresh: of pictures nearer to each other too many would have to be left out
 USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 
 

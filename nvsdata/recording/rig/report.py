@@ -75,10 +75,11 @@ def page(lines: Sequence[dict[str, Any]], head: dict[str, Any], name: str, note:
             parts.append(f"<h2>{title}: {len(some):,}</h2>{_table(some)}")
         if title == "To look at":
             parts += [_picture(label, [_or_none(value, line) for line in done]) for label, value in CURVES.items()]
+    title = html.escape(f"Recordings in {name}")
     begin = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>{title}</title><style>{STYLE}</style></head>"
     )
-    title = html.escape(f"Recordings in {name}")
     return f"{begin}<body><h1>{title}</h1>{''.join(parts)}</body></html>"
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from nvsdata.common.errors import FormatError
 from nvsdata.common.files import put
-from nvsdata.common.locks import OutputInUse, locked
+from nvsdata.common.locks import is_locked
 
 STATUS = "status.json"
 RECENT = 5  # reasons that are kept
@@ -90,17 +90,9 @@ def told(out: Path) -> tuple[str, bool]:
         lines += [f"failed: {reason}" for reason in status["recent"]]
     except (ValueError, KeyError, TypeError) as error:
         raise FormatError(path, f"isn't the status of a batch: {error!r}") from None
-    if state not in ENDED and not _running(out):
+    if state not in ENDED and not is_locked(out):
         lines[0] = f"gone: its process ended without a word after {status['updated']}; --resume goes on"
         return "\n".join(lines), False
     return "\n".join(lines), state in ("recording", "waiting for the camera") or (
         state == "done" and not status["failed"]
     )
-
-
-def _running(out: Path) -> bool:
-    try:
-        with locked(out):
-            return False
-    except OutputInUse:
-        return True

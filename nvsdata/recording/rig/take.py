@@ -35,8 +35,8 @@ MOST_FULL = 0.01  # share of full bins
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 # faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`
 STREAM = {
-    "lost_wraps": "parts of the camera's stream are missing",
     "late_resets": "the camera's clock was reset in the middle",
+    "lost_wraps": "parts of the camera's stream are missing",
     "usb_errors": "USB transfers failed, and parts of the camera's stream may be missing",
 }
 WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
-from tqdm import tqdm
-
 from nvsdata.common.clock import host_time
+from nvsdata.common.progress import say_beside
 from nvsdata.recording.rig.status import Status
 
 REOPEN = 3  # takes that failed in a row after which the camera is opened anew
@@ -73,17 +74,31 @@ class Watch:
 
     def alarm(self, text: str) -> None:
         """Tell somebody."""
-        tqdm.write(text)
+        say_beside(text)
         if self._command is None:
             return
         given = os.environ | {"NVSDATA_ALARM": text, "NVSDATA_OUT": str(self._status.out)}
         try:
-            code = subprocess.run(self._command, shell=True, env=given, timeout=TIMEOUT, check=False).returncode
+            code = _run(self._command, given)
         except (OSError, subprocess.TimeoutExpired) as error:
-            tqdm.write(f"the command for alarms failed: {error}")
+            say_beside(f"the command for alarms failed: {error}")
         else:
             if code:
-                tqdm.write(f"the command for alarms ended with exit code {code}")
+                say_beside(f"the command for alarms ended with exit code {code}")
+
+
+def _run(command: str, environment: dict[str, str]) -> int:
+    """Run a command of the shell, without input; it and what it started end after `TIMEOUT`. Returns its exit code."""
+    posix, nothing = os.name == "posix", subprocess.DEVNULL
+    with subprocess.Popen(command, shell=True, env=environment, stdin=nothing, start_new_session=posix) as process:
+        try:
+            return process.wait(TIMEOUT)
+        except BaseException:
+            if posix:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
+            raise
 
 
 def prune(takes: Path) -> None:

@@ -15,6 +15,8 @@ COMPLETED, FAILED, TIMED_OUT, CANCELLED, NO_DEVICE = 0, 1, 2, 3, 5
 BULK, INTERRUPT = 2, 3
 MOST_FAULTS = 4 * COUNT  # requests that may fail until the device counts as gone
 PATIENCE = 1.0  # s that canceled requests may take
+# streams whose requests libusb still holds: their buffers must stay where they are as long as the process runs
+_UNENDED: list[AsyncStream] = []
 
 
 class Disconnected(Exception):
@@ -157,6 +159,8 @@ class AsyncStream:
             for transfer in self._transfers:
                 self._lib.libusb_free_transfer(transfer)
             self._transfers = []
+        else:
+            _UNENDED.append(self)
 
 
 def queued(device: Any, endpoint: int, *how: int) -> AsyncStream | None:

@@ -86,7 +86,7 @@ def test_progress_counts_trials_and_tells_the_best_score(monkeypatch):
     told = []
 
     class Bar(nullcontext):
-        def __init__(self, total, **options):
+        def __init__(self, things, what, total, **options):
             super().__init__(self)
             told.append(total)
 
@@ -96,7 +96,7 @@ def test_progress_counts_trials_and_tells_the_best_score(monkeypatch):
         def set_postfix_str(self, text, refresh):
             told.append(text)
 
-    monkeypatch.setattr("nvsdata.emulation.tuning.search.tqdm", Bar)
+    monkeypatch.setattr("nvsdata.emulation.tuning.search.progress", Bar)
     search(lambda _: Measured((1.0, 1.0, 1.0)), space=UNIT, base=Place(), trials=6)
     assert told == [6, 1, 1, 1, 1, "score 0.5000", 1, 1, f"score {6**-0.5:.4f}"]
 

@@ -146,8 +146,19 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
         result = recorded(tmp_path / "in", tmp_path / "out", camera, before=pulled, format="aedat2")
     assert (result.done, result.failed) == (1, {})
     assert lines(tmp_path / "out")[-1]["takes"] == 2
-    assert "waiting for it" in capsys.readouterr().out
+    assert "waiting for it" in capsys.readouterr().err
     assert len(nvsdata.read(tmp_path / "out/run/a.aedat")) == lines(tmp_path / "out")[-1]["events"]
+    # the manifest knows the format, and where each recording is, whatever is put beside the videos later
+    make_video(tmp_path / "in/run/a.mp4.avi")
+    (tmp_path / "in/run/a.gif").write_bytes(b"GIF89a")
+    assert main(["record", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--verify"]) == 1
+    told = capsys.readouterr().out
+    assert "a.gif: isn't recorded" in told
+    assert "1 of 3 recordings are sound" in told
+    head = json.loads((tmp_path / "out/manifest.jsonl").read_text().splitlines()[0])
+    (tmp_path / "out/manifest.jsonl").write_text(json.dumps({"nvsdata-videos": 1} | head).replace(batch.KIND, "x"))
+    with pytest.raises(ValueError, match="is not a manifest of nvsdata-recordings"):
+        batch.format_of(tmp_path / "out")
 
 
 def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypatch):
@@ -230,5 +241,5 @@ def test_a_format_without_frames_is_refused_before_anything_is_touched(tmp_path,
     (tmp_path / "s.json").write_text('{"frames": true}')
     how = ["--simulate", "--settings", str(tmp_path / "s.json"), "--format", "text"]
     assert main(["record", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *how]) == 1
-    assert ".txt files hold no frames: record to .h5 or .aedat" in capsys.readouterr().err
+    assert ".txt files hold no frames: record to .h5, .aedat or .aedat4" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

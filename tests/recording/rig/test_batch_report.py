@@ -51,6 +51,8 @@ def test_what_is_to_be_done_comes_first():
     assert "2e+04" in text
     # a picture per figure, but for the temperature, which no recording has
     assert page.count("<img") == len(report.CURVES) - 1
+    assert page.startswith('<!doctype html><html lang="en"><head><meta charset="utf-8">')
+    assert f"<title>Recordings in out</title><style>{report.STYLE}</style></head><body>" in page
     # nothing that a browser would have to fetch
     assert "http" not in page
 

@@ -12,7 +12,7 @@ from nvsdata import Events
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig import motion, playback, take
-from nvsdata.recording.rig.content import Content, Inspector, Span, TakeRejected
+from nvsdata.recording.rig.content import Content, Inspector, Span, TakeRejected, _compared
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.motion import emulated
 from nvsdata.recording.rig.sync import Take, synced
@@ -198,6 +198,37 @@ def test_a_screen_that_hardly_a_pixel_sees_is_no_quiet_video(lab_of_one, video, 
     for known in (Inspector(lab_of_one.monitor, others=others), Inspector(lab_of_one.monitor, others[0]["corners"])):
         with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: its motion should give about \d+"):
             known.judged(odd, video, 150)
+
+
+def test_a_video_that_moves_for_a_second_only_is_judged_by_that():
+    """30 s; some 30,000 events are due within one of them."""
+    bins = 30_000_000 // motion.BIN
+    due = np.zeros((bins, 108))
+    due[200:220] = 29_000 / 20 / 108
+    noise = np.full(108, 0.01)
+    still = np.repeat(noise[None], bins, 0)
+    # nothing of it was seen: that is no quiet video, and the scale is one that is told
+    assert _compared(still.copy(), due, noise)[0] == pytest.approx(0)
+    half = due.copy()
+    half[:, :54] = 0
+    assert _compared(still + half, due, noise)[2] == pytest.approx(0.5)
+    late = due.copy()
+    late[208:212] = 0
+    assert _compared(still + late, due, noise)[1] == 200
+    scale, gap, hidden, stray = _compared(still + due, due, noise)
+    assert (round(scale, 2), gap, hidden, round(stray, 3)) == (1, 0, 0, 0)
+    # less than 1,000 in the busiest second is a quiet video
+    assert _compared(still, due / 30, noise)[0] is None
+
+
+def test_bins_go_by_the_cameras_clock(lab_of_one, video):
+    corners = np.array([(14, 12), (228, 8), (226, 172), (10, 168)], np.float32)
+    usual = emulated(video, lab_of_one.monitor, corners, SIZE, 60)
+    slow = emulated(video, lab_of_one.monitor, corners, SIZE, 60, drift=0.25)
+    last = [np.flatnonzero(counts.sum(1)).max() for counts in (usual, slow)]
+    # the last picture comes after 1.95 s
+    assert last == [39, 48]
+    assert slow.sum() == usual.sum()
 
 
 def figures(**changed):

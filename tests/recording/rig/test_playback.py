@@ -1,4 +1,5 @@
 import time
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -138,3 +139,13 @@ def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_show
     # as fast as the screen is fast enough
     with Monitor(window=(64, 48)) as monitor:
         assert perform(monitor, make_video(tmp_path / "a.avi", frames=14, fps=60)).frames == 14
+
+
+@pytest.mark.parametrize(
+    ("fps", "refresh", "told"), [(60, 59.94, False), (60, 60, False), (61, 60, True), (66, 60, True)]
+)
+def test_a_video_slightly_faster_than_the_screen_is_told_as_such(fps, refresh, told):
+    """Not as a computer that is busy, after three takes."""
+    frames = [Frame(round(n * 1e6 / fps), np.zeros((2, 2), np.uint8), True) for n in range(playback.LOOKED_AT)]
+    with pytest.raises(ValueError, match=f"the video has {fps} pictures per second") if told else nullcontext():
+        playback._check_rate(frames, 1e6 / refresh)

@@ -1,8 +1,10 @@
 """Takes that fail, and recordings that aren't what the manifest says: with a camera and a monitor that do nothing."""
 
+import errno
 import json
 from types import SimpleNamespace
 
+import cv2
 import h5py
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig import batch, watch
 from nvsdata.recording.rig.take import TakeRejected
-from nvsdata.video.folder import sha256, videos_in
+from nvsdata.video.folder import Video, sha256, videos_in
 
 DURATION = 10_000  # µs of each video
 MONITOR = SimpleNamespace(
@@ -176,10 +178,62 @@ def test_takes_that_all_fail_pause_the_batch_and_cost_no_video_its_takes(folder,
     assert (report.done, report.failed) == (3, {})
     assert len(waited) == 1
     assert [line["takes"] for line in lines(folder)] == [1, 1, 1]
-    told = capsys.readouterr().out
+    told = capsys.readouterr().err
     assert "6 takes in a row failed, the last one of run/c.avi: 0 events; tried again in 10 minutes" in told
     state = json.loads((folder / "out/status.json").read_text())
     assert (state["state"], state["done"], state["failed"], state["left"], state["in_a_row"]) == ("done", 3, 0, 0, 0)
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), ValueError("odd"), cv2.error("odd")])
+def test_a_disk_that_fails_is_no_fault_of_the_videos(folder, monkeypatch, error):
+    """The takes count as others do: the batch pauses, and the last ones are kept."""
+    waited = []
+    monkeypatch.setattr(MONITOR, "wait", waited.append)
+    monkeypatch.setattr(watch, "KEPT", 2)
+    kept = []
+    monkeypatch.setattr(batch, "prune", lambda takes: (watch.prune(takes), kept.append(len(list(takes.rglob("*.h5"))))))
+    report = recorded(folder, monkeypatch, [error] * 6)
+    assert (report.done, report.failed, len(waited)) == (3, {}, 1)
+    assert kept == [1, 2, 2, 2, 2, 2]
+
+
+def test_a_video_that_is_gone_fails_and_the_rest_goes_on(folder, monkeypatch):
+    (folder / "in/run/b.avi").unlink()
+    videos = [Video(f"run/{n}.avi", folder / f"in/run/{n}.avi", folder / f"out/run/{n}.h5") for n in "abc"]
+    monkeypatch.setattr("test_takes.videos_in", lambda *_: videos)
+    report = recorded(folder, monkeypatch)
+    assert report.done == 2
+    assert "No such file" in report.failed["run/b.avi"]
+
+
+def test_a_full_disk_ends_the_batch_at_once(folder, monkeypatch):
+    with pytest.raises(OSError, match="No space left"):
+        recorded(folder, monkeypatch, [OSError(errno.ENOSPC, "No space left on device")])
+
+
+def test_a_last_take_that_fails_with_all_others_is_none_of_its_video(folder, monkeypatch):
+    """Two takes for each video; the second of a.avi is the fifth of six in a row."""
+    for name in "def":
+        (folder / f"in/run/{name}.avi").write_bytes(name.encode())
+    monkeypatch.setattr(batch, "TAKES", 2)
+    monkeypatch.setattr(MONITOR, "wait", lambda until: None)
+    bad = TakeRejected("0 events")
+    report = recorded(folder, monkeypatch, [bad, None, *[bad] * 6])
+    assert (report.done, report.failed) == (6, {})
+    told = [(line["video"][4], line["status"]) for line in lines(folder)]
+    assert told[:2] == [("b", "recorded"), ("a", "failed")]
+    assert sorted(told[2:]) == [(name, "recorded") for name in "acdef"]
+    state = json.loads((folder / "out/status.json").read_text())
+    assert (state["done"], state["failed"], state["left"]) == (6, 0, 0)
+
+
+def test_a_recording_that_is_cut_short_counts_as_failed_everywhere(folder, monkeypatch):
+    whole = batch._recorded
+    monkeypatch.setattr(batch, "_recorded", lambda *how: whole(*how) | {"status": "truncated", "reason": "cut off"})
+    report = recorded(folder, monkeypatch)
+    assert (report.done, sorted(report.failed)) == (3, [f"run/{name}.avi" for name in "abc"])
+    state = json.loads((folder / "out/status.json").read_text())
+    assert (state["done"], state["failed"]) == (0, 3)
 
 
 def test_a_batch_that_gives_up_says_so(folder, monkeypatch):

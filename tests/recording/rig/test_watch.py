@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -14,6 +15,14 @@ from nvsdata.recording.rig import status as module
 from nvsdata.recording.rig import watch as watching
 from nvsdata.recording.rig.status import Status, told
 from nvsdata.recording.rig.watch import BatchStopped, Watch, prune
+
+
+def ended(number):
+    """Whether a process has ended, or only waits to be asked how."""
+    try:
+        return open(f"/proc/{number}/stat").read().split()[2] == "Z"
+    except FileNotFoundError:
+        return True
 
 
 @pytest.fixture
@@ -73,13 +82,27 @@ def test_the_command_of_an_alarm_knows_why(lab, capsys):
     Watch(lab.status, f'"{sys.executable}" -c "{script}"', None, None).alarm("the lamp's off")
     assert (lab.out / "told").read_text() == "the lamp's off"
     Watch(lab.status, "exit 4", None, None).alarm("x")
-    assert "the command for alarms ended with exit code 4" in capsys.readouterr().out
+    assert "the command for alarms ended with exit code 4" in capsys.readouterr().err
 
 
 def test_a_command_that_hangs_ends(lab, capsys, monkeypatch):
     monkeypatch.setattr(watching, "TIMEOUT", 0.1)
     Watch(lab.status, f'"{sys.executable}" -c "import time; time.sleep(5)"', None, None).alarm("x")
-    assert "the command for alarms failed" in capsys.readouterr().out
+    assert "the command for alarms failed" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="shells as POSIX has them")
+def test_a_command_that_reads_its_input_gets_none_and_what_hangs_ends_with_what_it_started(lab, monkeypatch):
+    """As `mail` does, which waits for a text from the terminal."""
+    Watch(lab.status, 'cat > "$NVSDATA_OUT/mail"; echo sent >> "$NVSDATA_OUT/mail"', None, None).alarm("x")
+    assert (lab.out / "mail").read_text() == "sent\n"
+    monkeypatch.setattr(watching, "TIMEOUT", 0.3)
+    Watch(lab.status, 'sleep 30 & echo $! > "$NVSDATA_OUT/child"; wait', None, None).alarm("x")
+    child = int((lab.out / "child").read_text())
+    deadline = time.monotonic() + 5
+    while time.monotonic() < deadline and not ended(child):
+        time.sleep(0.02)
+    assert ended(child)
 
 
 def test_the_newest_failed_takes_are_kept(tmp_path, monkeypatch):

@@ -2,6 +2,8 @@
 
 import array
 import ctypes
+import gc
+import weakref
 from itertools import islice
 
 import pytest
@@ -88,6 +90,12 @@ def test_requests_that_libusb_still_holds_are_not_freed(monkeypatch):
     reader = queued(library)
     reader.close()
     assert library.freed == 0
+    # nor are their buffers
+    known = weakref.ref(reader)
+    del reader
+    gc.collect()
+    assert known() in transfers._UNENDED
+    transfers._UNENDED.clear()
 
 
 def test_another_backend_has_no_requests_that_wait():

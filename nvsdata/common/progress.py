@@ -1,0 +1,21 @@
+"""Progress bars on stderr: where it is a terminal, and unless the user wants it quiet."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from typing import Any
+
+from tqdm import tqdm
+
+from nvsdata.common.terminal import Terminal, is_quiet
+
+
+def bar(things: Iterable[Any] | None = None, what: str | None = None, *, shown: bool = True, **more: Any) -> Any:
+    """A progress bar over `things`, or of `total`; `what` is done, and `more` is for tqdm. `shown=False` hides it."""
+    return tqdm(things, what, disable=None if shown and not is_quiet() else True, **more)
+
+
+def say_beside(text: str) -> None:
+    """Write a line to stderr, above any progress bar."""
+    tqdm.write(text, file=Terminal(sys.stderr))
