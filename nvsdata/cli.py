@@ -1,11 +1,15 @@
+# PYTHON_ARGCOMPLETE_OK
 """The `nvsdata` command: a table of commands, each in a module that is imported when it is called."""
 
 from __future__ import annotations
 
 import argparse
+import logging
 import os
+import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
 from typing import NamedTuple
@@ -33,15 +37,19 @@ COMMANDS = {
     "record": Command("record", "record a DAVIS camera's events, or videos that it sees on a monitor"),
     "bench": Command("bench", "measure run time, memory and error, beside other libraries"),
     "verify": Command("verify", "open every recording, report what is wrong or missing; exit code 1 if anything is"),
+    "cache": Command("cache", "say what caches of samples take on disk, or remove them"),
 }
-CODES = "exit codes: 0 fine, 1 something was wrong with data, 2 wrong usage, 130 interrupted"
+CODES = (
+    "exit codes: 0 fine, 1 something was wrong with data or is missing, 2 wrong usage, "
+    "3 a batch of recordings gave up, 130 interrupted (128 plus the signal's number)"
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command with the arguments `argv` (default: those of the process); return the exit code.
 
-    0: fine; 1: something was wrong with data; 130: interrupted; 128 plus a signal's number: ended by that signal.
-    Wrong usage raises SystemExit with 2.
+    0: fine; 1: something was wrong with data, or is missing; 3: a batch of recordings gave up; 130: interrupted;
+    128 plus a signal's number: ended by that signal. Wrong usage raises SystemExit with 2.
     """
     from nvsdata.commands.options import UsageError
     from nvsdata.common.signals import end_of, ending_by_signals, exit_code
@@ -52,11 +60,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             # names of files may hold what the terminal can't show
             stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if argv is None else argv)
+    if "_ARGCOMPLETE" in os.environ:
+        # the line so far is all there is
+        words = _words(os.environ.get("COMP_LINE", ""))
     called = words[0] if words else ""
     try:
         with ending_by_signals():
-            args = _parser(called).parse_args(words)
-            code: int = args.run(args)
+            parser = _parser(called)
+            _complete(parser)
+            args = parser.parse_args(words)
+            with _told(args):
+                code: int = args.run(args)
     except KeyboardInterrupt as error:
         print(end_of(error), file=sys.stderr)
         return exit_code(error)
@@ -70,6 +84,44 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"nvsdata {called}: {error}", file=sys.stderr)
         return 1
     return code
+
+
+@contextmanager
+def _told(args: argparse.Namespace) -> Iterator[None]:
+    """While the block runs, tell the user as much as wanted: `--quiet` results and faults, `--verbose` all steps."""
+    from nvsdata.common.terminal import be_quiet
+
+    log, handler = logging.getLogger("nvsdata"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
+    level = log.level
+    be_quiet(args.quiet)
+    if args.verbose:
+        log.addHandler(handler)
+        log.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        be_quiet(False)
+        log.removeHandler(handler)
+        log.setLevel(level)
+
+
+def _words(line: str) -> list[str]:
+    """The words after the program's name in a line that isn't finished."""
+    try:
+        return shlex.split(line)[1:]
+    except ValueError:
+        return line.split()[1:]
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Answer a shell that asks how a line may go on, if argcomplete is installed."""
+    if "_ARGCOMPLETE" in os.environ:
+        try:
+            import argcomplete
+        except ImportError:
+            return
+        argcomplete.autocomplete(parser)
 
 
 def _open_standard_streams() -> None:
@@ -97,6 +149,9 @@ def _parser(called: str) -> argparse.ArgumentParser:
     for name, command in COMMANDS.items():
         whole = f"{command.help[0].upper()}{command.help[1:]}."
         one = commands.add_parser(name, help=command.help, description=whole, epilog=CODES, formatter_class=Help)
+        much = one.add_mutually_exclusive_group()
+        much.add_argument("-q", "--quiet", action="store_true", help="only results and faults, no progress")
+        much.add_argument("-v", "--verbose", action="store_true", help="tell each step, with the time")
         if name == called:
             module = import_module(f"nvsdata.commands.{command.module}")
             module.add_arguments(one)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from nvsdata import formats, metrics, plots
-from nvsdata.commands.options import path, positive, sensor_size
+from nvsdata.commands.options import add_json, path, positive, sensor_size
 from nvsdata.common.errors import shown
 from nvsdata.common.locks import check_place
 from nvsdata.common.tables import aligned
+from nvsdata.common.terminal import tell
 from nvsdata.plots.comparison import side_by_side
 
 
@@ -22,19 +25,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--offset", type=int, default=0, metavar="US", help="µs to add to the times of B")
     add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the files don't state it")
     add("--picture", type=path, default=Path("compare.png"), help="where both are drawn side by side")
+    add_json(add)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the distances."""
     options = {"fps": args.fps, "offset": args.offset, "size": args.sensor_size}
-    print(compare_files(args.emulated, args.real, args.picture, **options))
+    text, facts = compare_files(args.emulated, args.real, args.picture, **options)
+    tell(text, facts, as_json=args.json)
     return 0
 
 
 def compare_files(
     emulated: Path, real: Path, picture: Path, *, fps: float, offset: int = 0, size: tuple[int, int] | None = None
-) -> str:
-    """Distances between two recordings, as a table; both are drawn side by side in `picture`.
+) -> tuple[str, dict[str, Any]]:
+    """Distances between two recordings, as a table and by name; both are drawn side by side in `picture`.
 
     `size` is the sensor's, for files that don't state it.
     """
@@ -54,4 +59,5 @@ def compare_files(
         counts.append((name, f"{ours:,}", f"{theirs:,}", f"{ours / theirs:.3f}" if theirs else ""))
     plots.save(side_by_side(a, b, fps, offset), picture)
     about = f"A  {shown(emulated)}  {a}\nB  {shown(real)}  {b}"
-    return f"{about}\n{aligned(rows)}\n\n{aligned(counts)}\ndrawn in {shown(picture)}"
+    text = f"{about}\n{aligned(rows)}\n\n{aligned(counts)}\ndrawn in {shown(picture)}"
+    return text, asdict(found) | {"picture": picture}

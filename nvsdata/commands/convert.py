@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from nvsdata.commands.options import path, sensor_size, usage
+from nvsdata.commands.options import add_json, path, sensor_size, usage
 from nvsdata.common.errors import shown
+from nvsdata.common.terminal import tell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the file doesn't state it")
     add("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
     add("--overwrite", action="store_true", help="replace OUT if it is there")
+    add_json(add)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -38,5 +40,6 @@ def run(args: argparse.Namespace) -> int:
             args.source.unlink()
     for what, count in recording.repairs.items():
         print(f"{shown(args.source)}: {count} {what}", file=sys.stderr)
-    print(f"{written:,} events in {shown(args.target)}")
+    facts = {"events": written, "out": args.target, "repairs": recording.repairs, "left_out": lost}
+    tell(f"{written:,} events in {shown(args.target)}", facts, as_json=args.json)
     return 0

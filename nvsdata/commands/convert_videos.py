@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import asdict, replace
 
 from nvsdata.commands.emulation_settings import add_settings, settings_of
-from nvsdata.commands.options import add_jobs, add_videos, path, positive, sensor_size
+from nvsdata.commands.options import add_jobs, add_json, add_videos, path, positive, sensor_size, shard
+from nvsdata.common.processes import cores
+from nvsdata.common.terminal import tell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,28 +20,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_videos(add)
     add("--size", type=sensor_size, metavar="WxH", help="pixels that frames are scaled to (default: as they are)")
     add("--fps", type=positive, help="frames per second, whatever the files say (default: as they say)")
-    add_jobs(add, "processes")
+    # one process decodes, emulates and writes in three threads, which keep two cores busy
+    add_jobs(add, "processes (default: one for every two cores)", max(1, cores() // 2))
+    share = "do the I-th of N parts of the videos, as in job arrays; all write to the same DIR (default: all)"
+    add("--shard", type=shard, metavar="I/N", help=share)
     add("--scheduler", metavar="ADDRESS", help="have the Dask cluster at this address do it")
-    add("--dry-run", action="store_true", help="say what would be done")
+    add("--dry-run", action="store_true", help="say what would be done, and about how long and how large it is")
+    add("--overwrite", action="store_true", help="convert all anew, also what was made with other settings")
+    add_json(add)
     add_settings(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Convert what isn't there yet: 1 if any video failed."""
     from nvsdata.emulation.convert import convert_videos, default_out, plan
+    from nvsdata.emulation.estimate import estimate
 
     # threads that decode, emulate and write must pass Python's lock on in less than a frame's time
     sys.setswitchinterval(0.0005)
     settings = settings_of(args)
-    chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit}
+    chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit, "shard": args.shard}
+    out = args.out or default_out(args.source)
     if args.dry_run:
-        for job in plan(args.source, args.out, settings, **chosen):
-            print(f"{job.video.path} -> {job.video.target}")
-        print(settings)
+        jobs = plan(args.source, args.out, settings, **chosen)
+        if not args.json:
+            for job in jobs:
+                print(f"{job.video.path} -> {job.video.target}")
+            print(settings)
+        found = estimate(jobs, out)
+        found = replace(found, seconds=found.seconds / min(args.jobs, len(jobs)))
+        tell(str(found), asdict(found), as_json=args.json)
         return 0
-    report = convert_videos(args.source, args.out, settings, jobs=args.jobs, scheduler=args.scheduler, **chosen)
+    how = {"jobs": args.jobs, "scheduler": args.scheduler, "overwrite": args.overwrite}
+    report = convert_videos(args.source, args.out, settings, **how, **chosen)
     for name, reason in report.failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
     done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
-    print(f"{done}; {report.events:,} events in {args.out or default_out(args.source)}")
+    tell(f"{done}; {report.events:,} events in {out}", asdict(report) | {"out": out}, as_json=args.json)
     return 1 if report.failed else 0

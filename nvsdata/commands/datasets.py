@@ -3,50 +3,78 @@
 from __future__ import annotations
 
 import argparse
+import json
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from nvsdata.commands.options import path
+from nvsdata.commands.options import add_json, path
 from nvsdata.common.tables import aligned
+from nvsdata.common.terminal import tell
 
 if TYPE_CHECKING:
-    from nvsdata.datasets.base import EventDataset
+    from nvsdata.datasets.facts import Info
+
+FACTS = Path(__file__).with_name("datasets.json")  # python -m nvsdata.commands.datasets writes it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("--root", type=path, default=Path(), help="the folder that datasets are looked for in")
+    add_json(parser.add_argument)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the table."""
-    print(table(args.root))
+    facts = facts_of(args.root)
+    tell(table(facts), {"datasets": facts}, as_json=args.json)
     return 0
 
 
-def table(root: Path) -> str:
-    """Every dataset with its facts, and where it is below `root` or how to get it."""
+def facts_of(root: Path) -> list[dict[str, Any]]:
+    """Facts of every dataset, and where it is below `root` (None if it isn't there)."""
+    # written beforehand, because importing the datasets imports torch, which takes a second
+    known = registered() if entry_points(group="nvsdata.datasets") else json.loads(FACTS.read_text("utf-8"))
+    return [facts | {"here": where(facts["name"], root)} for facts in known]
+
+
+def registered() -> list[dict[str, Any]]:
+    """Facts of every dataset that is registered, those of other packages, too."""
     from nvsdata.datasets import DATASETS
 
+    return [_facts(kind.info) for name, kind in DATASETS.items() if name != "folder"]
+
+
+def _facts(info: Info) -> dict[str, Any]:
+    return {
+        "name": info.name,
+        "sensor_size": info.sensor_size,
+        "recordings": info.recordings,
+        "classes": len(info.classes),
+        "bytes": sum(archive.size for archive in info.archives) or None,
+        "license": info.license,
+        "page": info.page,
+        "by_program": info.by_program,
+    }
+
+
+def table(facts: list[dict[str, Any]]) -> str:
+    """Every dataset with its facts, and where it is or how to get it."""
     head = ("name", "sensor", "recordings", "classes", "size", "license", "here, or how to get it")
-    rows = [_row(kind, root) for name, kind in DATASETS.items() if name != "folder"]
-    return aligned((head, *rows), left=True)
+    return aligned((head, *map(_row, facts)), left=True)
 
 
-def _row(kind: type[EventDataset], root: Path) -> tuple[str, ...]:
-    info = kind.info
-    size = sum(archive.size for archive in info.archives)
-    sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
-    place = where(info.name, root)
-    how = f"nvsdata download {info.name}" if info.by_program else f"by hand from {info.page}"
+def _row(facts: dict[str, Any]) -> tuple[str, ...]:
+    size, name = facts["bytes"], facts["name"]
+    how = f"nvsdata download {name}" if facts["by_program"] else f"by hand from {facts['page']}"
     return (
-        info.name,
-        sensor,
-        f"{info.recordings:,}",
-        str(len(info.classes)),
+        name,
+        "{}x{}".format(*facts["sensor_size"]) if facts["sensor_size"] else "varies",
+        f"{facts['recordings']:,}",
+        str(facts["classes"]),
         f"{size / 1e9:.1f} GB" if size else "?",
-        info.license,
-        f"here: {place}" if place else how,
+        facts["license"],
+        f"here: {facts['here']}" if facts["here"] else how,
     )
 
 
@@ -58,3 +86,7 @@ def where(name: str, root: Path) -> Path | None:
         if stem.replace("-", "").replace("_", "") == wanted and (place.is_dir() or place.suffix == ".h5"):
             return place
     return None
+
+
+if __name__ == "__main__":
+    FACTS.write_text(json.dumps(registered(), indent=1) + "\n", "utf-8")

@@ -5,15 +5,18 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from nvsdata import formats
-from nvsdata.commands.options import path
+from nvsdata.commands.options import add_json, path
 from nvsdata.common.errors import shown
+from nvsdata.common.terminal import tell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("files", nargs="+", metavar="FILE", type=path, help="recordings in any format")
+    add_json(parser.add_argument, "a line of JSON per file")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -21,37 +24,51 @@ def run(args: argparse.Namespace) -> int:
     code = 0
     for file in args.files:
         try:
-            text = describe(file)
+            facts = facts_of(file)
         except (OSError, ValueError) as error:
             print(error, file=sys.stderr)
             code = 1
         else:
-            print(text)
+            tell(describe(facts), facts, as_json=args.json)
     return code
 
 
-def describe(file: Path) -> str:
-    """A few lines about the recording: format, sensor, events, times, rate, polarity and anomalies.
+def facts_of(file: Path) -> dict[str, Any]:
+    """What is in a recording: format, sensor, events, times (µs), share of ON and anomalies, by name.
 
     Raises FormatError or FileNotFoundError if it can't be read.
     """
     recording = formats.open(file)
     events = recording.read()
-    width, height = recording.sensor_size
+    some = len(events) > 0
+    return {
+        "file": str(file),
+        "format": recording.format,
+        "sensor_size": recording.sensor_size,
+        "events": len(events),
+        "first": int(events.t[0]) if some else None,
+        "last": int(events.t[-1]) if some else None,
+        "on": float(events.p.mean()) if some else None,
+        "anomalies": {what: count for what, count in recording.anomalies().items() if count},
+    }
+
+
+def describe(facts: dict[str, Any]) -> str:
+    """A few lines about a recording, from its facts."""
     lines = [
-        shown(file),
-        f"  format     {recording.format}",
-        f"  sensor     {width}x{height}",
-        f"  events     {len(events):,}",
+        shown(facts["file"]),
+        f"  format     {facts['format']}",
+        "  sensor     {}x{}".format(*facts["sensor_size"]),
+        f"  events     {facts['events']:,}",
     ]
-    if len(events):
-        seconds = events.duration / 1e6
-        rate = f"{len(events) / seconds:,.0f} events/s" if seconds else "all at one time"
+    if facts["events"]:
+        seconds = (facts["last"] - facts["first"]) / 1e6
+        rate = f"{facts['events'] / seconds:,.0f} events/s" if seconds else "all at one time"
         lines += [
-            f"  time       {events.t[0]} to {events.t[-1]} µs ({seconds:.6f} s)",
+            f"  time       {facts['first']} to {facts['last']} µs ({seconds:.6f} s)",
             f"  rate       {rate}",
-            f"  polarity   {events.p.mean():.1%} ON",
+            f"  polarity   {facts['on']:.1%} ON",
         ]
-    found = [f"{count:,} {what}" for what, count in recording.anomalies().items() if count]
+    found = [f"{count:,} {what}" for what, count in facts["anomalies"].items()]
     lines.append(f"  anomalies  {', '.join(found) or 'none'}")
     return "\n".join(lines)

@@ -88,9 +88,22 @@ def dataset(name: str) -> Any:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def add_jobs(add: Callable[..., Any], what: str) -> None:
+def add_json(add: Callable[..., Any], what: str = "the result as a line of JSON") -> None:
+    """Add the option for results that programs read."""
+    add("--json", action="store_true", help=f"print {what}")
+
+
+def add_jobs(add: Callable[..., Any], what: str, default: int = 1) -> None:
     """Add the option for the number of processes or threads."""
-    add("--jobs", type=at_least_1, default=1, metavar="N", help=what)
+    add("--jobs", type=at_least_1, default=default, metavar="N", help=what)
+
+
+def shard(text: str) -> tuple[int, int]:
+    """A part of a whole, counted from 1, and how many parts there are."""
+    part, _, parts = text.partition("/")
+    if not (part.isdecimal() and parts.isdecimal() and 1 <= int(part) <= int(parts)):
+        raise argparse.ArgumentTypeError(f"must be I/N, such as 1/8 to 8/8, not {text!r}")
+    return int(part), int(parts)
 
 
 def add_videos(add: Callable[..., Any]) -> None:

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
-from nvsdata.commands.options import add_jobs, dataset, path, usage
+from nvsdata.commands.options import add_jobs, add_json, dataset, path, usage
 from nvsdata.common.errors import shown
+from nvsdata.common.terminal import tell
+
+if TYPE_CHECKING:
+    from nvsdata.datasets.base import EventDataset
+
+BYTES = 9  # of an event in a store
+LOOKED_AT = 50  # recordings whose events are counted for an estimate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,6 +29,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_jobs(add, "processes that decode")
     add("--compress", action="store_true", help="smaller, but slower to read")
     add("--overwrite", action="store_true", help="replace FILE.h5 if it is there")
+    add("--dry-run", action="store_true", help="say how many recordings, and about how much disk")
+    add_json(add)
+
+
+def _plan(found: EventDataset, args: argparse.Namespace) -> None:
+    """Print how many recordings there are, and how many bytes they are now and will about be."""
+    names = found.recording_names()
+    size = sum(found.source.size(name) for name in names)
+    events, read = looked_at(found, names)
+    needed = round(events * BYTES * size / max(read, 1))
+    free = shutil.disk_usage(args.out.absolute().parent).free
+    tell(
+        f"{len(names):,} recordings, {size / 1e9:,.2f} GB; about {needed / 1e9:,.2f} GB in {args.out}"
+        f"{' at most' if args.compress else ''}, where {free / 1e9:,.1f} GB are free",
+        {"recordings": len(names), "bytes": size, "needed": needed, "free": free},
+        as_json=args.json,
+    )
+
+
+def looked_at(found: EventDataset, names: list[str]) -> tuple[int, int]:
+    """Events, and bytes of the files, of some recordings."""
+    some = [names[n * len(names) // LOOKED_AT] for n in range(min(LOOKED_AT, len(names)))] if names else []
+    events = read = 0
+    for name in dict.fromkeys(some):
+        with suppress(OSError, ValueError):
+            events += len(found.named(name).read())
+            read += found.source.size(name)
+    return events, read
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,8 +68,15 @@ def run(args: argparse.Namespace) -> int:
     with usage():
         check_choice("--split", args.split, kind.splits)
     found = kind.whole(args.root) if args.split == "all" else kind(args.root, args.split)
+    if args.dry_run:
+        _plan(found, args)
+        return 0
     report = pack(found, args.out, jobs=args.jobs, compress=args.compress, overwrite=args.overwrite)
     for name, reason in report.skipped.items():
         print(f"left out {shown(name)}: {reason}", file=sys.stderr)
-    print(f"{report.packed:,} recordings, {report.events:,} events in {args.out}; {len(report.skipped)} left out")
+    tell(
+        f"{report.packed:,} recordings, {report.events:,} events in {args.out}; {len(report.skipped)} left out",
+        {"packed": report.packed, "events": report.events, "out": args.out, "left_out": report.skipped},
+        as_json=args.json,
+    )
     return 1 if report.skipped else 0

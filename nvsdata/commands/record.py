@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import get_args
 
-from nvsdata.commands.options import UsageError, add_videos, path, positive, usage
+from nvsdata.commands.options import UsageError, add_json, add_videos, path, positive, usage
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--note", metavar="TEXT", help="kept with each recording, such as about the room (default: none)")
     add("--overwrite", action="store_true", help="replace what is there")
+    add("--list", action="store_true", help="say which cameras are connected, and record nothing")
+    add("--doctor", action="store_true", help="say what stands between you and a recording, and record nothing")
+    add_json(add)
     screen = parser.add_argument_group("playing videos on a monitor")
     add = screen.add_argument
     add("--calibrate", action="store_true", help="aim, focus, find the screen; figures go to OUT")
@@ -60,7 +63,9 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata.recording.simulated.options import Simulation
 
     if args.status is not None:
-        return session.run_status(args.status)
+        return session.run_status(args.status, as_json=args.json)
+    if args.doctor or args.list:
+        return session.run_doctor(everything=args.doctor, simulated=args.simulate is not None, as_json=args.json)
     _check(args)
     with usage():
         settings = session.settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
@@ -73,6 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
             decider = models.Decider(models.load(args.model))
         how = {"live": args.live, "overwrite": args.overwrite, "decider": decider, "note": args.note}
+        how |= {"as_json": args.json}
         return session.run(args.out, args.seconds, args.device, settings, simulate, **how)
     region = args.screen_region and tuple(args.screen_region)
     screen = {"display": args.display, "region": region, "scaling": args.scaling}
@@ -81,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         return session.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
     chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
-    chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live}
+    chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live, "as_json": args.json}
     return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ import numpy as np
 
 from nvsdata import formats, plots
 from nvsdata.commands.emulation_settings import Emulator, add_settings, given, settings_of, write_settings
-from nvsdata.commands.options import UsageError, add_jobs, at_least_1, path, positive, share
+from nvsdata.commands.options import UsageError, add_jobs, add_json, at_least_1, path, positive, share
 from nvsdata.common.errors import shown
 from nvsdata.common.files import claimed, put
+from nvsdata.common.terminal import tell
 from nvsdata.data.recording import Recording
 from nvsdata.emulation import DVS
 from nvsdata.emulation.tuning.objective import Pair, measured_on
@@ -50,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="last share of each pair, which the search doesn't see and the report is on; 0 for none (default 0.25)",
     )
     add_jobs(add, "trials at once")
+    add_json(add)
     # the seed of the imperfections stays the preset's
     add_settings(parser, skip=("seed",), searched={*SPACE, *SENSOR_SPACE})
     add("--seed", type=int, default=0, help="seed of the search")
@@ -67,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     options = {
         name: getattr(args, name) for name in ("trials", "fps", "seconds", "offset", "one_way", "unseen", "jobs")
     }
-    print(tune_files(args.real, args.video, args.out, base, held=held, seed=seed, **options))
+    text, facts = tune_files(args.real, args.video, args.out, base, held=held, seed=seed, **options)
+    tell(text, facts, as_json=args.json)
     return 0
 
 
@@ -86,8 +89,8 @@ def tune_files(
     unseen: float,
     seed: int,
     jobs: int,
-) -> str:
-    """Search for all settings except those `held`; return a table of what was found.
+) -> tuple[str, dict[str, Any]]:
+    """Search for all settings except those `held`; return what was found as a table, and the best by name.
 
     The search for a DVS begins with what `emulation.fit` finds in the first pair. Trials, table, pictures and the best
     settings go to `out`. ValueError if no settings gave a finite score, and for pairs too short for an unseen part.
@@ -127,10 +130,12 @@ def tune_files(
         plots.save(score_curve(found.scores), out / "score.png")
         first = pairs[0]
         plots.save(side_by_side(first.emulate(found.best.settings), first.real, first.fps, offset), out / "best.png")
-    return (
+    told = (
         f"{text}\ntrials, table and pictures are in {shown(out)}; "
         f"nvsdata convert-videos IN --settings {shown(out / 'best.json')}"
     )
+    best = {"settings": asdict(found.best.settings), "distances": found.best.distances, "events": found.best.events}
+    return told, {"best": best, "score": float(np.nanmin(found.scores)), "trials": len(found.trials), "out": out}
 
 
 def _shown(path: Path) -> Path | Recording:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from nvsdata.commands.options import dataset, path
+from nvsdata.commands.options import add_json, dataset, path
 from nvsdata.common.errors import shown
+from nvsdata.common.terminal import tell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -13,15 +14,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("root", type=path, metavar="ROOT", help="a folder or a packed store")
     add("--dataset", type=dataset, metavar="NAME", help="dataset whose sensor and layout ROOT must have (default: any)")
+    add_json(add, "a line of JSON per fault, and one at the end")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print each fault; return 1 if there is any."""
-    from nvsdata.datasets.verification import problems
+    from nvsdata.datasets.verification import problems, split_hashes
 
     count = 0
     for name, fault in problems(args.root, args.dataset):
-        print(f"{shown(name)}: {fault}")
+        tell(f"{shown(name)}: {fault}", {"name": name, "fault": fault}, as_json=args.json)
         count += 1
-    print("all sound" if not count else f"{count} faults")
+    hashes = split_hashes(args.root, args.dataset)
+    for split, digest in hashes.items():
+        if not args.json:
+            print(f"split {split}: {digest}")
+    summary = {"faults": count, "splits": hashes}
+    tell("all sound" if not count else f"{count} faults", summary, as_json=args.json)
     return 1 if count else 0

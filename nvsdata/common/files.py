@@ -47,6 +47,14 @@ def _prefix(name: str) -> str:
     return f".{name[:_LONGEST]}."
 
 
+def is_left_over(path: Path) -> bool:
+    """Whether a file is a temporary one of `atomic` whose process, on this host, has ended."""
+    if not (path.name.startswith(".") and path.name.endswith(PART)):
+        return False
+    # .NAME.HOST-PID-RANDOM.part
+    return is_dead(path.name.removesuffix(PART).rpartition(".")[2].rpartition("-")[0])
+
+
 def sweep(folder: Path, name: str | None = None) -> int:
     """Remove temporary files of `atomic` that killed processes left; returns how many there were.
 
@@ -58,9 +66,7 @@ def sweep(folder: Path, name: str | None = None) -> int:
     found = folder.rglob(f".*{PART}") if name is None else folder.glob(f".*{PART}")
     count = 0
     for part in found:
-        # .NAME.HOST-PID-RANDOM.part
-        who = part.name.removesuffix(PART).rpartition(".")[2].rpartition("-")[0]
-        if (name is None or part.name.startswith(_prefix(name))) and is_dead(who):
+        if (name is None or part.name.startswith(_prefix(name))) and is_left_over(part):
             part.unlink(missing_ok=True)
             count += 1
     return count

@@ -11,9 +11,9 @@ from tqdm import tqdm
 from nvsdata.common.terminal import Terminal, is_quiet
 
 
-def bar(things: Iterable[Any] | None = None, what: str | None = None, *, shown: bool = True, **more: Any) -> Any:
-    """A progress bar over `things`, or of `total`; `what` is done, and `more` is for tqdm. `shown=False` hides it."""
-    return tqdm(things, what, disable=None if shown and not is_quiet() else True, **more)
+def bar(things: Iterable[Any] | None = None, desc: str | None = None, *, shown: bool = True, **more: Any) -> Any:
+    """A progress bar over `things`, or of `total`; `desc` is done, and `more` is for tqdm. `shown=False` hides it."""
+    return tqdm(things, desc, disable=None if shown and not is_quiet() else True, **more)
 
 
 def say_beside(text: str) -> None:

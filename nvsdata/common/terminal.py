@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -55,5 +56,14 @@ def remark(text: str) -> None:
 
 
 def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
-    """Write a result to stdout: as text, or its facts as a line of JSON."""
-    print(json.dumps(facts, default=str) if as_json else text, flush=True)
+    """Write a result to stdout: as text, or its facts as a line of JSON (null for what isn't a number)."""
+    print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
+
+
+def _plain(value: Any) -> Any:
+    """As JSON can hold it, which has neither NaN nor infinity."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from nvsdata.common.progress import bar
@@ -42,6 +43,19 @@ def problems(root: Path, dataset: type[EventDataset] | None = None) -> Iterator[
     yield from _each(found.source, names, found.opened_with)
     if found.split_name == "all":
         yield from _lacking(found)
+
+
+def split_hashes(root: Path, dataset: type[EventDataset] | None = None) -> dict[str, str]:
+    """The hash of each split that `root` has, by name; empty if nobody says which dataset it is."""
+    kind, found = dataset, dict[str, str]()
+    if kind is None and root.is_file() and (name := Store(root).dataset) in DATASETS:
+        kind = DATASETS[name]
+    if kind is None:
+        return found
+    for split in kind.splits:
+        with suppress(OSError, ValueError):
+            found[split] = kind(root, split).split_hash
+    return found
 
 
 def _of_files(source: Source, root: Path) -> Iterator[tuple[str, str]]:

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
-from nvsdata.common.files import claimed
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.video.folder import videos_in
-from nvsdata.video.manifest import FolderReport, FolderRun, Manifest
+from nvsdata.video.manifest import FolderReport, FolderRun
+from nvsdata.video.shards import manifest_of
 
 DONE = ("converted",)
 
@@ -35,6 +36,8 @@ def convert_videos(
     jobs: int = 1,
     limit: int | None = None,
     scheduler: str | None = None,
+    shard: tuple[int, int] | None = None,
+    overwrite: bool = False,
 ) -> FolderReport:
     """Convert a video, or every video below a folder, to recordings.
 
@@ -52,20 +55,24 @@ def convert_videos(
     - `limit`: convert the first N videos only (default: all)
     - `scheduler`: address of a Dask cluster whose workers convert instead (needs `nvsdata[distributed]`; the workers
       must see both folders under the same names)
+    - `shard`: (i, n): every n-th video from the i-th on, i from 1 to n. Processes that do different shards may write to
+      the same folder at once; each has a manifest of its own there, and the next run without shards joins them
+      (default: all videos)
+    - `overwrite`: convert all videos anew, also if the folder holds recordings of other settings (default False)
 
     Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
     other settings, and OSError if nothing can be written there.
     """
-    found = plan(source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, limit=limit)
+    found = plan(source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, limit=limit, shard=shard)
     target = out or default_out(source)
     target.mkdir(parents=True, exist_ok=True)
     made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
-    with claimed(target), Manifest(target, "nvsdata-videos", made) as manifest:
+    with manifest_of(target, "nvsdata-videos", made, shard=shard, overwrite=overwrite) as manifest:
         before = manifest.as_before([job.video for job in found])
         videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
         with (
             FolderRun(manifest, list(videos), DONE, "converting") as run,
-            closing(_results([videos[video] for video in run.waiting], jobs, scheduler)) as results,
+            closing(_results([videos[video] for video in run.waiting], jobs, scheduler, run.within)) as results,
         ):
             for line in results:
                 run.add(line)
@@ -87,20 +94,27 @@ def plan(
     size: tuple[int, int] | None = None,
     fps: float | None = None,
     limit: int | None = None,
+    shard: tuple[int, int] | None = None,
 ) -> list[Job]:
     """The jobs that `convert_videos` would do with the same parameters; nothing is written."""
     target = out or default_out(source)
-    return [Job(video, settings, size, fps) for video in videos_in(source, target, format, limit)]
+    videos = videos_in(source, target, format, limit)
+    first, step = (0, 1) if shard is None else (shard[0] - 1, shard[1])
+    if not (step >= 1 and 0 <= first < step):
+        raise ValueError(f"shard must be (i, n) with 1 <= i <= n, not {shard}")
+    return [Job(video, settings, size, fps) for video in videos[first::step]]
 
 
-def _results(jobs: list[Job], processes: int, scheduler: str | None) -> Generator[dict[str, Any]]:
-    """The jobs' lines of the manifest, in the order in which they are done."""
+def _results(
+    jobs: list[Job], processes: int, scheduler: str | None, progress: Callable[[float], None]
+) -> Generator[dict[str, Any]]:
+    """The jobs' lines of the manifest, in the order in which they are done; one process tells its `progress`, too."""
     if scheduler is not None:
         from nvsdata.emulation.cluster import results
 
         yield from results(jobs, scheduler)
     elif processes == 1 or len(jobs) < 2:
-        yield from map(convert, jobs)
+        yield from map(partial(convert, progress=progress), jobs)
     else:
         yield from _by_processes(jobs, min(processes, len(jobs)))
 

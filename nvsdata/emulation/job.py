@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from nvsdata.data.events import Events
 from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.video.folder import Video
 from nvsdata.video.frames import TruncatedVideo
+from nvsdata.video.length import length_of
 from nvsdata.video.manifest import file_facts, noted
 
 
@@ -25,18 +26,29 @@ class Job:
     fps: float | None
 
 
-def convert(job: Job) -> dict[str, Any]:
-    """Convert one video, and return its line of the manifest. OSError only if the disk or the folder is at fault."""
+def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
+    """Convert one video, and return its line of the manifest. OSError only if the disk or the folder is at fault.
+
+    `progress` is called with the share of the video that is done, if its file says how long it is.
+    """
     started = time.monotonic()
     video = job.video
     line: dict[str, Any] = {"video": video.name, "status": "converted"}
     with noted(video, line):
         line |= file_facts(video)
         video.target.parent.mkdir(parents=True, exist_ok=True)
-        pieces = job.settings.stream(video.path, job.fps, size=job.size)
-        formats.write(_counted(pieces, line), video.target)
+        pieces = _counted(job.settings.stream(video.path, job.fps, size=job.size), line)
+        frames = length_of(video.path)[0] if progress else 0
+        formats.write(_watched(pieces, frames, progress) if progress and frames else pieces, video.target)
         line["recording"] = video.target.stat().st_size
     return line | {"seconds": round(time.monotonic() - started, 3)}
+
+
+def _watched(pieces: Iterable[Events], frames: int, progress: Callable[[float], None]) -> Iterator[Events]:
+    """The pieces; `progress` is told with each."""
+    for number, piece in enumerate(pieces):
+        yield piece
+        progress(number / frames)
 
 
 def _counted(pieces: Iterable[Events], line: dict[str, Any]) -> Iterator[Events]:

@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 from nvsdata.common.files import claimed, creating
 from nvsdata.common.locks import check_place
 from nvsdata.common.progress import bar as progress
-from nvsdata.common.terminal import Terminal, remark, say
+from nvsdata.common.terminal import Terminal, remark, say, tell
 from nvsdata.data.events import Events
 from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.deciding import Deciding
+from nvsdata.recording.doctor import examine
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.rig.batch import DONE, format_of, manifest_of, record_videos, verify
@@ -30,6 +31,7 @@ from nvsdata.recording.rig.estimate import estimate
 from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.report import REPORT, write_report
+from nvsdata.recording.rig.status import STATUS
 from nvsdata.recording.rig.status import told as status_of
 from nvsdata.recording.rig.watch import BatchStopped
 from nvsdata.recording.simulated.options import Simulation
@@ -53,6 +55,7 @@ def run(
     overwrite: bool,
     decider: Decider | None = None,
     note: str | None = None,
+    as_json: bool = False,
 ) -> int:
     """Record a camera and print how it went; return 0 if nothing was lost and decisions went on to the end, else 1.
 
@@ -64,6 +67,7 @@ def run(
     - `live`: show events in a window; closing it ends the recording
     - `overwrite`: replace `out` if it is there
     - `note`: kept with the recording
+    - `as_json`: print the report as a line of JSON
     - `decider`: of a network that follows the events; a line of JSON per decision is printed, and the report to stderr
 
     FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it, ValueError
@@ -107,7 +111,11 @@ def run(
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
             bar.close()
             # before the last decisions are told, which nobody may read
-            say(summary(report), sys.stderr if decider else sys.stdout)
+            if as_json and decider is None:
+                told = {k: v for k, v in asdict(report).items() if k != "triggers"}
+                tell("", told | {"whole": report.whole, "triggers": len(report.triggers)}, as_json=True)
+            else:
+                say(summary(report), sys.stderr if decider else sys.stdout)
     return 0 if report.whole and (deciding is None or deciding.error is None) else 1
 
 
@@ -225,6 +233,7 @@ def run_batch(
     on_alarm: str | None = None,
     note: str | None = None,
     live: bool = False,
+    as_json: bool = False,
 ) -> int:
     """Play and record a folder of videos, or `check` what was recorded.
 
@@ -235,9 +244,10 @@ def run_batch(
     if check:
         found = verify(videos, out, limit)
         videos = videos[:limit]
-        for name, fault in found.items():
-            print(f"{name}: {fault}")
-        print(f"{sum(video.name not in found for video in videos):,} of {len(videos):,} recordings are sound")
+        sound = sum(video.name not in found for video in videos)
+        lines = [f"{name}: {fault}" for name, fault in found.items()]
+        lines.append(f"{sound:,} of {len(videos):,} recordings are sound")
+        tell("\n".join(lines), {"sound": sound, "videos": len(videos), "faults": found}, as_json=as_json)
         return 1 if found else 0
     videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
@@ -276,9 +286,10 @@ def run_batch(
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
             print(f"{name}: have a look: {'; '.join(doubts)}", file=sys.stderr)
-    print(f"figures, and what to look at, are in {out / REPORT}")
     done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
-    print(f"{done}; {result.events:,} events in {out}")
+    text = f"figures, and what to look at, are in {out / REPORT}\n{done}; {result.events:,} events in {out}"
+    odd = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
+    tell(text, asdict(result) | {"look": odd, "out": out}, as_json=as_json)
     return 1 if result.failed else 0
 
 
@@ -288,11 +299,21 @@ def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:
         say(odd)
 
 
-def run_status(out: Path) -> int:
+def run_status(out: Path, *, as_json: bool = False) -> int:
     """Print how the batch that records to `out` is going; return 0 if it is going or ended well, else 1."""
     text, well = status_of(out)
-    print(text)
+    tell(text, json.loads((out / STATUS).read_text("utf-8")) | {"well": well} if as_json else {}, as_json=as_json)
     return 0 if well else 1
+
+
+def run_doctor(*, everything: bool, simulated: bool, as_json: bool) -> int:
+    """Print which cameras there are, or all that a recording needs and what lacks; return 1 if anything does."""
+    found = list(examine(Simulation().alone() if simulated else None))
+    if not everything:
+        found = [one for one in found if one.what == "camera" or (one.what == "libusb" and one.cure)]
+    for one in found:
+        tell(f"{one.what}: {one.found}" + (f"\n    {one.cure}" if one.cure else ""), one._asdict(), as_json=as_json)
+    return 1 if any(one.cure for one in found) else 0
 
 
 def summary(report: RecordingReport) -> str:

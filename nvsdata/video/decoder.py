@@ -7,6 +7,7 @@ that begin with it; which of its values are black and white is found from the fi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -40,7 +41,7 @@ class Decoder:
 
     def __init__(self, path: Path, color: bool) -> None:
         self.levels, self._luma = FULL, False
-        with forkless():
+        with forkless(), quiet():
             self._open(path, color)
 
     def _open(self, path: Path, color: bool) -> None:
@@ -54,7 +55,7 @@ class Decoder:
     def __iter__(self) -> Iterator[tuple[int, np.ndarray]]:
         """Time in µs and picture of each frame; a decoder can be iterated once."""
         frame, self._first = self._first, None
-        with _without_warnings() if self._luma else nullcontext():
+        with quiet() if self._luma else nullcontext():
             while frame is not None:
                 yield round(self._reader.get(cv2.CAP_PROP_POS_MSEC) * 1000), frame
                 with forkless():
@@ -70,7 +71,7 @@ class Decoder:
 
     def _prefer_luma(self, other: Any) -> None:
         """Read luma by the `other` reader of the file from now on, if its values of black and white are certain."""
-        with _without_warnings():
+        with quiet():
             other.set(cv2.CAP_PROP_CONVERT_RGB, 0)
             luma = other.read()[1]
         levels = levels_of(luma, self._first)
@@ -128,14 +129,18 @@ def _opened(path: Path) -> tuple[Any, list[int]]:
 # OpenCV 5 moved it, and 4 doesn't name its levels
 logging = getattr(cv2.utils, "logging", cv2)
 ERRORS_ONLY = 2
+# FFmpeg's own lines don't name the video; our errors do. Read when OpenCV opens its first video
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 _quiet_lock = Lock()
 _quiet = {"streams": 0, "level": 0}
 
 
 @contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Silence OpenCV's warning, at each frame of luma, that it isn't color. The level is set for the whole process."""
+def quiet() -> Iterator[None]:
+    """Silence OpenCV's warnings: that a frame of luma isn't color, and that a broken file can't be opened, which the
+    error says anyway and with its name. The level is set for the whole process.
+    """
     with _quiet_lock:
         if _quiet["streams"] == 0:
             _quiet["level"] = logging.setLogLevel(ERRORS_ONLY)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import platform
 import time
 from collections.abc import Iterator, Sequence
@@ -22,6 +23,7 @@ from nvsdata.common.progress import bar
 from nvsdata.video.folder import Video, fatal, sha256
 
 NAME = "manifest.jsonl"
+log = logging.getLogger(__name__)
 
 
 class Manifest(Journal):
@@ -35,17 +37,20 @@ class Manifest(Journal):
     - `kind`: of the folder; the first key of the first line
     - `made`: settings that all recordings in the folder must share
     - `told`: what the first line also has, and may differ from run to run (default: nothing)
+    - `name`: of the file (default "manifest.jsonl")
 
     ValueError if the folder's first line has another kind or other settings.
     """
 
-    def __init__(self, out: Path, kind: str, made: dict[str, Any], told: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self, out: Path, kind: str, made: dict[str, Any], told: dict[str, Any] | None = None, name: str = NAME
+    ) -> None:
         # as the file would give it back
         made = json.loads(json.dumps(made))
         digest = hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
         tail = {"settings_sha256": digest, "versions": _versions()}
         head = {kind: 1, **made, **(told or {}), **tail}
-        super().__init__(out / NAME, head)
+        super().__init__(out / name, head)
         if kind in self.head and not self.lines:
             # no video has a line yet, so the first line may be replaced
             self.head, self._torn = head, True
@@ -70,7 +75,7 @@ class Manifest(Journal):
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
         """The videos, each with the recording that it had before; see `as_before`."""
-        return as_before(videos, self.lines, self.path.parent)
+        return as_before(videos, list(self.videos.values()), self.path.parent)
 
     def add(self, line: dict[str, Any]) -> None:
         super().add(line)
@@ -132,7 +137,7 @@ class FolderRun:
         self.waiting = [video for video in videos if not manifest.has(video, done)]
         self.report = FolderReport(kept=len(videos) - len(self.waiting))
         self.bar = bar(None, what, total=len(self.waiting), unit="video")
-        self._started = time.monotonic()
+        self._started, self._count = time.monotonic(), 0
         self._files = {video.name: video.target.relative_to(manifest.path.parent).as_posix() for video in videos}
 
     def add(self, line: dict[str, Any]) -> None:
@@ -142,11 +147,19 @@ class FolderRun:
         self.report.count(line, self._done)
         seconds = max(time.monotonic() - self._started, 1e-3)
         self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)
-        self.bar.update()
+        self._count += 1
+        self.bar.update(self._count - self.bar.n)
+        told = f"{line.get('events', 0):,} events" if "reason" not in line else line["reason"]
+        log.info("%s: %s, %s", line["video"], line["status"], told)
+
+    def within(self, share: float) -> None:
+        """So much of the present video is done, from 0 to 1."""
+        self.bar.update(round(self._count + min(share, 0.99), 2) - self.bar.n)
 
     def again(self, video: Video) -> None:
         """A video that failed isn't done yet after all."""
         self.report.failed.pop(video.name, None)
+        self._count -= 1
         self.bar.update(-1)
 
     def __enter__(self) -> Self:

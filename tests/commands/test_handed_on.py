@@ -13,9 +13,11 @@ import nvsdata
 from nvsdata import Events, cli
 from nvsdata.cli import main
 from nvsdata.commands.view import save
+from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
 from nvsdata.plots.films import Film
+from nvsdata.video.manifest import FolderReport
 
 
 @pytest.mark.parametrize(
@@ -59,6 +61,7 @@ def test_one_recording_is_asked_for(words, session):
     assert how == {"live": "--live" in words, "overwrite": "--overwrite" in words} | {
         "decider": None,
         "note": None,
+        "as_json": False,
     }
 
 
@@ -82,6 +85,7 @@ def test_calibrations_and_folders_are_asked_for(session):
         "accept_quiet": False,
         "on_alarm": None,
         "note": None,
+        "as_json": False,
         "live": False,
     }
 
@@ -154,7 +158,7 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
 
     def convert_videos(source, out, settings, **options):
         asked.append((source, out, settings, options))
-        return SimpleNamespace(done=1_200, kept=3_400, events=5_600_000, failed=failed)
+        return FolderReport(done=1_200, kept=3_400, events=5_600_000, failed=failed)
 
     monkeypatch.setattr(convert, "convert_videos", convert_videos)
     monkeypatch.setattr(sys, "setswitchinterval", asked.append)
@@ -164,10 +168,13 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr() == (told.format(0, convert.default_out(Path("in"))), "")
     failed = {"a.avi": "cut off", "b.avi": "empty"}
     words = ["--out", "out", "--size", "40x30", "--fps", "25", "--limit", "7", "--jobs", "2", "--scheduler", "here"]
+    words += ["--shard", "2/3", "--overwrite"]
     assert main(["convert-videos", "in", *words]) == 1
     assert capsys.readouterr() == (told.format(2, "out"), "a.avi: cut off\nb.avi: empty\n")
-    plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "jobs": 1, "scheduler": None}
+    plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
+    plain |= {"jobs": max(1, cores() // 2), "overwrite": False}
     chosen = {"size": (40, 30), "fps": 25.0, "limit": 7, "jobs": 2, "scheduler": "here"}
+    chosen |= {"shard": (2, 3), "overwrite": True}
     assert asked[1] == (Path("in"), None, PIX2NVS(), plain)
     assert asked[3] == (Path("in"), Path("out"), PIX2NVS(), plain | chosen)
     # less than a frame's time

@@ -1,6 +1,9 @@
 """What commands print, and what they do where no option says otherwise."""
 
 import argparse
+import json
+import subprocess
+import sys
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -105,9 +108,9 @@ def test_compare_uses_30_frames_per_second_and_no_offset(two, tmp_path, capsys, 
     monkeypatch.chdir(tmp_path)
     assert main(["compare", *map(str, two)]) == 0
     told = capsys.readouterr().out
-    assert told == compare_files(*two, Path("compare.png"), fps=30.0) + "\n"
-    assert told == compare_files(*two, Path("compare.png"), fps=30.0, offset=0) + "\n"
-    assert told != compare_files(*two, Path("compare.png"), fps=31.0) + "\n"
+    assert told == compare_files(*two, Path("compare.png"), fps=30.0)[0] + "\n"
+    assert told == compare_files(*two, Path("compare.png"), fps=30.0, offset=0)[0] + "\n"
+    assert told != compare_files(*two, Path("compare.png"), fps=31.0)[0] + "\n"
 
 
 def test_convert_tells_how_many_events_and_what_is_left_out(tmp_path, capsys):
@@ -144,7 +147,8 @@ def test_where_a_dataset_is(tmp_path, names, wanted, found):
 
 
 def test_the_table_of_datasets_has_their_facts(tmp_path):
-    lines = {line.split()[0]: " ".join(line.split()) for line in datasets.table(tmp_path / "nowhere").splitlines()}
+    told = datasets.table(datasets.facts_of(tmp_path / "nowhere"))
+    lines = {line.split()[0]: " ".join(line.split()) for line in told.splitlines()}
     assert lines["name"] == "name sensor recordings classes size license here, or how to get it"
     assert lines["n-mnist"] == "n-mnist 34x34 70,000 10 ? CC BY-SA 4.0 nvsdata download n-mnist"
     assert lines["mnist-dvs"].startswith("mnist-dvs 128x128 30,000 10 6.2 GB not stated ")
@@ -153,6 +157,19 @@ def test_the_table_of_datasets_has_their_facts(tmp_path):
         " not stated by hand from https://www.dropbox.com/sh/ibq0jsicatn7l6r/AACNrNELV56rs1YInMWUs9CAa"
     )
     assert "folder" not in lines
+
+
+def test_the_facts_written_beforehand_are_those_of_the_datasets():
+    """python -m nvsdata.commands.datasets writes them."""
+    assert json.loads(datasets.FACTS.read_text("utf-8")) == json.loads(json.dumps(datasets.registered()))
+
+
+def test_the_table_imports_neither_torch_nor_numba():
+    code = (
+        "import sys\nfrom nvsdata.cli import main\nmain(['datasets'])\n"
+        "sys.exit(any(name in sys.modules for name in ('torch', 'numba', 'numpy')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -182,6 +199,7 @@ DEFAULTS = {
     "view": (["a"], {"speed": 1.0, "fps": 30.0}),
     "gallery": (["a"], {"split": "all", "read": 20, "pictures": 6}),
     "datasets": ([], {"root": Path()}),
+    "cache": (["info"], {}),
     "pack": (["a", "--dataset", "folder", "--out", "b"], {"split": "all", "jobs": 1}),
     "convert": (["a", "b"], {}),
     "convert-videos": (["a"], {"jobs": 1, "format": "hdf5"}),

@@ -1,4 +1,5 @@
 import dataclasses
+import json
 import shutil
 import sys
 
@@ -81,8 +82,14 @@ def test_a_complete_folder_is_sound_and_an_incomplete_one_is_not(scenes, tmp_pat
     (scenes / "ocean/7.bin").unlink()
     assert main(["verify", str(scenes), "--dataset", "yupenn-dvs"]) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-3].startswith("yupenn-dvs: 419 recordings, 420 expected (the set of videos; no source describes")
-    assert lines[-2:] == ["ocean: 1 of 30 recordings are missing", "2 faults"]
+    assert lines[-6].startswith("yupenn-dvs: 419 recordings, 420 expected (the set of videos; no source describes")
+    assert (lines[-5], lines[-1]) == ("ocean: 1 of 30 recordings are missing", "2 faults")
+    splits = {name: YUPENNDVS(scenes, name).split_hash for name in YUPENNDVS.splits}
+    assert lines[-4:-1] == [f"split {name}: {digest}" for name, digest in splits.items()]
+    assert main(["verify", str(scenes), "--dataset", "yupenn-dvs", "--json"]) == 1
+    fault, _, summary = map(json.loads, capsys.readouterr().out.splitlines())
+    assert fault["name"] == "yupenn-dvs"
+    assert summary == {"faults": 2, "splits": splits}
     # a store knows which dataset it is of
     pack(YUPENNDVS(scenes, "all"), tmp_path / "a.h5")
     assert dict(problems(tmp_path / "a.h5"))["ocean"] == "1 of 30 recordings are missing"
@@ -154,7 +161,7 @@ def test_names_of_any_bytes(tmp_path, capsys):
         assert main(["verify", str(root), *options]) == 1
         out = capsys.readouterr().out
         assert r"a\nb/1\udcff.bin: 3 bytes of a torn record, cut off" in out
-        assert out.count("\n") == 3
+        assert out.count("\n") == 3 + len(options) // 2
 
 
 def test_wrong_levels_show_what_was_expected_and_what_is_there(tmp_path):

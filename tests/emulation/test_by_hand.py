@@ -230,9 +230,9 @@ def test_spikes_may_wait_while_19_frames_are_emulated():
 )
 def test_as_many_processes_as_there_is_work_for(videos, processes, started, monkeypatch):
     counts = []
-    monkeypatch.setattr(conversion, "convert", lambda job: job)
+    monkeypatch.setattr(conversion, "convert", lambda job, progress: job)
     monkeypatch.setattr(conversion, "_by_processes", lambda jobs, count: counts.append(count) or iter(jobs))
-    assert list(conversion._results(list(range(videos)), processes, None)) == list(range(videos))
+    assert list(conversion._results(list(range(videos)), processes, None, None)) == list(range(videos))
     assert counts == ([] if started is None else [started])
 
 

@@ -167,7 +167,7 @@ def test_a_full_disk_stops_the_run_and_loses_nothing(videos, tmp_path, monkeypat
 def test_an_interrupted_run_goes_on(videos, tmp_path, monkeypatch):
     out, real = tmp_path / "out", convert.convert
 
-    def interrupted(job):
+    def interrupted(job, progress):
         if job.video.name.startswith("walk"):
             raise KeyboardInterrupt
         return real(job)

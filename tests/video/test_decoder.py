@@ -18,10 +18,10 @@ from nvsdata.video.decoder import (
     Decoder,
     _as_steep,
     _opened,
-    _without_warnings,
     levels_of,
     logging,
     luminance,
+    quiet,
     stretched,
 )
 from nvsdata.video.frames import Frame, frames_of
@@ -208,8 +208,8 @@ def test_small_frames_are_decoded_in_one_thread(monkeypatch, tmp_path, sizes, al
 def test_warnings_are_silenced_until_the_last_stream_ends(level):
     before = logging.setLogLevel(level)
     try:
-        with _without_warnings():
-            with _without_warnings():
+        with quiet():
+            with quiet():
                 assert logging.getLogLevel() == ERRORS_ONLY == 2
             assert logging.getLogLevel() == 2
         assert logging.getLogLevel() == level

@@ -80,7 +80,7 @@ class Davis:
         """
         found = []
         refused: list[Exception] = []
-        for device in _devices(backend):
+        for device in devices(backend):
             try:
                 found.append(cls(device))
             except CameraError as error:
@@ -338,7 +338,7 @@ class Davis:
         self.close()
 
 
-def _devices(backend: Any) -> list[Any]:
+def devices(backend: Any) -> list[Any]:
     """The cameras that are connected, whether or not a program uses them."""
     try:
         options = {} if backend is None else {"backend": backend}

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from nvsdata.recording.rig.clock_fit import flashes
 from nvsdata.recording.rig.playback import FADE, SETTLE, STEP, STILL
 from nvsdata.video.folder import Video
+from nvsdata.video.length import length_of
 
 LOOKED_AT = 50  # videos whose length is looked up; those of the others are taken to be alike
 BESIDE = 2_000_000  # µs per take for starting, cutting and judging
@@ -26,7 +26,7 @@ def estimate(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path
     - `refresh`: µs from one picture of the screen to the next
     """
     some = [videos[n] for n in np.unique(np.linspace(0, len(videos) - 1, min(LOOKED_AT, len(videos))).astype(int))]
-    known = [length for length in map(_length, some) if length]
+    known = [length for video in some if (length := length_of(video.path)[1])]
     each = float(np.mean(known)) if known else 0.0
     pattern = 2 * STILL + (flashes().size + 1) * STEP * refresh
     seconds = len(videos) * (each + (2 * pattern + SETTLE + 2 * FADE + BESIDE) / 1e6)
@@ -37,13 +37,3 @@ def estimate(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path
     text = f"{len(videos):,} videos: about {hours} h {minutes:02} min and {needed / 1e9:,.1f} GB"
     text += f"; {free / 1e9:,.1f} GB of disk are free"
     return text if needed < free else f"{text}, which is too little"
-
-
-def _length(video: Video) -> float:
-    """Seconds that a video lasts, by what its file says; 0 if that can't be known."""
-    capture = cv2.VideoCapture(str(video.path), cv2.CAP_FFMPEG)
-    try:
-        frames, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
-    finally:
-        capture.release()
-    return frames / rate if frames > 0 and rate > 0 else 0.0

@@ -1,0 +1,42 @@
+"""`nvsdata cache`: what nvsdata keeps on disk to be faster."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from nvsdata.commands.options import add_json, path
+from nvsdata.common.errors import shown
+from nvsdata.common.tables import aligned
+from nvsdata.common.terminal import tell
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add = parser.add_argument
+    add("action", choices=("info", "clear"), help="say what there is, or remove it: it is made again when it is needed")
+    kinds = "folders to look through: caches of samples, indexes of datasets, leftovers of killed processes (default .)"
+    add("folders", nargs="*", type=path, metavar="FOLDER", help=kinds)
+    add("--kernels", action="store_true", help="nvsdata's compiled kernels, too")
+    add_json(add, "a line of JSON per cache, and one at the end")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what there is; with "clear", remove it."""
+    from nvsdata.datasets.cache_folders import caches_below, kernels, remove
+
+    found = [one for folder in args.folders or [Path()] for one in caches_below(folder)]
+    if args.kernels:
+        found.append(kernels())
+    clear = args.action == "clear"
+    for one in found:
+        if args.json:
+            tell("", {"kind": one.kind, "path": one.path, "files": len(one.files), "bytes": one.bytes}, as_json=True)
+        if clear:
+            remove(one)
+    size = sum(one.bytes for one in found)
+    rows = [(one.kind, shown(one.path), f"{len(one.files):,} files", f"{one.bytes / 1e6:,.1f} MB") for one in found]
+    lines = [aligned(rows, left=True)] if rows else []
+    lines.append(f"{'removed' if clear else 'in all'}: {size / 1e6:,.1f} MB")
+    tell("\n".join(lines), {"removed" if clear else "in_all": size}, as_json=args.json)
+    return 0

@@ -1,0 +1,87 @@
+"""What stands between a program and a camera: libusb, permission, firmware, other programs, a display."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from nvsdata.recording.camera import CameraError
+from nvsdata.recording.davis.driver import BOARDS, UDEV, VENDOR, Davis, devices
+
+LIBUSB = {
+    "linux": "install libusb-1.0 (Debian and Ubuntu: apt install libusb-1.0-0; Fedora: dnf install libusb1)",
+    "darwin": "brew install libusb",
+    "win32": "put libusb-1.0.dll into a folder of PATH (pip install libusb-package brings one)",
+}
+ZADIG = "on Windows, run Zadig, choose the camera, and give it the driver WinUSB"
+PYGAME = "--live, --monitor and --calibrate need it: pip install 'nvsdata[monitor]'"
+
+
+class Finding(NamedTuple):
+    """What was looked at, what was found, and what to do about it (None: nothing)."""
+
+    what: str
+    found: str
+    cure: str | None = None
+
+
+def examine(backend: Any = None) -> Iterator[Finding]:
+    """Look at all that a recording needs.
+
+    - `backend`: pyusb's (default: the one that pyusb finds)
+    """
+    try:
+        connected = devices(backend)
+    except CameraError:
+        yield Finding("libusb", "isn't installed", LIBUSB.get(sys.platform, LIBUSB["linux"]))
+    else:
+        yield Finding("libusb", "found")
+        yield from _cameras(connected)
+    if importlib.util.find_spec("pygame") is None:
+        yield Finding("pygame-ce", "isn't installed", PYGAME)
+    else:
+        yield Finding("pygame-ce", "found")
+    free = shutil.disk_usage(".").free
+    yield Finding("disk", f"{free / 1e9:,.1f} GB are free here", None if free > 1e9 else "a minute may take a gigabyte")
+
+
+def _cameras(connected: list[Any]) -> Iterator[Finding]:
+    if not connected:
+        products = ", ".join(f"{VENDOR:04x}:{product:04x}" for product in BOARDS)
+        cure = f"plug one in (USB {products}), or try another cable or port, without a hub"
+        yield Finding("camera", "none is connected", _also(cure))
+    opened = [_opened(device) for device in connected]
+    if sys.platform == "linux" and connected:
+        rules = [path for path in _rules() if f"{VENDOR:04x}" in path.read_text("utf-8", "replace").lower()]
+        cure = f"put this line into /etc/udev/rules.d/65-davis.rules: {UDEV}"
+        needed = not rules and any(one.cure for one in opened)
+        yield Finding("udev rule", ", ".join(map(str, rules)) or "none names the camera", cure if needed else None)
+    yield from opened
+
+
+def _opened(device: Any) -> Finding:
+    """A camera, opened for a moment."""
+    try:
+        with Davis(device) as camera:
+            facts, firmware = camera.facts, device.bcdDevice & 0xFF
+    except CameraError as error:
+        found, *cure = re.split("[;:] ", str(error), maxsplit=1)
+        return Finding("camera", found, _also("".join(cure) or "plug it in again"))
+    size = f"{facts.width}x{facts.height}"
+    return Finding("camera", f"{facts.name} {facts.serial}, {size}, {facts.board} with firmware {firmware}")
+
+
+def _also(cure: str) -> str:
+    return f"{cure}; {ZADIG}" if sys.platform == "win32" else cure
+
+
+def _rules() -> Iterator[Path]:
+    for folder in ("/etc/udev/rules.d", "/lib/udev/rules.d", "/usr/lib/udev/rules.d"):
+        with suppress(OSError):
+            yield from sorted(Path(folder).glob("*.rules"))
