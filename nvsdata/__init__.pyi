@@ -24,6 +24,7 @@ from .datasets.cache import cache
 from .datasets.store.writer import pack
 from .datasets.windows import windows
 from .emulation import PIX2NVS
+from .emulation.example import example
 from .formats import open, read, write
 from .plots.show import plot
 
@@ -51,6 +52,7 @@ __all__ = [
     "collate",
     "datasets",
     "emulation",
+    "example",
     "formats",
     "metrics",
     "models",

@@ -89,7 +89,8 @@ def record_videos(
     A video whose take fails its checks is recorded again after the others, at once if the camera was the reason. After
     three failed takes the video has failed; the last 20 takes that failed are kept in `out/.takes`, uncut. If the
     camera goes away, the batch waits for it; if takes of several videos fail one after another, the camera is opened
-    anew, then the batch pauses and sounds an alarm (see `watch`). A video that can't be decoded fails, and the rest
+    anew, then a video that went well before is tried, and if that fails, too, the batch pauses and sounds an alarm (see
+    `watch`). A video that can't be decoded fails, and the rest
     goes on. `out` gets contact sheets, forty recordings per page, and `status.json`.
 
     - `videos`: what is to be played
@@ -114,7 +115,10 @@ def record_videos(
         FolderRun(manifest, videos, DONE, "recording") as run,
         _status(out, len(run.waiting)) as status,
     ):
-        watch = Watch(status, on_alarm, cameras.drop, monitor.wait)
+        how = (monitor, settings, inspector, live)
+        watch = Watch(
+            status, on_alarm, cameras.drop, monitor.wait, lambda: _probed(videos, out, manifest, cameras.get(), *how)
+        )
         cameras.watched_by(watch, status)
         waiting = deque(run.waiting)
         given_up: dict[str, Video] = {}  # since the last take that was right
@@ -127,7 +131,7 @@ def record_videos(
             try:
                 with noted(video, line, (OSError,)):
                     line |= file_facts(video)
-                    line |= _recorded(video, out, camera, monitor, settings, inspector, live)
+                    line |= _recorded(video, out, camera, *how)
             except (TakeRejected, OSError) as reason:
                 if _ends_all(reason, video):
                     raise
@@ -170,6 +174,24 @@ def _status(out: Path, total: int) -> Iterator[Status]:
             status.set(state="interrupted" if isinstance(error, KeyboardInterrupt) else "stopped")
         raise
     status.set(state="done", video=None)
+
+
+def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, *how: Any) -> bool:
+    """Whether the shortest video whose recording isn't odd can be recorded again; False if there is none."""
+    lines = manifest.videos
+    fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
+    fine = [video for video in fine if "look" not in lines[video.name]]
+    if not fine:
+        return False
+    video = min(fine, key=lambda video: lines[video.name]["duration"])
+    target = out / HIDDEN / "probe" / video.target.name
+    try:
+        _recorded(video._replace(target=target), out, camera, *how)
+    except (TakeRejected, CameraError):
+        return False
+    finally:
+        target.unlink(missing_ok=True)
+    return True
 
 
 def _ends_all(reason: Exception, video: Video) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from nvsdata import formats
 from nvsdata.plots import event_image, save
 from nvsdata.plots.drawing import FONT, INK
+from nvsdata.video.decoder import quiet
 from nvsdata.video.folder import Video
 from nvsdata.video.manifest import Manifest
 
@@ -95,12 +96,13 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
 
 def _middle(path: Path) -> np.ndarray:
     """The video's middle picture; gray if it can't be read."""
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    try:
-        capture.set(cv2.CAP_PROP_POS_FRAMES, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) // 2)
-        ok, picture = capture.read()
-    finally:
-        capture.release()
+    with quiet():
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        try:
+            capture.set(cv2.CAP_PROP_POS_FRAMES, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) // 2)
+            ok, picture = capture.read()
+        finally:
+            capture.release()
     return np.asarray(picture) if ok else np.full((*TILE[::-1], 3), 128, np.uint8)
 
 

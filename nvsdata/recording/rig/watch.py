@@ -1,4 +1,6 @@
-"""What is done when takes fail in a row: the camera is opened anew, then the batch pauses and somebody is told."""
+"""What is done when takes fail in a row: the camera is opened anew, a video that went well before is tried, and if that
+fails, too, the batch pauses and somebody is told.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +36,19 @@ class Watch:
       `NVSDATA_OUT` (None: no command)
     - `reopen`: opens the camera anew
     - `wait`: waits until a host time (µs)
+    - `probe`: whether a video that was recorded before can be recorded now (default: there is none)
     """
 
     def __init__(
-        self, status: Status, command: str | None, reopen: Callable[[], None], wait: Callable[[float], None]
+        self,
+        status: Status,
+        command: str | None,
+        reopen: Callable[[], None],
+        wait: Callable[[float], None],
+        probe: Callable[[], bool] = lambda: False,
     ) -> None:
         self._status, self._command, self._reopen, self._wait = status, command, reopen, wait
+        self._probe = probe
         self._failed: list[str] = []
         self._pauses = 0
 
@@ -58,6 +67,10 @@ class Watch:
         if len(self._failed) == REOPEN:
             self._reopen()
         if len(self._failed) < PAUSE or len(set(self._failed)) < DIFFERENT:
+            return []
+        if self._probe():
+            # the camera and the screen are all right, so the videos aren't
+            self.succeeded()
             return []
         spared, self._failed = self._failed, []
         self._pauses += 1

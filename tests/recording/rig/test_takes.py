@@ -218,7 +218,7 @@ def test_a_last_take_that_fails_with_all_others_is_none_of_its_video(folder, mon
     monkeypatch.setattr(batch, "TAKES", 2)
     monkeypatch.setattr(MONITOR, "wait", lambda until: None)
     bad = TakeRejected("0 events")
-    report = recorded(folder, monkeypatch, [bad, None, *[bad] * 6])
+    report = recorded(folder, monkeypatch, [bad, None, *[bad] * 7])
     assert (report.done, report.failed) == (6, {})
     told = [(line["video"][4], line["status"]) for line in lines(folder)]
     assert told[:2] == [("b", "recorded"), ("a", "failed")]
@@ -243,3 +243,25 @@ def test_a_batch_that_gives_up_says_so(folder, monkeypatch):
     assert json.loads((folder / "out/status.json").read_text())["state"] == "stopped"
     # and goes on when it is told to
     assert recorded(folder, monkeypatch, resume=True).done == 3
+
+
+def test_bad_videos_at_the_end_of_a_batch_are_not_waited_for(folder, monkeypatch):
+    """Three that can't be recorded, beside one that could: it is tried once more, and then they are given up."""
+    (folder / "in/run/_.avi").write_bytes(b"good")
+    waited, bad = [], TakeRejected("too few events")
+    monkeypatch.setattr(MONITOR, "wait", waited.append)
+    # the good one, six takes of the others, the good one again, and their last takes
+    report = recorded(folder, monkeypatch, [None, *[bad] * 6, None, *[bad] * 3])
+    assert (report.done, sorted(report.failed)) == (1, [f"run/{name}.avi" for name in "abc"])
+    assert waited == []
+    assert [line["takes"] for line in lines(folder)] == [1, 3, 3, 3]
+    assert not list((folder / "out/.takes").rglob("probe/*"))
+    assert verified(folder).keys() == {f"run/{name}.avi" for name in "abc"}
+
+
+def test_a_batch_whose_good_videos_fail_too_waits(folder, monkeypatch):
+    (folder / "in/run/_.avi").write_bytes(b"good")
+    waited, bad = [], TakeRejected("0 events")
+    monkeypatch.setattr(MONITOR, "wait", waited.append)
+    report = recorded(folder, monkeypatch, [None, *[bad] * 7])
+    assert (report.done, report.failed, len(waited)) == (4, {}, 1)
