@@ -39,7 +39,7 @@ def _datasets() -> str:
         info = kind.info
         sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
         how = f"`nvsdata download {name}`" if info.by_program else f"[by hand]({info.page})"
-        page = f"[{kind.__name__}](datasets/{name}.md)"
+        page = f"[{kind.__name__}]({name}.md)"
         rows.append((page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how))
     return _rows(*rows)
 

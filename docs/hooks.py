@@ -15,8 +15,12 @@ import facts
 import snippets
 
 
+# pages whose text lies elsewhere in the repository
+BESIDE = {"changelog.md": "CHANGELOG.md", "screen-playback.md": "recipes/screen_playback/README.md"}
+
+
 def on_files(files: Any, config: Any) -> Any:
-    """Run the gallery's pages, and add the pictures and pages that they write; add the changelog."""
+    """Run the gallery's pages, and add the pictures and pages that they write, and pages from elsewhere."""
     docs = Path(config["docs_dir"])
     for page in sorted((docs / "gallery").glob("*.md")):
         with tempfile.TemporaryDirectory() as folder:
@@ -24,12 +28,15 @@ def on_files(files: Any, config: Any) -> Any:
             for made in sorted(Path(folder).iterdir()):
                 if made.suffix in (".png", ".gif", ".html"):
                     files.append(File.generated(config, f"gallery/{made.name}", content=made.read_bytes()))
-    changes = (docs.parent / "CHANGELOG.md").read_text("utf-8")
-    files.append(File.generated(config, "changelog.md", content=changes))
+    for name, source in BESIDE.items():
+        text = (docs.parent / source).read_text("utf-8").replace("../../docs/", "")
+        files.append(File.generated(config, name, content=text))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Put tables in place of `<!-- table: NAME -->`; links out of docs/ go to the repository's files."""
+    """Put tables in place of `<!-- table: NAME -->`, and links to pages in place of those to the repository's files."""
+    for name, source in BESIDE.items():
+        markdown = markdown.replace(f"../{source}", name)
     markdown = re.sub(r"<!-- table: ([\w. -]+) -->", lambda found: facts.table(found[1]), markdown)
     return re.sub(r"<!-- not run: [^>]+ -->\n", "", markdown)
