@@ -14,7 +14,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 import facts
 import snippets
 
-
 # pages whose text lies elsewhere in the repository
 BESIDE = {"changelog.md": "CHANGELOG.md", "screen-playback.md": "recipes/screen_playback/README.md"}
 

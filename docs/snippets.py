@@ -38,7 +38,7 @@ class SnippetError(Exception):
 def blocks_of(text: str) -> Iterator[Block]:
     """The blocks of Python and of the shell in a page."""
     found = list(FENCE.finditer(text))
-    for one, after in zip(found, [*found[1:], None], strict=True):
+    for one, after in zip(found, [*found[1:], None], strict=False):
         if one["kind"] not in ("python", "sh"):
             continue
         output = None
