@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import cv2
+from collections.abc import Iterator
+
 import numpy as np
 
 from nvsdata.data.events import Events
@@ -11,6 +12,7 @@ from nvsdata.emulation.dvs import DVS
 SIZE = (240, 180)
 FPS = 250.0
 DURATION = 0.5  # s
+FINE = 2  # points per pixel along each axis, so that edges lie between pixels
 
 
 def example(seed: int = 0) -> Events:
@@ -18,22 +20,27 @@ def example(seed: int = 0) -> Events:
 
     Frames are drawn at 250 per second, and seen by `DVS`. The same seed (default 0) gives the same events.
     """
-    pixel = DVS(noise_rate=0.5, mismatch=0.03, seed=seed)
-    return pixel.emulate((_frame(n / FPS) for n in range(round(DURATION * FPS) + 1)), fps=FPS)
+    return DVS(noise_rate=0.5, mismatch=0.03, seed=seed).emulate(_frames(), fps=FPS)
 
 
-def _frame(seconds: float) -> np.ndarray:
-    """The scene, gray uint8 [180, 240]; drawn at four times the size, so that edges lie between pixels."""
-    share = seconds / DURATION
-    picture = np.full((4 * SIZE[1], 4 * SIZE[0]), 60, np.uint8)
-    cv2.circle(picture, _scaled(45 + 130 * share, 50 + 25 * np.sin(2 * np.pi * share)), 4 * 22, 190, -1)
-    turn = np.pi / 2 * share + np.array([0.25, 0.75, 1.25, 1.75]) * np.pi
-    square = np.stack([70 + 30 * np.cos(turn), 125 + 30 * np.sin(turn)], 1)
-    cv2.fillPoly(picture, [np.rint(4 * square).astype(np.int32)], 130)
-    corners = np.array([(200, 150), (165, 150), (182, 115)]) - (30 * share, 20 * share)
-    cv2.fillPoly(picture, [np.rint(4 * corners).astype(np.int32)], 20)
-    return cv2.resize(picture, SIZE, interpolation=cv2.INTER_AREA)
+def _frames() -> Iterator[np.ndarray]:
+    """The scene, gray uint8 [180, 240] each; drawn point by point, so that it is the same everywhere."""
+    x, y = ((np.arange(FINE * side, dtype=np.float32) + 0.5) / FINE for side in SIZE)
+    x, y = x[None, :], y[:, None]
+    for share in np.linspace(0, 1, round(DURATION * FPS) + 1):
+        picture = np.full((y.size, x.size), 60.0, np.float32)
+        disc = 45 + 130 * share, 50 + 25 * np.sin(2 * np.pi * share)
+        picture[(x - disc[0]) ** 2 + (y - disc[1]) ** 2 <= 22**2] = 190
+        turn = np.pi / 2 * (share + np.arange(4))
+        picture[_inside(x, y, np.stack([70 + 30 * np.cos(turn), 125 + 30 * np.sin(turn)], 1))] = 130
+        picture[_inside(x, y, np.array([(165, 150), (182, 115), (200, 150)]) - (30 * share, 20 * share))] = 20
+        fine = picture.reshape(SIZE[1], FINE, SIZE[0], FINE)
+        yield np.rint(fine.mean((1, 3))).astype(np.uint8)
 
 
-def _scaled(x: float, y: float) -> tuple[int, int]:
-    return round(4 * x), round(4 * y)
+def _inside(x: np.ndarray, y: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Whether points lie in a polygon without dents, whose corners are given clockwise, as y points down."""
+    within = np.ones((y.size, x.size), np.bool_)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, 0), strict=True):
+        within &= (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) >= 0
+    return within
