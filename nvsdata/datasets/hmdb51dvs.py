@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
 from typing import ClassVar
 
 from nvsdata.datasets.base import numbered_fold
@@ -15,22 +18,34 @@ CLASSES = """
     ride_horse run shake_hands shoot_ball shoot_bow shoot_gun sit situp smile smoke somersault stand swing_baseball
     sword sword_exercise talk throw turn walk wave
 """.split()
-LISTS = "https://serre-lab.clps.brown.edu/resource/hmdb-a-large-human-motion-database/ (test_train_splits.rar)"
+SHIPPED = Path(__file__).with_name("lists") / "hmdb51.txt.gz"
 PARTS = {"train": "1", "test": "2"}
+
+
+@cache
+def official() -> dict[str, dict[str, str]]:
+    """HMDB51's splits: by class and video, its parts in the three splits (1: train, 2: test, 0: neither), as "120"."""
+    found: dict[str, dict[str, str]] = {}
+    for line in gzip.decompress(SHIPPED.read_bytes()).decode().splitlines():
+        if line.endswith(":"):
+            videos = found.setdefault(line[:-1], {})
+        else:
+            parts, _, stem = line.partition(" ")
+            videos[stem] = parts
+    return found
 
 
 class HMDB51DVS(CountedFromBottom):
     """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor in front of a DAVIS240C, 240x180.
 
     About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are HMDB51's
-    own: the files `<class>_test_split<k>.txt` must lie below `root`. Recordings below 1 KB are empty; `skipped`
+    own, of 70 videos per class for training and 30 for testing: those of `<class>_test_split<k>.txt` if such files lie
+    below `root`, otherwise those that come with nvsdata. Recordings below 1 KB are empty; `skipped`
     lists them. The .mat files count y from the bottom of the sensor; here it counts from the top.
 
     - `split`: "train" (default), "test" or "all"
     - `fold`: 1, 2 or 3 (default 1), the number of the split
     - other parameters: those of `EventDataset`
-
-    FileNotFoundError if there are no split files, unless the split is "all".
     """
 
     info = Info(
@@ -42,7 +57,7 @@ class HMDB51DVS(CountedFromBottom):
         archives=(Archive("HMDB-DVS.zip", "", (google_drive("1TVHsmv-Pt2jZVcxfPgpGonXDzqbAAGDB"),), "HMDB51_DVS"),),
         recordings=6_766,
         known_from="the paper; one of the releases has 6,765",
-        tree="<class>/<video>.mat or .aedat, and testTrainMulti_7030_splits/<class>_test_split1.txt and so on",
+        tree="<class>/<video>.mat or .aedat",
     )
     aliases: ClassVar[dict[str, str]] = {"clibmstairs": "climb_stairs"}
     smallest: ClassVar[int] = 1024
@@ -54,17 +69,21 @@ class HMDB51DVS(CountedFromBottom):
         if self.split_name == "all":
             return found
         wanted = PARTS[self.split_name]
+        lists = self._lists()
         chosen = {
             (label, stem)
             for label, name in enumerate(self.classes)
-            for stem, part in self._listed_in(f"{name}_test_split{self.fold}.txt")
+            for stem, part in lists.get(name, {}).items()
             if part == wanted
         }
-        if not chosen:
-            raise FileNotFoundError(
-                f"no <class>_test_split{self.fold}.txt below {self.root}; HMDB51's split files are at {LISTS}"
-            )
         return [sample for sample in found if (sample.label, sample.stem) in chosen]
+
+    def _lists(self) -> dict[str, dict[str, str]]:
+        """The part of each video, by class: of the lists below the root if there are any, else of those shipped."""
+        own = {name: dict(self._listed_in(f"{name}_test_split{self.fold}.txt")) for name in self.classes}
+        if any(own.values()):
+            return own
+        return {name: {stem: parts[self.fold - 1] for stem, parts in of.items()} for name, of in official().items()}
 
     def listed(self) -> dict[str, list[str]]:
         names = [f"{name}_test_split{self.fold}.txt" for name in self.classes]

@@ -1,11 +1,24 @@
+import re
+
 import numpy as np
 import pytest
 import trees
 from hypothesis import given
 from hypothesis import strategies as st
+from places import SHARED
 
 from nvsdata import NMNIST
-from nvsdata.datasets import ASLDVS, CIFAR10DVS, YUPENNDVS, DVS128Gesture, EventFolder, NCaltech101, stratified
+from nvsdata.datasets import (
+    ASLDVS,
+    CIFAR10DVS,
+    HMDB51DVS,
+    YUPENNDVS,
+    DVS128Gesture,
+    EventFolder,
+    NCaltech101,
+    stratified,
+)
+from nvsdata.datasets.hmdb51dvs import official
 from nvsdata.datasets.store.writer import pack
 
 texts = st.text(st.characters(exclude_characters="\0"), max_size=6)
@@ -146,3 +159,38 @@ def test_parts_of_a_folder_have_the_same_labels(tmp_path):
     train, test = EventFolder(tmp_path, "train"), EventFolder(tmp_path, "test")
     assert train.classes == test.classes == ["ant", "bee", "cat"]
     assert (train.targets, test.targets) == ([0, 2], [1, 2])
+
+
+def test_hmdb51s_splits_are_those_of_its_authors():
+    """70 videos for training and 30 for testing per class; counts as in the readme beside the lists."""
+    lists = official()
+    assert list(lists) == list(HMDB51DVS.info.classes)
+    assert sum(map(len, lists.values())) == HMDB51DVS.info.recordings == 6_766
+    for videos in lists.values():
+        for k in range(3):
+            parts = [digits[k] for digits in videos.values()]
+            assert (parts.count("1"), parts.count("2"), set(parts) <= set("012")) == (70, 30, True)
+    assert lists["brush_hair"]["April_09_brush_hair_u_nm_np1_ba_goo_0"] == "112"
+
+
+def test_recordings_without_lists_follow_hmdb51s_own(tmp_path):
+    names = sorted(official()["wave"])
+    for name in names:
+        (tmp_path / "wave").mkdir(exist_ok=True)
+        (tmp_path / f"wave/{name}.mat").write_bytes(bytes(2_000))
+    for fold in (1, 2, 3):
+        train, test = (HMDB51DVS(tmp_path, split, fold=fold) for split in ("train", "test"))
+        assert (len(train), len(test)) == (70, 30)
+        assert {s.stem for s in test.samples} == {n for n in names if official()["wave"][n][fold - 1] == "2"}
+    assert len(HMDB51DVS(tmp_path, "all")) == len(names)
+
+
+@pytest.mark.skipif(not (SHARED / "lists").exists(), reason="names of UCF101's videos")
+def test_ucf101s_rule_gives_the_numbers_of_its_lists():
+    """trainlist01 to testlist03 have so many lines each; all of them follow the rule."""
+    names = (SHARED / "lists/ucf101_videos.txt").read_text().split()
+    groups = [int(re.search(r"_g(\d+)_c", name)[1]) for name in names]
+    assert len(groups) == 13_320
+    for fold, counts in {1: (9_537, 3_783), 2: (9_586, 3_734), 3: (9_624, 3_696)}.items():
+        held = sum(7 * fold - 6 <= group <= 7 * fold for group in groups)
+        assert (len(groups) - held, held) == counts
