@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from dataclasses import asdict, replace
+from typing import get_args
 
 from nvsdata.commands.emulation_settings import add_settings, settings_of
-from nvsdata.commands.options import add_jobs, add_json, add_videos, path, positive, sensor_size, shard
+from nvsdata.commands.options import (
+    add_jobs,
+    add_json,
+    add_videos,
+    not_negative,
+    path,
+    positive,
+    sensor_size,
+    shard,
+    usage,
+)
 from nvsdata.common.processes import cores
 from nvsdata.common.terminal import tell
+from nvsdata.video.view import Fit, View
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_videos(add)
     add("--size", type=sensor_size, metavar="WxH", help="pixels that frames are scaled to (default: as they are)")
     add("--fps", type=positive, help="frames per second, whatever the files say (default: as they say)")
+    add("--fit", choices=get_args(Fit), default="pad", help="frames of another shape: whole, filling, or distorted")
+    add("--crop", type=int, nargs=4, metavar=("X", "Y", "WIDTH", "HEIGHT"), help="pixels of the frames (default: all)")
+    add("--start", type=not_negative, default=0.0, metavar="S", help="from this second on")
+    add("--stop", type=positive, default=math.inf, metavar="S", help="up to this second (default: end)")
     # one process decodes, emulates and writes in three threads, which keep two cores busy
     add_jobs(add, "processes (default: one for every two cores)", max(1, cores() // 2))
     share = "do the I-th of N parts of the videos, as in job arrays; all write to the same DIR (default: all)"
@@ -40,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
     sys.setswitchinterval(0.0005)
     settings = settings_of(args)
     chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit, "shard": args.shard}
+    with usage():
+        chosen["view"] = View(args.start, args.stop, args.crop and tuple(args.crop), args.fit)
     out = args.out or default_out(args.source)
     if args.dry_run:
         jobs = plan(args.source, args.out, settings, **chosen)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
 def facts_of(root: Path) -> list[dict[str, Any]]:
     """Facts of every dataset, and where it is below `root` (None if it isn't there)."""
     # written beforehand, because importing the datasets imports torch, which takes a second
-    known = registered() if entry_points(group="nvsdata.datasets") else json.loads(FACTS.read_text("utf-8"))
+    more = "nvsdata.datasets" in sys.modules or entry_points(group="nvsdata.datasets")
+    known = registered() if more else json.loads(FACTS.read_text("utf-8"))
     return [facts | {"here": where(facts["name"], root)} for facts in known]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
@@ -21,6 +21,7 @@ from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.video.folder import videos_in
 from nvsdata.video.manifest import FolderReport, FolderRun
 from nvsdata.video.shards import manifest_of
+from nvsdata.video.view import ALL, View
 
 DONE = ("converted",)
 
@@ -34,6 +35,7 @@ def convert_videos(
     size: tuple[int, int] | None = None,
     fps: float | None = None,
     jobs: int = 1,
+    view: View = ALL,
     limit: int | None = None,
     scheduler: str | None = None,
     shard: tuple[int, int] | None = None,
@@ -51,6 +53,8 @@ def convert_videos(
     - `format`: of the recordings, "hdf5", "aedat2", "aedat3" or "text" (default "hdf5")
     - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
     - `fps`: frames per second, whatever the files say (default: as they say)
+    - `view`: which part of each video, and how its frames come into `size` (default: all of it; whole, with black
+      beside them, where the shape is another)
     - `jobs`: processes that work at once (default 1)
     - `limit`: convert the first N videos only (default: all)
     - `scheduler`: address of a Dask cluster whose workers convert instead (needs `nvsdata[distributed]`; the workers
@@ -63,10 +67,14 @@ def convert_videos(
     Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
     other settings, and OSError if nothing can be written there.
     """
-    found = plan(source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, limit=limit, shard=shard)
+    found = plan(
+        source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, view=view, limit=limit, shard=shard
+    )
     target = out or default_out(source)
     target.mkdir(parents=True, exist_ok=True)
     made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
+    if view != ALL:
+        made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(ALL, name)}
     with manifest_of(target, "nvsdata-videos", made, shard=shard, overwrite=overwrite) as manifest:
         before = manifest.as_before([job.video for job in found])
         videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
@@ -93,6 +101,7 @@ def plan(
     format: str = "hdf5",
     size: tuple[int, int] | None = None,
     fps: float | None = None,
+    view: View = ALL,
     limit: int | None = None,
     shard: tuple[int, int] | None = None,
 ) -> list[Job]:
@@ -102,7 +111,7 @@ def plan(
     first, step = (0, 1) if shard is None else (shard[0] - 1, shard[1])
     if not (step >= 1 and 0 <= first < step):
         raise ValueError(f"shard must be (i, n) with 1 <= i <= n, not {shard}")
-    return [Job(video, settings, size, fps) for video in videos[first::step]]
+    return [Job(video, settings, size, fps, view) for video in videos[first::step]]
 
 
 def _results(

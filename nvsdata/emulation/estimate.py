@@ -72,7 +72,7 @@ def _some(jobs: Sequence[Job], count: int) -> list[Job]:
 
 def _piece(job: Job, frames: int) -> tuple[int, int]:
     """Convert the first frames of a video; how many there were, and the bytes of their recording."""
-    pieces = list(islice(job.settings.stream(job.video.path, job.fps, size=job.size), frames))
+    pieces = list(islice(job.events(), frames))
     with tempfile.TemporaryDirectory(prefix="nvsdata-") as folder:
         target = Path(folder) / job.video.target.name
         formats.write(iter(pieces), target)

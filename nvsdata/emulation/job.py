@@ -9,11 +9,13 @@ from typing import Any
 
 from nvsdata import formats
 from nvsdata.data.events import Events
+from nvsdata.emulation.from_frames import FromFrames
 from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.video.folder import Video
-from nvsdata.video.frames import TruncatedVideo
+from nvsdata.video.frames import TruncatedVideo, frames_of
 from nvsdata.video.length import length_of
 from nvsdata.video.manifest import file_facts, noted
+from nvsdata.video.view import ALL, View
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,17 @@ class Job:
     settings: EventEmulator
     size: tuple[int, int] | None
     fps: float | None
+    view: View = ALL
+
+    def events(self) -> Iterator[Events]:
+        """The events of each of the video's frames in turn."""
+        ours = isinstance(self.settings, FromFrames)
+        if not ours and self.view == ALL:
+            # an emulator of the user's may read files its own way
+            return self.settings.stream(self.video.path, self.fps, size=self.size)
+        color = bool(getattr(self.settings, "hue", False)) or not ours
+        frames = frames_of(self.video.path, fps=self.fps, size=self.size, view=self.view, color=color)
+        return self.settings.stream(frames)
 
 
 def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
@@ -37,7 +50,7 @@ def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[s
     with noted(video, line):
         line |= file_facts(video)
         video.target.parent.mkdir(parents=True, exist_ok=True)
-        pieces = _counted(job.settings.stream(video.path, job.fps, size=job.size), line)
+        pieces = _counted(job.events(), line)
         frames = length_of(video.path)[0] if progress else 0
         formats.write(_watched(pieces, frames, progress) if progress and frames else pieces, video.target)
         line["recording"] = video.target.stat().st_size

@@ -20,6 +20,7 @@ from nvsdata.video.decoder import Decoder
 from nvsdata.video.folder import check_name
 from nvsdata.video.picture import Frame, picture
 from nvsdata.video.recorded import of_folder, of_recording
+from nvsdata.video.view import View
 
 __all__ = ["USUAL_RATE", "Frame", "TruncatedVideo", "Video", "frames_of"]
 
@@ -37,11 +38,13 @@ def frames_of(
     fps: float | None = None,
     times: Iterable[int] | None = None,
     size: tuple[int, int] | None = None,
+    view: View | None = None,
     color: bool = True,
 ) -> Iterator[Frame]:
     """Time and picture of each frame; times count from the first frame, those in a camera's own clock stay as they are.
 
     - `video`, `fps`, `times`, `size`: as `PIX2NVS.stream` takes them
+    - `view`: which part of the video, and how frames come into `size` (default: all of it, stretched)
     - `color`: whether colors are needed; if not, a file may give luminance alone, which is faster (default True)
 
     Raises FileNotFoundError, FormatError for what can't be decoded, `TruncatedVideo` at the end of a file that was cut
@@ -53,20 +56,23 @@ def frames_of(
         raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
     if fps is not None and times is not None:
         raise ValueError("give fps or times, not both")
+    shape = view or View(fit="stretch")
     found: Iterator[Frame]
     if isinstance(video, Recording):
-        found = _given(of_recording(video), size)
+        found = _given(of_recording(video), shape, size)
     elif isinstance(video, str | os.PathLike) and Path(video).is_dir():
-        found = _given(of_folder(Path(video)), size)
+        found = _given(of_folder(Path(video)), shape, size)
     elif isinstance(video, str | os.PathLike):
-        found = _file(Path(video), size, color)
+        found = _file(Path(video), size, color, shape)
     elif isinstance(video, int):
-        found = _camera(video, size)
+        found = _camera(video, shape, size)
     else:
-        found = _given(video, size)
+        found = _given(video, shape, size)
     if times is not None:
-        return _timed(found, times)
-    return found if fps is None else _timed(found, _regular(fps))
+        found = _timed(found, times)
+    elif fps is not None:
+        found = _timed(found, _regular(fps))
+    return shape.between(found)
 
 
 def _timed(frames: Iterator[Frame], times: Iterable[int]) -> Iterator[Frame]:
@@ -85,7 +91,7 @@ def _regular(fps: float) -> Iterator[int]:
         n += 1
 
 
-def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Frame]:
+def _file(path: Path, size: tuple[int, int] | None, color: bool, shape: View) -> Iterator[Frame]:
     """A file's frames, decoded ahead in a thread of their own."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such video")
@@ -94,7 +100,9 @@ def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Fra
     try:
         gap = MICROSECONDS / (decoder.rate or USUAL_RATE)
         count, first, last, longest = 0, 0, 0, gap
-        for moment, pixels in prefetch((moment, _scaled(picture, size)) for moment, picture in decoder):
+        for moment, pixels in prefetch(
+            (moment, shape.shaped(picture, size, decoder.levels[0])) for moment, picture in decoder
+        ):
             first = moment if count == 0 else first
             # containers without times report the same time for all frames
             now = moment - first if count == 0 or moment - first > last else last + round(gap)
@@ -111,7 +119,7 @@ def _file(path: Path, size: tuple[int, int] | None, color: bool) -> Iterator[Fra
         decoder.close()
 
 
-def _camera(number: int, size: tuple[int, int] | None) -> Iterator[Frame]:
+def _camera(number: int, shape: View, size: tuple[int, int] | None) -> Iterator[Frame]:
     capture = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():
@@ -121,16 +129,16 @@ def _camera(number: int, size: tuple[int, int] | None) -> Iterator[Frame]:
             ok, frame = capture.read()
             if not ok:
                 return
-            yield Frame((time.monotonic_ns() - start) // 1000, _scaled(frame, size))
+            yield Frame((time.monotonic_ns() - start) // 1000, shape.shaped(frame, size))
     finally:
         capture.release()
 
 
-def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Frame]:
+def _given(frames: Iterable[Any], shape: View, size: tuple[int, int] | None) -> Iterator[Frame]:
     times = _regular(USUAL_RATE)
     for n, given in enumerate(frames):
         if isinstance(given, Frame):
-            yield given._replace(pixels=_scaled(given.pixels, size))
+            yield given._replace(pixels=shape.shaped(given.pixels, size, given.levels[0]))
         elif isinstance(given, str | os.PathLike):
             check_name(given)
             frame = cv2.imread(os.fspath(given), cv2.IMREAD_UNCHANGED)
@@ -138,15 +146,7 @@ def _given(frames: Iterable[Any], size: tuple[int, int] | None) -> Iterator[Fram
                 if not Path(given).exists():
                     raise FileNotFoundError(f"{given}: no such image")
                 raise FormatError(given, "holds no image that OpenCV can decode")
-            yield Frame(next(times), _scaled(picture(frame, f"frame {n}"), size))
+            yield Frame(next(times), shape.shaped(picture(frame, f"frame {n}"), size))
         else:
             # a copy, because the caller may write the next frame into the same array
-            yield Frame(next(times), _scaled(picture(np.array(given), f"frame {n}"), size), red_first=True)
-
-
-def _scaled(frame: np.ndarray, size: tuple[int, int] | None) -> np.ndarray:
-    if size is None or size == (frame.shape[1], frame.shape[0]):
-        return np.ascontiguousarray(frame)
-    shrinks = size[0] < frame.shape[1] or size[1] < frame.shape[0]
-    how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(np.ascontiguousarray(frame), size, interpolation=how))
+            yield Frame(next(times), shape.shaped(picture(np.array(given), f"frame {n}"), size), red_first=True)

@@ -18,6 +18,7 @@ from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
 from nvsdata.plots.films import Film
 from nvsdata.video.manifest import FolderReport
+from nvsdata.video.view import View
 
 
 @pytest.mark.parametrize(
@@ -168,13 +169,14 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr() == (told.format(0, convert.default_out(Path("in"))), "")
     failed = {"a.avi": "cut off", "b.avi": "empty"}
     words = ["--out", "out", "--size", "40x30", "--fps", "25", "--limit", "7", "--jobs", "2", "--scheduler", "here"]
-    words += ["--shard", "2/3", "--overwrite"]
+    words += ["--shard", "2/3", "--overwrite", "--start", "1.5", "--stop", "4", "--fit", "crop"]
+    words += ["--crop", "1", "2", "30", "20"]
     assert main(["convert-videos", "in", *words]) == 1
     assert capsys.readouterr() == (told.format(2, "out"), "a.avi: cut off\nb.avi: empty\n")
     plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
-    plain |= {"jobs": max(1, cores() // 2), "overwrite": False}
+    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "view": View()}
     chosen = {"size": (40, 30), "fps": 25.0, "limit": 7, "jobs": 2, "scheduler": "here"}
-    chosen |= {"shard": (2, 3), "overwrite": True}
+    chosen |= {"shard": (2, 3), "overwrite": True, "view": View(1.5, 4.0, (1, 2, 30, 20), "crop")}
     assert asked[1] == (Path("in"), None, PIX2NVS(), plain)
     assert asked[3] == (Path("in"), Path("out"), PIX2NVS(), plain | chosen)
     # less than a frame's time

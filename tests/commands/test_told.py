@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from importlib import import_module
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from nvsdata.cli import COMMANDS, main
 from nvsdata.commands import datasets, options
 from nvsdata.commands.compare import compare_files
 from nvsdata.commands.emulation_settings import given, read_settings, settings_of, write_settings
+from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import DVS, PIX2NVS, PRESETS, SENSORS
 
@@ -202,7 +204,10 @@ DEFAULTS = {
     "cache": (["info"], {}),
     "pack": (["a", "--dataset", "folder", "--out", "b"], {"split": "all", "jobs": 1}),
     "convert": (["a", "b"], {}),
-    "convert-videos": (["a"], {"jobs": 1, "format": "hdf5"}),
+    "convert-videos": (
+        ["a"],
+        {"jobs": max(1, cores() // 2), "format": "hdf5", "fit": "pad", "start": 0.0, "stop": inf},
+    ),
     "compare": (["a", "b"], {"fps": 30.0, "offset": 0, "picture": Path("compare.png")}),
     "tune": (
         ["--real", "a", "--video", "b"],
