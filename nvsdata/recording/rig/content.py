@@ -229,7 +229,8 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
         return None, 0.0, 0.0, _stray(found, np.zeros_like(due), noise)
     in_time, found_in_time = due.sum(1), found.sum(1) - noise.sum()
     busy = in_time >= 0.25 * in_time.max()
-    scale = float(np.median(found_in_time[busy] / in_time[busy]))
+    # with the bin after each, because a screen takes most of a refresh to change, and pixels longer
+    scale = max(float(np.median(_with_next(found_in_time)[busy] / _with_next(in_time)[busy])), 0.0)
     # what is found of it all, if half of the time is missing
     level = max(scale, float(found_in_time.sum() / in_time.sum()), 0.01)
     around = np.pad(in_time, 1, mode="edge")
@@ -240,6 +241,12 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
     sure = there >= np.maximum(COUNTED, 5 * np.sqrt(len(found) * noise))
     hidden = float(there[sure & (places < ABSENT * there)].sum() / max(there[sure].sum(), 1))
     return scale, gap, hidden, _stray(found, level * due, noise)
+
+
+def _with_next(values: np.ndarray) -> np.ndarray:
+    """Each value with the one after it."""
+    paired: np.ndarray = values + np.append(values[1:], 0)
+    return paired
 
 
 def _stray(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> float:

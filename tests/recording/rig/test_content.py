@@ -221,6 +221,17 @@ def test_a_video_that_moves_for_a_second_only_is_judged_by_that():
     assert _compared(still, due / 30, noise)[0] is None
 
 
+def test_flashes_at_the_edge_of_a_bin_are_not_missing():
+    """Of a video that turns white and black every 100 ms; the screen takes 12 ms to do so."""
+    due = np.zeros((40, 108))
+    due[1::2] = 50.0
+    found = np.roll(due, 1, 0)
+    noise = np.zeros(108)
+    scale, gap, _, _ = _compared(found, due, noise)
+    assert scale == pytest.approx(1)
+    assert gap <= motion.BIN / 1e3
+
+
 def test_bins_go_by_the_cameras_clock(lab_of_one, video):
     corners = np.array([(14, 12), (228, 8), (226, 172), (10, 168)], np.float32)
     usual = emulated(video, lab_of_one.monitor, corners, SIZE, 60)
