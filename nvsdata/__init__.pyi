@@ -1,4 +1,4 @@
-from . import datasets, emulation, formats, metrics, models, plots, transforms
+from . import compat, datasets, emulation, formats, metrics, models, plots, transforms
 from ._version import __version__ as __version__
 from .common.errors import FormatError
 from .data.batching import collate
@@ -50,6 +50,7 @@ __all__ = [
     "Recording",
     "cache",
     "collate",
+    "compat",
     "datasets",
     "emulation",
     "example",
