@@ -78,6 +78,8 @@ def cut(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> 
 def later(about: Mapping[str, Any], time: int) -> dict[str, Any]:
     """The facts `about` a camera for a recording whose time 0 lies `time` µs later."""
     moved = dict(about)
+    if "frame_times" in moved:
+        moved["frame_times"] = moved["frame_times"] - time
     with suppress(KeyError, TypeError, ValueError):
         began = datetime.fromisoformat(moved["started"])
         moved["started"] = (began + timedelta(microseconds=time)).isoformat(timespec="microseconds")

@@ -92,9 +92,34 @@ class Recording(ABC):
         """What the file states about its camera; keys are missing where it states nothing.
 
         `camera` and `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (name to two numbers),
-        `temperature` (°C).
+        `temperature` (°C). Of events that were emulated: `emulator`, its settings, and `frame_times`, those of the
+        video's frames (int64, µs).
         """
         return {}
+
+    @property
+    def frame_times(self) -> np.ndarray:
+        """Times of the frames, int64 [N], µs: of the video that events were emulated from, else of the sensor's own
+        frames, in the middle of their exposure. FormatError for formats of which nvsdata reads only events.
+        """
+        known = self.about.get("frame_times")
+        if known is not None:
+            return np.asarray(known, np.int64)
+        middles = ((frame.exposure_start + frame.exposure_end) // 2 for frame in self.frames())
+        return np.fromiter(middles, np.int64)
+
+    def between_frames(self, first: int, last: int | None = None) -> Events:
+        """Events after frame `first` up to frame `last` (default: the one after it), by `frame_times`: t_i < t <= t_j.
+
+        IndexError for a frame that isn't there, ValueError if `last` comes before `first`.
+        """
+        times = self.frame_times
+        last = first + 1 if last is None else last
+        if not 0 <= first < times.size or not last < times.size:
+            raise IndexError(f"frames {first} to {last} of {times.size}")
+        if last < first:
+            raise ValueError(f"frame {last} comes before frame {first}")
+        return self.read(int(times[first]) + 1, int(times[last]) + 1)
 
     def pieces(self) -> Iterator[Events]:
         """The whole recording in pieces for `nvsdata.write`, with frames and inertial samples if `holds_samples`."""

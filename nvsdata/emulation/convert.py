@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import as_completed
@@ -27,8 +28,8 @@ DONE = ("converted",)
 
 
 def convert_videos(
-    source: Path,
-    out: Path | None = None,
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
     settings: EventEmulator | None = None,
     *,
     format: str = "hdf5",
@@ -70,7 +71,7 @@ def convert_videos(
     found = plan(
         source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, view=view, limit=limit, shard=shard
     )
-    target = out or default_out(source)
+    target = Path(out or default_out(source))
     target.mkdir(parents=True, exist_ok=True)
     made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
     if view != ALL:
@@ -87,15 +88,15 @@ def convert_videos(
     return run.report
 
 
-def default_out(source: Path) -> Path:
+def default_out(source: str | os.PathLike[str]) -> Path:
     """The folder that recordings go to if none is given."""
-    whole = source.resolve()
-    return whole.with_name(f"{whole.name if source.is_dir() else whole.stem}-events")
+    whole = Path(source).resolve()
+    return whole.with_name(f"{whole.name if whole.is_dir() else whole.stem}-events")
 
 
 def plan(
-    source: Path,
-    out: Path | None,
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None,
     settings: EventEmulator,
     *,
     format: str = "hdf5",
@@ -106,8 +107,8 @@ def plan(
     shard: tuple[int, int] | None = None,
 ) -> list[Job]:
     """The jobs that `convert_videos` would do with the same parameters; nothing is written."""
-    target = out or default_out(source)
-    videos = videos_in(source, target, format, limit)
+    target = Path(out or default_out(source))
+    videos = videos_in(Path(source), target, format, limit)
     first, step = (0, 1) if shard is None else (shard[0] - 1, shard[1])
     if not (step >= 1 and 0 <= first < step):
         raise ValueError(f"shard must be (i, n) with 1 <= i <= n, not {shard}")

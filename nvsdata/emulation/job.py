@@ -7,10 +7,13 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from nvsdata import formats
 from nvsdata.data.events import Events
+from nvsdata.data.samples import Piece
 from nvsdata.emulation.from_frames import FromFrames
-from nvsdata.emulation.protocol import EventEmulator
+from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.video.folder import Video
 from nvsdata.video.frames import TruncatedVideo, frames_of
 from nvsdata.video.length import length_of
@@ -52,9 +55,21 @@ def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[s
         video.target.parent.mkdir(parents=True, exist_ok=True)
         pieces = _counted(job.events(), line)
         frames = length_of(video.path)[0] if progress else 0
-        formats.write(_watched(pieces, frames, progress) if progress and frames else pieces, video.target)
+        watched = _watched(pieces, frames, progress) if progress and frames else pieces
+        formats.write(_told(watched, job.settings), video.target)
         line["recording"] = video.target.stat().st_size
     return line | {"seconds": round(time.monotonic() - started, 3)}
+
+
+def _told(pieces: Iterable[Events], settings: EventEmulator) -> Iterator[Events]:
+    """The pieces, and at the end an empty one that knows the frames' times and the emulator's settings."""
+    times = []
+    for piece in pieces:
+        times.append(piece.end)
+        yield piece
+    if times:
+        about = {"emulator": settings_of(settings), "frame_times": np.array(times, np.int64)}
+        yield Piece.beside(Events.empty(piece.sensor_size, piece.end, piece.end), about=about)
 
 
 def _watched(pieces: Iterable[Events], frames: int, progress: Callable[[float], None]) -> Iterator[Events]:

@@ -35,7 +35,7 @@ from nvsdata.formats.columns import polarity
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.hdf5_columns import Column, Source, Stored, column_of, narrowed, rises
 from nvsdata.formats.hdf5_file import attribute, check_version, dataset_of, found_in, number_of, opened, text_of
-from nvsdata.formats.hdf5_samples import about_in, frames_in, inertial_in
+from nvsdata.formats.hdf5_samples import about_in, frame_times_in, frames_in, inertial_in
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.formats.records import stated_size
@@ -186,7 +186,8 @@ class Hdf5Recording(FileRecording):
     @property
     def about(self) -> dict[str, Any]:
         with opened(self.path, "damaged HDF5") as file:
-            return about_in(partial(text_of, file), partial(attribute, file))
+            times = frame_times_in(self.path, file, partial(dataset_of, self.path, file))
+            return about_in(partial(text_of, file), partial(attribute, file)) | times
 
 
 FORMAT = Format(

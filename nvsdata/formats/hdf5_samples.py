@@ -27,7 +27,8 @@ from nvsdata.formats.hdf5_file import found_in
 TIMES = ("start", "exposure_start", "exposure_end", "end")
 PLACES = ("x", "y", "width", "height")
 TEXTS = ("camera", "serial", "started", "note")
-TABLES = ("biases", "settings")
+TABLES = ("biases", "settings", "emulator")
+FRAME_TIMES = "frame_times"
 CHUNK, CHUNK_PIXELS = 1 << 12, 1 << 16  # rows, and pixels, per chunk
 GATHERED = 64  # frames, or pieces with inertial samples, that are written together
 
@@ -65,6 +66,8 @@ class Beside:
         for name, value in self._about.items():
             if name == "temperature":
                 self._file.attrs[name] = float(value)
+            elif name == FRAME_TIMES:
+                self._file.create_dataset(name, data=np.asarray(value, np.int64))
             else:
                 # fixed length, like all texts here
                 text = value if isinstance(value, str) else json.dumps(value)
@@ -137,6 +140,16 @@ def frames_in(
         row = {name: int(column[n]) for name, column in columns.items()}
         picture = pixels[int(ends[n] - sizes[n]) : int(ends[n])].reshape(row.pop("height"), row.pop("width"))
         yield Frame(**row, pixels=picture)
+
+
+def frame_times_in(path: str, file: Any, dataset: Callable[[str], Any]) -> dict[str, np.ndarray]:
+    """Times of the frames that the events of an open file were emulated from, by the name of the fact."""
+    if found_in(path, file.id, FRAME_TIMES) is None:
+        return {}
+    times = np.asarray(dataset(FRAME_TIMES)[()])
+    if times.ndim != 1 or times.dtype.kind not in "iu":
+        raise FormatError(path, f"/{FRAME_TIMES} is {times.dtype} {list(times.shape)}, not times")
+    return {FRAME_TIMES: times.astype(np.int64)}
 
 
 def about_in(texts: Callable[[str], str], number: Callable[[str], Any]) -> dict[str, Any]:
