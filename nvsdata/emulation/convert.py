@@ -7,19 +7,22 @@ import signal
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, replace
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
+from nvsdata.common.errors import FormatError
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
+from nvsdata.formats.aedat2 import chip_for
 from nvsdata.video.folder import videos_in
+from nvsdata.video.frames import frames_of
 from nvsdata.video.manifest import FolderReport, FolderRun
 from nvsdata.video.shards import manifest_of
 from nvsdata.video.view import ALL, View
@@ -66,7 +69,7 @@ def convert_videos(
     - `overwrite`: convert all videos anew, also if the folder holds recordings of other settings (default False)
 
     Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
-    other settings, and OSError if nothing can be written there.
+    other settings, and for frames larger than any chip of AEDAT 2, and OSError if nothing can be written there.
     """
     found = plan(
         source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, view=view, limit=limit, shard=shard
@@ -112,7 +115,22 @@ def plan(
     first, step = (0, 1) if shard is None else (shard[0] - 1, shard[1])
     if not (step >= 1 and 0 <= first < step):
         raise ValueError(f"shard must be (i, n) with 1 <= i <= n, not {shard}")
-    return [Job(video, settings, size, fps, view) for video in videos[first::step]]
+    jobs = [Job(video, settings, size, fps, view) for video in videos[first::step]]
+    if format == "aedat2":
+        _check_chip(jobs)
+    return jobs
+
+
+def _check_chip(jobs: list[Job]) -> None:
+    """ValueError if no chip of AEDAT 2 is as large as what the jobs' first readable video becomes."""
+    for job in jobs:
+        if job.size is not None:
+            chip_for(*job.size)
+            return
+        with suppress(OSError, FormatError), closing(frames_of(job.video.path, view=job.view)) as frames:  # type: ignore[type-var]
+            first = next(frames)
+            chip_for(*first.pixels.shape[1::-1])
+            return
 
 
 def _results(

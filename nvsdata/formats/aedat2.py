@@ -104,16 +104,20 @@ def write(pieces: Pieces, path: Path) -> None:
     ValueError for a larger sensor; and, because a reader could not unwrap the 32-bit times, for a first time outside
     [0, 2^32 - 1) µs, a gap of 2^31 µs or more, or a gap of more than five minutes where the 32 bits wrap.
     """
-    width, height = pieces.sensor_size
-    chips = [chip for chip in CHIPS.values() if width <= chip[0][0] and height <= chip[0][1]]
-    if not chips:
-        raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
-    size, layout, name = chips[0]
+    size, layout, name = chip_for(*pieces.sensor_size)
     told = WRITTEN.lines if layout == DAVIS else ()
     with headed(path, pieces, partial(header, "2.0", name, told=told)) as file:
         records: Any
         for records in with_times_of_32_bits(merged(pieces, layout, size), "AEDAT 2.0"):
             file.write(records.raw.data)
+
+
+def chip_for(width: int, height: int) -> tuple[tuple[int, int], Any, str]:
+    """Size, layout and name of the smallest chip that holds a sensor of so many pixels. ValueError if none does."""
+    for chip in CHIPS.values():
+        if width <= chip[0][0] and height <= chip[0][1]:
+            return chip
+    raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
 
 
 def header(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) -> bytes:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 from clips import moving_square, write_video
 from processes_of_others import dead_owner
@@ -19,6 +20,7 @@ from nvsdata.emulation.convert import convert_videos
 from nvsdata.formats import hdf5
 from nvsdata.video.folder import FORMATS, Video
 from nvsdata.video.manifest import as_before
+from nvsdata.video.view import View
 
 
 @pytest.fixture
@@ -324,3 +326,18 @@ def test_the_command_says_by_its_exit_code_whether_any_video_failed(videos, tmp_
     assert "0 converted, 4 were there, 1 failed" in found.out
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "other"), "--dry-run"]) == 0
     assert not (tmp_path / "other").exists()
+
+
+def test_frames_that_no_chip_of_aedat_2_has_are_refused_before_the_batch(videos, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(ValueError, match=r"AEDAT 2\.0 is written for sensors up to 346x260, not 640x480"):
+        convert_videos(videos, out, format="aedat2", size=(640, 480))
+    large = [np.zeros((300, 400, 3), np.uint8)] * 2
+    write_video(tmp_path / "large/b.avi", large)
+    (tmp_path / "large/a.avi").write_bytes(b"no video")
+    with pytest.raises(ValueError, match="not 400x300"):
+        convert_videos(tmp_path / "large", out, format="aedat2")
+    assert not out.exists()
+    # a part of it may fit
+    report = convert_videos(tmp_path / "large", out, format="aedat2", view=View(crop=(0, 0, 100, 100)))
+    assert (report.done, list(report.failed)) == (1, ["a.avi"])
