@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, SupportsIndex, overload
 
 import numpy as np
 import torch
@@ -159,7 +159,14 @@ class Samples(Dataset[tuple[Any, Any]]):
     def __len__(self) -> int:
         return len(self.samples)
 
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> tuple[Any, Any]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Self: ...
+
     def __getitem__(self, index: Any) -> Any:
+        """The sample and target at an index; of a slice, a dataset. IndexError beyond the ends."""
         if isinstance(index, slice):
             return self.subset(range(len(self))[index])
         if self._damage is None and self._passes is None:
