@@ -49,7 +49,7 @@ def _dataset(name: str) -> str:
     info = kind.info
     sensor = "{}x{} pixels".format(*info.sensor_size) if info.sensor_size else "differs by recording"
     rows = [
-        ("", ""),
+        ("fact", "value"),
         ("class", f"`nvsdata.{kind.__name__}`"),
         ("recordings", f"{info.recordings:,}" + (f" ({info.known_from})" if info.known_from else "")),
         ("classes", f"{len(info.classes)}"),
@@ -80,7 +80,7 @@ def _commands() -> str:
         import_module(f"nvsdata.commands.{command.module}").add_arguments(parser)
         usage = parser.format_usage().removeprefix("usage: ")
         parts.append(f"## nvsdata {name}\n\n{command.help[0].upper()}{command.help[1:]}.\n\n```text\n{usage}```\n")
-        rows = [("", "")]
+        rows = [("option", "what it does")]
         for action in parser._actions:
             flags = ", ".join(f"`{flag}`" for flag in action.option_strings) or f"`{action.metavar or action.dest}`"
             rows.append((flags, (action.help or "").replace("%(default)s", str(action.default)).replace("%%", "%")))
