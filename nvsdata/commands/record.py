@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     bias = "coarse and fine current of a bias, such as OnBn=5:255; may be given several times"
     add("--bias", action="append", default=[], metavar="NAME=COARSE:FINE", help=bias)
     add("--region", type=int, nargs=4, metavar=place, help="pixels of the sensor to record (default: all)")
+    add("--frames", action="store_true", help="the sensor's gray frames, too (HDF5, AEDAT 2 and AEDAT 4 hold them)")
     simulated = "simulate a camera that sees a moving square or the monitor, with faults such as drift=100"
     add("--simulate", nargs="?", const="", metavar="NAME=NUMBER,...", help=simulated)
     add("--live", action="store_true", help="show events in a window")
@@ -68,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
         return session.run_doctor(everything=args.doctor, simulated=args.simulate is not None, as_json=args.json)
     _check(args)
     with usage():
-        settings = session.settings_of(args.settings, args.bias, region=args.region and tuple(args.region))
+        given = {"region": args.region and tuple(args.region), "frames": args.frames or None}
+        settings = session.settings_of(args.settings, args.bias, **given)
         simulate = None if args.simulate is None else Simulation.of(args.simulate)
     if args.monitor is None and not args.calibrate:
         decider = None

@@ -344,3 +344,10 @@ def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
     how = {"calibration": Path("c"), "strict": True, "accept_quiet": True, "on_alarm": "mail me"}
     how |= {"note": "dark", "live": True}
     assert given[0].items() >= how.items()
+
+
+@pytest.mark.parametrize(("words", "frames"), [([], False), (["--frames"], True)])
+def test_frames_are_recorded_if_asked_for(words, frames, session):
+    assert main(["record", "--out", "a.h5", *words]) == 5
+    ((_, (*_, settings, _), _),) = session
+    assert settings.frames is frames
