@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +12,10 @@ from typing import NamedTuple
 from nvsdata.common.files import is_left_over
 from nvsdata.datasets.cache import TAG
 from nvsdata.datasets.source import CACHE_TAG, INDEX
+
+
+# key of the cache, shard and sample, as `Cached` names them; or one that a killed process was writing
+SAMPLE = re.compile(r"[0-9a-f]{16}/\d+/(\d+\.pt|\.\d+\.pt\..*\.part)")
 
 
 class Kept(NamedTuple):
@@ -38,7 +43,9 @@ def caches_below(folder: Path) -> Iterator[Kept]:
     for place, folders, names in os.walk(folder):
         here = Path(place)
         if CACHE_TAG in names and _is_ours(here / CACHE_TAG):
-            yield _kept("samples", here, [path for path in here.rglob("*") if path.is_file()])
+            # what a user put beside them stays
+            samples = [path for path in here.rglob("*") if SAMPLE.fullmatch(path.relative_to(here).as_posix())]
+            yield _kept("samples", here, [here / CACHE_TAG, *samples])
             folders.clear()
             continue
         for name in sorted(names):
