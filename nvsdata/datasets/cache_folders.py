@@ -13,7 +13,6 @@ from nvsdata.common.files import is_left_over
 from nvsdata.datasets.cache import TAG
 from nvsdata.datasets.source import CACHE_TAG, INDEX
 
-
 # key of the cache, shard and sample, as `Cached` names them; or one that a killed process was writing
 SAMPLE = re.compile(r"[0-9a-f]{16}/\d+/(\d+\.pt|\.\d+\.pt\..*\.part)")
 
