@@ -10,6 +10,7 @@ from typing import get_args
 
 from nvsdata.commands.emulation_settings import add_settings, settings_of
 from nvsdata.commands.options import (
+    UsageError,
     add_jobs,
     add_json,
     add_videos,
@@ -57,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
     sys.setswitchinterval(0.0005)
     settings = settings_of(args)
     chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit, "shard": args.shard}
+    if args.shard and args.overwrite:
+        raise UsageError("--overwrite goes without --shard: others may have made what a shard overwrites")
     with usage():
         chosen["view"] = View(args.start, args.stop, args.crop and tuple(args.crop), args.fit)
     out = args.out or default_out(args.source)
@@ -67,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
                 print(f"{job.video.path} -> {job.video.target}")
             print(settings)
         found = estimate(jobs, out)
-        found = replace(found, seconds=found.seconds / min(args.jobs, len(jobs)))
+        found = replace(found, seconds=found.seconds / max(1, min(args.jobs, len(jobs))))
         tell(str(found), asdict(found), as_json=args.json)
         return 0
     how = {"jobs": args.jobs, "scheduler": args.scheduler, "overwrite": args.overwrite}

@@ -98,6 +98,8 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--resume and --verify need --monitor, the folder of videos")
     if args.monitor is not None and args.overwrite:
         raise UsageError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
+    if args.calibrate and args.json:
+        raise UsageError("--calibrate writes calibration.json: it takes no --json")
     if args.model is not None and (args.monitor is not None or args.calibrate):
         raise UsageError("--model is for one recording: it goes with neither --monitor nor --calibrate")
     if args.note is not None and not args.note.isprintable():

@@ -62,6 +62,9 @@ def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
 
 def _plain(value: Any) -> Any:
     """As JSON can hold it, which has neither NaN nor infinity."""
+    if hasattr(value, "tolist"):
+        # of numpy
+        value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import random
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -11,6 +12,7 @@ from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+import numpy as np
 import torch
 
 import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
@@ -307,13 +309,15 @@ class EventDataset(Samples):
 
     def _sample_told(self) -> str:
         """Kind and shape of the first sample, which is made for it; no random numbers are used up."""
-        state = torch.get_rng_state()
+        states = torch.get_rng_state(), np.random.get_state(), random.getstate()  # noqa: NPY002
         try:
             return shape_of(self._made(0)[0])
         except Exception as error:  # a transform of the user's may raise anything
             return f"can't be made ({type(error).__name__}: {error})"
         finally:
-            torch.set_rng_state(state)
+            torch.set_rng_state(states[0])
+            np.random.set_state(states[1])  # noqa: NPY002
+            random.setstate(states[2])
 
 
 class RandomSplitDataset(EventDataset):

@@ -56,8 +56,13 @@ def caches_below(folder: Path) -> Iterator[Kept]:
 
 def kernels() -> Kept:
     """Compiled kernels of this installation."""
-    root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1])
-    return _kept("kernels", root, [path for kind in ("nbi", "nbc") for path in root.rglob(f"*.{kind}")])
+    own = Path(__file__).parents[1] / "kernels"
+    root = Path(os.environ.get("NUMBA_CACHE_DIR") or own)
+    # numba names files after the module's, in folders that it names after the module's folder
+    stems = {path.stem for path in own.glob("*.py")}
+    found = [path for kind in ("nbi", "nbc") for path in root.rglob(f"*.{kind}")]
+    here = [path for path in found if path.name.partition(".")[0] in stems]
+    return _kept("kernels", root, [path for path in here if "kernels" in path.parent.name or own in path.parents])
 
 
 def remove(kept: Kept) -> None:
@@ -65,10 +70,11 @@ def remove(kept: Kept) -> None:
     for path in kept.files:
         path.unlink(missing_ok=True)
     if kept.kind == "samples":
-        for place, _, _ in os.walk(kept.path, topdown=False):
-            # a process that uses the cache may have put something there
+        within = {folder for path in kept.files for folder in path.parents if kept.path in folder.parents}
+        for folder in (*sorted(within, key=lambda folder: -len(folder.parts)), kept.path):
+            # a process that uses the cache, or a user, may have put something there
             with suppress(OSError):
-                os.rmdir(place)
+                folder.rmdir()
 
 
 def _is_ours(tag: Path) -> bool:

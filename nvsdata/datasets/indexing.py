@@ -84,11 +84,12 @@ class Samples(Dataset[tuple[Any, Any]]):
         return part
 
     def split(self, share: float, *, seed: int = 0) -> tuple[Self, Self]:
-        """Two datasets that share no recording: the first has `share` of each class, drawn by `seed` (default 0).
+        """Two datasets: the first has `share` of each class, drawn by `seed` (default 0).
 
         Each has its own `transform`: set one to None, and the other keeps its augmentation. All windows and labeled
-        parts that are of one class and one recording go to the same side. The draw depends on names alone; see
-        `splits.stratified`. ValueError unless 0 < share < 1.
+        parts that are of one class and one recording go to the same side; parts of different classes in one recording,
+        as in DVS128 Gesture's trials, may not. The draw depends on names alone; see `splits.stratified`. ValueError
+        unless 0 < share < 1.
         """
         if not 0 < share < 1:
             raise ValueError(f"share must lie between 0 and 1, not {share}")

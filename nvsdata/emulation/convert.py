@@ -14,7 +14,6 @@ from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
-from nvsdata.common.errors import FormatError
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
 from nvsdata.emulation.job import Job, convert
@@ -54,7 +53,7 @@ def convert_videos(
     - `source`: a video, or a folder of videos
     - `out`: the folder that recordings go to (default: the source's name and "-events", beside it)
     - `settings`: the emulator (default: `PIX2NVS()`)
-    - `format`: of the recordings, "hdf5", "aedat2", "aedat3" or "text" (default "hdf5")
+    - `format`: of the recordings, "hdf5", "aedat2", "aedat3", "aedat4" or "text" (default "hdf5")
     - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
     - `fps`: frames per second, whatever the files say (default: as they say)
     - `view`: which part of each video, and how its frames come into `size` (default: all of it; whole, with black
@@ -76,7 +75,7 @@ def convert_videos(
     )
     target = Path(out or default_out(source))
     target.mkdir(parents=True, exist_ok=True)
-    made = {"settings": settings_of(found[0].settings), "format": format, "size": size, "fps": fps}
+    made = {"settings": settings_of(settings or PIX2NVS()), "format": format, "size": size, "fps": fps}
     if view != ALL:
         made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(ALL, name)}
     with manifest_of(target, "nvsdata-videos", made, shard=shard, overwrite=overwrite) as manifest:
@@ -123,13 +122,16 @@ def plan(
 
 def _check_chip(jobs: list[Job]) -> None:
     """ValueError if no chip of AEDAT 2 is as large as what the jobs' first readable video becomes."""
+    size: tuple[int, int] | None = None
     for job in jobs:
-        if job.size is not None:
-            chip_for(*job.size)
-            return
-        with suppress(OSError, FormatError), closing(frames_of(job.video.path, view=job.view)) as frames:  # type: ignore[type-var]
-            first = next(frames)
-            chip_for(*first.pixels.shape[1::-1])
+        size = job.size
+        # what can't be read is told when its turn comes
+        with suppress(OSError, ValueError):
+            frames = frames_of(job.video.path, view=job.view)
+            height, width = next(frames).pixels.shape[:2]
+            size = size or (width, height)
+        if size is not None:
+            chip_for(*size)
             return
 
 

@@ -48,7 +48,7 @@ class Estimate:
 
 def estimate(jobs: Sequence[Job], out: Path) -> Estimate:
     """What the jobs will take; `out` is the folder that their recordings go to, which needn't exist."""
-    lengths = [count for job in _some(jobs, LISTED) if (count := length_of(job.video.path)[0])]
+    lengths = [count for job in _some(jobs, LISTED) if (count := _length(job))]
     frames = round(float(np.mean(lengths)) * len(jobs)) if lengths else 0
     done, took, size = 0, 0.0, 0
     for number, job in enumerate(_some(jobs, LOOKED_AT)):
@@ -64,6 +64,16 @@ def estimate(jobs: Sequence[Job], out: Path) -> Estimate:
     each = frames / max(done, 1)
     place = next(parent for parent in (out, *out.absolute().parents) if parent.is_dir())
     return Estimate(len(jobs), frames, took * each, round(size * each), shutil.disk_usage(place).free)
+
+
+def _length(job: Job) -> int:
+    """How many frames of a video are seen, by what its file says; 0 if that can't be known."""
+    count, seconds = length_of(job.video.path)
+    if not seconds:
+        return count
+    rate = job.fps or count / seconds
+    stop = min(job.view.stop, count / rate)
+    return max(0, round((stop - job.view.start) * rate))
 
 
 def _some(jobs: Sequence[Job], count: int) -> list[Job]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterable, Iterator
 from itertools import chain, count
 from typing import cast
@@ -45,7 +46,8 @@ class Ongoing:
         - `fps`: frame n of all calls is at n / fps s (default: times of their own go on a frame's time after the last)
         - `times`: in place of `fps`, the time of each frame in µs, rising over all calls
 
-        Raises the errors of `PIX2NVS.stream`, and ValueError if the first call has no frames.
+        Raises the errors of `PIX2NVS.stream`, and ValueError if the first call has no frames. After an error the state
+        is that before the call.
         """
         color = bool(getattr(self.settings, "hue", False))
         if fps is None and times is None:
@@ -58,7 +60,14 @@ class Ongoing:
         steps = upsampled(chain(before, found), getattr(self.settings, "upsample", "none"))
         if self._last is not None:
             next(steps)
-        parts = [self._step(frame) for frame in steps]
+        before_all = pickle.dumps((self._run, self._flaws))
+        kept = self._last, self._gap, self._count
+        try:
+            parts = [self._step(frame) for frame in steps]
+        except BaseException:
+            self._run, self._flaws = pickle.loads(before_all)
+            self._last, self._gap, self._count = kept
+            raise
         if self._run is None or self._last is None:
             raise ValueError("a video of no frames")
         return together(parts) if parts else Events.empty(self._run.sensor_size, self._last.time, self._last.time)

@@ -58,7 +58,7 @@ def _cameras(connected: list[Any]) -> Iterator[Finding]:
         yield Finding("camera", "none is connected", _also(cure))
     opened = [_opened(device) for device in connected]
     if sys.platform == "linux" and connected:
-        rules = [path for path in _rules() if f"{VENDOR:04x}" in path.read_text("utf-8", "replace").lower()]
+        rules = [path for path in _rules() if _names_it(path)]
         cure = f"put this line into /etc/udev/rules.d/65-davis.rules: {UDEV}"
         needed = not rules and any(one.cure for one in opened)
         yield Finding("udev rule", ", ".join(map(str, rules)) or "none names the camera", cure if needed else None)
@@ -79,6 +79,12 @@ def _opened(device: Any) -> Finding:
 
 def _also(cure: str) -> str:
     return f"{cure}; {ZADIG}" if sys.platform == "win32" else cure
+
+
+def _names_it(rules: Path) -> bool:
+    with suppress(OSError):
+        return f"{VENDOR:04x}" in rules.read_text("utf-8", "replace").lower()
+    return False
 
 
 def _rules() -> Iterator[Path]:

@@ -61,6 +61,7 @@ class Manifest(Journal):
             differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
             raise ValueError(f"{out} holds recordings made with {differs}: choose another folder")
         self.videos = {line["video"]: line for line in self.lines}
+        self.replaced: dict[str, Path] = {}  # recordings that a run which overwrites them found
 
     def has(self, video: Video, statuses: tuple[str, ...]) -> bool:
         """Whether the video, unchanged since, has one of these statuses, and its recording is there."""
@@ -138,12 +139,17 @@ class FolderRun:
         self.report = FolderReport(kept=len(videos) - len(self.waiting))
         self.bar = bar(None, what, total=len(self.waiting), unit="video")
         self._started, self._count = time.monotonic(), 0
+        self._targets = {video.target for video in videos}
         self._files = {video.name: video.target.relative_to(manifest.path.parent).as_posix() for video in videos}
 
     def add(self, line: dict[str, Any]) -> None:
         """Keep the line of a video that is done, or that failed."""
         line = {"video": line["video"], "file": self._files[line["video"]]} | line
         self._manifest.add(line)
+        old = self._manifest.replaced.pop(line["video"], None)
+        if line["status"] in self._done and old is not None and old not in self._targets:
+            # it had another name, or was of another format
+            old.unlink(missing_ok=True)
         self.report.count(line, self._done)
         seconds = max(time.monotonic() - self._started, 1e-3)
         self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)

@@ -12,6 +12,7 @@ from nvsdata.common.locks import OutputInUse, is_locked, locked
 from nvsdata.video.manifest import NAME, Manifest
 
 OF_SHARD = "manifest-{}-of-{}.jsonl"
+ANY = OF_SHARD.format("*", "*")
 
 
 @contextmanager
@@ -20,41 +21,58 @@ def manifest_of(
 ) -> Iterator[Manifest]:
     """The manifest of a folder, or of a shard (i, n) of it; see `Manifest`.
 
-    The manifest of a whole folder takes over what those of its shards say. With `overwrite` it begins anew.
-    OutputInUse if another process makes the same recordings.
+    The manifest of a whole folder takes over what those of its shards say. With `overwrite` it begins anew, and its
+    `replaced` has the recordings that it had before. OutputInUse if another process makes the same recordings,
+    ValueError for shards of other settings.
     """
     if shard is None:
         with claimed(out):
-            shards = sorted(out.glob(OF_SHARD.format("*", "*")))
-            for path in shards:
-                if is_locked(path):
-                    raise OutputInUse(f"{out} is being written by the process of {path.name}")
+            for lock in out.glob(f".{ANY}.lock"):
+                if is_locked(out / lock.name[1:].removesuffix(".lock")):
+                    raise OutputInUse(f"{out} is being written by the process of {lock.name}")
+            shards = [Journal(path, {}) for path in sorted(out.glob(ANY))]
+            before = _files_of([*shards, Journal(out / NAME, {})], out) if overwrite else {}
             if overwrite:
-                (out / NAME).unlink(missing_ok=True)
-            with Manifest(out, kind, made) as manifest:
-                for path in shards:
-                    _join(manifest, path, keep=not overwrite)
+                for path in (out / NAME, *(one.path for one in shards)):
+                    path.unlink(missing_ok=True)
+                shards = []
+            manifest = Manifest(out, kind, made)
+            _check(shards, manifest)
+            with manifest:
+                manifest.replaced = before
+                for one in shards:
+                    for line in one.lines:
+                        manifest.add(line)
+                    one.path.unlink()
                 yield manifest
         return
-    if is_locked(out):
-        raise OutputInUse(f"{out} is being written by a process that does all of it")
+    if overwrite:
+        raise ValueError(
+            "what a shard overwrites, others may have made: overwrite without shards, or in another folder"
+        )
     name = OF_SHARD.format(*shard)
     with locked(out / name):
+        if is_locked(out):
+            raise OutputInUse(f"{out} is being written by a process that does all of it")
         sweep(out)
-        if overwrite:
-            (out / name).unlink(missing_ok=True)
-        with Manifest(out, kind, made, name=name) as manifest:
-            # what was done before the folder was made in shards
-            if (out / NAME).exists() and not overwrite:
-                manifest.videos = Manifest(out, kind, made).videos | manifest.videos
+        manifest = Manifest(out, kind, made, name=name)
+        # those of others, and what was done before the folder was made in shards
+        beside = [Journal(path, {}) for path in (*sorted(out.glob(ANY)), out / NAME) if path.exists()]
+        _check(beside, manifest)
+        with manifest:
+            done = next((one for one in beside if one.path.name == NAME), None)
+            if done is not None:
+                manifest.videos = {line["video"]: line for line in done.lines} | manifest.videos
             yield manifest
 
 
-def _join(manifest: Manifest, path: Path, *, keep: bool) -> None:
-    """Take over the lines of a shard's manifest, if it was made with the same settings, and remove it."""
-    shard = Journal(path, {})
-    if keep and shard.head.get("settings_sha256") != manifest.head["settings_sha256"]:
-        raise ValueError(f"{path} is of recordings made with other settings: choose another folder")
-    for line in shard.lines if keep else ():
-        manifest.add(line)
-    path.unlink()
+def _check(others: list[Journal], manifest: Manifest) -> None:
+    """ValueError if one of the manifests is of recordings made with other settings."""
+    for one in others:
+        if one.head.get("settings_sha256") not in (None, manifest.head["settings_sha256"]):
+            raise ValueError(f"{one.path} is of recordings made with other settings: choose another folder")
+
+
+def _files_of(journals: list[Journal], out: Path) -> dict[str, Path]:
+    """The recording of each video, by its name, as the lines say."""
+    return {line["video"]: out / line["file"] for one in journals for line in one.lines if "file" in line}

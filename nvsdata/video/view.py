@@ -36,7 +36,8 @@ class View:
     def __post_init__(self) -> None:
         if not 0 <= self.start < self.stop:
             raise ValueError(f"start must be at least 0 and before stop, not {self.start} and {self.stop}")
-        if self.crop is not None and (min(self.crop[:2]) < 0 or min(self.crop[2:]) < 1):
+        whole = self.crop is None or (len(self.crop) == 4 and all(isinstance(n, int) for n in self.crop))
+        if not whole or (self.crop is not None and (min(self.crop[:2]) < 0 or min(self.crop[2:]) < 1)):
             raise ValueError(f"crop must be (x, y, width, height) within the frame, not {self.crop}")
         if self.fit not in get_args(Fit):
             raise ValueError(f"fit must be one of {', '.join(get_args(Fit))}, not {self.fit!r}")

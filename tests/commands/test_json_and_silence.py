@@ -156,6 +156,7 @@ def test_caches_are_found_and_removed(said, digits, tmp_path, capsys):
     assert len([dataset[i] for i in range(5)]) == 5
     nvsdata.windows(EventFolder(digits), 10_000)
     (tmp_path / "kept/mine.txt").write_text("not a cache's")
+    (tmp_path / "kept/empty/folder").mkdir(parents=True)
     (tmp_path / "other").mkdir()
     (tmp_path / "other/CACHEDIR.TAG").write_text("Signature: somebody else's")
     code, (*found, summary) = said("cache", "info", tmp_path, "--json")
@@ -166,7 +167,7 @@ def test_caches_are_found_and_removed(said, digits, tmp_path, capsys):
     assert main(["cache", "clear", str(tmp_path)]) == 0
     assert "removed: " in capsys.readouterr().out
     # only what a user put there is left
-    assert [path.name for path in (tmp_path / "kept").rglob("*")] == ["mine.txt"]
+    assert sorted(path.name for path in (tmp_path / "kept").rglob("*")) == ["empty", "folder", "mine.txt"]
     (tmp_path / "kept/mine.txt").unlink()
     assert (tmp_path / "other/CACHEDIR.TAG").exists()
     assert said("cache", "info", tmp_path, "--json") == (0, [{"in_all": 0}])
@@ -271,3 +272,28 @@ def test_the_shell_is_told_how_a_line_goes_on(monkeypatch):
     assert "--shard" in commands.choices["convert-videos"].format_help()
     assert cli._words("nvsdata info 'a") == ["info", "'a"]
     assert b"PYTHON_ARGCOMPLETE_OK" in Path(cli.__file__).read_bytes()[:1024]
+
+
+def test_kernels_of_others_stay(monkeypatch, tmp_path):
+    from nvsdata.datasets.cache_folders import kernels
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    for name in ("other_0/f.g-1.py311.nbi", "kernels_5a/order.is_sorted-9.py311.nbi", "other_0/order.f-3.py311.nbc"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    assert [path.name for path in kernels().files] == ["order.is_sorted-9.py311.nbi"]
+
+
+def test_arrays_are_lists_in_json(capsys):
+    from nvsdata.common.terminal import tell
+
+    tell("", {"a": np.arange(3), "b": np.float64("nan"), "c": np.int64(4), "d": [np.array([np.inf])]}, as_json=True)
+    assert json.loads(capsys.readouterr().out) == {"a": [0, 1, 2], "b": None, "c": 4, "d": [[None]]}
+
+
+def test_a_rule_that_cannot_be_read_is_no_rule(monkeypatch, tmp_path):
+    from nvsdata.recording import doctor
+
+    (tmp_path / "a.rules").symlink_to(tmp_path / "gone")
+    monkeypatch.setattr(doctor, "_rules", lambda: [tmp_path / "a.rules"])
+    assert main(["record", "--doctor", "--simulate"]) == 0

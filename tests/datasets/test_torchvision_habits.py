@@ -1,5 +1,7 @@
 """What users of torchvision expect of a dataset: `train=`, `transforms=`, halves of their own, weights of classes."""
 
+import random
+
 import numpy as np
 import pytest
 import torch
@@ -98,6 +100,14 @@ def test_the_repr_tells_the_sample_and_uses_up_no_random_numbers(digits):
     before = torch.get_rng_state()
     assert "sensor: 34x34\n    sample: float32 [2, 34, 34]\n" in repr(dataset)
     assert torch.equal(torch.get_rng_state(), before)
+    dataset.transform = lambda recording: (np.random.rand(), random.random())  # noqa: NPY002
+    np.random.seed(0)  # noqa: NPY002
+    random.seed(0)
+    repr(dataset)
+    drawn = np.random.rand(), random.random()  # noqa: NPY002
+    np.random.seed(0)  # noqa: NPY002
+    random.seed(0)
+    assert drawn == (np.random.rand(), random.random())  # noqa: NPY002
     dataset.transform = lambda recording: 1 / 0
     assert "sample: can't be made (ZeroDivisionError: division by zero)" in repr(dataset)
     dataset.transform = lambda recording: {"a": np.zeros(3), "b": [torch.ones(2)] * 4, "c": ()}

@@ -16,7 +16,8 @@ import nvsdata
 from nvsdata import EventFolder
 from nvsdata.cli import main
 from nvsdata.emulation import PIX2NVS, convert
-from nvsdata.emulation.convert import convert_videos
+from nvsdata.emulation.convert import convert_videos, plan
+from nvsdata.emulation.estimate import estimate
 from nvsdata.formats import hdf5
 from nvsdata.video.folder import FORMATS, Video
 from nvsdata.video.manifest import as_before
@@ -340,4 +341,52 @@ def test_frames_that_no_chip_of_aedat_2_has_are_refused_before_the_batch(videos,
     assert not out.exists()
     # a part of it may fit
     report = convert_videos(tmp_path / "large", out, format="aedat2", view=View(crop=(0, 0, 100, 100)))
+    assert (report.done, list(report.failed)) == (1, ["a.avi"])
+
+
+def test_shards_of_other_settings_are_refused_and_nothing_is_joined(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out, shard=(1, 2))
+    with pytest.raises(ValueError, match=r"manifest-1-of-2\.jsonl is of recordings made with other settings"):
+        convert_videos(videos, out, PIX2NVS(threshold=0.5), shard=(2, 2))
+    with pytest.raises(ValueError, match="other settings"):
+        convert_videos(videos, out, PIX2NVS(threshold=0.5))
+    assert (out / "manifest-1-of-2.jsonl").exists()
+    with pytest.raises(ValueError, match="what a shard overwrites"):
+        convert_videos(videos, out, shard=(1, 2), overwrite=True)
+    # more shards than videos
+    report = convert_videos(videos, out, shard=(7, 9))
+    assert (report.done, report.kept) == (0, 0)
+    report = convert_videos(videos, out)
+    assert (report.done, report.kept) == (2, 2)
+    with pytest.raises(ValueError, match="other settings"):
+        convert_videos(videos, out, PIX2NVS(threshold=0.5), shard=(1, 2))
+
+
+def test_what_is_overwritten_leaves_no_old_recording(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out)
+    convert_videos(videos, out, format="text", overwrite=True)
+    assert {path.suffix for path in out.rglob("*") if path.is_file()} == {".txt", ".jsonl"}
+    write_video(videos / "run/a.mkv")
+    convert_videos(videos, out, format="text", overwrite=True)
+    assert sorted(path.name for path in (out / "run").iterdir()) == ["a.avi.txt", "a.mkv.txt", "b.txt"]
+    # and what nobody made is left alone
+    (out / "run/mine.txt").write_text("mine")
+    convert_videos(videos, out, PIX2NVS(threshold=0.5), overwrite=True)
+    assert (out / "run/mine.txt").read_text() == "mine"
+
+
+def test_an_estimate_looks_at_the_part_that_is_converted(videos, tmp_path):
+    jobs = plan(videos, tmp_path / "out", PIX2NVS(), view=View(stop=0.2))
+    found = estimate(jobs, tmp_path / "out")
+    # 4 videos of 0.2 s at the 10 frames per second that they have
+    whole = estimate(plan(videos, tmp_path / "out", PIX2NVS()), tmp_path / "out")
+    assert 0 < found.frames < whole.frames
+
+
+def test_a_video_that_is_too_short_refuses_no_batch(tmp_path):
+    write_video(tmp_path / "in/a.avi", moving_square(3), fps=10)
+    write_video(tmp_path / "in/b.avi", moving_square(30), fps=10)
+    report = convert_videos(tmp_path / "in", tmp_path / "out", format="aedat2", view=View(start=1.0))
     assert (report.done, list(report.failed)) == (1, ["a.avi"])

@@ -65,3 +65,17 @@ def test_calls_without_frames():
     assert len(going.feed(frames[:1])) == 0
     assert len(going.feed([])) == 0
     assert len(going.feed(frames[1:])) > 0
+
+
+def test_after_an_error_the_state_is_that_before_the_call():
+    frames = moving_square(8)
+
+    def broken():
+        yield from frames[2:5]
+        raise OSError("the disk is gone")
+
+    going = Ongoing(PIX2NVS(noise_rate=10.0))
+    first = going.feed(frames[:2], fps=25)
+    with pytest.raises(OSError, match="the disk is gone"):
+        going.feed(broken(), fps=25)
+    assert together([first, going.feed(frames[2:], fps=25)]) == PIX2NVS(noise_rate=10.0).emulate(frames, fps=25)

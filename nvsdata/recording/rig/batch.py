@@ -180,14 +180,17 @@ def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, 
     """Whether the shortest video whose recording isn't odd can be recorded again; False if there is none."""
     lines = manifest.videos
     fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
-    fine = [video for video in fine if "look" not in lines[video.name]]
+    fine = [video for video in fine if "look" not in lines[video.name] and video.path.exists()]
     if not fine:
         return False
     video = min(fine, key=lambda video: lines[video.name]["duration"])
     target = out / HIDDEN / "probe" / video.target.name
     try:
         _recorded(video._replace(target=target), out, camera, *how)
-    except (TakeRejected, CameraError):
+    except (TakeRejected, OSError, ValueError, cv2.error) as error:
+        # it may be gone or damaged by now
+        if _ends_all(error, video):
+            raise
         return False
     finally:
         target.unlink(missing_ok=True)

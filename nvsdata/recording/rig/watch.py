@@ -10,6 +10,7 @@ import subprocess
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from nvsdata.common.clock import host_time
 from nvsdata.common.progress import say_beside
@@ -102,10 +103,12 @@ class Watch:
 
 def _run(command: str, environment: dict[str, str]) -> int:
     """Run a command of the shell, without input; it and what it started end after `TIMEOUT`. Returns its exit code."""
-    posix, nothing = os.name == "posix", subprocess.DEVNULL
-    with subprocess.Popen(command, shell=True, env=environment, stdin=nothing, start_new_session=posix) as process:
+    posix = os.name == "posix"
+    # stdout is for results
+    streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+    with subprocess.Popen(command, shell=True, env=environment, start_new_session=posix, **streams) as process:
         try:
-            return process.wait(TIMEOUT)
+            return int(process.wait(TIMEOUT))
         except BaseException:
             if posix:
                 with suppress(ProcessLookupError):

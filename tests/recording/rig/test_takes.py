@@ -265,3 +265,20 @@ def test_a_batch_whose_good_videos_fail_too_waits(folder, monkeypatch):
     monkeypatch.setattr(MONITOR, "wait", waited.append)
     report = recorded(folder, monkeypatch, [None, *[bad] * 7])
     assert (report.done, report.failed, len(waited)) == (4, {}, 1)
+
+
+def test_a_good_video_that_is_gone_is_no_probe(folder, monkeypatch):
+    (folder / "in/run/_.avi").write_bytes(b"good")
+    waited, bad = [], TakeRejected("0 events")
+    monkeypatch.setattr(MONITOR, "wait", waited.append)
+    cutting = iter([lambda: None, *[lambda: (folder / "in/run/_.avi").unlink(missing_ok=True)] * 99])
+    recorded_ = batch._recorded
+
+    def watched(*how):
+        next(cutting)()
+        return recorded_(*how)
+
+    monkeypatch.setattr(batch, "_recorded", watched)
+    report = recorded(folder, monkeypatch, [None, *[bad] * 6])
+    # the batch waits, and goes on
+    assert (report.done, report.failed, len(waited)) == (4, {}, 1)
