@@ -166,9 +166,8 @@ def _identity(dataset: EventDataset) -> Sequence[str]:
 def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
     content = BytesIO()
     torch.save({"stamps": stamps, "parts": [kept(part) for part in parts]}, content)
-    data = content.getbuffer()
     file.parent.mkdir(parents=True, exist_ok=True)
-    with atomic(file) as temporary, temporary.open("wb") as out:
+    with content.getbuffer() as data, atomic(file) as temporary, temporary.open("wb") as out:
         out.write(crc32(data).to_bytes(CHECKSUM, "little"))
         out.write(data)
 

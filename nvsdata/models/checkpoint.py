@@ -16,7 +16,7 @@ from types import NoneType
 from typing import Any
 
 import torch
-from safetensors import safe_open
+from safetensors.torch import load as from_safetensors
 from safetensors.torch import save as as_safetensors
 from torch import nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
@@ -103,9 +103,11 @@ def load(
         there = f"; there are {', '.join(known)}" if known else ""
         raise FileNotFoundError(f"no trained network {where}{there}")
     try:
-        with safe_open(where, framework="pt") as file:
-            kept = file.metadata() or {}
-            state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        # read, not mapped: a file that is mapped can't be replaced on Windows, and ends the process if it is cut
+        whole = where.read_bytes()
+        state = from_safetensors(whole)
+        length = int.from_bytes(whole[:8], "little")
+        kept = json.loads(whole[8 : 8 + length]).get("__metadata__", {})
     except Exception as error:  # safetensors' own errors, and those of torch for invalid sizes
         raise FormatError(where, f"is not a network that nvsdata saved: {line_of(error)}") from None
     if "nvsdata" not in kept:

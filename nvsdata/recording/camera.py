@@ -106,10 +106,8 @@ class Camera(Protocol):
 
 def check_camera(camera: object) -> None:
     """TypeError for an object that lacks members of a camera."""
-    if isinstance(camera, Camera):
-        return
+    # not isinstance: since Python 3.12 it doesn't see what __getattr__ gives, as one camera that wraps another has it
     members = [name for name in (*Camera.__annotations__, *vars(Camera)) if not name.startswith("_")]
-    lacking = ", ".join(name for name in members if not hasattr(camera, name))
-    raise TypeError(
-        f"{type(camera).__name__} is not a camera: it lacks {lacking} (see nvsdata.recording.camera.Camera)"
-    )
+    if lacking := ", ".join(name for name in members if not hasattr(camera, name)):
+        what = f"{type(camera).__name__} is not a camera: it lacks {lacking}"
+        raise TypeError(f"{what} (see nvsdata.recording.camera.Camera)")

@@ -48,7 +48,8 @@ class Checkpoint:
         # torch's own writer tells of a full disk by its inner troubles
         whole = io.BytesIO()
         torch.save(vars(self), whole)
-        put(out / CHECKPOINT, whole.getbuffer())
+        with whole.getbuffer() as content:
+            put(out / CHECKPOINT, content)
 
     @classmethod
     def read(cls, out: Path, device: torch.device) -> Self:
