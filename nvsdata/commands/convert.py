@@ -15,7 +15,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("source", type=path, metavar="IN", help="a recording")
     add("target", type=path, metavar="OUT", help="its extension names the format")
-    add("--format", metavar="NAME", help="where an extension has several: evt2, evt2.1 or evt3 (default) for .raw")
+    add(
+        "--format",
+        metavar="NAME",
+        help="where an extension has several: evt2, evt2.1 or evt3 (default) for .raw; hdf5-gzip for .h5",
+    )
     add("--sensor-size", type=sensor_size, metavar="WxH", help="in pixels, where the file doesn't state it")
     add("--repair", action="store_true", help="drop what is damaged instead of stopping at it")
     add("--overwrite", action="store_true", help="replace OUT if it is there")

@@ -43,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     share = "do the I-th of N parts of the videos, as in job arrays; all write to the same DIR (default: all)"
     add("--shard", type=shard, metavar="I/N", help=share)
     add("--scheduler", metavar="ADDRESS", help="have the Dask cluster at this address do it")
+    add("--preview", action="store_true", help="beside each recording, a film of its first minute (.preview.mp4)")
     add("--dry-run", action="store_true", help="say what would be done, and about how long and how large it is")
     add("--overwrite", action="store_true", help="convert all anew, also what was made with other settings")
     add_json(add)
@@ -73,10 +74,10 @@ def run(args: argparse.Namespace) -> int:
         found = replace(found, seconds=found.seconds / max(1, min(args.jobs, len(jobs))))
         tell(str(found), asdict(found), as_json=args.json)
         return 0
-    how = {"jobs": args.jobs, "scheduler": args.scheduler, "overwrite": args.overwrite}
+    how = {"jobs": args.jobs, "scheduler": args.scheduler, "overwrite": args.overwrite, "preview": args.preview}
     report = convert_videos(args.source, args.out, settings, **how, **chosen)
-    for name, reason in report.failed.items():
-        print(f"{name}: {reason}", file=sys.stderr)
+    for line in report.told():
+        print(line, file=sys.stderr)
     done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
     tell(f"{done}; {report.events:,} events in {out}", asdict(report) | {"out": out}, as_json=args.json)
     return 1 if report.failed else 0

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import atexit
+import os
 from collections import deque
 from collections.abc import Iterator
 from threading import Condition, Thread
 from time import thread_time
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
 DEPTH = 8  # items that are made in advance
 PATIENCE = 0.005  # s to wait for several items instead of one
+LONGEST = 5  # s that the end of the process waits for an item to be made
 
 
 _alone = False
@@ -54,6 +57,7 @@ def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
 def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
     line = _Line(items)
     thread = Thread(target=line.fill, name="nvsdata-ahead", daemon=True)
+    _running[thread] = line
     thread.start()
     try:
         while found := line.take():
@@ -61,6 +65,7 @@ def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
     finally:
         line.stop()
         thread.join()
+        _running.pop(thread, None)
 
 
 class _Line(Generic[Item]):
@@ -116,3 +121,20 @@ class _Line(Generic[Item]):
         with self._change:
             self._stopped = True
             self._change.notify()
+
+
+_running: dict[Thread, _Line[Any]] = {}
+
+
+@atexit.register
+def _end() -> None:
+    """Stop all threads: one that is still in a library's code when Python ends would abort the process."""
+    for line in (waiting := dict(_running)).values():
+        line.stop()
+    for thread in waiting:
+        thread.join(LONGEST)
+
+
+if hasattr(os, "register_at_fork"):
+    # they don't run in a child, and their locks may be held there
+    os.register_at_fork(after_in_child=_running.clear)

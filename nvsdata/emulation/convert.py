@@ -43,6 +43,7 @@ def convert_videos(
     scheduler: str | None = None,
     shard: tuple[int, int] | None = None,
     overwrite: bool = False,
+    preview: bool = False,
 ) -> FolderReport:
     """Convert a video, or every video below a folder, to recordings.
 
@@ -53,7 +54,8 @@ def convert_videos(
     - `source`: a video, or a folder of videos
     - `out`: the folder that recordings go to (default: the source's name and "-events", beside it)
     - `settings`: the emulator (default: `PIX2NVS()`)
-    - `format`: of the recordings, "hdf5", "aedat2", "aedat3", "aedat4" or "text" (default "hdf5")
+    - `format`: of the recordings, "hdf5", "hdf5-gzip" (a third of the disk), "aedat2", "aedat3", "aedat4" or "text"
+      (default "hdf5")
     - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
     - `fps`: frames per second, whatever the files say (default: as they say)
     - `view`: which part of each video, and how its frames come into `size` (default: all of it; whole, with black
@@ -66,6 +68,8 @@ def convert_videos(
       the same folder at once; each has a manifest of its own there, and the next run without shards joins them
       (default: all videos)
     - `overwrite`: convert all videos anew, also if the folder holds recordings of other settings (default False)
+    - `preview`: beside each recording that is made, write a film of the video's first minute with its events,
+      NAME.preview.mp4 (default False)
 
     Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
     other settings, and for frames larger than any chip of AEDAT 2, and OSError if nothing can be written there.
@@ -80,7 +84,7 @@ def convert_videos(
         made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(ALL, name)}
     with manifest_of(target, "nvsdata-videos", made, shard=shard, overwrite=overwrite) as manifest:
         before = manifest.as_before([job.video for job in found])
-        videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
+        videos = {video: replace(job, video=video, preview=preview) for video, job in zip(before, found, strict=True)}
         with (
             FolderRun(manifest, list(videos), DONE, "converting") as run,
             closing(_results([videos[video] for video in run.waiting], jobs, scheduler, run.within)) as results,

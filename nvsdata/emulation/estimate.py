@@ -85,5 +85,5 @@ def _piece(job: Job, frames: int) -> tuple[int, int]:
     pieces = list(islice(job.events(), frames))
     with tempfile.TemporaryDirectory(prefix="nvsdata-") as folder:
         target = Path(folder) / job.video.target.name
-        formats.write(iter(pieces), target)
+        formats.write(iter(pieces), target, format=job.video.format)
         return len(pieces), target.stat().st_size

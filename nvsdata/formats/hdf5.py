@@ -9,7 +9,7 @@ nvsdata's own files:
 - frames and inertial samples: see `nvsdata.formats.hdf5_samples`
 - attributes of `/`: `format` ("nvsdata-events"), `version`, `width`, `height`
 
-Compressed copies (h5repack) are read too, through h5py.
+Compressed ones (`nvsdata.formats.hdf5_gzip`, h5repack) are read too, through h5py.
 
 Other files: columns x, y, t, p below `/events` or `/`, also with `/t_offset` (DSEC), or one compound `/CD/events`
 (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`),

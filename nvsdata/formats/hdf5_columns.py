@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from functools import cache, partial
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 import h5py
 import numpy as np
@@ -45,37 +46,33 @@ class Source(OpenFile):
         return self._dataset(name)
 
 
-class Column(Protocol):
+class Column(ABC):
     """A column of `size` integers."""
 
-    name: str
-    size: int
+    def __init__(self, name: str, size: int) -> None:
+        self.name, self.size = name, size
+        self._seen: dict[int, int] = {}  # values that bisections have read: many bisections share their first ones
 
     def value(self, source: Source, i: int) -> int:
         """The value at index i."""
+        if i not in self._seen:
+            self._seen[i] = int(self.read(source, i, i + 1)[0])
+        return self._seen[i]
 
+    @abstractmethod
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         """Values lo..hi in new memory: of type `kind` if it holds all values of the stored type, else of that type."""
 
 
-class Plain:
+class Plain(Column):
     """A column that the file holds as plain values: `length` values at each of the bytes `places`."""
 
     def __init__(self, file: OnDisk, name: str, kind: Any, size: int, places: Sequence[int], length: int) -> None:
-        self.name, self.kind, self.size = name, kind, size
-        self._places, self._length = places, length
-        self._seen: dict[int, int] = {}  # values that bisections have read: many bisections share their first ones
+        super().__init__(name, size)
+        self.kind, self._places, self._length = kind, places, length
         for i, place in enumerate(places):
             if place + min(length, size - i * length) * kind.itemsize > file.size:
                 raise FormatError(file.path, f"truncated within /{name}", offset=place)
-
-    def value(self, source: Source, i: int) -> int:
-        if i not in self._seen:
-            part, first = divmod(i, self._length)
-            one = np.empty(1, self.kind)
-            source.fill(self._places[part] + first * self.kind.itemsize, one)
-            self._seen[i] = int(one[0])
-        return self._seen[i]
 
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         widened = kind is not None and np.can_cast(self.kind, kind)
@@ -94,14 +91,12 @@ class Plain:
         return values
 
 
-class Stored:
+class Stored(Column):
     """A column, or a field of a table, that the HDF5 library reads: it is compressed, or its values aren't adjacent."""
 
     def __init__(self, name: str, size: int, field: str | None = None) -> None:
-        self.name, self.size, self._field = name, size, field
-
-    def value(self, source: Source, i: int) -> int:
-        return int(self.read(source, i, i + 1)[0])
+        super().__init__(name, size)
+        self._field = field
 
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.dataset(self.name)[lo : max(lo, hi)]

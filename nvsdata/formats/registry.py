@@ -49,6 +49,7 @@ def starts_with(mark: bytes) -> Callable[[bytes], bool]:
 # nvsdata's own modules, each with its FORMAT; if several formats fit a file, the first is taken
 BUILT_IN = (
     "nvsdata.formats.hdf5",
+    "nvsdata.formats.hdf5_gzip",
     "nvsdata.recording.davis.file",
     "nvsdata.formats.aedat2",
     "nvsdata.formats.aedat1",

@@ -27,7 +27,8 @@ def write(
     - `events`: Events, a Recording, or an iterable of pieces, each no earlier than the one before (as `PIX2NVS.stream`
       gives them). Pieces are written as they come, in constant memory; the first one states the sensor size
     - `path`: the file, which appears whole or not at all, in place of any file there
-    - `format`: the format's name, where an extension has several: "evt3" (the default for `.raw`), "evt2" or "evt2.1"
+    - `format`: the format's name, where an extension has several: "evt3" (the default for `.raw`), "evt2" or "evt2.1";
+      "hdf5" (the default for `.h5`), or "hdf5-gzip", which takes a third of the disk
 
     HDF5, AEDAT 2 and AEDAT 4 hold frames and inertial samples of a Recording, or of a `Piece`; others events alone.
 

@@ -281,8 +281,8 @@ def run_batch(
             # what ended the batch is more important than a page about it
             with suppress(OSError):
                 write_report(manifest, out, note)
-    for name, reason in result.failed.items():
-        print(f"{name}: {reason}", file=sys.stderr)
+    for told in result.told():
+        print(told, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
             print(f"{name}: have a look: {'; '.join(doubts)}", file=sys.stderr)

@@ -14,8 +14,10 @@ from nvsdata import formats
 from nvsdata.common.errors import FormatError
 
 # formats that recordings are written in, and their extensions
-FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in ("hdf5", "aedat2", "aedat3", "aedat4", "text")}
+WRITTEN = "hdf5", "hdf5-gzip", "aedat2", "aedat3", "aedat4", "text"
+FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in WRITTEN}
 VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
+PREVIEW = ".preview.mp4"  # how names of films of recordings end
 # errors of the disk or the folder, not of one video: the videos after it would fail, too
 FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
@@ -26,11 +28,18 @@ class Video(NamedTuple):
     - `name`: its name below the folder of videos, with slashes
     - `path`: its file
     - `target`: the recording that it is to become
+    - `format`: in which that is written (default None: by its extension)
     """
 
     name: str
     path: Path
     target: Path
+    format: str | None = None
+
+    @property
+    def preview(self) -> Path:
+        """Where a film of the recording goes."""
+        return self.target.with_suffix(PREVIEW)
 
 
 def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:
@@ -59,7 +68,7 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
         # a.avi, a.mp4 and a.avi.mp4 side by side keep their extensions
         short = name.with_suffix("")
         kept = name if stems[short] > 1 or short in names else short
-        found.append(Video(name.as_posix(), path, out / kept.with_name(kept.name + FORMATS[format])))
+        found.append(Video(name.as_posix(), path, out / kept.with_name(kept.name + FORMATS[format]), format))
     return found
 
 
@@ -67,7 +76,7 @@ def _below(source: Path) -> Iterator[Path]:
     for folder, folders, files in os.walk(source):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
-            if not name.startswith(".") and Path(name).suffix.lower() in VIDEOS:
+            if not name.startswith(".") and Path(name).suffix.lower() in VIDEOS and not name.endswith(PREVIEW):
                 yield Path(folder) / name
 
 

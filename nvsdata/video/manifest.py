@@ -20,6 +20,7 @@ import numpy as np
 from nvsdata._version import __version__
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
+from nvsdata.video.decoder_errors import decoder_errors
 from nvsdata.video.folder import Video, fatal, sha256
 
 NAME = "manifest.jsonl"
@@ -30,8 +31,8 @@ class Manifest(Journal):
     """`out/manifest.jsonl`, open for adding lines.
 
     The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, and the versions
-    of the software. Each further line has a video's name, status, size and sha256, and what came of it. A video that
-    was tried twice has two lines; the last one counts.
+    of the software. Each further line has a video's name, status, size, time and sha256, and what came of it. A video
+    that was tried twice has two lines; the last one counts.
 
     - `out`: the folder of recordings
     - `kind`: of the folder; the first key of the first line
@@ -69,7 +70,7 @@ class Manifest(Journal):
         return (
             line is not None
             and line["status"] in statuses
-            and line["bytes"] == video.path.stat().st_size
+            and _is_same(video.path, line)
             and video.target.exists()
             and video.target.stat().st_size == line["recording"]
         )
@@ -107,12 +108,14 @@ class FolderReport:
     - `kept`: recordings that were there already
     - `events`: in the recordings that it made
     - `failed`: why videos failed, by their names
+    - `damaged`: errors that FFmpeg found in videos whose recordings were made all the same, by their names
     """
 
     done: int = 0
     kept: int = 0
     events: int = 0
     failed: dict[str, str] = field(default_factory=dict)
+    damaged: dict[str, int] = field(default_factory=dict)
 
     def count(self, line: dict[str, Any], good: tuple[str, ...]) -> None:
         """Count a line of the manifest, whose recording was made if its status is one of the `good`."""
@@ -120,6 +123,16 @@ class FolderReport:
         self.done += line["status"] in good
         if "reason" in line:
             self.failed[line["video"]] = line["reason"]
+        elif "decoder_errors" in line:
+            self.damaged[line["video"]] = line["decoder_errors"]
+
+    def told(self) -> list[str]:
+        """A line for each video that failed, or is damaged."""
+        damaged = "its stream is damaged, pictures may be smeared: {:,} errors of the decoder"
+        return [
+            *(f"{name}: {reason}" for name, reason in self.failed.items()),
+            *(f"{name}: {damaged.format(count)}" for name, count in self.damaged.items()),
+        ]
 
 
 class FolderRun:
@@ -177,15 +190,19 @@ class FolderRun:
 
 def file_facts(video: Video) -> dict[str, Any]:
     """What a video's line says about its file. OSError if it can't be read."""
-    return {"bytes": video.path.stat().st_size, "sha256": sha256(video.path)}
+    # before its content: what changes meanwhile has a later time than this
+    found = video.path.stat()
+    return {"bytes": found.st_size, "modified": found.st_mtime_ns, "sha256": sha256(video.path)}
 
 
 @contextmanager
 def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
-    """While the block makes a video's recording, from reading its file on: put into `line` why it failed if it did.
+    """While the block makes a video's recording, from reading its file on: put into `line` why it failed if it did, and
+    how many errors the decoder found in it.
 
     Errors that the next video would have, too, are raised: those of the disk, and `fatal_too` (default: none more).
     """
+    before = decoder_errors()
     try:
         yield
     except fatal_too:
@@ -194,6 +211,20 @@ def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], 
         if isinstance(error, OSError) and fatal(error, video.path):
             raise
         line |= {"status": "failed", "reason": str(error)}
+    if found := decoder_errors() - before:
+        line |= {"decoder_errors": found}
+
+
+def _is_same(path: Path, line: dict[str, Any]) -> bool:
+    """Whether a video's file is the one of its line: by size and time, or by content where that time is another."""
+    found = path.stat()
+    if found.st_size != line["bytes"]:
+        return False
+    try:
+        return found.st_mtime_ns == line.get("modified") or sha256(path) == line.get("sha256")
+    except OSError:
+        # why it can't be read is told when it is converted
+        return False
 
 
 def _flat(made: dict[str, Any]) -> dict[str, Any]:

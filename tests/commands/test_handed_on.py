@@ -169,14 +169,14 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr() == (told.format(0, convert.default_out(Path("in"))), "")
     failed = {"a.avi": "cut off", "b.avi": "empty"}
     words = ["--out", "out", "--size", "40x30", "--fps", "25", "--limit", "7", "--jobs", "2", "--scheduler", "here"]
-    words += ["--overwrite", "--start", "1.5", "--stop", "4", "--fit", "crop"]
+    words += ["--overwrite", "--preview", "--start", "1.5", "--stop", "4", "--fit", "crop"]
     words += ["--crop", "1", "2", "30", "20"]
     assert main(["convert-videos", "in", *words]) == 1
     assert capsys.readouterr() == (told.format(2, "out"), "a.avi: cut off\nb.avi: empty\n")
     plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
-    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "view": View()}
+    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "preview": False, "view": View()}
     chosen = {"size": (40, 30), "fps": 25.0, "limit": 7, "jobs": 2, "scheduler": "here"}
-    chosen |= {"overwrite": True, "view": View(1.5, 4.0, (1, 2, 30, 20), "crop")}
+    chosen |= {"overwrite": True, "preview": True, "view": View(1.5, 4.0, (1, 2, 30, 20), "crop")}
     assert asked[1] == (Path("in"), None, PIX2NVS(), plain)
     assert asked[3] == (Path("in"), Path("out"), PIX2NVS(), plain | chosen)
     # less than a frame's time

@@ -1,7 +1,10 @@
+import subprocess
+import sys
 import threading
 import time
 
 import pytest
+from clips import moving_square, write_video
 
 from nvsdata.common import prefetch as module
 from nvsdata.common.prefetch import DEPTH, in_one_thread, prefetch, stay_in_one_thread
@@ -152,3 +155,11 @@ def test_an_item_is_taken_before_the_next_is_there():
         taken.set()
     assert found == [0, 1, 2]
     assert waited == [True] * 3
+
+
+def test_a_process_ends_well_in_the_middle_of_a_video(tmp_path):
+    path = write_video(tmp_path / "a.avi", moving_square(200, (320, 240)))
+    code = f"from nvsdata.video.frames import frames_of; left = frames_of({str(path)!r}); next(left)"
+    for _ in range(3):
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+        assert (done.returncode, done.stderr) == (0, "")

@@ -154,6 +154,7 @@ def test_a_line_of_the_manifest_says_what_was_made(tmp_path, monkeypatch):
         "video": "a.avi",
         "status": "converted",
         "bytes": path.stat().st_size,
+        "modified": path.stat().st_mtime_ns,
         "frames": 3,
         "events": len(events),
         "sensor_size": (8, 6),

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import cv2
 import numpy as np
 import pytest
 from clips import moving_square, write_video
@@ -19,7 +20,9 @@ from nvsdata.emulation import PIX2NVS, convert
 from nvsdata.emulation.convert import convert_videos, plan
 from nvsdata.emulation.estimate import estimate
 from nvsdata.formats import hdf5
-from nvsdata.video.folder import FORMATS, Video
+from nvsdata.plots import event_image
+from nvsdata.video.folder import FORMATS, Video, videos_in
+from nvsdata.video.frames import frames_of
 from nvsdata.video.manifest import as_before
 from nvsdata.video.view import View
 
@@ -390,3 +393,70 @@ def test_a_video_that_is_too_short_refuses_no_batch(tmp_path):
     write_video(tmp_path / "in/b.avi", moving_square(30), fps=10)
     report = convert_videos(tmp_path / "in", tmp_path / "out", format="aedat2", view=View(start=1.0))
     assert (report.done, list(report.failed)) == (1, ["a.avi"])
+
+
+def test_a_damaged_stream_is_marked_in_the_manifest(videos, tmp_path, capsys):
+    path = videos / "run/a.avi"
+    content = bytearray(path.read_bytes())
+    # within the picture data of a JPEG
+    content[len(content) // 2 : len(content) // 2 + 40] = bytes(range(1, 41))
+    path.write_bytes(content)
+    (tmp_path / "one").mkdir()
+    for jobs in (1, 2):
+        out = tmp_path / f"out{jobs}"
+        assert main(["convert-videos", str(videos), "--out", str(out), "--jobs", str(jobs)]) == 0
+        told = capsys.readouterr()
+        found = {line["video"]: line.get("decoder_errors", 0) for line in lines(out)[1:]}
+        assert found.pop("run/a.avi") >= 1
+        assert not any(found.values())
+        assert "run/a.avi: its stream is damaged, pictures may be smeared: " in told.err
+        assert told.out.startswith("4 converted, 0 were there, 0 failed")
+
+
+def test_a_preview_shows_frames_and_events_side_by_side(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out, preview=True, size=(32, 24), format="hdf5-gzip")
+    films = sorted(path.relative_to(out).as_posix() for path in out.rglob("*.mp4"))
+    assert films == [f"{name}.preview.mp4" for name in ("run/a", "run/b", "walk/c", "walk/deep/d")]
+    shown = [frame.pixels for frame in frames_of(out / films[0])]
+    assert len(shown) == 12
+    zoom = 360 // 32
+    events = nvsdata.open(out / "run/a.h5")
+    for n, (picture, frame) in enumerate(zip(shown, frames_of(videos / "run/a.avi", size=(32, 24)), strict=True)):
+        assert picture.shape == (24 * zoom, 2 * 32 * zoom, 3)
+        left, right = np.hsplit(picture.astype(float), 2)
+        assert abs(cv2.resize(left, (32, 24)).mean() - frame.pixels.mean()) < 12
+        since = events.between_frames(n - 1, n) if n else events.read(None, 1)
+        expected = event_image(since, zoom)
+        # what the film's compression leaves of it
+        assert abs(right - expected).mean() < 20
+    # neither videos nor recordings
+    assert len(EventFolder(out)) == 4
+    assert len(videos_in(out.parent / "videos", out)) == 4
+    with pytest.raises(FileNotFoundError, match="no videos below"):
+        videos_in(out, tmp_path / "other")
+    # a recording that is made anew has no preview of the one before
+    convert_videos(videos, out, size=(32, 24), format="text", overwrite=True)
+    assert not list(out.rglob("*.mp4"))
+
+
+def test_a_preview_of_a_video_that_is_cut_off_ends_with_it(videos, tmp_path):
+    path = videos / "run/a.avi"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    report = convert_videos(path, tmp_path / "out", preview=True)
+    assert "cut off" in report.failed["a.avi"]
+    (line,) = lines(tmp_path / "out")[1:]
+    assert line["status"] == "truncated"
+    assert len(list(frames_of(tmp_path / "out/a.preview.mp4"))) == line["frames"]
+
+
+def test_a_video_that_changed_is_converted_anew_and_one_that_was_copied_is_not(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out)
+    for path in videos.rglob("*.avi"):
+        os.utime(path, (1, 1))
+    changed = bytearray((videos / "run/b.avi").read_bytes())
+    changed[-40] ^= 1
+    (videos / "run/b.avi").write_bytes(changed)
+    report = convert_videos(videos, out)
+    assert (report.done, report.kept) == (1, 3)

@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import json
+import os
 
 import pytest
 from clips import write_video
@@ -40,7 +41,9 @@ def test_where_there_are_no_videos(tmp_path):
     assert str(none.value) == f"no videos below {tmp_path}; they end in {ENDINGS}"
     with pytest.raises(FileNotFoundError, match="gone: no such folder or video"):
         videos_in(tmp_path / "gone", tmp_path)
-    with pytest.raises(ValueError, match=r"^format must be one of hdf5, aedat2, aedat3, aedat4, text, not 'h5'$"):
+    with pytest.raises(
+        ValueError, match=r"^format must be one of hdf5, hdf5-gzip, aedat2, aedat3, aedat4, text, not 'h5'$"
+    ):
         videos_in(tmp_path, tmp_path, "h5")
     check_name("a\nü.avi")
     with pytest.raises(FormatError, match="a name that isn't UTF-8"):
@@ -73,7 +76,8 @@ def video(tmp_path):
 
 
 def line(**changed):
-    return {"video": "a.avi", "status": "done", "bytes": 5, "recording": 9} | changed
+    digest = hashlib.sha256(b"video").hexdigest()
+    return {"video": "a.avi", "status": "done", "bytes": 5, "sha256": digest, "recording": 9} | changed
 
 
 def opened(folder, made=None, kind="things", told=None):
@@ -93,6 +97,33 @@ def test_which_recordings_a_manifest_has(tmp_path, video, changed, has):
         assert manifest.has(video, ("done",)) is has
         video.target.unlink()
         assert not manifest.has(video, ("done",))
+
+
+def test_a_video_that_changed_is_noticed_by_its_content(tmp_path, video, monkeypatch):
+    read = []
+    monkeypatch.setattr(module, "sha256", lambda path: read.append(path) or sha256(path))
+    with opened(tmp_path) as manifest:
+        manifest.add(line(modified=video.path.stat().st_mtime_ns))
+        assert manifest.has(video, ("done",))
+        assert not read
+        # copied, or touched
+        os.utime(video.path, (1, 1))
+        assert manifest.has(video, ("done",))
+        assert len(read) == 1
+        # another of the same length
+        video.path.write_bytes(b"VIDEO")
+        assert not manifest.has(video, ("done",))
+
+        def unreadable(path):
+            raise PermissionError(path)
+
+        monkeypatch.setattr(module, "sha256", unreadable)
+        assert not manifest.has(video, ("done",))
+        # a line of before times were kept
+        video.path.write_bytes(b"video")
+        monkeypatch.setattr(module, "sha256", sha256)
+        manifest.add(line())
+        assert manifest.has(video, ("done",))
 
 
 def test_a_manifest_s_first_line_and_which_others_fit(tmp_path):
@@ -152,7 +183,8 @@ def test_what_a_run_over_a_folder_counts(tmp_path, video, monkeypatch):
 
 
 def test_what_is_noted_of_a_video(tmp_path, video):
-    assert file_facts(video) == {"bytes": 5, "sha256": hashlib.sha256(b"video").hexdigest()}
+    modified = video.path.stat().st_mtime_ns
+    assert file_facts(video) == {"bytes": 5, "modified": modified, "sha256": hashlib.sha256(b"video").hexdigest()}
     assert sha256(video.target) == hashlib.sha256(b"recording").hexdigest()
     full, odd = OSError(errno.ENOSPC, "full"), FormatError("a", "b")
     told = {}

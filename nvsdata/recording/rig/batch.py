@@ -224,7 +224,7 @@ def _recorded(
     with (out / PLAYED).open("a", encoding="utf-8") as file:
         file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
     try:
-        line = cut_take(take, video.path, video.target, inspector)
+        line = cut_take(take, video, inspector)
     except (ValueError, cv2.error, MemoryError) as error:
         # the video was played, so it isn't the reason
         raise TakeRejected(f"the recording can't be read or judged: {error}") from error

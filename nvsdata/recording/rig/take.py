@@ -25,7 +25,7 @@ from nvsdata.recording.rig.live_view import LiveView
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.playback import PlaybackLog, perform
 from nvsdata.recording.rig.sync import Take, TakeRejected, synced
-from nvsdata.video.folder import sha256
+from nvsdata.video.folder import Video, sha256
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
@@ -91,8 +91,8 @@ def _recorded(
     return Take(raw, report, performance)
 
 
-def cut_take(take: Take, video: Path, target: Path, inspector: Inspector) -> dict[str, Any]:
-    """Write the take of a video to `target`, cut to it, from time 0; return what the manifest is to say about it.
+def cut_take(take: Take, video: Video, inspector: Inspector) -> dict[str, Any]:
+    """Write the take of a video to its recording, cut to it, from time 0; return what the manifest is to say about it.
 
     `TakeRejected` if it must be done again: nothing is written then.
     """
@@ -106,9 +106,10 @@ def cut_take(take: Take, video: Path, target: Path, inspector: Inspector) -> dic
     recording = formats.open(take.raw)
     tally = _tally(recording, *span)
     _check(done, line, tally, span[1] - span[0])
-    content = inspector.judged(Span(take, recording, line, *span), video, tally.events)
+    content = inspector.judged(Span(take, recording, line, *span), video.path, tally.events)
+    target = video.target
     target.parent.mkdir(parents=True, exist_ok=True)
-    formats.write(cut(recording, *span, every=PIECE), target)
+    formats.write(cut(recording, *span, every=PIECE), target, format=video.format)
     return {
         "recording": target.stat().st_size,
         "recording_sha256": sha256(target),

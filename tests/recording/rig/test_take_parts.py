@@ -14,7 +14,7 @@ from nvsdata.recording.rig.clock_fit import ClockFit
 from nvsdata.recording.rig.playback import PlaybackLog, _in_turn
 from nvsdata.recording.rig.sync import Sync, Take
 from nvsdata.recording.rig.take import TakeRejected, Tally, _check, _check_stream, _tally, cut_take
-from nvsdata.video.folder import sha256
+from nvsdata.video.folder import Video, sha256
 
 
 def events_at(t, p=None):
@@ -91,7 +91,7 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
         assert (given, events) == (video, 2)
         return {"content": {"gap": 0.0}, "look": ["odd"]}
 
-    told = cut_take(one, video, tmp_path / "deep/out/a.h5", SimpleNamespace(judged=judged))
+    told = cut_take(one, Video("a.avi", video, tmp_path / "deep/out/a.h5"), SimpleNamespace(judged=judged))
     assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
     assert told == {
         "recording": (tmp_path / "deep/out/a.h5").stat().st_size,

@@ -43,7 +43,8 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
         raw.write_bytes(b"")
         return SimpleNamespace(performance=SimpleNamespace(truncated=None, log=dict))
 
-    def cut(take, video, target, inspector):
+    def cut(take, video, inspector):
+        target = video.target
         error = fails.pop(0) if fails else None
         if error is not None:
             raise error
