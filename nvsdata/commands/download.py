@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 from pathlib import Path
 
 from nvsdata.commands.options import add_json, dataset, path
-from nvsdata.common.terminal import tell
+from nvsdata.common.terminal import remark, tell
 from nvsdata.datasets.facts import Info
 
 
@@ -16,33 +17,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("dataset", metavar="NAME", type=dataset, help="as `nvsdata datasets` calls it")
     add("--root", type=path, help="the folder it goes to (default ./NAME)")
+    add("--mirror", metavar="PLACE", help="a folder of archives, or its address, asked first (default: NVSDATA_MIRROR)")
+    add("--delete-archives", action="store_true", help="delete each archive once it is unpacked")
     add("--dry-run", action="store_true", help="say what would be fetched, and how large it is")
     add_json(add)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the folders that the dataset is in."""
-    from nvsdata.datasets.archives.download import download
+    from nvsdata.datasets.archives.download import download, unneeded
+    from nvsdata.datasets.archives.transfer import MIRROR
 
     info = args.dataset.info
+    root = args.root or Path(info.name)
+    if args.mirror:
+        os.environ[MIRROR] = args.mirror
     if args.dry_run:
-        _plan(info, args)
+        _plan(info, root, args.json)
         return 0
-    folders = list(map(str, download(info, args.root or Path(info.name))))
+    folders = list(map(str, download(info, root, keep=not args.delete_archives)))
     tell("\n".join(folders), {"folders": folders}, as_json=args.json)
+    if left := unneeded(info.archives, root):
+        size = sum(path.stat().st_size for path in left) / 1e9
+        remark(f"{len(left)} archives in {root} ({size:.2f} GB) aren't needed any more: --delete-archives deletes them")
     return 0
 
 
-def _plan(info: Info, args: argparse.Namespace) -> None:
+def _plan(info: Info, to: Path, as_json: bool) -> None:
     """Print what would be fetched, where from and how large it is."""
+    from nvsdata.datasets.archives.transfer import MIRROR
+
     files = [{"name": archive.name, "bytes": archive.size or None, "urls": archive.urls} for archive in info.archives]
     lines = [
         f"{archive.name}  {f'{archive.size / 1e9:.2f} GB' if archive.size else 'of unknown size'}  "
         + (" or ".join(archive.urls) or (archive.within.name if archive.within else f"by hand from {info.page}"))
         for archive in info.archives
     ]
-    to = args.root or Path(info.name)
+    if mirror := os.environ.get(MIRROR):
+        lines.append(f"asked first: {mirror}")
     place = next((parent for parent in (to, *to.absolute().parents) if parent.is_dir()), Path())
     free = shutil.disk_usage(place).free
     lines.append(f"to {to}, where {free / 1e9:.1f} GB are free")
-    tell("\n".join(lines), {"files": files, "to": to, "free": free}, as_json=args.json)
+    tell("\n".join(lines), {"files": files, "to": to, "free": free, "mirror": mirror}, as_json=as_json)

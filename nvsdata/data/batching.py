@@ -35,7 +35,7 @@ def collate(
       `volumes` = S; tensors of one shape are stacked; anything else is collated by torch. Targets are collated by torch
       (ints to int64 [B]); those with boxes, whose numbers differ, stay a list
     - `pad`: whether tensors, such as frames of unequal number or size, become a `Padded`: `values` filled up with 0,
-      `lengths`, `mask` (default False)
+      `lengths`, `mask`; targets of tensors do if their sizes differ (default False)
     - `events`: "list" (default) leaves Events and Recordings a list, because their lengths differ; "columns" makes an
       `EventBatch`: concatenated columns with `offsets`
 
@@ -55,6 +55,8 @@ def collate(
         return Batch(made, torch.tensor(targets))
     if all(isinstance(target, Mapping) and "boxes" in target for target in targets):
         return Batch(made, targets)
+    if all(isinstance(target, torch.Tensor | np.ndarray) for target in targets):
+        return Batch(made, _stack_targets([torch.as_tensor(target) for target in targets], pad))
     return Batch(made, default_collate(targets))
 
 
@@ -75,16 +77,25 @@ def _stack(inputs: list[Any], pad: bool = False, events: str = "list") -> Any:
     return default_collate(inputs)
 
 
-def _check_shapes(shapes: list[tuple[int, ...]], pad: bool) -> None:
+def _stack_targets(targets: list[torch.Tensor], pad: bool) -> torch.Tensor | Padded:
+    """Targets that are tensors, such as traces of joints or masks: filled up only where their sizes differ."""
+    _check_shapes([tuple(target.shape) for target in targets], pad, "target", "change them by target_transform")
+    if len({target.shape for target in targets}) > 1:
+        return Padded.of(targets)
+    stacked: torch.Tensor = default_collate(targets)
+    return stacked
+
+
+CUTS = "cut them to one size (T.RandomTemporalCrop, T.CenterCrop or T.Resize)"
+
+
+def _check_shapes(shapes: list[tuple[int, ...]], pad: bool, name: str = "sample", cuts: str = CUTS) -> None:
     for number, shape in enumerate(shapes):
         if len(shape) != len(shapes[0]) or (shape != shapes[0] and not pad):
-            what = f"sample 0 has the shape {shapes[0]}, sample {number} {shape}: they don't fit into one batch"
+            what = f"{name} 0 has the shape {shapes[0]}, {name} {number} {shape}: they don't fit into one batch"
             if len(shape) != len(shapes[0]):
                 raise ValueError(what)
-            cuts = "T.RandomTemporalCrop, T.CenterCrop or T.Resize"
-            raise ValueError(
-                f"{what}. Fill them up (collate with pad=True), cut them to one size ({cuts}), or batch_size=1"
-            )
+            raise ValueError(f"{what}. Fill them up (collate with pad=True), {cuts}, or batch_size=1")
 
 
 def _send(batch: Batch) -> tuple[Any, ...]:

@@ -92,8 +92,8 @@ class Recording(ABC):
         """What the file states about its camera; keys are missing where it states nothing.
 
         `camera` and `serial`, `started` (wall-clock time at µs 0, ISO 8601), `biases` (name to two numbers),
-        `temperature` (°C). Of events that were emulated: `emulator`, its settings, and `frame_times`, those of the
-        video's frames (int64, µs).
+        `temperature` (°C). Of events that were emulated: `emulator`, its settings, `imperfections`,
+        how many events they added and left out, and `frame_times`, those of the video's frames (int64, µs).
         """
         return {}
 

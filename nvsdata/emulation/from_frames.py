@@ -8,6 +8,7 @@ from typing import cast
 
 from nvsdata.common.prefetch import prefetch
 from nvsdata.data.events import Events, together
+from nvsdata.data.samples import Piece
 from nvsdata.emulation.imperfections import Flawed, Imperfections
 from nvsdata.emulation.run import Run, Spikes
 from nvsdata.video.frames import Frame, Video, frames_of
@@ -37,7 +38,8 @@ class FromFrames(ABC):
     ) -> Iterator[Events]:
         """Events of each frame in turn, those of F_n since F_n-1, in constant memory.
 
-        The first piece stands for F_0 and is empty.
+        The first piece stands for F_0 and is empty. With imperfections, pieces are `Piece` whose `about` counts, from
+        the first frame on, what they added and left out; HDF5 recordings keep the last counts.
 
         - `frames`: a video file (luminance is the luma that its codec stores, where it is of 8 bits), a
           camera's number, a folder of images with a list of times, a recording that holds frames (`nvsdata.open`), or
@@ -77,5 +79,5 @@ class FromFrames(ABC):
                 events = flaws.apply(events, spikes.before, spikes.now, spikes.light)
             parts.append(events)
             if spikes.whole:
-                yield parts[0] if len(parts) == 1 else together(parts)
-                parts = []
+                found, parts = parts[0] if len(parts) == 1 else together(parts), []
+                yield found if flaws is None else Piece.beside(found, about={"imperfections": dict(flaws.counts)})

@@ -30,7 +30,11 @@ class Flawed(Protocol):
 
 
 class Imperfections:
-    """State of a sensor's flaws over a recording."""
+    """State of a sensor's flaws over a recording.
+
+    `counts` says what they did so far: events of "noise" and of "hot_pixels" that were added, and events that were left
+    out because their pixel was in its "refractory" period.
+    """
 
     def __init__(self, settings: Flawed, sensor_size: tuple[int, int]) -> None:
         self.settings, self.size = settings, sensor_size
@@ -41,6 +45,7 @@ class Imperfections:
         self._ready = np.full(pixels, -(2**62), np.int64)
         self._gap = 1e6 / settings.bandwidth if settings.bandwidth else 0.0
         self._busy = 0.0
+        self.counts = dict.fromkeys(("noise", "hot_pixels", "refractory"), 0)
 
     @classmethod
     def of(cls, settings: Flawed, sensor_size: tuple[int, int]) -> Imperfections | None:
@@ -66,6 +71,8 @@ class Imperfections:
             noisy = where.size
         if hot:
             where = np.concatenate((where, self._hot[self._random.integers(0, self._hot.size, hot)]))
+        self.counts["noise"] += int(noisy)
+        self.counts["hot_pixels"] += int(hot)
         polarity = np.ones(noisy + hot, np.uint8)
         polarity[:noisy] = self._random.integers(0, 2, noisy)
         times = self._random.integers(before, now, noisy + hot)
@@ -87,6 +94,7 @@ class Imperfections:
                 before,
             )
             self._busy -= now - before
+            self.counts["refractory"] += columns.t.size - int(np.count_nonzero(kept))
             columns = columns._replace(t=times).take(kept)
         last = int(columns.t[-1]) if columns.t.size else now
         return Events.trusted(columns, self.size, before, max(now, last))

@@ -94,6 +94,8 @@ def _counted(pieces: Iterable[Events], line: dict[str, Any]) -> Iterator[Events]
             line["events"] += len(piece)
             line["sensor_size"] = piece.sensor_size
             line["duration"] = piece.end
+            if "imperfections" in (about := getattr(piece, "about", {})):
+                line["imperfections"] = about["imperfections"]
             yield piece
     except TruncatedVideo as error:
         line |= {"status": "truncated", "reason": str(error)}

@@ -2,7 +2,8 @@
 
 Header lines begin with `#` and end with CR LF. Records are big-endian: a 32-bit address (1.0: 16 bits)
 and a 32-bit time in µs that wraps. The meaning of the address bits depends on the camera, which
-the line `# AEChip:` names; without that line it follows from `sensor_size` or from the addresses themselves.
+the line `# AEChip:` names; without that line it follows from `sensor_size` or from the addresses themselves. nvsdata's
+own files of a smaller sensor state its size in another comment.
 
 - DVS128: bit 0 polarity (0 is ON), bits 1-7 x, bits 8-14 y, bit 15 external event
 - DAVIS: bit 11 polarity (1 is ON), bits 12-21 x, bits 22-30 y, bit 31 frame or inertial sample
@@ -27,6 +28,7 @@ from nvsdata.data.samples import Frame, Inertial, within
 from nvsdata.formats.aedat2_samples import WRITTEN, Scales, frames_of, inertial_of, merged
 from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
 from nvsdata.formats.contents import Contents
+from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode
@@ -37,6 +39,8 @@ CHIPS = {
     "DAVIS240": ((240, 180), DAVIS, "eu.seebetter.ini.chips.davis.DAVIS240C"),
     "DAVIS346": ((346, 260), DAVIS, "eu.seebetter.ini.chips.davis.Davis346red"),
 }
+
+_SENSOR = re.compile(r"# nvsdata sensor (\d+)x(\d+)")
 
 
 class Aedat2Recording(ClockedFile):
@@ -52,7 +56,7 @@ class Aedat2Recording(ClockedFile):
         super().__init__(contents, sensor_size, strict, header_size=end)
         chip = next((m[1].upper() for line in lines if (m := re.match(r"#\s*AEChip:.*?(\w+)\s*$", line))), None)
         self.chip_size, self.layout = self._camera(chip)
-        self._size = self._size or self.chip_size
+        self._size = self._size or self._stated(lines) or self.chip_size
         self._lasts(stated_time(lines))
         self._scales = Scales.stated(lines)
 
@@ -70,6 +74,17 @@ class Aedat2Recording(ClockedFile):
         first = self._wide(self.contents.read(self._byte(0), self._byte(min(self.records, self.block))))
         name = "DVS128" if not first.reshape(-1, 8)[:, :2].any() else "DAVIS240"
         return CHIPS[name][:2]
+
+    def _stated(self, lines: Sequence[str]) -> tuple[int, int] | None:
+        """The size of a sensor smaller than the chip that its file was written for."""
+        found = next((m for line in lines if (m := _SENSOR.fullmatch(line.rstrip()))), None)
+        if found is None:
+            return None
+        width, height = stated_size(self.path, *found.groups())
+        if width > self.chip_size[0] or height > self.chip_size[1]:
+            what = "{}x{}, more than the {}x{} of its chip".format(width, height, *self.chip_size)
+            raise FormatError(self.path, f"the header states a sensor of {what}", offset=0)
+        return width, height
 
     def _wide(self, raw: np.ndarray) -> np.ndarray:
         """The records in the layout of AEDAT 2.0."""
@@ -122,7 +137,8 @@ def chip_for(width: int, height: int) -> tuple[tuple[int, int], Any, str]:
 
 def header(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) -> bytes:
     """The header of a file; `told`: further lines in it."""
-    lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}")
+    size = "# nvsdata sensor {}x{}".format(*pieces.sensor_size)
+    lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}", size)
     return "".join(f"{line}\r\n" for line in (*lines, *told, time_comment(pieces), "#End Of ASCII Header")).encode()
 
 

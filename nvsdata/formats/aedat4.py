@@ -133,16 +133,37 @@ class Aedat4Recording(FileRecording):
         return concatenate(columns) if columns else Columns.empty(0)
 
     def _parts(self) -> Iterator[np.ndarray]:
-        """The events of each packet."""
-        count = 0
+        """The events of each packet. FormatError, also if not strict, if none can be read."""
+        return self._readable(self._packets("EVTS"), _events_of, "packets", some=True)
+
+    def _readable(
+        self, packets: Iterator[tuple[int, memoryview]], read: Callable[[memoryview], What], name: str, *, some: bool
+    ) -> Iterator[What]:
+        """What `read` finds in packets.
+
+        If not strict, damaged ones are left out, and so is what follows once packets can't be told apart; but if `some`
+        must be there and none is, the first error is raised.
+        """
+        count, damaged, first = 0, 0, None
         try:
-            for at, packet in self._packets("EVTS"):
-                yield self._content(at, packet, _events_of)
-                count += 1
-        except FormatError:
-            if self.strict or not count:
+            for at, packet in packets:
+                try:
+                    found = self._content(at, packet, read)
+                except FormatError as error:
+                    if self.strict:
+                        raise
+                    first, damaged = first or error, damaged + 1
+                    self._repair(f"damaged {name}, left out", damaged)
+                else:
+                    yield found
+                    count += 1
+        except FormatError as error:
+            if self.strict:
                 raise
-            self._repair("packets from the first damaged one on, cut off", 1)
+            first = first or error
+            self._repair(f"{name} from the first damaged one on, cut off", 1)
+        if some and first is not None and not count:
+            raise first
 
     def _valid(self, events: np.ndarray) -> Columns | None:
         """The columns of a packet's events; None if any of them is odd."""
@@ -224,13 +245,7 @@ class Aedat4Recording(FileRecording):
         else:
             least, most = -LATEST if start is None else start - LONG, LATEST if stop is None else stop + LONG
             packets = self._chosen(table.take((table.end >= least) & (table.start < most)))
-        try:
-            for at, packet in packets:
-                yield self._content(at, packet, read)
-        except FormatError:
-            if self.strict:
-                raise
-            self._repair(f"packets of {kind} from the first damaged one on, cut off", 1)
+        yield from self._readable(packets, read, f"packets of {kind}", some=False)
 
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
         return within(self._samples("FRME", frame_of, start, stop), start, stop)

@@ -27,7 +27,7 @@ from nvsdata.formats.hdf5_file import found_in
 TIMES = ("start", "exposure_start", "exposure_end", "end")
 PLACES = ("x", "y", "width", "height")
 TEXTS = ("camera", "serial", "started", "note")
-TABLES = ("biases", "settings", "emulator")
+TABLES = ("biases", "settings", "emulator", "imperfections")
 FRAME_TIMES = "frame_times"
 CHUNK, CHUNK_PIXELS = 1 << 12, 1 << 16  # rows, and pixels, per chunk
 GATHERED = 64  # frames, or pieces with inertial samples, that are written together

@@ -221,7 +221,7 @@ def test_faults_are_counted(monkeypatch, capsys, count):
 def test_a_download_tells_its_folders(monkeypatch, capsys):
     asked = []
 
-    def download(info, root):
+    def download(info, root, *, keep):
         asked.append((info.name, root))
         return [root / "a", root / "b"]
 

@@ -117,3 +117,28 @@ def test_targets_are_collated_by_what_they_are():
         targets(boxes, {"label": 6})
     assert nvsdata.collate([([], 0), ([], 1)]).inputs == []
     assert nvsdata.collate([([2.0, 3.0], 0), ([4.0, 5.0], 1)]).inputs[1].tolist() == [3, 5]
+
+
+@pytest.mark.parametrize("kind", [torch.as_tensor, np.asarray])
+def test_targets_of_unequal_size_are_named_or_filled_up(kind):
+    traces = [kind([[1.0, 2.0], [3.0, 4.0]]), kind([[5.0, 6.0]])]
+    samples = [(torch.zeros(2), trace) for trace in traces]
+    message = (
+        r"^target 0 has the shape \(2, 2\), target 1 \(1, 2\): they don't fit into one batch\. Fill them up"
+        r" \(collate with pad=True\), change them by target_transform, or batch_size=1$"
+    )
+    with pytest.raises(ValueError, match=message):
+        nvsdata.collate(samples)
+    found = nvsdata.collate(samples, pad=True).targets
+    assert found.values.tolist() == [[[1, 2], [3, 4]], [[5, 6], [0, 0]]]
+    assert found.lengths.tolist() == [2, 1]
+    for pad in (False, True):
+        same = nvsdata.collate(samples[:1] * 3, pad=pad).targets
+        assert same.shape == (3, 2, 2)
+        assert same.dtype == torch.as_tensor(traces[0]).dtype
+    with pytest.raises(
+        ValueError, match=r"^target 0 has the shape \(2, 2\), target 1 \(2,\): they don't fit into one batch$"
+    ):
+        nvsdata.collate([samples[0], (torch.zeros(2), kind([1.0, 2.0]))], pad=True)
+    scalars = nvsdata.collate([(torch.zeros(2), kind(n)) for n in (3, 4)], pad=True).targets
+    assert scalars.tolist() == [3, 4]

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -460,3 +461,22 @@ def test_a_video_that_changed_is_converted_anew_and_one_that_was_copied_is_not(v
     (videos / "run/b.avi").write_bytes(changed)
     report = convert_videos(videos, out)
     assert (report.done, report.kept) == (1, 3)
+
+
+def test_a_line_says_how_many_events_each_imperfection_added_and_left_out(videos, tmp_path):
+    clean = PIX2NVS()
+    flawed = PIX2NVS(noise_rate=20.0, hot_pixels=0.01, hot_rate=500.0)
+    blind = replace(flawed, refractory=20_000)
+    for number, settings in enumerate((clean, flawed, blind)):
+        convert_videos(videos, tmp_path / str(number), settings)
+    for one, noisy, dead in zip(*(lines(tmp_path / str(n))[1:] for n in range(3)), strict=True):
+        assert "imperfections" not in one
+        counts = noisy["imperfections"]
+        assert counts["noise"] > 100
+        assert counts["hot_pixels"] > 100
+        assert counts["refractory"] == 0
+        assert noisy["events"] == one["events"] + counts["noise"] + counts["hot_pixels"]
+        # the same seed adds the same
+        assert dead["imperfections"] | {"refractory": 0} == counts
+        assert dead["events"] == noisy["events"] - dead["imperfections"]["refractory"] < noisy["events"]
+        assert nvsdata.open(tmp_path / "2" / dead["file"]).about["imperfections"] == dead["imperfections"]

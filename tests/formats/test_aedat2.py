@@ -48,6 +48,20 @@ def test_davis_words_other_than_polarity_events_are_left_out(tmp_path):
     assert list(rows(nvsdata.read(tmp_path / "a.aedat"))) == [(10, 39, 9, 1), (13, 39, 9, 0)]
 
 
+CHIPS = [("DAVIS240C", 240, 180), ("Davis346blue", 346, 260), ("Davis346red", 346, 260)]
+
+
+@pytest.mark.parametrize(("chip", "width", "height"), CHIPS)
+def test_addresses_as_jaer_has_them_for_every_davis(tmp_path, chip, width, height):
+    """Bits as its DavisChip and DavisBaseCamera (2026) take them apart: x is mirrored, y counts from the bottom."""
+    places = [(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1), (200, 17)]
+    words = [(height - 1 - y) << 22 | (width - 1 - x) << 12 | (n % 2) << 11 for n, (x, y) in enumerate(places)]
+    header = CHIP.format(f"eu.seebetter.ini.chips.davis.{chip}").encode()
+    (tmp_path / "a.aedat").write_bytes(aedat2_bytes(words, range(len(words)), header))
+    assert nvsdata.open(tmp_path / "a.aedat").sensor_size == (width, height)
+    assert list(rows(nvsdata.read(tmp_path / "a.aedat"))) == [(n, x, y, n % 2) for n, (x, y) in enumerate(places)]
+
+
 def test_without_a_chip_the_addresses_or_the_sensor_tell(tmp_path):
     davis = (170 << 22) | (200 << 12)
     (tmp_path / "davis.aedat").write_bytes(aedat2_bytes([davis], [5]))

@@ -93,6 +93,19 @@ def test_torn_packets_are_named_and_what_is_before_them_kept(tmp_path, cut):
         opened(tmp_path, negative).read()
 
 
+def test_a_damaged_packet_in_the_middle_costs_no_other(tmp_path):
+    t = np.arange(150)
+    ev = Events(t, t, t, t % 2, (320, 240))
+    whole = aedat4_bytes(ev)
+    middle = whole.index(b"EVTS", whole.index(b"EVTS", whole.index(b"</dv>")) + 1)
+    raw = whole[:middle] + b"OOPS" + whole[middle + 4 :]
+    with pytest.raises(FormatError, match="damaged AEDAT 4: no EVTS"):
+        opened(tmp_path, raw).read()
+    repaired = opened(tmp_path, raw, strict=False)
+    assert repaired.read() == Events(*(np.delete(c, slice(50, 100)) for c in ev.columns), (320, 240))
+    assert repaired.repairs == {"damaged packets, left out": 1}
+
+
 def test_more_events_than_a_packet_has_room_for_are_damage(tmp_path):
     content = aedat4_events(EV)
     assert content.count(struct.pack("<II", 4, 3)) == 1

@@ -166,6 +166,16 @@ def test_the_real_file_with_frames(shared_samples):
     assert found.span == (1589163147368868, 1589163147538809)
 
 
+def test_a_frame_of_an_unknown_kind_costs_no_other(tmp_path):
+    good, odd = (frame([1, 1, 1, 1, 1], kind, 4, 3, (0, 0), bytes(12)) for kind in (GRAY8, 5))
+    strict = recording(tmp_path / "a.aedat4", [("FRME", good), ("FRME", odd), ("FRME", good)])
+    with pytest.raises(FormatError, match=r"damaged AEDAT 4: a frame of \d+x\d+ pixels of type 5 in"):
+        list(strict.frames())
+    found = nvsdata.open(tmp_path / "a.aedat4", strict=False)
+    assert len(list(found.frames())) == 2
+    assert found.repairs == {"damaged packets of FRME, left out": 1}
+
+
 def test_damaged_samples_stop_no_repair(tmp_path):
     packets = [("IMUS", inertial(SAMPLES)), ("FRME", b"\0" * 100), ("FRME", b"\0" * 100)]
     strict = recording(tmp_path / "a.aedat4", packets)
@@ -173,7 +183,7 @@ def test_damaged_samples_stop_no_repair(tmp_path):
         list(strict.frames())
     found = nvsdata.open(tmp_path / "a.aedat4", strict=False, sensor_size=(20, 20))
     assert list(found.frames()) == []
-    assert found.repairs == {"packets of FRME from the first damaged one on, cut off": 1}
+    assert found.repairs == {"damaged packets of FRME, left out": 2}
     assert found.inertial().t.size == len(SAMPLES)
     raw = (tmp_path / "a.aedat4").read_bytes()
     (tmp_path / "a.aedat4").write_bytes(raw[:-50])

@@ -82,6 +82,7 @@ def test_the_header_of_aedat_2_names_the_smallest_camera(tmp_path, size, camera)
         b"# Written by nvsdata",
         b"# Timestamps tick is 1 us",
         b"# AEChip: " + camera.encode(),
+        b"# nvsdata sensor %dx%d" % size,
         *(() if "DVS128" in camera else scales),
         b"# nvsdata time                 1000 to                 2000 us",
         b"",
@@ -89,6 +90,20 @@ def test_the_header_of_aedat_2_names_the_smallest_camera(tmp_path, size, camera)
     assert len(body) == 16
     assert list(nvsdata.read(tmp_path / "a.aedat").columns[1]) == [size[0] - 1] * 2
     assert list(nvsdata.read(tmp_path / "a.aedat").columns[2]) == [size[1] - 1] * 2
+    assert nvsdata.open(tmp_path / "a.aedat").sensor_size == size
+
+
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [(b"999x128", "states a sensor of 999x128, more than the 346x260 of its chip"), (b"0x12", "no valid sensor size")],
+)
+def test_a_sensor_that_its_chip_has_no_room_for_is_refused(tmp_path, stated, reason):
+    nvsdata.write(at([1_000, 2_000], (320, 240), 319, 239), tmp_path / "a.aedat")
+    assert nvsdata.open(tmp_path / "a.aedat").sensor_size == (320, 240)
+    raw = (tmp_path / "a.aedat").read_bytes().replace(b"320x240", stated)
+    (tmp_path / "a.aedat").write_bytes(raw)
+    with pytest.raises(nvsdata.FormatError, match=reason):
+        nvsdata.open(tmp_path / "a.aedat")
 
 
 @pytest.mark.parametrize(
@@ -138,7 +153,8 @@ def test_headers_of_aedat_1_and_3_and_dat(tmp_path):
     ev = Events([0, 9], [1, 2], [3, 4], [0, 1], (7, 5), start=-3)
     heads = {
         ".aedat1": "#!AER-DAT1.0\r\n# Written by nvsdata\r\n# Timestamps tick is 1 us\r\n"
-        f"# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n# {time}\r\n#End Of ASCII Header\r\n",
+        "# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n# nvsdata sensor 7x5\r\n"
+        f"# {time}\r\n#End Of ASCII Header\r\n",
         ".aedat3": f"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: nvsdata-7x5\r\n# {time}\r\n#!END-HEADER\r\n",
         ".dat": f"% Data file containing CD events.\n% {time}\n% Version 2\n% Width 7\n% Height 5\n\x0c\x08",
         ".txt": f"# nvsdata events: x y t p, sorted, sensor 7x5\n# {time}\n1 3 0 0\n2 4 9 1\n",

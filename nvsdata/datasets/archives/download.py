@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import warnings
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from nvsdata.datasets.facts import Archive, Info
 WORK = ".nvsdata-download"  # folder in the root for unfinished work; it contains no files of the user
 
 
-def download(info: Info, root: Path) -> list[Path]:
+def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
     """Download and unpack the archives of a dataset that are missing in `root`; return the folders of all archives.
 
     Existing files stay as they are: an archive that was put into `root` by hand is used if its hash is right.
@@ -27,6 +28,8 @@ def download(info: Info, root: Path) -> list[Path]:
 
     - `info`: facts about the dataset, including its archives
     - `root`: the folder, made if needed
+    - `keep`: whether archives stay in `root` beside what was unpacked; if not, each is deleted once its folder is
+      there, also one that was put there by hand (default True)
 
     Environment variable NVSDATA_MIRROR: a folder of archives, or its address (https://...), which is tried
     before the addresses known here: first `info.name/ARCHIVE`, then `ARCHIVE`.
@@ -44,12 +47,26 @@ def download(info: Info, root: Path) -> list[Path]:
     if missing or work.exists():
         root.mkdir(parents=True, exist_ok=True)
         with claimed(root):
-            _get(missing, root, work, info)
+            _get(missing, root, work, info, keep)
     elif lock_path(root).exists():
         # left by a run that was killed at its very end
         with suppress(OSError), locked(root):
             pass
+    if not keep:
+        delete(info.archives, root)
     return [root / archive.folder for archive in info.archives if _is_there(root / archive.folder)]
+
+
+def unneeded(archives: Iterable[Archive], root: Path) -> list[Path]:
+    """Archives in `root` whose folder is there, too."""
+    places = ((root / archive.name, root / archive.folder) for archive in archives)
+    return [path for path, folder in places if path != folder and path.is_file() and _is_there(folder)]
+
+
+def delete(archives: Iterable[Archive], root: Path) -> None:
+    """Delete those that aren't needed any more."""
+    for path in unneeded(archives, root):
+        path.unlink()
 
 
 def _can_be_had(archive: Archive, root: Path) -> bool:
@@ -57,13 +74,15 @@ def _can_be_had(archive: Archive, root: Path) -> bool:
     return bool(known or os.environ.get(MIRROR) or (root / archive.name).exists())
 
 
-def _get(archives: list[Archive], root: Path, work: Path, info: Info) -> None:
+def _get(archives: list[Archive], root: Path, work: Path, info: Info, keep: bool) -> None:
     work.mkdir(exist_ok=True)
     failed = False
     try:
         for archive in archives:
             try:
                 _fetch_and_unpack(archive, root, work, info)
+                if not keep:
+                    delete([archive], root)
             except DownloadError as error:
                 if not archive.optional:
                     raise

@@ -6,6 +6,7 @@ import hashlib
 import multiprocessing
 import os
 import random
+import shutil
 import signal
 import time
 from dataclasses import replace
@@ -19,7 +20,7 @@ from nvsdata.common.errors import DownloadError
 from nvsdata.common.locks import OutputInUse, lock_path, locked
 from nvsdata.datasets import DATASETS, NMNIST, DVS128Gesture, NCaltech101
 from nvsdata.datasets.archives import download as module
-from nvsdata.datasets.archives.download import WORK, download
+from nvsdata.datasets.archives.download import WORK, download, unneeded
 from nvsdata.datasets.facts import Archive, Info
 
 CONTENT = trees.zipped({f"Train/{d}/{i}.bin": random.Random(d).randbytes(10_000) for d in range(10) for i in range(3)})
@@ -66,6 +67,53 @@ def test_download_and_unpack(host, root):
     host.asked.clear()
     assert download(info, root) == [root / "Train"]
     assert host.asked == []
+
+
+def test_archives_are_deleted_only_if_asked_and_only_what_is_unpacked(host, root):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    assert download(info, root, keep=False) == [root / "Train"]
+    assert left(root) == ["Train"]
+    # what is unpacked isn't fetched again
+    host.asked.clear()
+    assert download(info, root, keep=False) == [root / "Train"]
+    assert host.asked == []
+    # one that an earlier run kept, or that was put there by hand
+    (root / "Train.zip").write_bytes(CONTENT)
+    (root / "other.zip").write_bytes(CONTENT)
+    assert unneeded(info.archives, root) == [root / "Train.zip"]
+    download(info, root)
+    assert left(root) == ["Train", "Train.zip", "other.zip"]
+    download(info, root, keep=False)
+    assert left(root) == ["Train", "other.zip"]
+    (root / "Train.zip").write_bytes(CONTENT)
+    shutil.rmtree(root / "Train")
+    assert unneeded(info.archives, root) == []
+
+
+def test_the_command_deletes_archives_or_says_that_it_may(host, root, capsys, monkeypatch):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    monkeypatch.setattr(NMNIST, "info", info)
+    assert main(["download", "n-mnist", "--root", str(root)]) == 0
+    told = "1 archives in {} (0.00 GB) aren't needed any more: --delete-archives deletes them\n"
+    assert told.format(root) in capsys.readouterr().err
+    assert main(["download", "n-mnist", "--root", str(root), "--delete-archives"]) == 0
+    assert capsys.readouterr() == (f"{root / 'Train'}\n", "")
+    assert left(root) == ["Train"]
+
+
+def test_a_mirror_may_be_given_to_the_command(host, root, capsys, monkeypatch):
+    monkeypatch.setenv("NVSDATA_MIRROR", "")
+    gone = archive(f"{host.address}/gone")
+    monkeypatch.setattr(NMNIST, "info", dataset(gone))
+    (root / "mirror").mkdir(parents=True)
+    (root / "mirror/Train.zip").write_bytes(CONTENT)
+    how = ["download", "n-mnist", "--root", str(root / "data"), "--mirror", str(root / "mirror")]
+    assert main([*how, "--dry-run"]) == 0
+    assert f"asked first: {root / 'mirror'}\n" in capsys.readouterr().out
+    assert main([*how, "--delete-archives"]) == 0
+    assert left(root / "data") == ["Train"]
+    # a mirror is not ours to delete from
+    assert left(root / "mirror") == ["Train.zip"]
 
 
 def test_an_archive_may_hold_the_folder_or_what_belongs_into_it(host, root):
