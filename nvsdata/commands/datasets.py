@@ -22,14 +22,31 @@ FACTS = Path(__file__).with_name("datasets.json")  # python -m nvsdata.commands.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("--root", type=path, default=Path(), help="the folder that datasets are looked for in")
+    check = "ask every address whether it still has its file, and how large it is"
+    parser.add_argument("--check", action="store_true", help=check)
     add_json(parser.add_argument)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the table."""
+    """Print the table: with --check, 1 if an address doesn't lead to its file."""
+    if args.check:
+        return _check(as_json=args.json)
     facts = facts_of(args.root)
     tell(table(facts), {"datasets": facts}, as_json=args.json)
     return 0
+
+
+def _check(*, as_json: bool) -> int:
+    from nvsdata.datasets import DATASETS
+    from nvsdata.datasets.archives.sources import check
+
+    found = check([kind.info for name, kind in DATASETS.items() if name != "folder"])
+    rows = [
+        (one.dataset, one.file, f"{one.bytes / 1e9:.2f} GB" if one.bytes else "", one.url, one.fault or "there")
+        for one in found
+    ]
+    tell(aligned(rows, left=True), {"sources": [one._asdict() for one in found]}, as_json=as_json)
+    return 1 if any(one.fault for one in found) else 0
 
 
 def facts_of(root: Path) -> list[dict[str, Any]]:

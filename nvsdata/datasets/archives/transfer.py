@@ -228,6 +228,17 @@ def _one_try(url: str, part: _Part, archive: Archive) -> bool:
     return begin > 0
 
 
+def asked(url: str) -> tuple[str, int | None]:
+    """Why a file isn't to be had at an address, empty if it is, and its bytes, None if the server doesn't say."""
+    headers = {"Accept-Encoding": "identity"}
+    try:
+        with requests.get(url, headers=headers, stream=True, timeout=TIMEOUT) as response:
+            _bytes_of(response)
+            return "", _extent(response)[1]
+    except (_NotHere, *_FAILURES) as error:
+        return _words(error), None
+
+
 def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, name: str) -> None:
     shown: dict[str, Any] = {"initial": begin, "total": total, "desc": name, "unit": "B", "unit_scale": True}
     with path.open("ab") as file, progress(**shown) as bar:

@@ -1,0 +1,55 @@
+"""Whether the addresses of a dataset still lead to its files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import requests
+
+from nvsdata.datasets.archives.transfer import asked
+from nvsdata.datasets.facts import Info
+
+AT_ONCE = 8  # addresses that are asked at the same time
+PAGE = "its page"
+
+
+class Source(NamedTuple):
+    """An address, and what came of asking it.
+
+    - `dataset`: name of the dataset
+    - `file`: name of the archive; `PAGE` for the dataset's own page
+    - `url`: the address
+    - `fault`: why it isn't to be had there; empty if it is
+    - `bytes`: size of the file as the server states it; None if it doesn't
+    """
+
+    dataset: str
+    file: str
+    url: str
+    fault: str
+    bytes: int | None
+
+
+def check(infos: Iterable[Info]) -> list[Source]:
+    """Ask every address of these datasets for its first bytes."""
+    places = [
+        (info.name, file, url)
+        for info in infos
+        for file, urls in [(PAGE, (info.page,)), *((archive.name, archive.urls) for archive in info.archives)]
+        for url in urls
+        if url
+    ]
+    with ThreadPoolExecutor(AT_ONCE) as threads:
+        answers = threads.map(lambda place: _page(place[2]) if place[1] == PAGE else asked(place[2]), places)
+        return [Source(*place, *answer) for place, answer in zip(places, answers, strict=True)]
+
+
+def _page(url: str) -> tuple[str, int | None]:
+    """Why a page can't be seen, empty if it can, and None."""
+    try:
+        with requests.get(url, stream=True, timeout=30) as response:
+            return "" if response.ok else f"HTTP {response.status_code} {response.reason or ''}".strip(), None
+    except requests.RequestException as error:
+        return type(error).__name__, None
