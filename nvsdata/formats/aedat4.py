@@ -19,6 +19,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns, check_window, concatenate
 from nvsdata.data.samples import Frame, Inertial, Triggers, within
+from nvsdata.formats import kept_index
 from nvsdata.formats.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
 from nvsdata.formats.aedat4_samples import LONG, frame_of, inertial_of, triggers_of
 from nvsdata.formats.aedat4_writer import SOURCE, write
@@ -36,7 +37,7 @@ What = TypeVar("What")
 
 
 class Aedat4Recording(FileRecording):
-    """An AEDAT 4 file. If not `strict`, or if the file has no table, each window decodes the whole file."""
+    """An AEDAT 4 file. If not `strict`, or of a small file without a table, the first window decodes the whole file."""
 
     format = "aedat4"
     holds_triggers = True
@@ -94,11 +95,32 @@ class Aedat4Recording(FileRecording):
             raise FormatError(self.path, f"truncated: {self._end - at} bytes are left over", offset=at)
 
     def _table(self, kind: str) -> Packets | None:
-        """The packets of a stream by the table at the file's end; None if there is none that makes sense."""
+        """The packets of a stream by the table at the file's end, or, of events of a large file, by a pass over them; None
+        if there is no table that makes sense.
+        """
         if kind not in self._listed:
             told = self._told
-            self._listed[kind] = None if told is None else told.of(self._streams[kind][0])
+            found = None if told is None else told.of(self._streams[kind][0])
+            self._listed[kind] = self._kept_or_walked() if found is None and kind == "EVTS" else found
         return self._listed[kind]
+
+    def _kept_or_walked(self) -> Packets | None:
+        """The packets of events of a large file without a table: as kept beside it, or by a pass, and kept then."""
+        stamp = self._contents.stamp
+        if not self.strict or stamp is None or stamp[0] < kept_index.LEAST:
+            return None
+        about: dict[str, object] = {"format": self.format, "stamp": stamp}
+        kept = (kept_index.restore(self.path, about) or {}).get("packets")
+        if kept is not None and kept.dtype == np.int64 and kept.ndim == 2 and len(kept) == len(Packets._fields):
+            return Packets(*kept)
+        rows = []
+        for at, packet in self._packets("EVTS"):
+            t = self._content(at, packet, _events_of)["t"]
+            if t.size:
+                rows.append((self._streams["EVTS"][0], at + HEADER, len(packet), t.size, t[0], t[-1]))
+        packets = np.array(rows, np.int64).reshape(-1, len(Packets._fields)).T
+        kept_index.keep(self.path, about, max(stamp[1:3]), {"packets": packets})
+        return Packets(*packets)
 
     @cached_property
     def _told(self) -> Packets | None:

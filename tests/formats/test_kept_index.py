@@ -5,11 +5,13 @@ import os
 
 import numpy as np
 import pytest
+from lookalikes import aedat4_bytes
 
 import nvsdata
-from nvsdata import Events
+from nvsdata import Events, FormatError
 from nvsdata.common.files import atomic
 from nvsdata.formats import kept_index
+from nvsdata.formats.aedat4 import Aedat4Recording
 
 KINDS = {"evt2": ".raw", "evt2.1": ".raw", "evt3": ".raw", "atis": ".bin"}
 every = pytest.mark.parametrize("kind", KINDS)
@@ -211,3 +213,52 @@ def test_what_a_killed_process_left_is_removed(tmp_path):
     nvsdata.read(path, 0, 10)
     assert not left.exists()
     assert kept_index.path_of(str(path)).stat().st_size > 1_000
+
+
+def untold(folder, seed=0, count=20_000):
+    """An AEDAT 4 file without a table, of packets of 50 events, and its events."""
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, 2_000_000, count))
+    ev = Events(t, rng.integers(0, 320, count), rng.integers(0, 240, count), rng.integers(0, 2, count), (320, 240))
+    path = folder / "a.aedat4"
+    path.write_bytes(aedat4_bytes(ev))
+    os.utime(path, ns=(10**18 + seed, 10**18 + seed))
+    return path, ev
+
+
+def test_packets_without_a_table_are_walked_over_once(tmp_path, monkeypatch):
+    path, ev = untold(tmp_path)
+    assert nvsdata.read(path, 500_000, 600_000) == ev.window(500_000, 600_000)
+    assert kept_index.path_of(str(path)).is_file()
+    monkeypatch.setattr(Aedat4Recording, "_packets", forbidden)
+    inflated = []
+    content = Aedat4Recording._content
+    monkeypatch.setattr(Aedat4Recording, "_content", lambda *given: inflated.append(1) or content(*given))
+    for start, stop in ((0, 10), (500_000, 600_000), (1_999_000, 2_000_001)):
+        inflated.clear()
+        assert nvsdata.read(path, start, stop) == ev.window(start, stop)
+        assert len(inflated) <= (stop - start) / 2_000_000 * len(ev) / 50 + 5
+    assert nvsdata.open(path).span == (ev.t[0], ev.t[-1])
+    monkeypatch.undo()
+    assert nvsdata.read(path) == ev
+
+
+def test_packets_that_changed_or_overlap_or_are_torn(tmp_path, monkeypatch):
+    path, _ = untold(tmp_path)
+    nvsdata.read(path, 0, 10)
+    path, other = untold(tmp_path, seed=1)
+    assert nvsdata.read(path, 700_000, 800_000) == other.window(700_000, 800_000)
+    # an index of something else
+    np.savez(tmp_path / "x.npz", about=np.load(kept_index.path_of(str(path)))["about"], packets=np.zeros((2, 3)))
+    os.replace(tmp_path / "x.npz", kept_index.path_of(str(path)))
+    assert nvsdata.read(path, 700_000, 800_000) == other.window(700_000, 800_000)
+    # packets whose times overlap: all is decoded, and sorted
+    late = Events(np.arange(100), [0] * 100, [0] * 100, [1] * 100, (320, 240))
+    swapped = Events.trusted(late.columns.take(np.r_[50:100, 0:50]), (320, 240))
+    path = tmp_path / "b.aedat4"
+    path.write_bytes(aedat4_bytes(swapped))
+    assert nvsdata.read(path, 10, 90) == late.window(10, 90)
+    raw = (tmp_path / "a.aedat4").read_bytes()
+    (tmp_path / "c.aedat4").write_bytes(raw[:-20])
+    with pytest.raises(FormatError, match="truncated"):
+        nvsdata.read(tmp_path / "c.aedat4", 0, 10)
