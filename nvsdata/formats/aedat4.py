@@ -95,8 +95,8 @@ class Aedat4Recording(FileRecording):
             raise FormatError(self.path, f"truncated: {self._end - at} bytes are left over", offset=at)
 
     def _table(self, kind: str) -> Packets | None:
-        """The packets of a stream by the table at the file's end, or by a pass over them, if it is of events and the file
-        is large; None if there is no table that makes sense.
+        """The packets of a stream by the table at the file's end, or, of events of a large file, by a pass over them;
+        None if there is no table that makes sense.
         """
         if kind not in self._listed:
             told = self._told
