@@ -1,5 +1,7 @@
 """A cache keeps what is marked deterministic: each transform is called with different seeds, and must do as it says."""
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -123,6 +125,17 @@ def test_it_depends_on_the_seed_unless_it_says_otherwise(transform, sample):
 def test_every_transform_has_an_example():
     exported = {thing for name in T.__all__ if isinstance(thing := getattr(T, name), type)}
     assert exported == {type(transform) for transform, _ in EXAMPLES}
+
+
+@pytest.mark.parametrize(("transform", "sample"), EXAMPLES, ids=lambda thing: str(thing) if callable(thing) else "")
+def test_docstrings_say_the_shape_that_comes_out(transform, sample):
+    result = transform(*sample) if isinstance(sample, tuple) else transform(sample)
+    first, _, rest = f"{type(transform).__doc__}".partition("\n\n")
+    told = re.findall(r"\[([^][]+)\]", first) or re.findall(
+        r"\[([^][]+)\]", f"{rest}{type(transform).__call__.__doc__}"
+    )
+    if isinstance(result, torch.Tensor) and "any shape" not in rest:
+        assert result.ndim in {shape.count(",") + 1 for shape in told}
 
 
 MADE = {
