@@ -69,7 +69,8 @@ def _held(path):
         found = os.stat(path)
     except OSError:
         return False
-    if os.path.isdir(path):
+    # nvsdata's own locks are told apart by sys.platform, and tests of theirs pretend that
+    if os.path.isdir(path) or path.endswith(".lock"):
         return False
     for number in os.listdir("/proc/self/fd"):
         try:
