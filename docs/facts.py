@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import inspect
 from importlib import import_module
+from urllib.parse import urlsplit
 
 from nvsdata import transforms
 from nvsdata.cli import COMMANDS
@@ -31,8 +32,16 @@ def _size(info) -> str:
     return f"{size / 1e9:.1f} GB" if size else "unknown"
 
 
+def _hosts(info) -> str:
+    """Who has the files, and whether their hashes are known."""
+    hosts = dict.fromkeys(urlsplit(url).hostname for archive in info.archives for url in archive.urls)
+    hashed = sum(bool(archive.hash) for archive in info.archives)
+    known = "" if not info.archives else f"; {hashed} of {len(info.archives)} hashes known"
+    return (", ".join(hosts) or "by hand only") + known
+
+
 def _datasets() -> str:
-    rows = [("dataset", "recordings", "classes", "sensor", "download", "license", "how to get it")]
+    rows = [("dataset", "recordings", "classes", "sensor", "download", "license", "how to get it", "hosts")]
     for name, kind in DATASETS.items():
         if name == "folder":
             continue
@@ -40,7 +49,7 @@ def _datasets() -> str:
         sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
         how = f"`nvsdata download {name}`" if info.by_program else f"[by hand]({info.page})"
         page = f"[{kind.__name__}]({name}.md)"
-        rows.append((page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how))
+        rows.append((page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how, _hosts(info)))
     return _rows(*rows)
 
 
@@ -58,6 +67,7 @@ def _dataset(name: str) -> str:
         ("layout below the root", f"`{info.tree}`"),
         ("license", info.license),
         ("download", f"{_size(info)}; " + (f"`nvsdata download {name}`" if info.by_program else "by hand")),
+        ("hosts", _hosts(info)),
         ("its own page", f"<{info.page}>"),
     ]
     return _rows(*rows)
