@@ -49,7 +49,9 @@ def _datasets() -> str:
         sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
         how = f"`nvsdata download {name}`" if info.by_program else f"[by hand]({info.page})"
         page = f"[{kind.__name__}]({name}.md)"
-        rows.append((page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how, _hosts(info)))
+        rows.append(
+            (page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how, _hosts(info))
+        )
     return _rows(*rows)
 
 

@@ -39,7 +39,12 @@ class Video(NamedTuple):
     @property
     def preview(self) -> Path:
         """Where a film of the recording goes."""
-        return self.target.with_suffix(PREVIEW)
+        return preview_of(self.target)
+
+
+def preview_of(recording: Path) -> Path:
+    """Where a film of a recording goes."""
+    return recording.with_suffix(PREVIEW)
 
 
 def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:

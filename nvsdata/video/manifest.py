@@ -21,7 +21,7 @@ from nvsdata._version import __version__
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
 from nvsdata.video.decoder_errors import decoder_errors
-from nvsdata.video.folder import Video, fatal, sha256
+from nvsdata.video.folder import Video, fatal, preview_of, sha256
 
 NAME = "manifest.jsonl"
 log = logging.getLogger(__name__)
@@ -153,6 +153,7 @@ class FolderRun:
         self.bar = bar(None, what, total=len(self.waiting), unit="video")
         self._started, self._count = time.monotonic(), 0
         self._targets = {video.target for video in videos}
+        self._previews = {video.preview for video in videos}
         self._files = {video.name: video.target.relative_to(manifest.path.parent).as_posix() for video in videos}
 
     def add(self, line: dict[str, Any]) -> None:
@@ -163,6 +164,8 @@ class FolderRun:
         if line["status"] in self._done and old is not None and old not in self._targets:
             # it had another name, or was of another format
             old.unlink(missing_ok=True)
+            if (film := preview_of(old)) not in self._previews:
+                film.unlink(missing_ok=True)
         self.report.count(line, self._done)
         seconds = max(time.monotonic() - self._started, 1e-3)
         self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)

@@ -441,6 +441,21 @@ def test_a_preview_shows_frames_and_events_side_by_side(videos, tmp_path):
     assert not list(out.rglob("*.mp4"))
 
 
+def test_a_preview_goes_with_the_recording_that_it_shows(tmp_path):
+    for name in ("a.avi", "a.mp4"):
+        write_video(tmp_path / "in" / name)
+    out = tmp_path / "out"
+    convert_videos(tmp_path / "in", out, preview=True)
+    names = ["a.avi.h5", "a.avi.preview.mp4", "a.mp4.h5", "a.mp4.preview.mp4"]
+    assert sorted(path.name for path in out.iterdir() if path.suffix != ".jsonl") == names
+    (tmp_path / "in/a.mp4").unlink()
+    # its name is short now, and what had the long one goes
+    convert_videos(tmp_path / "in", out, overwrite=True, preview=True)
+    found = {path.name for path in out.iterdir()}
+    assert {"a.h5", "a.preview.mp4"} <= found
+    assert not {"a.avi.h5", "a.avi.preview.mp4"} & found
+
+
 def test_a_preview_of_a_video_that_is_cut_off_ends_with_it(videos, tmp_path):
     path = videos / "run/a.avi"
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
