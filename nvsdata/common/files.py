@@ -8,7 +8,7 @@ import os
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any, Self
@@ -39,7 +39,9 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
         _settle(temporary, target)
         os.replace(temporary, target)
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        # what went wrong is more important; on Windows the file may still be open, and `sweep` removes it later
+        with suppress(OSError):
+            temporary.unlink()
         raise
 
 

@@ -15,8 +15,8 @@ import sys
 
 GONE = (
     "fork forkpty pread preadv pwrite pwritev posix_fallocate posix_fadvise sched_getaffinity"
-    " sched_setaffinity killpg setsid getpgid fdatasync fchmod fchown chown"
-    " lchown O_NOFOLLOW O_NONBLOCK O_DIRECTORY O_CLOEXEC O_DSYNC O_SYNC sysconf nice getloadavg"
+    " sched_setaffinity setsid getpgid fdatasync fchmod fchown chown"
+    " lchown O_NOFOLLOW O_NONBLOCK O_DIRECTORY O_CLOEXEC O_DSYNC O_SYNC nice getloadavg"
 )
 MODULES = "pwd", "grp", "termios", "tty", "pty", "syslog"
 SIGNALS = "SIGHUP SIGQUIT SIGUSR1 SIGUSR2 SIGALRM SIGTSTP SIGPIPE"

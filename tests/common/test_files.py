@@ -44,6 +44,15 @@ def test_a_failure_is_told_even_if_the_unfinished_file_is_gone(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
+def test_a_failure_is_told_even_if_the_unfinished_file_cannot_be_removed(tmp_path, monkeypatch):
+    def refused(path, missing_ok=False):
+        raise PermissionError(13, "open elsewhere", str(path))
+
+    monkeypatch.setattr(Path, "unlink", refused)
+    with pytest.raises(ValueError, match=r"^the cause$"), atomic(tmp_path / "a"):
+        raise ValueError("the cause")
+
+
 def test_permissions_are_those_of_a_plain_open(tmp_path):
     (tmp_path / "plain").write_text("")
     with atomic(tmp_path / "a") as temporary:
