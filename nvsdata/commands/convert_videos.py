@@ -22,7 +22,7 @@ from nvsdata.commands.options import (
     usage,
 )
 from nvsdata.common.processes import cores
-from nvsdata.common.terminal import tell
+from nvsdata.common.terminal import remark, tell
 from nvsdata.video.view import Fit, View
 
 
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     share = "do the I-th of N parts of the videos, as in job arrays; all write to the same DIR (default: all)"
     add("--shard", type=shard, metavar="I/N", help=share)
     add("--scheduler", metavar="ADDRESS", help="have the Dask cluster at this address do it")
-    add("--preview", action="store_true", help="beside each recording, a film of its first minute (.preview.mp4)")
+    add("--preview", action="store_true", help="write films of the first minute, with events, to DIR/.previews")
     add("--dry-run", action="store_true", help="say what would be done, and about how long and how large it is")
     add("--overwrite", action="store_true", help="convert all anew, also what was made with other settings")
     add_json(add)
@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     """Convert what isn't there yet: 1 if any video failed."""
     from nvsdata.emulation.convert import convert_videos, default_out, plan
     from nvsdata.emulation.estimate import estimate
+    from nvsdata.emulation.preview import FOLDER
 
     # threads that decode, emulate and write must pass Python's lock on in less than a frame's time
     sys.setswitchinterval(0.0005)
@@ -78,6 +79,8 @@ def run(args: argparse.Namespace) -> int:
     report = convert_videos(args.source, args.out, settings, **how, **chosen)
     for line in report.told():
         print(line, file=sys.stderr)
+    if args.preview:
+        remark(f"previews are in {out / FOLDER}")
     done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
     tell(f"{done}; {report.events:,} events in {out}", asdict(report) | {"out": out}, as_json=args.json)
     return 1 if report.failed else 0

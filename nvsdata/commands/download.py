@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     tell("\n".join(folders), {"folders": folders}, as_json=args.json)
     if left := unneeded(info.archives, root):
         size = sum(path.stat().st_size for path in left) / 1e9
-        remark(f"{len(left)} archives in {root} ({size:.2f} GB) aren't needed any more: --delete-archives deletes them")
+        remark(f"{len(left)} archives beside what is unpacked in {root}, {size:.2f} GB: --delete-archives deletes them")
     return 0
 
 

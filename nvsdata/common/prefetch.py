@@ -57,8 +57,8 @@ def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
 def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
     line = _Line(items)
     thread = Thread(target=line.fill, name="nvsdata-ahead", daemon=True)
-    _running[thread] = line
     thread.start()
+    _running[thread] = line
     try:
         while found := line.take():
             yield from found
@@ -80,6 +80,7 @@ class _Line(Generic[Item]):
         self._made: deque[Item] = deque()
         self._change = Condition()
         self._error: BaseException | None = None
+        self._reason: BaseException | None = None
         self._ended = self._stopped = self._starving = False
 
     def fill(self) -> None:
@@ -112,14 +113,14 @@ class _Line(Generic[Item]):
             found = list(self._made)
             self._made.clear()
             self._change.notify()
-        if not found and self._error is not None:
-            raise self._error
+        if not found and (error := self._error or self._reason) is not None:
+            raise error
         return found
 
-    def stop(self) -> None:
-        """Make the maker stop after its current item."""
+    def stop(self, error: BaseException | None = None) -> None:
+        """Make the maker stop after its current item; whoever takes items then gets the `error` in place of the end."""
         with self._change:
-            self._stopped = True
+            self._stopped, self._reason = True, error
             self._change.notify()
 
 
@@ -128,9 +129,12 @@ _running: dict[Thread, _Line[Any]] = {}
 
 @atexit.register
 def _end() -> None:
-    """Stop all threads: one that is still in a library's code when Python ends would abort the process."""
+    """Stop all threads: one that is still in a library's code when Python ends would abort the process.
+
+    A thread of the user's that takes items ends, too: it must not take the end of the process for that of the items.
+    """
     for line in (waiting := dict(_running)).values():
-        line.stop()
+        line.stop(SystemExit())
     for thread in waiting:
         thread.join(LONGEST)
 

@@ -55,9 +55,10 @@ def collate(
         return Batch(made, torch.tensor(targets))
     if all(isinstance(target, Mapping) and "boxes" in target for target in targets):
         return Batch(made, targets)
-    if all(isinstance(target, torch.Tensor | np.ndarray) for target in targets):
-        return Batch(made, _stack_targets([torch.as_tensor(target) for target in targets], pad))
-    return Batch(made, default_collate(targets))
+    try:
+        return Batch(made, default_collate(targets))
+    except RuntimeError:
+        return Batch(made, _unequal(targets, pad))
 
 
 def _stack(inputs: list[Any], pad: bool = False, events: str = "list") -> Any:
@@ -77,15 +78,24 @@ def _stack(inputs: list[Any], pad: bool = False, events: str = "list") -> Any:
     return default_collate(inputs)
 
 
-def _stack_targets(targets: list[torch.Tensor], pad: bool) -> torch.Tensor | Padded:
-    """Targets that are tensors, such as traces of joints or masks: filled up only where their sizes differ."""
-    _check_shapes([tuple(target.shape) for target in targets], pad, "target", "change them by target_transform")
-    if len({target.shape for target in targets}) > 1:
-        return Padded.of(targets)
-    stacked: torch.Tensor = default_collate(targets)
-    return stacked
+def _unequal(targets: list[Any], pad: bool, name: str = "target") -> Any:
+    """Targets that torch can't collate, because they hold tensors of unequal size, such as traces of joints: filled up,
+    or a ValueError that says where.
+    """
+    first = targets[0]
+    if all(isinstance(target, torch.Tensor | np.ndarray) for target in targets):
+        tensors = [torch.as_tensor(target) for target in targets]
+        _check_shapes([tuple(tensor.shape) for tensor in tensors], pad, name, OTHERS)
+        return Padded.of(tensors) if len({tensor.shape for tensor in tensors}) > 1 else default_collate(tensors)
+    if all(isinstance(target, Mapping) and target.keys() == first.keys() for target in targets):
+        return {key: _unequal([target[key] for target in targets], pad, f"{name}[{key!r}]") for key in first}
+    if all(isinstance(target, list | tuple) for target in targets):
+        _check_shapes([(len(target),) for target in targets], False, name, OTHERS)
+        return [_unequal(list(part), pad, f"{name}[{n}]") for n, part in enumerate(zip(*targets, strict=True))]
+    return default_collate(targets)
 
 
+OTHERS = "change them by target_transform"
 CUTS = "cut them to one size (T.RandomTemporalCrop, T.CenterCrop or T.Resize)"
 
 

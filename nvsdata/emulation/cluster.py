@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
-from nvsdata.emulation.job import Job, convert
+from nvsdata.emulation.job import Job
 
+Result = TypeVar("Result")
 RETRIES = 3  # of a video whose worker was lost
 
 
-def results(jobs: list[Job], scheduler: str) -> Iterator[dict[str, Any]]:
-    """The jobs' lines of the manifest, as workers finish them; a worker that is lost is replaced by another.
+def results(work: Callable[[Job], Result], jobs: list[Job], scheduler: str) -> Iterator[Result]:
+    """What `work` makes of each job, as workers finish them; a worker that is lost is replaced by another.
 
     ImportError without `nvsdata[distributed]`, OSError if the scheduler doesn't answer or a video killed
     one worker after the other.
@@ -22,7 +23,7 @@ def results(jobs: list[Job], scheduler: str) -> Iterator[dict[str, Any]]:
         raise ImportError("a scheduler needs Dask: pip install 'nvsdata[distributed]'") from None
     with Client(scheduler) as client:
         # not pure: a run that goes on must convert a video again, even if the cluster still holds its earlier result
-        futures = client.map(convert, jobs, pure=False, retries=RETRIES)
+        futures = client.map(work, jobs, pure=False, retries=RETRIES)
         named = {future.key: job for future, job in zip(futures, jobs, strict=True)}
         try:
             for future in as_completed(futures):

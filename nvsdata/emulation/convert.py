@@ -12,12 +12,14 @@ from dataclasses import asdict, replace
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
+from nvsdata.common.progress import bar
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.preview import preview_of, save_preview
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.formats.aedat2 import chip_for
 from nvsdata.video.folder import videos_in
@@ -27,6 +29,8 @@ from nvsdata.video.shards import manifest_of
 from nvsdata.video.view import ALL, View
 
 DONE = ("converted",)
+WITH_FILMS = (*DONE, "truncated")
+Result = TypeVar("Result")
 
 
 def convert_videos(
@@ -68,8 +72,8 @@ def convert_videos(
       the same folder at once; each has a manifest of its own there, and the next run without shards joins them
       (default: all videos)
     - `overwrite`: convert all videos anew, also if the folder holds recordings of other settings (default False)
-    - `preview`: beside each recording that is made, write a film of the video's first minute with its events,
-      NAME.preview.mp4 (default False)
+    - `preview`: write a film of each video's first minute with its events to `out/.previews`, where there is none yet
+      (default False)
 
     Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
     other settings, and for frames larger than any chip of AEDAT 2, and OSError if nothing can be written there.
@@ -84,14 +88,44 @@ def convert_videos(
         made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(ALL, name)}
     with manifest_of(target, "nvsdata-videos", made, shard=shard, overwrite=overwrite) as manifest:
         before = manifest.as_before([job.video for job in found])
-        videos = {video: replace(job, video=video, preview=preview) for video, job in zip(before, found, strict=True)}
-        with (
-            FolderRun(manifest, list(videos), DONE, "converting") as run,
-            closing(_results([videos[video] for video in run.waiting], jobs, scheduler, run.within)) as results,
-        ):
-            for line in results:
-                run.add(line)
+        videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
+        with FolderRun(manifest, list(videos), DONE, "converting") as run:
+            waiting = [videos[video] for video in run.waiting]
+            alone = scheduler is None and (jobs == 1 or len(waiting) < 2)
+            work = partial(convert, progress=run.within) if alone else convert
+            with closing(_results(work, waiting, jobs, scheduler)) as results:
+                for line in results:
+                    _drop_films(manifest.replaced.get(line["video"]), target / run.add(line), target)
+        if preview:
+            made_there = [job for job in videos.values() if manifest.has(job.video, WITH_FILMS)]
+            run.report.without_preview |= _preview(made_there, target, jobs, scheduler)
     return run.report
+
+
+def _drop_films(old: Path | None, new: Path, out: Path) -> None:
+    """Remove the film of a recording that was made anew, and of the one that it took the place of."""
+    for recording in (new,) if old is None else (new, old):
+        preview_of(recording, out).unlink(missing_ok=True)
+
+
+def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) -> dict[str, str]:
+    """Make the films that aren't there; returns why some can't be made, by the videos' names."""
+    lacking = [job for job in jobs if not preview_of(job.video.target, out).exists()]
+    with (
+        bar(None, "previews", total=len(lacking), unit="video") as shown,
+        closing(_results(partial(_film, out=out), lacking, processes, scheduler)) as results,
+    ):
+        failed = {}
+        for name, reason in results:
+            shown.update()
+            if reason:
+                failed[name] = reason
+    return failed
+
+
+def _film(job: Job, out: Path) -> tuple[str, str]:
+    """The name of a video, and why it has no film; empty if it has one now."""
+    return job.video.name, save_preview(job, preview_of(job.video.target, out))
 
 
 def default_out(source: str | os.PathLike[str]) -> Path:
@@ -140,23 +174,23 @@ def _check_chip(jobs: list[Job]) -> None:
 
 
 def _results(
-    jobs: list[Job], processes: int, scheduler: str | None, progress: Callable[[float], None]
-) -> Generator[dict[str, Any]]:
-    """The jobs' lines of the manifest, in the order in which they are done; one process tells its `progress`, too."""
+    work: Callable[[Job], Result], jobs: list[Job], processes: int, scheduler: str | None
+) -> Generator[Result]:
+    """What `work` makes of each job, in the order in which they are done."""
     if scheduler is not None:
         from nvsdata.emulation.cluster import results
 
-        yield from results(jobs, scheduler)
+        yield from results(work, jobs, scheduler)
     elif processes == 1 or len(jobs) < 2:
-        yield from map(partial(convert, progress=progress), jobs)
+        yield from map(work, jobs)
     else:
-        yield from _by_processes(jobs, min(processes, len(jobs)))
+        yield from _by_processes(work, jobs, min(processes, len(jobs)))
 
 
-def _by_processes(jobs: list[Job], count: int) -> Iterator[dict[str, Any]]:
+def _by_processes(work: Callable[[Job], Result], jobs: list[Job], count: int) -> Iterator[Result]:
     with pool(count, __name__, _prepare) as workers:
         try:
-            for future in as_completed([workers.submit(convert, job) for job in jobs]):
+            for future in as_completed([workers.submit(work, job) for job in jobs]):
                 yield future.result()
         except BrokenProcessPool:
             raise OSError("a process that converted was killed (out of memory?); run again to go on") from None

@@ -13,7 +13,6 @@ from nvsdata import formats
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
 from nvsdata.emulation.from_frames import FromFrames
-from nvsdata.emulation.preview import save_preview
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.video.folder import Video
 from nvsdata.video.frames import TruncatedVideo, frames_of
@@ -31,7 +30,6 @@ class Job:
     size: tuple[int, int] | None
     fps: float | None
     view: View = ALL
-    preview: bool = False
 
     def events(self) -> Iterator[Events]:
         """The events of each of the video's frames in turn."""
@@ -60,10 +58,6 @@ def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[s
         watched = _watched(pieces, frames, progress) if progress and frames else pieces
         formats.write(_told(watched, job.settings), video.target, format=video.format)
         line["recording"] = video.target.stat().st_size
-        # that of a recording made before is wrong now
-        video.preview.unlink(missing_ok=True)
-        if job.preview:
-            save_preview(video, job.size, job.fps, job.view)
     return line | {"seconds": round(time.monotonic() - started, 3)}
 
 

@@ -1,46 +1,61 @@
-"""A film to look at: a video's frames, and beside each the events that were made since the frame before."""
+"""Films to look at: a video's frames, and beside each the events that were made since the frame before."""
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import takewhile
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from nvsdata import formats
 from nvsdata.data.frame_edges import MICROSECONDS
+from nvsdata.emulation.job import Job
 from nvsdata.plots.events import event_image
 from nvsdata.plots.films import save_mp4
-from nvsdata.video.folder import Video
 from nvsdata.video.frames import USUAL_RATE, TruncatedVideo, frames_of
 from nvsdata.video.length import length_of
-from nvsdata.video.view import View
 
+FOLDER = ".previews"  # below that of the recordings; hidden, so that its films are taken for neither videos nor classes
 LONGEST = 60  # s of the video that are shown
 WIDE = 360  # pixels that each half is scaled up to, in whole steps
+FASTEST = 240.0  # pictures per second
 
 
-def save_preview(video: Video, size: tuple[int, int] | None, fps: float | None, view: View) -> None:
-    """Write the preview of a video whose recording was made so: its first minute, frame by frame.
+def preview_of(recording: Path, out: Path) -> Path:
+    """Where the film of a recording below `out` goes."""
+    name = recording.relative_to(out)
+    return out / FOLDER / name.with_name(f"{name.name}.mp4")
 
-    - `size`, `fps`, `view`: as the recording was made
 
-    OSError if the disk is full, or OpenCV can't encode it.
+def save_preview(job: Job, film: Path) -> str:
+    """Write the film of a recording that was made, the first minute of its video; returns why that isn't possible.
+
+    OSError if the disk is full.
     """
-    frames, seconds = length_of(video.path)
-    rate = fps or (frames / seconds if seconds else USUAL_RATE)
-    save_mp4(_pictures(video, size, fps, view), video.preview, rate)
+    frames, seconds = length_of(job.video.path)
+    rate = job.fps or (frames / seconds if seconds else USUAL_RATE)
+    try:
+        film.parent.mkdir(parents=True, exist_ok=True)
+        # MPEG-4 counts in parts of a second, of which it has 65,535 at most
+        save_mp4(_pictures(job), film, round(min(max(rate, 1.0), FASTEST), 2))
+    except (OSError, ValueError, cv2.error) as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
+            raise
+        return str(error)
+    return ""
 
 
-def _pictures(video: Video, size: tuple[int, int] | None, fps: float | None, view: View) -> Iterator[np.ndarray]:
+def _pictures(job: Job) -> Iterator[np.ndarray]:
     """uint8 [H, 2 * W, 3], BGR, for each frame."""
     last = LONGEST * MICROSECONDS
-    events = formats.read(video.target, 0, last + 1)
+    events = formats.read(job.video.target, 0, last + 1)
     zoom = max(1, WIDE // events.sensor_size[0])
     before = -1
-    frames = frames_of(video.path, fps=fps, size=size, view=view)
+    frames = frames_of(job.video.path, fps=job.fps, size=job.size, view=job.view)
     # the recording of a video that is cut off ends there, too, and its line says so
     with suppress(TruncatedVideo):
         for frame in takewhile(lambda one: one.time <= last, frames):

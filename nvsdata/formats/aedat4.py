@@ -117,7 +117,9 @@ class Aedat4Recording(FileRecording):
         for at, packet in self._packets("EVTS"):
             t = self._content(at, packet, _events_of)["t"]
             if t.size:
-                rows.append((self._streams["EVTS"][0], at + HEADER, len(packet), t.size, t[0], t[-1]))
+                # of one that isn't in order, the other way round, so that the index says that none is to be relied on
+                ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (t.max() + 1, t.min())
+                rows.append((self._streams["EVTS"][0], at + HEADER, len(packet), t.size, *ends))
         packets = np.array(rows, np.int64).reshape(-1, len(Packets._fields)).T
         kept_index.keep(self.path, about, max(stamp[1:3]), {"packets": packets})
         return Packets(*packets)

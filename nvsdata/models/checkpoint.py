@@ -107,7 +107,7 @@ def load(
         whole = where.read_bytes()
         state = from_safetensors(whole)
         length = int.from_bytes(whole[:8], "little")
-        kept = json.loads(whole[8 : 8 + length]).get("__metadata__", {})
+        kept = json.loads(whole[8 : 8 + length]).get("__metadata__") or {}
     except Exception as error:  # safetensors' own errors, and those of torch for invalid sizes
         raise FormatError(where, f"is not a network that nvsdata saved: {line_of(error)}") from None
     if "nvsdata" not in kept:

@@ -11,6 +11,8 @@ import ctypes
 import os
 from functools import cache
 from pathlib import Path
+from threading import Lock
+from typing import ClassVar, Self
 
 import cv2
 
@@ -19,6 +21,34 @@ from nvsdata.video.decoder import quiet
 ERROR = 16  # FFmpeg's level of errors; those of worse ones are smaller
 # of OpenCV's wheels for Linux and macOS; the one for Windows has FFmpeg within another library, without this function
 LIBRARIES = "../opencv*.libs/libavutil*", ".dylibs/libavutil*"
+
+
+class DecoderErrors:
+    """In a `with` block that decodes one video: how many errors its decoder told; `found` has them afterwards.
+
+    FFmpeg doesn't say which video they are of. If the block ran at the same time as another, in another thread, or if
+    errors can't be had at all, `found` is 0.
+    """
+
+    found = 0
+    _open: ClassVar[list[DecoderErrors]] = []
+    _lock: ClassVar[Lock] = Lock()
+    _alone = True
+
+    def __enter__(self) -> Self:
+        with self._lock:
+            self._open.append(self)
+            if len(self._open) > 1:
+                for block in self._open:
+                    block._alone = False
+        self._before = decoder_errors()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        found = decoder_errors() - self._before
+        with self._lock:
+            self._open.remove(self)
+            self.found = found if self._alone else 0
 
 
 def decoder_errors() -> int:

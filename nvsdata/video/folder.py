@@ -17,7 +17,6 @@ from nvsdata.common.errors import FormatError
 WRITTEN = "hdf5", "hdf5-gzip", "aedat2", "aedat3", "aedat4", "text"
 FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in WRITTEN}
 VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
-PREVIEW = ".preview.mp4"  # how names of films of recordings end
 # errors of the disk or the folder, not of one video: the videos after it would fail, too
 FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
@@ -35,16 +34,6 @@ class Video(NamedTuple):
     path: Path
     target: Path
     format: str | None = None
-
-    @property
-    def preview(self) -> Path:
-        """Where a film of the recording goes."""
-        return preview_of(self.target)
-
-
-def preview_of(recording: Path) -> Path:
-    """Where a film of a recording goes."""
-    return recording.with_suffix(PREVIEW)
 
 
 def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:
@@ -81,7 +70,7 @@ def _below(source: Path) -> Iterator[Path]:
     for folder, folders, files in os.walk(source):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
-            if not name.startswith(".") and Path(name).suffix.lower() in VIDEOS and not name.endswith(PREVIEW):
+            if not name.startswith(".") and Path(name).suffix.lower() in VIDEOS:
                 yield Path(folder) / name
 
 

@@ -20,8 +20,8 @@ import numpy as np
 from nvsdata._version import __version__
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
-from nvsdata.video.decoder_errors import decoder_errors
-from nvsdata.video.folder import Video, fatal, preview_of, sha256
+from nvsdata.video.decoder_errors import DecoderErrors
+from nvsdata.video.folder import Video, fatal, sha256
 
 NAME = "manifest.jsonl"
 log = logging.getLogger(__name__)
@@ -109,6 +109,7 @@ class FolderReport:
     - `events`: in the recordings that it made
     - `failed`: why videos failed, by their names
     - `damaged`: errors that FFmpeg found in videos whose recordings were made all the same, by their names
+    - `without_preview`: why films that were asked for can't be made, by the videos' names
     """
 
     done: int = 0
@@ -116,6 +117,7 @@ class FolderReport:
     events: int = 0
     failed: dict[str, str] = field(default_factory=dict)
     damaged: dict[str, int] = field(default_factory=dict)
+    without_preview: dict[str, str] = field(default_factory=dict)
 
     def count(self, line: dict[str, Any], good: tuple[str, ...]) -> None:
         """Count a line of the manifest, whose recording was made if its status is one of the `good`."""
@@ -127,11 +129,12 @@ class FolderReport:
             self.damaged[line["video"]] = line["decoder_errors"]
 
     def told(self) -> list[str]:
-        """A line for each video that failed, or is damaged."""
+        """A line for each video that failed, is damaged, or has no preview."""
         damaged = "its stream is damaged, pictures may be smeared: {:,} errors of the decoder"
         return [
             *(f"{name}: {reason}" for name, reason in self.failed.items()),
             *(f"{name}: {damaged.format(count)}" for name, count in self.damaged.items()),
+            *(f"{name}: no preview: {reason}" for name, reason in self.without_preview.items()),
         ]
 
 
@@ -153,19 +156,16 @@ class FolderRun:
         self.bar = bar(None, what, total=len(self.waiting), unit="video")
         self._started, self._count = time.monotonic(), 0
         self._targets = {video.target for video in videos}
-        self._previews = {video.preview for video in videos}
         self._files = {video.name: video.target.relative_to(manifest.path.parent).as_posix() for video in videos}
 
-    def add(self, line: dict[str, Any]) -> None:
-        """Keep the line of a video that is done, or that failed."""
+    def add(self, line: dict[str, Any]) -> str:
+        """Keep the line of a video that is done, or that failed; returns its recording's name below the folder."""
         line = {"video": line["video"], "file": self._files[line["video"]]} | line
         self._manifest.add(line)
         old = self._manifest.replaced.pop(line["video"], None)
         if line["status"] in self._done and old is not None and old not in self._targets:
             # it had another name, or was of another format
             old.unlink(missing_ok=True)
-            if (film := preview_of(old)) not in self._previews:
-                film.unlink(missing_ok=True)
         self.report.count(line, self._done)
         seconds = max(time.monotonic() - self._started, 1e-3)
         self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)
@@ -173,6 +173,7 @@ class FolderRun:
         self.bar.update(self._count - self.bar.n)
         told = f"{line.get('events', 0):,} events" if "reason" not in line else line["reason"]
         log.info("%s: %s, %s", line["video"], line["status"], told)
+        return str(line["file"])
 
     def within(self, share: float) -> None:
         """So much of the present video is done, from 0 to 1."""
@@ -205,17 +206,17 @@ def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], 
 
     Errors that the next video would have, too, are raised: those of the disk, and `fatal_too` (default: none more).
     """
-    before = decoder_errors()
-    try:
-        yield
-    except fatal_too:
-        raise
-    except (ValueError, OSError, cv2.error, MemoryError) as error:
-        if isinstance(error, OSError) and fatal(error, video.path):
+    with DecoderErrors() as errors:
+        try:
+            yield
+        except fatal_too:
             raise
-        line |= {"status": "failed", "reason": str(error)}
-    if found := decoder_errors() - before:
-        line |= {"decoder_errors": found}
+        except (ValueError, OSError, cv2.error, MemoryError) as error:
+            if isinstance(error, OSError) and fatal(error, video.path):
+                raise
+            line |= {"status": "failed", "reason": str(error)}
+    if errors.found:
+        line |= {"decoder_errors": errors.found}
 
 
 def _is_same(path: Path, line: dict[str, Any]) -> bool:

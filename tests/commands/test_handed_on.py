@@ -172,7 +172,10 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
     words += ["--overwrite", "--preview", "--start", "1.5", "--stop", "4", "--fit", "crop"]
     words += ["--crop", "1", "2", "30", "20"]
     assert main(["convert-videos", "in", *words]) == 1
-    assert capsys.readouterr() == (told.format(2, "out"), "a.avi: cut off\nb.avi: empty\n")
+    assert capsys.readouterr() == (
+        told.format(2, "out"),
+        f"a.avi: cut off\nb.avi: empty\npreviews are in {Path('out/.previews')}\n",
+    )
     plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
     plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "preview": False, "view": View()}
     chosen = {"size": (40, 30), "fps": 25.0, "limit": 7, "jobs": 2, "scheduler": "here"}

@@ -163,3 +163,27 @@ def test_a_process_ends_well_in_the_middle_of_a_video(tmp_path):
     for _ in range(3):
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
         assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_end_of_the_process_is_not_taken_for_that_of_the_items(tmp_path):
+    code = f"""
+import threading, time
+from nvsdata.common.prefetch import prefetch
+
+def slow():
+    while True:
+        time.sleep(2)
+        yield 0
+
+def take(items):
+    for _ in items:
+        pass
+    open({str(tmp_path / "whole")!r}, "w").close()
+
+for items in (slow(), iter(lambda: time.sleep(0.01), 1)):
+    threading.Thread(target=take, args=(prefetch(items),), daemon=True).start()
+time.sleep(0.5)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not (tmp_path / "whole").exists()

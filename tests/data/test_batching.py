@@ -142,3 +142,30 @@ def test_targets_of_unequal_size_are_named_or_filled_up(kind):
         nvsdata.collate([samples[0], (torch.zeros(2), kind([1.0, 2.0]))], pad=True)
     scalars = nvsdata.collate([(torch.zeros(2), kind(n)) for n in (3, 4)], pad=True).targets
     assert scalars.tolist() == [3, 4]
+
+
+@pytest.mark.parametrize(
+    ("targets", "where"),
+    [
+        ([([1.0, 2.0],), ([1.0],)], r"target\[0\] 0 has the shape \(2,\), target\[0\] 1 \(1,\)"),
+        ([[1, 2, 3], [1, 2]], r"target 0 has the shape \(3,\), target 1 \(2,\)"),
+        ([(torch.zeros(3), 1), (torch.zeros(2), 2)], r"target\[0\] 0 has the shape \(3,\), target\[0\] 1 \(2,\)"),
+        (
+            [{"a": torch.zeros(3)}, {"a": torch.zeros(2)}],
+            r"target\['a'\] 0 has the shape \(3,\), target\['a'\] 1 \(2,\)",
+        ),
+    ],
+)
+def test_targets_within_others_are_named_too(targets, where):
+    samples = [(torch.zeros(2), target) for target in targets]
+    with pytest.raises(ValueError, match=f"^{where}.*: they don't fit into one batch"):
+        nvsdata.collate(samples)
+
+
+def test_targets_within_others_are_filled_up():
+    given = [{"a": torch.ones(3), "n": 1, "s": ("x", 2.0)}, {"a": torch.ones(2), "n": 2, "s": ("y", 3.0)}]
+    found = nvsdata.collate([(torch.zeros(2), target) for target in given], pad=True).targets
+    assert found["a"].values.tolist() == [[1, 1, 1], [1, 1, 0]]
+    assert found["n"].tolist() == [1, 2]
+    assert found["s"][0] == ["x", "y"] or found["s"][0] == ("x", "y")
+    assert found["s"][1].tolist() == [2, 3]

@@ -231,9 +231,13 @@ def test_spikes_may_wait_while_19_frames_are_emulated():
 )
 def test_as_many_processes_as_there_is_work_for(videos, processes, started, monkeypatch):
     counts = []
-    monkeypatch.setattr(conversion, "convert", lambda job, progress: job)
-    monkeypatch.setattr(conversion, "_by_processes", lambda jobs, count: counts.append(count) or iter(jobs))
-    assert list(conversion._results(list(range(videos)), processes, None, None)) == list(range(videos))
+
+    def by_processes(work, jobs, count):
+        counts.append(count)
+        return map(work, jobs)
+
+    monkeypatch.setattr(conversion, "_by_processes", by_processes)
+    assert list(conversion._results(str, list(range(videos)), processes, None)) == [str(n) for n in range(videos)]
     assert counts == ([] if started is None else [started])
 
 

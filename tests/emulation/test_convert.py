@@ -17,7 +17,7 @@ from processes_of_others import dead_owner
 import nvsdata
 from nvsdata import EventFolder
 from nvsdata.cli import main
-from nvsdata.emulation import PIX2NVS, convert
+from nvsdata.emulation import PIX2NVS, convert, preview
 from nvsdata.emulation.convert import convert_videos, plan
 from nvsdata.emulation.estimate import estimate
 from nvsdata.formats import hdf5
@@ -414,12 +414,15 @@ def test_a_damaged_stream_is_marked_in_the_manifest(videos, tmp_path, capsys):
         assert told.out.startswith("4 converted, 0 were there, 0 failed")
 
 
+def films(out):
+    return sorted(path.relative_to(out / ".previews").as_posix() for path in (out / ".previews").rglob("*.mp4"))
+
+
 def test_a_preview_shows_frames_and_events_side_by_side(videos, tmp_path):
     out = tmp_path / "out"
     convert_videos(videos, out, preview=True, size=(32, 24), format="hdf5-gzip")
-    films = sorted(path.relative_to(out).as_posix() for path in out.rglob("*.mp4"))
-    assert films == [f"{name}.preview.mp4" for name in ("run/a", "run/b", "walk/c", "walk/deep/d")]
-    shown = [frame.pixels for frame in frames_of(out / films[0])]
+    assert films(out) == [f"{name}.h5.mp4" for name in ("run/a", "run/b", "walk/c", "walk/deep/d")]
+    shown = [frame.pixels for frame in frames_of(out / ".previews/run/a.h5.mp4")]
     assert len(shown) == 12
     zoom = 360 // 32
     events = nvsdata.open(out / "run/a.h5")
@@ -433,12 +436,34 @@ def test_a_preview_shows_frames_and_events_side_by_side(videos, tmp_path):
         assert abs(right - expected).mean() < 20
     # neither videos nor recordings
     assert len(EventFolder(out)) == 4
-    assert len(videos_in(out.parent / "videos", out)) == 4
     with pytest.raises(FileNotFoundError, match="no videos below"):
         videos_in(out, tmp_path / "other")
     # a recording that is made anew has no preview of the one before
     convert_videos(videos, out, size=(32, 24), format="text", overwrite=True)
-    assert not list(out.rglob("*.mp4"))
+    assert films(out) == []
+
+
+def test_previews_are_made_where_there_is_none(videos, tmp_path, capsys):
+    out = tmp_path / "out"
+    convert_videos(videos, out)
+    assert not (out / ".previews").exists()
+    for jobs in ("1", "2"):
+        assert main(["convert-videos", str(videos), "--out", str(out), "--preview", "--jobs", jobs]) == 0
+        told = capsys.readouterr()
+        assert f"previews are in {out / '.previews'}\n" in told.err
+        assert told.out.startswith("0 converted, 4 were there, 0 failed")
+        assert len(films(out)) == 4
+        for name in films(out)[: int(jobs) + 1]:
+            (out / ".previews" / name).unlink()
+
+
+def test_files_of_the_users_stay_whatever_their_names(tmp_path):
+    kept = write_video(tmp_path / "a.preview.mp4").read_bytes()
+    write_video(tmp_path / "a.mp4")
+    report = convert_videos(tmp_path, tmp_path, preview=True)
+    assert (report.done, report.failed) == (2, {})
+    assert (tmp_path / "a.preview.mp4").read_bytes() == kept
+    assert films(tmp_path) == ["a.h5.mp4", "a.preview.h5.mp4"]
 
 
 def test_a_preview_goes_with_the_recording_that_it_shows(tmp_path):
@@ -446,14 +471,38 @@ def test_a_preview_goes_with_the_recording_that_it_shows(tmp_path):
         write_video(tmp_path / "in" / name)
     out = tmp_path / "out"
     convert_videos(tmp_path / "in", out, preview=True)
-    names = ["a.avi.h5", "a.avi.preview.mp4", "a.mp4.h5", "a.mp4.preview.mp4"]
-    assert sorted(path.name for path in out.iterdir() if path.suffix != ".jsonl") == names
+    assert films(out) == ["a.avi.h5.mp4", "a.mp4.h5.mp4"]
     (tmp_path / "in/a.mp4").unlink()
     # its name is short now, and what had the long one goes
     convert_videos(tmp_path / "in", out, overwrite=True, preview=True)
-    found = {path.name for path in out.iterdir()}
-    assert {"a.h5", "a.preview.mp4"} <= found
-    assert not {"a.avi.h5", "a.avi.preview.mp4"} & found
+    assert films(out) == ["a.h5.mp4", "a.mp4.h5.mp4"]
+
+
+def test_what_keeps_a_preview_from_being_made_costs_no_recording(videos, tmp_path, monkeypatch, capsys):
+    def fails(pictures, path, fps):
+        raise OSError("no codec")
+
+    monkeypatch.setattr(preview, "save_mp4", fails)
+    out = tmp_path / "out"
+    assert main(["convert-videos", str(videos / "run/a.avi"), "--out", str(out), "--preview"]) == 0
+    told = capsys.readouterr()
+    assert "a.avi: no preview: no codec\n" in told.err
+    assert told.out.startswith("1 converted, 0 were there, 0 failed")
+
+    def full(pictures, path, fps):
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(preview, "save_mp4", full)
+    with pytest.raises(OSError, match="full"):
+        convert_videos(videos / "run/a.avi", out, preview=True)
+
+
+@pytest.mark.parametrize("fps", [0.01, 29.97, 70.1234, 1_000])
+def test_previews_of_any_rate(videos, tmp_path, fps):
+    report = convert_videos(videos / "run/a.avi", tmp_path / "out", fps=fps, preview=True)
+    assert (report.done, report.failed, report.without_preview) == (1, {}, {})
+    # the first minute
+    assert len(list(frames_of(tmp_path / "out/.previews/a.h5.mp4"))) == (1 if fps == 0.01 else 12)
 
 
 def test_a_preview_of_a_video_that_is_cut_off_ends_with_it(videos, tmp_path):
@@ -463,7 +512,7 @@ def test_a_preview_of_a_video_that_is_cut_off_ends_with_it(videos, tmp_path):
     assert "cut off" in report.failed["a.avi"]
     (line,) = lines(tmp_path / "out")[1:]
     assert line["status"] == "truncated"
-    assert len(list(frames_of(tmp_path / "out/a.preview.mp4"))) == line["frames"]
+    assert len(list(frames_of(tmp_path / "out/.previews/a.h5.mp4"))) == line["frames"]
 
 
 def test_a_video_that_changed_is_converted_anew_and_one_that_was_copied_is_not(videos, tmp_path):

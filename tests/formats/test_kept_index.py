@@ -10,6 +10,7 @@ from lookalikes import aedat4_bytes
 import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.common.files import atomic
+from nvsdata.data.events import Columns
 from nvsdata.formats import kept_index
 from nvsdata.formats.aedat4 import Aedat4Recording
 
@@ -258,6 +259,14 @@ def test_packets_that_changed_or_overlap_or_are_torn(tmp_path, monkeypatch):
     path = tmp_path / "b.aedat4"
     path.write_bytes(aedat4_bytes(swapped))
     assert nvsdata.read(path, 10, 90) == late.window(10, 90)
+    # and one whose own events aren't in order
+    t = np.arange(1_000, 1_200)
+    t[75] = 100
+    odd = Events.trusted(Columns(t, *late.columns.take(np.zeros(200, int))[1:]), (320, 240))
+    path = tmp_path / "d.aedat4"
+    path.write_bytes(aedat4_bytes(odd))
+    for _ in range(2):
+        assert nvsdata.read(path, 0, 200).t.tolist() == [100]
     raw = (tmp_path / "a.aedat4").read_bytes()
     (tmp_path / "c.aedat4").write_bytes(raw[:-20])
     with pytest.raises(FormatError, match="truncated"):

@@ -106,6 +106,14 @@ def test_every_damaged_byte_is_noticed(trained):
             models.load(path)
 
 
+def test_a_header_without_anything_about_it_is_named(tmp_path):
+    for about in (b"null", b"{}", b'{"other": "x"}'):
+        head = b'{"__metadata__": %s}' % about
+        (tmp_path / "a.safetensors").write_bytes(len(head).to_bytes(8, "little") + head)
+        with pytest.raises(FormatError):
+            models.load(tmp_path / "a.safetensors")
+
+
 def opened(path):
     with safe_open(path, "pt") as file:
         return json.loads(file.metadata()["nvsdata"]), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118

@@ -126,6 +126,7 @@ def test_falling_times_are_sorted_wherever_they_are(by):
 WRAPPING = (0, 2**32 - 2)
 FILES = {
     "hdf5": (".h5", -LAST, LAST),
+    "hdf5-gzip": (".hdf5", -LAST, LAST),
     "text": (".txt", -LAST, LAST),
     "npy": (".npy", -LAST, LAST),
     "aedat4": (".aedat4", -LAST, LAST),

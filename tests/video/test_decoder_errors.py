@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from clips import moving_square
 
 from nvsdata.video import decoder_errors as module
-from nvsdata.video.decoder_errors import decoder_errors
+from nvsdata.video.decoder_errors import DecoderErrors, decoder_errors
 from nvsdata.video.frames import frames_of
 
 pytestmark = pytest.mark.skipif(module._counter() is None, reason="this OpenCV has no library of FFmpeg to ask")
@@ -61,9 +62,25 @@ def test_threads_that_decode_at_once_lose_no_error(damaged):
     assert decoder_errors() - before == 12 * one
 
 
+def test_errors_of_videos_that_are_decoded_at_once_are_nobodys(clip, damaged):
+    def counted(path, both):
+        with DecoderErrors() as found:
+            both.wait(60)
+            list(frames_of(path))
+            both.wait(60)
+        return found.found
+
+    with ThreadPoolExecutor(2) as threads:
+        both = Barrier(2)
+        assert list(threads.map(counted, (clip, damaged), (both, both))) == [0, 0]
+    with DecoderErrors() as after:
+        list(frames_of(damaged))
+    assert after.found == errors(damaged)
+
+
 def test_a_process_that_still_decodes_ends_well(damaged):
     code = f"""
-from nvsdata.video.decoder_errors import decoder_errors
+from nvsdata.video.decoder_errors import DecoderErrors, decoder_errors
 from nvsdata.video.frames import frames_of
 decoder_errors()
 frames = frames_of({str(damaged)!r})

@@ -12,6 +12,7 @@ from pathlib import Path
 from nvsdata.common.errors import DownloadError
 from nvsdata.common.files import claimed
 from nvsdata.common.locks import lock_path, locked
+from nvsdata.datasets.archives.arrival_check import fault_of
 from nvsdata.datasets.archives.transfer import MIRROR, fetch
 from nvsdata.datasets.archives.unpack import unpack
 from nvsdata.datasets.facts import Archive, Info
@@ -28,8 +29,8 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
 
     - `info`: facts about the dataset, including its archives
     - `root`: the folder, made if needed
-    - `keep`: whether archives stay in `root` beside what was unpacked; if not, each is deleted once its folder is
-      there, also one that was put there by hand (default True)
+    - `keep`: whether archives stay in `root` beside what was unpacked; if not, each is deleted once it is unpacked, and
+      so is one that lies beside its folder, if its hash is known and right (default True)
 
     Environment variable NVSDATA_MIRROR: a folder of archives, or its address (https://...), which is tried
     before the addresses known here: first `info.name/ARCHIVE`, then `ARCHIVE`.
@@ -52,21 +53,27 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
         # left by a run that was killed at its very end
         with suppress(OSError), locked(root):
             pass
-    if not keep:
-        delete(info.archives, root)
+    if not keep and unneeded(info.archives, root):
+        with claimed(root):
+            for archive in info.archives:
+                for path in unneeded([archive], root):
+                    if archive.hash and not fault_of(path, archive.hash) and not _is_of_mirror(path):
+                        path.unlink()
     return [root / archive.folder for archive in info.archives if _is_there(root / archive.folder)]
 
 
 def unneeded(archives: Iterable[Archive], root: Path) -> list[Path]:
-    """Archives in `root` whose folder is there, too."""
+    """Files in `root` that are named as archives whose folder is there, too."""
     places = ((root / archive.name, root / archive.folder) for archive in archives)
     return [path for path, folder in places if path != folder and path.is_file() and _is_there(folder)]
 
 
-def delete(archives: Iterable[Archive], root: Path) -> None:
-    """Delete those that aren't needed any more."""
-    for path in unneeded(archives, root):
-        path.unlink()
+def _is_of_mirror(path: Path) -> bool:
+    """Whether a file lies in the user's folder of archives, which others may need."""
+    mirror = os.environ.get(MIRROR, "")
+    if not mirror or mirror.startswith(("http://", "https://")):
+        return False
+    return Path(mirror).expanduser().resolve() in path.resolve().parents
 
 
 def _can_be_had(archive: Archive, root: Path) -> bool:
@@ -80,9 +87,9 @@ def _get(archives: list[Archive], root: Path, work: Path, info: Info, keep: bool
     try:
         for archive in archives:
             try:
-                _fetch_and_unpack(archive, root, work, info)
-                if not keep:
-                    delete([archive], root)
+                path = _fetch_and_unpack(archive, root, work, info)
+                if not keep and path == root / archive.name and not _is_of_mirror(path):
+                    path.unlink()
             except DownloadError as error:
                 if not archive.optional:
                     raise
@@ -96,7 +103,8 @@ def _get(archives: list[Archive], root: Path, work: Path, info: Info, keep: bool
             work.rmdir()
 
 
-def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> None:
+def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> Path:
+    """Unpack an archive into its folder; returns its path."""
     path, folder, unpacked = fetch(archive, root, work, info), root / archive.folder, work / "unpacked"
     # left by a run that was killed
     shutil.rmtree(unpacked, ignore_errors=True)
@@ -109,6 +117,7 @@ def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> N
     inner = unpacked / archive.folder
     (inner if [*unpacked.iterdir()] == [inner] and inner.is_dir() else unpacked).rename(folder)
     shutil.rmtree(unpacked, ignore_errors=True)
+    return path
 
 
 def _is_there(folder: Path) -> bool:

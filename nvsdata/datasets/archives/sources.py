@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -34,16 +34,21 @@ class Source(NamedTuple):
 
 def check(infos: Iterable[Info]) -> list[Source]:
     """Ask every address of these datasets for its first bytes."""
-    places = [
-        (info.name, file, url)
-        for info in infos
-        for file, urls in [(PAGE, (info.page,)), *((archive.name, archive.urls) for archive in info.archives)]
-        for url in urls
-        if url
-    ]
+    places = list(dict.fromkeys(place for info in infos for place in _places(info)))
     with ThreadPoolExecutor(AT_ONCE) as threads:
         answers = threads.map(lambda place: _page(place[2]) if place[1] == PAGE else asked(place[2]), places)
         return [Source(*place, *answer) for place, answer in zip(places, answers, strict=True)]
+
+
+def _places(info: Info) -> Iterator[tuple[str, str, str]]:
+    """Dataset, file and address of the dataset's page, of its archives, and of those that contain them."""
+    if info.page:
+        yield info.name, PAGE, info.page
+    waiting = list(info.archives)
+    for archive in waiting:
+        yield from ((info.name, archive.name, url) for url in archive.urls)
+        if archive.within is not None:
+            waiting.append(archive.within)
 
 
 def _page(url: str) -> tuple[str, int | None]:

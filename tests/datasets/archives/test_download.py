@@ -90,11 +90,36 @@ def test_archives_are_deleted_only_if_asked_and_only_what_is_unpacked(host, root
     assert unneeded(info.archives, root) == []
 
 
+def test_what_was_neither_unpacked_nor_is_the_archive_stays(host, root, monkeypatch):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    (root / "Train").mkdir(parents=True)
+    (root / "Train/mine.txt").write_text("of the user")
+    # not the archive
+    (root / "Train.zip").write_bytes(b"another")
+    download(info, root, keep=False)
+    assert left(root) == ["Train", "Train.zip"]
+    # nobody knows what it is
+    unknown = dataset(replace(info.archives[0], hash=""))
+    (root / "Train.zip").write_bytes(CONTENT)
+    download(unknown, root, keep=False)
+    assert left(root) == ["Train", "Train.zip"]
+    # of a folder of archives that others may need
+    monkeypatch.setenv("NVSDATA_MIRROR", str(root))
+    download(info, root, keep=False)
+    assert left(root) == ["Train", "Train.zip"]
+    shutil.rmtree(root / "Train")
+    download(info, root, keep=False)
+    assert left(root) == ["Train", "Train.zip"]
+    monkeypatch.delenv("NVSDATA_MIRROR")
+    download(info, root, keep=False)
+    assert left(root) == ["Train"]
+
+
 def test_the_command_deletes_archives_or_says_that_it_may(host, root, capsys, monkeypatch):
     info = dataset(archive(host.serve("/whole", CONTENT)))
     monkeypatch.setattr(NMNIST, "info", info)
     assert main(["download", "n-mnist", "--root", str(root)]) == 0
-    told = "1 archives in {} (0.00 GB) aren't needed any more: --delete-archives deletes them\n"
+    told = "1 archives beside what is unpacked in {}, 0.00 GB: --delete-archives deletes them\n"
     assert told.format(root) in capsys.readouterr().err
     assert main(["download", "n-mnist", "--root", str(root), "--delete-archives"]) == 0
     assert capsys.readouterr() == (f"{root / 'Train'}\n", "")

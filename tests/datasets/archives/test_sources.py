@@ -36,6 +36,14 @@ def test_each_address_is_asked_for_its_first_bytes(host):
     assert "Connection refused" in none.fault
 
 
+def test_archives_that_contain_others_are_asked_once(host):
+    outer = Archive("all.zip", "", (host.serve("/all", CONTENT),), "all")
+    inner = tuple(Archive(f"{name}.zip", "", (), name, within=outer) for name in "ab")
+    assert check([Info("made-up", None, ("a",), "", "none", inner)]) == [
+        Source("made-up", "all.zip", outer.urls[0], "", len(CONTENT))
+    ]
+
+
 def test_pages_that_are_gone_and_archives_without_an_address(host):
     (page,) = check([info(host)])
     assert page.fault == "HTTP 404 Not Found"
