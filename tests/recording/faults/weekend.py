@@ -276,18 +276,18 @@ def patched(day: Weekend, camera: Camera) -> None:
         finally:
             shutil.disk_usage = usage
 
-    def cut_and_told(one, video, target, inspector):
+    def cut_and_told(one, video, inspector):
         if day.kind == "killcut" and day.first:
             Timer(np.random.default_rng(day.number).uniform(0, 0.3), os.kill, (os.getpid(), signal.SIGKILL)).start()
         try:
             if day.kind == "fullcut" and day.first:
                 with file_limit(2_048):
-                    return cut(one, video, target, inspector)
-            line = cut(one, video, target, inspector)
+                    return cut(one, video, inspector)
+            line = cut(one, video, inspector)
         except BaseException as error:
             day.write(failed=str(error) or type(error).__name__)
             raise
-        day.write(**told_of(one, line, nvsdata.read(target), camera))
+        day.write(**told_of(one, line, nvsdata.read(video.target), camera))
         return line
 
     def played(monitor, done, *frames):
