@@ -41,17 +41,15 @@ def _hosts(info) -> str:
 
 
 def _datasets() -> str:
-    rows = [("dataset", "recordings", "classes", "sensor", "download", "license", "how to get it", "hosts")]
+    rows = [("dataset", "recordings", "classes", "sensor", "download", "license", "how to get it")]
     for name, kind in DATASETS.items():
         if name == "folder":
             continue
         info = kind.info
         sensor = "{}x{}".format(*info.sensor_size) if info.sensor_size else "varies"
-        how = f"`nvsdata download {name}`" if info.by_program else f"[by hand]({info.page})"
+        how = "by program" if info.by_program else f"[by hand]({info.page})"
         page = f"[{kind.__name__}]({name}.md)"
-        rows.append(
-            (page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how, _hosts(info))
-        )
+        rows.append((page, f"{info.recordings:,}", str(len(info.classes)), sensor, _size(info), info.license, how))
     return _rows(*rows)
 
 
