@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from nvsdata.commands.options import add_json, path, sensor_size, usage
 from nvsdata.common.errors import shown
 from nvsdata.common.terminal import tell
+
+if TYPE_CHECKING:
+    from nvsdata.data.events import Events
+    from nvsdata.data.recording import Recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +32,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(add)
 
 
+def _watched(recording: Recording) -> Iterator[Events]:
+    """The recording's pieces; a progress bar, after a second, tells how much of its time is done."""
+    from nvsdata.common.progress import bar
+
+    with bar(None, "converting", total=100, unit="%", delay=1) as shown:
+        for piece in recording.pieces():
+            yield piece
+            first, last = recording.start, recording.end
+            shown.update(round(100 * (piece.end - first) / max(last - first, 1)) - shown.n)
+
+
 def run(args: argparse.Namespace) -> int:
     """Write the recording, and say what was repaired."""
     from nvsdata import formats
@@ -38,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         lost = formats.left_out(recording, args.target, args.format)
         if lost:
             print(f"{shown(args.target)} can't hold everything: {' and '.join(lost)} are left out", file=sys.stderr)
-        written = formats.write(recording, args.target, format=args.format)
+        written = formats.write(_watched(recording), args.target, format=args.format)
         if args.source == args.target.with_name(f"{args.target.name}.davis") and not (recording.repairs or lost):
             # IN is OUT's journal, and OUT is whole now
             args.source.unlink()

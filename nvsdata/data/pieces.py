@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import datetime, timedelta
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,20 @@ def in_pieces(recording: Recording, every: int = 1_000_000) -> Iterator[Piece]:
         yield Piece.beside(piece, *beside.until(last))
         done = count
     yield Piece.beside(Events.empty(events.sensor_size, events.start, events.end), about=recording.about)
+
+
+def in_windows(recording: Recording, count: int) -> Iterator[Events]:
+    """A recording in `count` windows of equal duration, which take as much memory as the fullest of them.
+
+    Damage is reported at the window that it is in.
+    """
+    first, last = recording.span
+    edges = [first + (last + 1 - first) * n // count for n in range(count + 1)]
+    for n, (start, stop) in enumerate(pairwise(edges)):
+        events = recording.read(start, stop)
+        begin = min(recording.start, start) if n == 0 else start
+        end = max(recording.end, stop - 1) if n == count - 1 else max(stop - 1, begin)
+        yield Events.trusted(events.columns, events.sensor_size, begin, end)
 
 
 def cut(recording: Recording, start: int, stop: int, every: int = 1_000_000) -> Iterator[Events]:

@@ -21,8 +21,10 @@ from nvsdata.data.events import (
     extent,
     sort_by_time,
 )
-from nvsdata.data.pieces import in_pieces
+from nvsdata.data.pieces import in_pieces, in_windows
 from nvsdata.data.recording import Recording, anomalies_of
+
+LONG, PART = 1 << 26, 1 << 24  # bytes of files that are handed out in parts, and of a part, if they were equal
 
 
 class FileRecording(Recording):
@@ -74,6 +76,11 @@ class FileRecording(Recording):
     def decode_span(self) -> tuple[int, int] | None:
         """First and last time in µs if they can be found without decoding everything, else None."""
         return None
+
+    @property
+    def certainly_rises(self) -> bool:
+        """Whether all times were looked at and never fall, so that windows one after the other are the whole."""
+        return False
 
     def decode_size(self) -> tuple[int, int]:
         """The smallest sensor that holds the events; called if neither the file nor the caller states a size."""
@@ -149,7 +156,12 @@ class FileRecording(Recording):
         return self.span[1] if self._ends is None else self._ends
 
     def pieces(self) -> Iterator[Events]:
-        return in_pieces(self) if self.holds_samples else iter((self.read(),))
+        if self.holds_samples:
+            return in_pieces(self)
+        size = os.path.getsize(self.path)
+        if self._whole is None and size > LONG and self.certainly_rises and self.decode_span() is not None:
+            return in_windows(self, -(-size // PART))
+        return iter((self.read(),))
 
     def _sound(self, columns: Columns) -> Columns:
         """The columns as they are or, if not `strict`, without values that Events can't hold."""

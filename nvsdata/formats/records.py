@@ -116,6 +116,10 @@ class RecordFile(FileRecording):
             raise ValueError("an index of another file")
         return Blocks(times, states, bool(kept["ordered"]), (first, last))
 
+    @property
+    def certainly_rises(self) -> bool:
+        return self.strict and self.blocks.ordered is True
+
     def decode_span(self) -> tuple[int, int] | None:
         if not self.strict:
             return None
