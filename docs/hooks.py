@@ -1,4 +1,4 @@
-"""What mkdocs does besides: gallery pages are run, and tables are made of what nvsdata itself knows."""
+"""What mkdocs does besides: gallery pages are run, tables are made of what nvsdata itself knows, and datasets drawn."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from typing import Any
 from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
+import dataset_pictures
 import facts
 import snippets
 
 # pages whose text lies elsewhere in the repository
+PICTURES: dict[str, str] = {}  # what is seen on each dataset's, by its name
 BESIDE = {"changelog.md": "CHANGELOG.md", "screen-playback.md": "recipes/screen_playback/README.md"}
 
 
@@ -27,6 +29,10 @@ def on_files(files: Any, config: Any) -> Any:
             for made in sorted(Path(folder).iterdir()):
                 if made.suffix in (".png", ".gif", ".html"):
                     files.append(File.generated(config, f"gallery/{made.name}", content=made.read_bytes()))
+    for page in sorted((docs / "datasets").glob("*.md")):
+        if page.stem in facts.DATASETS and (drawn := dataset_pictures.picture(page.stem)):
+            PICTURES[page.stem], content = drawn
+            files.append(File.generated(config, f"datasets/{page.stem}-seen.png", content=content))
     for name, source in BESIDE.items():
         text = (docs.parent / source).read_text("utf-8").replace("../../docs/", "")
         files.append(File.generated(config, name, content=text))
@@ -37,5 +43,10 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     """Put tables in place of `<!-- table: NAME -->`, and links to pages in place of those to the repository's files."""
     for name, source in BESIDE.items():
         markdown = markdown.replace(f"../{source}", name)
+    kind = Path(page.file.src_uri).stem
+    if page.file.src_uri.startswith("datasets/") and kind in PICTURES:
+        # after the first paragraph
+        seen = f"![{PICTURES[kind]}]({kind}-seen.png)\n\n{PICTURES[kind]}.\n\n"
+        markdown = markdown.replace("<!-- table:", seen + "<!-- table:", 1)
     markdown = re.sub(r"<!-- table: ([\w. -]+) -->", lambda found: facts.table(found[1]), markdown)
     return re.sub(r"<!-- not run: [^>]+ -->\n", "", markdown)

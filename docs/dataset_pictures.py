@@ -1,0 +1,68 @@
+"""Pictures for the datasets' pages, drawn when the site is built, from what lies on that machine.
+
+The repository holds none but N-MNIST's: the licenses of most datasets are unknown, or forbid to pass recordings on.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import nvsdata
+from nvsdata.commands.datasets import where
+from nvsdata.data.author_graphs import read_author_graphs
+from nvsdata.data.recording import as_events
+from nvsdata.datasets import DATASETS
+from nvsdata.plots import event_image
+from nvsdata.plots.events import middle
+from nvsdata.plots.sheets import captioned_sheet
+
+HOME = "NVSDATA_DATASETS"  # names a folder of datasets, each in a folder or store of its name
+SAMPLES = Path(__file__).parents[1].parent / "shared/data"
+SHOWN = 8  # recordings on a picture
+MILLISECONDS = 30
+# files below SAMPLES, and what they are
+FOUND = {
+    "n-cars": ("samples/*ncars*.dat", "A recording"),
+    "mnist-dvs": ("samples/mnist_*.aedat", "Recordings, whose names have the digit and the scale"),
+    "cifar10-dvs": ("author_graphs/cifar10-dvs/*.mat", "Nodes of graphs that the thesis's author released"),
+    "ucf101-dvs": ("author_graphs/ucf101-dvs/*.mat", "Nodes of graphs that the thesis's author released"),
+}
+
+
+def picture(name: str) -> tuple[str, bytes] | None:
+    """What is seen, and a PNG; None if nothing of the dataset is here."""
+    text, tiles = f"{MILLISECONDS} ms of recordings", list(_of_dataset(name))
+    if not tiles and name in FOUND:
+        pattern, text = FOUND[name]
+        tiles = [_tile(path) for path in sorted(SAMPLES.glob(pattern))[:SHOWN]]
+    if not tiles:
+        return None
+    return f"{text}: ON in red, OFF in blue", cv2.imencode(".png", captioned_sheet(tiles, columns=4))[1].tobytes()
+
+
+def _of_dataset(name: str) -> Iterator[tuple[np.ndarray, list[str]]]:
+    """A recording of each of some classes of a dataset that is here."""
+    place = where(name, Path(os.environ[HOME])) if HOME in os.environ else None
+    if place is None:
+        return
+    dataset = DATASETS[name](place, "all")
+    labels = np.asarray(dataset.targets)
+    for label in np.unique(labels)[:SHOWN].tolist():
+        with suppress(OSError, ValueError):
+            events = as_events(dataset[int(np.argmax(labels == label))][0])
+            yield event_image(middle(events, MILLISECONDS * 1_000)), [dataset.classes[label]]
+
+
+def _tile(path: Path) -> tuple[np.ndarray, list[str]]:
+    if path.suffix != ".mat":
+        return event_image(middle(nvsdata.read(path), MILLISECONDS * 1_000)), [path.stem]
+    graph = read_author_graphs(path)[0]
+    x, y = graph.pos[:, :2].round().numpy().astype(int).T
+    on = (graph.x[:, 0] > 0).numpy()
+    return event_image(nvsdata.Events(np.zeros(len(x), int), x, y, on, graph.sensor_size)), [path.stem]
