@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -33,13 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _watched(recording: Recording) -> Iterator[Events]:
-    """The recording's pieces; a progress bar, after a second, tells how much of its time is done."""
+    """The recording's pieces; of a long one whose time is known, a bar tells after a second how much of it is done."""
     from nvsdata.common.progress import bar
+    from nvsdata.formats.file_recording import LONG
 
+    if os.path.getsize(recording.path) <= LONG or not recording.knows_span:
+        yield from recording.pieces()
+        return
+    first, last = recording.start, recording.end
     with bar(None, "converting", total=100, unit="%", delay=1) as shown:
         for piece in recording.pieces():
             yield piece
-            first, last = recording.start, recording.end
             shown.update(round(100 * (piece.end - first) / max(last - first, 1)) - shown.n)
 
 

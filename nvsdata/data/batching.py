@@ -57,7 +57,7 @@ def collate(
         return Batch(made, targets)
     try:
         return Batch(made, default_collate(targets))
-    except RuntimeError:
+    except (RuntimeError, TypeError):
         return Batch(made, _unequal(targets, pad))
 
 

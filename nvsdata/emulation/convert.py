@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from dataclasses import asdict, replace
 from functools import partial
+from math import inf
 from multiprocessing import active_children
 from pathlib import Path
 from typing import TypeVar
@@ -105,12 +106,14 @@ def convert_videos(
 def _drop_films(old: Path | None, new: Path, out: Path) -> None:
     """Remove the film of a recording that was made anew, and of the one that it took the place of."""
     for recording in (new,) if old is None else (new, old):
-        preview_of(recording, out).unlink(missing_ok=True)
+        # if it can't be removed, it is older than the recording, and made anew
+        with suppress(OSError):
+            preview_of(recording, out).unlink()
 
 
 def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) -> dict[str, str]:
     """Make the films that aren't there; returns why some can't be made, by the videos' names."""
-    lacking = [job for job in jobs if not preview_of(job.video.target, out).exists()]
+    lacking = [job for job in jobs if _age(preview_of(job.video.target, out)) < _age(job.video.target)]
     with (
         bar(None, "previews", total=len(lacking), unit="video") as shown,
         closing(_results(partial(_film, out=out), lacking, processes, scheduler)) as results,
@@ -121,6 +124,14 @@ def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) 
             if reason:
                 failed[name] = reason
     return failed
+
+
+def _age(path: Path) -> float:
+    """When a file was changed; before all others if there is none."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return -inf
 
 
 def _film(job: Job, out: Path) -> tuple[str, str]:

@@ -36,13 +36,13 @@ def save_preview(job: Job, film: Path) -> str:
 
     OSError if the disk is full.
     """
-    frames, seconds = length_of(job.video.path)
-    rate = job.fps or (frames / seconds if seconds else USUAL_RATE)
     try:
+        frames, seconds = length_of(job.video.path)
+        rate = job.fps or (frames / seconds if seconds else USUAL_RATE)
         film.parent.mkdir(parents=True, exist_ok=True)
         # MPEG-4 counts in parts of a second, of which it has 65,535 at most
         save_mp4(_pictures(job), film, round(min(max(rate, 1.0), FASTEST), 2))
-    except (OSError, ValueError, cv2.error) as error:
+    except (OSError, ValueError, cv2.error, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
             raise
         return str(error)

@@ -109,7 +109,7 @@ class Aedat4Recording(FileRecording):
         stamp = self._contents.stamp
         if not self.strict or stamp is None or stamp[0] < kept_index.LEAST:
             return None
-        about: dict[str, object] = {"format": self.format, "stamp": stamp}
+        about: dict[str, object] = {"format": self.format, "stamp": stamp, "ends": "in order"}
         kept = (kept_index.restore(self.path, about) or {}).get("packets")
         if kept is not None and kept.dtype == np.int64 and kept.ndim == 2 and len(kept) == len(Packets._fields):
             return Packets(*kept)
@@ -117,8 +117,8 @@ class Aedat4Recording(FileRecording):
         for at, packet in self._packets("EVTS"):
             t = self._content(at, packet, _events_of)["t"]
             if t.size:
-                # of one that isn't in order, the other way round, so that the index says that none is to be relied on
-                ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (t.max() + 1, t.min())
+                # of one that isn't in order, the other way round: then the index says that none is to be relied on
+                ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (1, 0)
                 rows.append((self._streams["EVTS"][0], at + HEADER, len(packet), t.size, *ends))
         packets = np.array(rows, np.int64).reshape(-1, len(Packets._fields)).T
         kept_index.keep(self.path, about, max(stamp[1:3]), {"packets": packets})

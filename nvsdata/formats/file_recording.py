@@ -159,7 +159,9 @@ class FileRecording(Recording):
         if self.holds_samples:
             return in_pieces(self)
         size = os.path.getsize(self.path)
-        if self._whole is None and size > LONG and self.certainly_rises and self.decode_span() is not None:
+        if self._whole is None and size > LONG and self.certainly_rises and (span := self.decode_span()) is not None:
+            if self._begins is not None and self._ends is not None:
+                self._check_time(*span)
             return in_windows(self, -(-size // PART))
         return iter((self.read(),))
 

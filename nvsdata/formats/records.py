@@ -118,7 +118,8 @@ class RecordFile(FileRecording):
 
     @property
     def certainly_rises(self) -> bool:
-        return self.strict and self.blocks.ordered is True
+        # one that doesn't state its sensor is decoded as a whole anyway
+        return self.strict and self.blocks.ordered is True and self._size is not None
 
     def decode_span(self) -> tuple[int, int] | None:
         if not self.strict:

@@ -169,3 +169,8 @@ def test_targets_within_others_are_filled_up():
     assert found["n"].tolist() == [1, 2]
     assert found["s"][0] == ["x", "y"] or found["s"][0] == ("x", "y")
     assert found["s"][1].tolist() == [2, 3]
+
+
+def test_tensors_and_arrays_may_be_mixed():
+    for first, other in ((torch.ones(2, 3), np.ones((2, 3))), (np.ones((2, 3)), torch.ones(2, 3))):
+        assert nvsdata.collate([(torch.zeros(1), first), (torch.zeros(1), other)]).targets.shape == (2, 2, 3)

@@ -457,6 +457,21 @@ def test_previews_are_made_where_there_is_none(videos, tmp_path, capsys):
             (out / ".previews" / name).unlink()
 
 
+def test_films_of_recordings_before_are_made_anew_and_what_is_in_their_place_ends_no_run(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out, preview=True)
+    film = out / ".previews/run/a.h5.mp4"
+    os.utime(film, (1, 1))
+    convert_videos(videos, out, preview=True)
+    assert film.stat().st_mtime > 1
+    shutil.rmtree(out)
+    out.mkdir()
+    (out / ".previews").write_text("no folder")
+    assert convert_videos(videos, out).done == 4
+    report = convert_videos(videos, out, preview=True)
+    assert len(report.without_preview) == 4
+
+
 def test_files_of_the_users_stay_whatever_their_names(tmp_path):
     kept = write_video(tmp_path / "a.preview.mp4").read_bytes()
     write_video(tmp_path / "a.mp4")

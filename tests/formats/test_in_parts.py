@@ -12,6 +12,7 @@ from nvsdata.cli import main
 from nvsdata.data.events import Columns
 from nvsdata.data.pieces import in_windows
 from nvsdata.formats import file_recording
+from nvsdata.formats.text import TextRecording
 
 KINDS = {"evt3": ".raw", "evt2": ".raw", "evt2.1": ".raw", "atis": ".bin"}
 every = pytest.mark.parametrize("kind", KINDS)
@@ -80,6 +81,35 @@ def test_damage_in_a_late_part_leaves_no_file(tmp_path, capsys):
         formats.write(nvsdata.open(path, sensor_size=(128, 128)), tmp_path / "b.h5")
     assert main(["convert", str(path), str(tmp_path / "b.h5"), "--sensor-size", "128x128"]) == 1
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("stated", [(500_000, 600_000), (-5, 100), (2_000_000, 3_000_000)])
+def test_a_stated_time_that_is_wrong_is_told_of_parts_too(tmp_path, stated):
+    path, ev = made(tmp_path, "evt3")
+    right = b"%% nvsdata time %20d to %20d us" % (ev.start, ev.end)
+    raw = path.read_bytes()
+    assert right in raw
+    path.write_bytes(raw.replace(right, b"%% nvsdata time %20d to %20d us" % stated))
+    with pytest.raises(FormatError, match="outside the time it states"):
+        formats.write(nvsdata.open(path), tmp_path / "b.h5")
+
+
+def test_a_sensor_that_is_not_stated_is_found_in_the_whole(tmp_path):
+    path, ev = made(tmp_path, "evt3")
+    raw = path.read_bytes()
+    path.write_bytes(b"% evt 3.0\n" + raw[raw.index(b"% end\n") + 6 :])
+    (whole,) = nvsdata.open(path).pieces()
+    assert np.array_equal(whole.t, ev.t)
+
+
+def test_what_a_bar_would_have_to_decode_for_has_none(tmp_path, monkeypatch):
+    (tmp_path / "a.txt").write_text("".join(f"{n % 9} {n % 7} {n} 1\n" for n in range(500)))
+    monkeypatch.setattr("nvsdata.common.progress.bar", None)
+    decoded = []
+    decode = TextRecording.decode
+    monkeypatch.setattr(TextRecording, "decode", lambda self: decoded.append(1) or decode(self))
+    assert main(["convert", str(tmp_path / "a.txt"), str(tmp_path / "b.h5"), "--sensor-size", "9x7"]) == 0
+    assert len(decoded) == 1
 
 
 def test_the_command_tells_how_much_of_the_time_is_done(tmp_path, monkeypatch):
