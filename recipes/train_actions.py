@@ -16,6 +16,8 @@ other hand is another gesture.
 OUT receives `log.jsonl` (a line per epoch), `checkpoint.pt` and, at the end, `model.safetensors` for
 `nvsdata.models.load`, `report.json` and pictures of it (accuracy per class, confusion, calibration, accuracy by votes
 and by window length, mistakes). --resume continues a stopped run, with the same results as without the stop.
+
+No recordings of these datasets were at hand: whether this reaches the thesis's accuracies isn't known (docs/models.md).
 """
 
 from __future__ import annotations

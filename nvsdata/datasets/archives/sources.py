@@ -36,7 +36,9 @@ def check(infos: Iterable[Info]) -> list[Source]:
     """Ask every address of these datasets for its first bytes."""
     places = list(dict.fromkeys(place for info in infos for place in _places(info)))
     with ThreadPoolExecutor(AT_ONCE) as threads:
-        answers = threads.map(lambda place: _page(place[2]) if place[1] == PAGE else asked(place[2]), places)
+        answers = threads.map(
+            lambda place: (page_fault(place[2]), None) if place[1] == PAGE else asked(place[2]), places
+        )
         return [Source(*place, *answer) for place, answer in zip(places, answers, strict=True)]
 
 
@@ -51,10 +53,10 @@ def _places(info: Info) -> Iterator[tuple[str, str, str]]:
             waiting.append(archive.within)
 
 
-def _page(url: str) -> tuple[str, int | None]:
-    """Why a page can't be seen, empty if it can, and None."""
+def page_fault(url: str) -> str:
+    """Why a page can't be seen; empty if it can."""
     try:
         with requests.get(url, stream=True, timeout=30) as response:
-            return "" if response.ok else f"HTTP {response.status_code} {response.reason or ''}".strip(), None
+            return "" if response.ok else f"HTTP {response.status_code} {response.reason or ''}".strip()
     except requests.RequestException as error:
-        return type(error).__name__, None
+        return type(error).__name__
