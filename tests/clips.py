@@ -30,3 +30,22 @@ def write_video(path: Path, frames: list[np.ndarray] | None = None, fps: float =
         writer.write(np.ascontiguousarray(frame))
     writer.release()
     return path
+
+
+def write_stream(path: Path, frames: list[np.ndarray]) -> Path:
+    """An MPEG-4 stream, whose pictures are told as changes of those before."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25, frames[0].shape[1::-1])
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+    return path
+
+
+def damage(path: Path) -> None:
+    """Overwrite ten bytes in the middle of the stream of `write_stream`; as many frames come out of it as before."""
+    content = bytearray(path.read_bytes())
+    stream = content.index(b"mdat")
+    start = stream + int.from_bytes(content[stream - 4 : stream], "big") // 2
+    content[start : start + 10] = np.random.default_rng(0).integers(0, 256, 10, np.uint8).tobytes()
+    path.write_bytes(content)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from clips import moving_square, write_video
+from clips import damage, moving_square, write_stream, write_video
 from processes_of_others import dead_owner
 
 import nvsdata
@@ -397,20 +397,16 @@ def test_a_video_that_is_too_short_refuses_no_batch(tmp_path):
 
 
 def test_a_damaged_stream_is_marked_in_the_manifest(videos, tmp_path, capsys):
-    path = videos / "run/a.avi"
-    content = bytearray(path.read_bytes())
-    # within the picture data of a JPEG
-    content[len(content) // 2 : len(content) // 2 + 40] = bytes(range(1, 41))
-    path.write_bytes(content)
-    (tmp_path / "one").mkdir()
+    (videos / "run/a.avi").unlink()
+    damage(write_stream(videos / "run/a.mp4", moving_square(24)))
     for jobs in (1, 2):
         out = tmp_path / f"out{jobs}"
         assert main(["convert-videos", str(videos), "--out", str(out), "--jobs", str(jobs)]) == 0
         told = capsys.readouterr()
         found = {line["video"]: line.get("decoder_errors", 0) for line in lines(out)[1:]}
-        assert found.pop("run/a.avi") >= 1
+        assert found.pop("run/a.mp4") >= 1
         assert not any(found.values())
-        assert "run/a.avi: its stream is damaged, pictures may be smeared: " in told.err
+        assert "run/a.mp4: its stream is damaged, pictures may be smeared: " in told.err
         assert told.out.startswith("4 converted, 0 were there, 0 failed")
 
 

@@ -1,14 +1,14 @@
 """FFmpeg's own complaints about a stream, counted."""
 
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from threading import Barrier
 
-import cv2
-import numpy as np
 import pytest
-from clips import moving_square
+from clips import damage, moving_square, write_stream
 
 from nvsdata.video import decoder_errors as module
 from nvsdata.video.decoder_errors import DecoderErrors, decoder_errors
@@ -20,24 +20,13 @@ FRAMES = 24
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    """A video of pictures that are told as changes of those before."""
-    path = tmp_path_factory.mktemp("clip") / "a.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25, (64, 48))
-    for frame in moving_square(FRAMES):
-        writer.write(frame)
-    writer.release()
-    return path
+    return write_stream(tmp_path_factory.mktemp("clip") / "a.mp4", moving_square(FRAMES))
 
 
 @pytest.fixture
 def damaged(clip, tmp_path):
-    """The same with ten bytes in the middle of its stream overwritten; as many frames come out of it."""
-    content = bytearray(clip.read_bytes())
-    stream = content.index(b"mdat")
-    start = stream + int.from_bytes(content[stream - 4 : stream], "big") // 2
-    content[start : start + 10] = np.random.default_rng(0).integers(0, 256, 10, np.uint8).tobytes()
-    path = tmp_path / "damaged.mp4"
-    path.write_bytes(content)
+    path = Path(shutil.copy(clip, tmp_path / "damaged.mp4"))
+    damage(path)
     return path
 
 
