@@ -10,7 +10,6 @@ import multiprocessing.popen_spawn_posix
 import os
 import re
 import signal
-import subprocess
 import sys
 
 GONE = (
@@ -34,13 +33,14 @@ def _needed_by_the_standard_library():
     import platform  # noqa: F401
     import random  # noqa: F401
     import selectors  # noqa: F401
-    import shutil  # noqa: F401
+    import shutil
     import socketserver  # noqa: F401
     import tempfile  # noqa: F401
     import threading  # noqa: F401
     import uuid  # noqa: F401
 
-    return subprocess.Popen
+    # Windows has no folders by their descriptors
+    shutil._use_fd_functions = False
 
 
 def _take_away():
