@@ -13,7 +13,7 @@ from nvsdata.data.pseudo import Pseudo, Reach, pseudo
 from nvsdata.data.pyg import fields_of, is_pyg
 from nvsdata.data.pytree import pytree_node
 from nvsdata.data.recording import misplaced
-from nvsdata.kernels import graph as kernel
+from nvsdata.kernels.graph import edges as kernel
 
 if TYPE_CHECKING:
     from torch_geometric.data import Batch, Data

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import torch
 
-from nvsdata.kernels import graph as kernel
+from nvsdata.kernels.graph import edges as kernel
 
 Pseudo = Literal["abs", "signed", "signed-time"]
 Reach = tuple[float, ...]

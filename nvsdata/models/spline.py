@@ -14,7 +14,7 @@ from nvsdata.common.validation import at_least
 from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.pseudo import origin
 from nvsdata.kernels import spline as kernel
-from nvsdata.kernels.graph import with_self_loops
+from nvsdata.kernels.graph.edges import with_self_loops
 
 # up to this many (cell, channel) pairs, aggregating all of them is cheaper than finding those that occur
 DENSE = 128

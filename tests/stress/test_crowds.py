@@ -10,7 +10,7 @@ import nvsdata
 from nvsdata import EventFolder, Events, collate, models
 from nvsdata import transforms as T
 from nvsdata.datasets.store.writer import pack
-from nvsdata.kernels.neighbors import near_edges
+from nvsdata.kernels.graph.neighbors import near_edges
 
 MANY = 1_000_000
 SIDE = 32_767  # pixels of the largest sensor

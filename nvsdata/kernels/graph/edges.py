@@ -1,0 +1,81 @@
+"""Loops over the edges of a graph."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+from nvsdata.kernels.graph.neighbors import near_sources
+
+GROUPED, UNGROUPED, NO_SUCH_NODE, NOT_FINITE = 0, 1, 2, 3  # results of `check_edges`
+
+
+def event_graph(
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    p: np.ndarray,
+    start: int,
+    radius: float,
+    alpha: float,
+    beta: float,
+    k: int,
+    reach: tuple[float, ...],
+    signed: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the arrays of a graph of events: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges, pseudo-coordinates.
+
+    See `near_sources` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
+    """
+    degree, source, count = near_sources(t, x, y, radius, alpha, beta, k)
+    feature, pos = np.empty((t.size, 1), np.float32), np.empty((t.size, 2), np.float32)
+    np.subtract(2 * p.astype(np.float32), 1, out=feature[:, 0])
+    pos[:, 0], pos[:, 1] = x, y
+    edges, u = np.empty((2, count), np.int64), np.empty((count, len(reach)), np.float32)
+    _native.event_edges(degree, source, pos, t, *_ends(reach), signed, edges, u)
+    return feature, pos, t - start, edges, u
+
+
+def pseudo_coordinates(
+    pos: np.ndarray, t: np.ndarray, edges: np.ndarray, reach: tuple[float, ...], signed: bool
+) -> np.ndarray:
+    """Return differences from target to source of every edge, as fractions of `reach`: float32 [E, len(reach)]. O(E).
+
+    Args:
+        pos: float32 [N, 2].
+        t: int64 [N].
+        edges: int64 [2, E].
+        reach: for x, y and, if there are three, t.
+        signed: the result is 1/2 + d / (2 reach), clipped to 0..1, instead of min(|d| / reach, 1).
+
+    Raises:
+        IndexError: an edge names a node that doesn't exist.
+    """
+    out = np.empty((edges.shape[1], len(reach)), np.float32)
+    if not _native.pseudo_coordinates(pos, t, edges, *_ends(reach), signed, out):
+        raise IndexError("edge_index names a node that is not there")
+    return out
+
+
+def _ends(reach: tuple[float, ...]) -> tuple[float, float, float]:
+    return reach[0], reach[1], reach[2] if len(reach) == 3 else 1.0
+
+
+def check_edges(source: np.ndarray, target: np.ndarray, u: np.ndarray, nodes: int) -> int:
+    """Return whether edges are valid, and whether they are grouped by target: one of the codes above. O(E)."""
+    code: int = _native.check_edges(source, target, u, nodes)
+    return code
+
+
+def with_self_loops(
+    source: np.ndarray, target: np.ndarray, u: np.ndarray, nodes: int, origin: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return edges grouped by target, with a self-loop of pseudo-coordinates `origin` in front of each group. O(E + N).
+
+    `source`, `target` int64 [E] are sorted by target, `u` is float [E, D]; the results are int64 [2, E + N] and
+    [E + N, D].
+    """
+    edges = np.empty((2, source.size + nodes), np.int64)
+    out = np.empty((source.size + nodes, u.shape[1]), u.dtype)
+    _native.with_self_loops(source, target, u, origin, edges, out)
+    return edges, out

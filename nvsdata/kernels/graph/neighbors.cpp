@@ -1,0 +1,372 @@
+// The nearest events of each event, in space and time.
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "../native/bind.h"
+#include "../native/bits.h"
+#include "pixels.h"
+
+namespace nvsdata {
+
+constexpr double ROUNDING = 1e-12;  // by how much more than a rounded bound is searched
+
+// Squared distance: alpha (dx² + dy²) + beta dt².
+struct Metric {
+    double radius, alpha, beta;
+    i64 k;
+    double limit() const { return radius * radius; }
+};
+
+// Lists of the sources of each event, at most k, ascending: how many, and in each row, with room for one more, which.
+struct Sources {
+    Span<i32> degree;
+    Rows<i32> source;
+    i32* of(i64 i) const { return source[i].data(); }
+};
+
+namespace {
+
+struct Candidate {
+    double d;
+    i64 dt;
+    i32 event;
+    bool operator<(const Candidate& other) const {
+        if (d != other.d) return d < other.d;
+        return dt != other.dt ? dt < other.dt : event < other.event;
+    }
+};
+
+// The k nearest of the candidates that are offered, in their order.
+class Nearest {
+public:
+    explicit Nearest(i64 k) : k_(std::size_t(k)) {}
+    void clear() { found_.clear(); }
+    bool full() const { return found_.size() == k_; }
+    const Candidate& worst() const { return found_.back(); }
+    bool offer(const Candidate& candidate) {
+        if (full()) {
+            if (!(candidate < worst())) return false;
+            found_.pop_back();
+        }
+        found_.insert(std::upper_bound(found_.begin(), found_.end(), candidate), candidate);
+        return true;
+    }
+    void list(const Sources& sources, i64 i) const {
+        i32* out = sources.of(i);
+        for (std::size_t n = 0; n < found_.size(); ++n) out[n] = found_[n].event;
+        std::sort(out, out + found_.size());
+        sources.degree[i] = i32(found_.size());
+    }
+
+private:
+    std::size_t k_;
+    std::vector<Candidate> found_;
+};
+
+// Sets of events of two kinds, that come out in order.
+class Marks {
+public:
+    explicit Marks(std::size_t n) : words_(2 * ((n >> 6) + 1)), used_((n >> 12) + 1) {}
+    void mark(i32 event, int kind) {
+        std::size_t word = std::size_t(event) >> 6;
+        words_[2 * word + kind] |= u64(1) << (event & 63);
+        used_[word >> 6] |= u64(1) << (word & 63);
+    }
+    // calls `each(event, kind)` and forgets all
+    template <class Each>
+    void drain(Each each) {
+        for (std::size_t group = 0; group < used_.size(); ++group) {
+            for (u64 words = std::exchange(used_[group], 0); words; words &= words - 1) {
+                std::size_t word = group << 6 | trailing_zeros(words);
+                u64 last = std::exchange(words_[2 * word + 1], 0);
+                for (u64 bits = std::exchange(words_[2 * word], 0) | last; bits; bits &= bits - 1) {
+                    int bit = trailing_zeros(bits);
+                    each(i32(word << 6 | bit), last >> bit & 1);
+                }
+            }
+        }
+    }
+
+private:
+    std::vector<u64> words_, used_;
+};
+
+class Search {
+public:
+    Search(Span<const i64> t, Pixels&& pixels, const Metric& metric, const Sources& sources)
+        : t_(t), pixels_(std::move(pixels)), metric_(metric), sources_(sources), marks_(t.size()), nearest_(metric.k) {}
+
+    void run() {
+        double alpha = metric_.alpha, limit = metric_.limit();
+        double span = t_.empty() ? 0 : double(t_[t_.size() - 1] - t_[0]);
+        // rounded like a distance, because at exactly the radius a bit decides
+        slack_ = metric_.beta * (span * span);
+        i64 furthest = 0, blur = 0;
+        if (alpha > 0) {
+            furthest = i64(std::min(std::floor(limit / alpha * (1 + ROUNDING)), double(FAR)));
+            blur = i64(std::min(std::floor(slack_ / alpha * (1 + ROUNDING)), double(FAR)));
+        }
+        Offsets offsets(std::min(furthest, LISTED * LISTED), pixels_.columns);
+        for (i32 pixel = 0; pixel < i32(pixels_.size()); ++pixel) {
+            i64 total = pixels_.near(pixel, metric_.k + 1, furthest, blur, offsets, near_);
+            bool sure = true;
+            if (alpha * double(near_.back().apart) + slack_ > limit) sure = keep_near_in_time(pixel, total);
+            if (sure && (blur == 0 || total <= metric_.k + 1))
+                by_rings(pixel, total);
+            else
+                one_by_one(pixel);
+        }
+    }
+
+private:
+    Span<const i64> t_;
+    Pixels pixels_;
+    const Metric& metric_;
+    Sources sources_;
+    Marks marks_;
+    Nearest nearest_;
+    double slack_ = 0;  // what the longest difference in time adds to a distance
+    std::vector<Near> near_;
+    std::vector<i32> whole_, last_, place_;
+
+    const i32* begin(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel]; }
+    const i32* end(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel + 1]; }
+
+    // Keep the near pixels of which some event is near in time, too; whether all of their events are.
+    bool keep_near_in_time(i32 pixel, i64& total) {
+        double alpha = metric_.alpha, limit = metric_.limit();
+        bool sure = true;
+        auto far = std::remove_if(near_.begin(), near_.end(), [&](const Near& other) {
+            if (alpha * double(other.apart) + slack_ <= limit) return false;
+            double left = limit - alpha * double(other.apart);
+            bool none = left < 0 || !any_within(std::sqrt((left + limit * ROUNDING) / metric_.beta) + 1, pixel, other.pixel);
+            if (none) total -= pixels_.events(other.pixel);
+            sure = sure && none;
+            return none;
+        });
+        near_.erase(far, near_.end());
+        return sure;
+    }
+
+    // Whether some event of one pixel and another of the other are at most `dt` µs apart.
+    bool any_within(double dt, i32 a, i32 b) const {
+        for (auto i = begin(a), j = begin(b); i != end(a) && j != end(b);) {
+            i64 apart = t_[*i] - t_[*j];
+            if (double(std::abs(apart)) <= dt) return true;
+            apart < 0 ? ++i : ++j;
+        }
+        return false;
+    }
+
+    // No time makes up for a difference in space, and all events are near enough in time: whole rings of pixels are
+    // sources of all the pixel's events; of the last ring each event takes those that are nearest in time.
+    void by_rings(i32 pixel, i64 total) {
+        i64 k = metric_.k, left = 0;
+        std::size_t q = near_.size();
+        if (total > k + 1) {
+            left = k + 1 - total;
+            for (i64 ring = near_.back().apart; q && near_[q - 1].apart == ring; --q) left += pixels_.events(near_[q - 1].pixel);
+        }
+        for (std::size_t p = 0; p < near_.size(); ++p)
+            for (auto e = begin(near_[p].pixel); e != end(near_[p].pixel); ++e) marks_.mark(*e, p >= q);
+        whole_.clear(), last_.clear();
+        marks_.drain([&](i32 event, bool last) { (last ? last_ : whole_).push_back(event); });
+        bool own = q == 0;
+        std::size_t from = 0;
+        for (auto e = begin(pixel); e != end(pixel); ++e) {
+            i32* out = sources_.of(*e);
+            i32* first = out;
+            if (left == 0) {
+                for (i32 event : whole_) {
+                    *out = event;
+                    out += event != *e;
+                }
+            } else {
+                out = merged(nearest_in_time(*e, left, own, from), *e, out);
+            }
+            sources_.degree[*e] = i32(out - first);
+        }
+    }
+    struct Runs {
+        std::size_t a, b, c, d;  // of last_: from a up to b, and from c up to d
+    };
+
+    // The `left` events of the last ring that are nearest to event i in time; those lie side by side, but of equally
+    // near ones those of smallest index count. `from` only moves forward.
+    Runs nearest_in_time(i32 i, i64 left, bool own, std::size_t& from) const {
+        std::size_t some = std::min(std::size_t(left), last_.size());
+        auto time = [&](std::size_t n) { return t_[last_[n]]; };
+        while (from + some < last_.size()) {
+            i64 later = time(from + some), earlier = time(from);
+            if (later != earlier && std::abs(later - t_[i]) >= std::abs(earlier - t_[i])) break;
+            ++from;
+        }
+        std::size_t stop = from + some;
+        if (some == 0 || ((from == 0 || time(from - 1) != time(from)) && !own)) return {from, stop, stop, stop};
+        // only the first of the chosen may have equals before them
+        auto at = [&](std::size_t lo, std::size_t hi, i64 value) {
+            auto found = std::lower_bound(last_.begin() + lo, last_.begin() + hi, value, [&](i32 j, i64 v) { return t_[j] < v; });
+            return std::size_t(found - last_.begin());
+        };
+        i64 equal = time(from);
+        std::size_t begin = at(0, from, equal), end = at(from, stop, equal + 1), count = end - from;
+        if (own && equal == t_[i]) {
+            // one of them is i itself, or stands for it
+            std::size_t others = count - 1;
+            count = others + (others > 0 && last_[begin + others - 1] >= i);
+        }
+        return {count ? begin : end, (count ? begin : end) + count, end, stop};
+    }
+
+    // Events of whole rings and those of the last ring that were chosen, without event i, ascending.
+    i32* merged(Runs runs, i32 i, i32* out) const {
+        auto whole = whole_.begin();
+        auto put = [&](i32 event) {
+            *out = event;
+            out += event != i;
+        };
+        for (auto [from, to] : {std::pair(runs.a, runs.b), std::pair(runs.c, runs.d)})
+            for (std::size_t n = from; n < to; ++n) {
+                for (; whole != whole_.end() && *whole < last_[n]; ++whole) put(*whole);
+                put(last_[n]);
+            }
+        for (; whole != whole_.end(); ++whole) put(*whole);
+        return out;
+    }
+
+    // Sources of a pixel's events where distances in space and time add up: pixel by pixel, outward in time.
+    void one_by_one(i32 pixel) {
+        place_.clear();
+        for (const Near& other : near_) place_.push_back(pixels_.first[other.pixel]);
+        for (auto e = begin(pixel); e != end(pixel); ++e) {
+            nearest_.clear();
+            for (std::size_t q = 0; q < near_.size(); ++q) {
+                double base = metric_.alpha * double(near_[q].apart);
+                i32 stop = pixels_.first[near_[q].pixel + 1];
+                while (place_[q] < stop && pixels_.order[place_[q]] < *e) ++place_[q];
+                if (nearest_.full() && base > nearest_.worst().d) break;
+                outward(*e, base, begin(near_[q].pixel), pixels_.order.data() + place_[q], end(near_[q].pixel));
+            }
+            nearest_.list(sources_, *e);
+        }
+    }
+
+    // Offer the events of a pixel, nearest in time first, as long as they are near enough; `later` is the first of them
+    // that is not before event i. Of equal times the smaller indices come first.
+    void outward(i32 i, double base, const i32* first, const i32* later, const i32* end) {
+        auto offer = [&](i32 j) {
+            i64 dt = std::abs(t_[j] - t_[i]);
+            double d = base + metric_.beta * (double(dt) * double(dt));
+            return d <= metric_.limit() && nearest_.offer({d, dt, j});
+        };
+        bool open = true;
+        for (auto j = later; open && j != end; ++j) open = *j == i || offer(*j);
+        open = true;
+        for (auto stop = later; open && stop != first;) {
+            // a run of equal times
+            auto run = std::lower_bound(first, stop, t_[stop[-1]], [&](i32 j, i64 v) { return t_[j] < v; });
+            for (auto j = run; open && j != stop; ++j) open = offer(*j);
+            stop = run;
+        }
+    }
+};
+
+// Pairs that are near in time, from each event backward; fills the lists of both events. O(N + pairs in time).
+template <class Coordinate>
+void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, const Metric& metric, i64 reach,
+           const Sources& sources) {
+    std::size_t n = t.size();
+    i64 k = metric.k;
+    double limit = metric.limit();
+    auto distance = [&](i64 i, i64 j) {
+        double dx = i32(x[i]) - i32(x[j]), dy = i32(y[i]) - i32(y[j]), dt = double(t[i] - t[j]);
+        return metric.alpha * (dx * dx + dy * dy) + metric.beta * (dt * dt);
+    };
+    auto nearer = [&](i64 i, i64 j, i64 other) {
+        return Candidate{distance(i, j), std::abs(t[j] - t[i]), i32(j)} <
+               Candidate{distance(i, other), std::abs(t[other] - t[i]), i32(other)};
+    };
+    std::vector<i32> worst(n);
+    auto find_worst = [&](i64 i) {
+        worst[i] = 0;
+        for (i32 other = 1; other < k; ++other)
+            if (nearer(i, sources.of(i)[worst[i]], sources.of(i)[other])) worst[i] = other;
+    };
+    auto insert = [&](i64 i, i64 j) {
+        i32& have = sources.degree[i];
+        if (have < k) {
+            sources.of(i)[have++] = i32(j);
+            if (have == k) find_worst(i);
+        } else if (nearer(i, j, sources.of(i)[worst[i]])) {
+            sources.of(i)[worst[i]] = i32(j);
+            find_worst(i);
+        }
+    };
+    std::size_t first = 0;
+    double side = std::floor(std::sqrt(limit / metric.alpha)) + 1;
+    std::vector<u32> place(n);
+    for (std::size_t i = 0; i < n; ++i) place[i] = u32(y[i]) << 16 | u32(x[i]);
+    // both differences lie in 0..2 side, or in the next power of two, if no bit outside is set
+    u32 wide = 1;
+    while (wide < u32(2 * side + 1)) wide *= 2;
+    u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
+    std::vector<i32> near(n + 1);
+    for (std::size_t i = 0; i < n; ++i) {
+        while (t[i] - t[first] > reach) ++first;
+        u32 corner = place[i] - margin;
+        std::size_t found = 0;
+        // no branch, because which events are near is unpredictable
+        for (std::size_t j = first; j < i; ++j) {
+            near[found] = i32(j);
+            found += ((place[j] - corner) & outside) == 0;
+        }
+        for (std::size_t q = 0; q < found; ++q) {
+            i64 j = near[q];
+            if (distance(i64(i), j) > limit) continue;
+            insert(i64(i), j);
+            insert(j, i64(i));
+        }
+    }
+    for (std::size_t i = 0; i < n; ++i) std::sort(sources.of(i64(i)), sources.of(i64(i)) + sources.degree[i]);
+}
+
+// Number of pairs that are at most `reach` apart in time. O(N).
+i64 pairs_in_time(Span<const i64> t, i64 reach) {
+    i64 pairs = 0, first = 0;
+    for (i64 i = 0; i < i64(t.size()); ++i) {
+        while (t[i] - t[first] > reach) ++first;
+        pairs += i - first;
+    }
+    return pairs;
+}
+
+}  // namespace
+
+template <class Coordinate>
+i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, double radius, double alpha,
+                 double beta, i64 sweep_below, Span<i32> degree, Rows<i32> source) {
+    i64 n = t.size();
+    if (n == 0) return 0;
+    Metric metric{radius, alpha, beta, source.columns() - 1};
+    Sources sources{degree, source};
+    double limit = metric.limit();
+    bool swept = false;
+    if (alpha > 0 && beta > 0 && limit / beta < 1e36 && limit / alpha < 1e8) {
+        i64 reach = i64(std::sqrt(limit / beta * (1 + ROUNDING))) + 1;
+        swept = pairs_in_time(t, reach) <= sweep_below * n;
+        if (swept) sweep(t, x, y, metric, reach, sources);
+    }
+    if (!swept) Search(t, Pixels(x, y, alpha > 0), metric, sources).run();
+    return std::accumulate(degree.begin(), degree.end(), i64(0));
+}
+
+i64 pairs(Span<const i64> t, i64 reach) { return pairs_in_time(t, reach); }
+
+void define_neighbors(nb::module_& module) {
+    define<near_sources<i16>>(module, "near_sources");
+    define<near_sources<i32>>(module, "near_sources");
+    define<pairs>(module, "pairs_in_time");
+}
+
+}  // namespace nvsdata

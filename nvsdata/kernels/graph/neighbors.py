@@ -1,0 +1,69 @@
+"""The nearest events of each event, in space and time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+SWEEP = 48  # mean number of events near in time up to which testing all of them is fastest
+
+
+def near_sources(
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: float,
+    alpha: float,
+    beta: float,
+    k: int,
+    sweep_below: int = SWEEP,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Find the `k` nearest others within `radius` of each event.
+
+    The squared distance is alpha (dx² + dy²) + beta dt²; of equals the one nearer in time is nearer, then the one
+    of smaller index, as in the author's released graphs. O(N (pixels within the distance of the k-th + k)), however
+    many events a pixel has, where no time makes up for a difference in space; otherwise k² takes the place of k. If on
+    average fewer than `sweep_below` events are near in time, those are tested instead.
+
+    Args:
+        t: int64 [N], must not decrease.
+        x: int16 or int32 [N].
+        y: of the same type.
+        radius: may be infinite if alpha > 0.
+        alpha: weight of squared pixels.
+        beta: weight of squared µs.
+        k: at least 1.
+        sweep_below: see above; 0 and very large numbers choose one of the two ways.
+
+    Returns:
+        Number of sources of each event, int32 [N]; in each row of an int32 [N, min(k, N - 1) + 1] which, ascending;
+        the number of all.
+    """
+    k = max(min(k, t.size - 1), 1)
+    degree = np.zeros(t.size, np.int32)
+    source = np.empty((t.size, k + 1), np.int32)
+    return degree, source, _native.near_sources(t, x, y, radius, alpha, beta, sweep_below, degree, source)
+
+
+def near_edges(
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: float,
+    alpha: float,
+    beta: float,
+    k: int,
+    sweep_below: int = SWEEP,
+) -> np.ndarray:
+    """Return the edges to each event from its `near_sources`: int64 [2, E], sorted by (target, source)."""
+    degree, source, count = near_sources(t, x, y, radius, alpha, beta, k, sweep_below)
+    edges = np.empty((2, count), np.int64)
+    _native.listed_edges(degree, source, edges)
+    return edges
+
+
+def pairs_in_time(t: np.ndarray, reach: int) -> int:
+    """Return the number of pairs that are at most `reach` apart in time, int64 [N]. O(N)."""
+    pairs: int = _native.pairs_in_time(t, reach)
+    return pairs

@@ -1,0 +1,191 @@
+// Events grouped by pixel, and the pixels near a pixel that have events.
+#pragma once
+
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
+#include "../native/span.h"
+
+namespace nvsdata {
+
+constexpr i64 FAR = i64(1) << 40;  // squared pixels: more than between any two pixels
+constexpr i64 LISTED = 8;          // pixels up to which the offsets of neighbors are listed, nearest first
+constexpr i64 SPACIOUS = 64;        // places per event up to which a map of all places is made
+
+// Offsets of squared length up to `furthest`, nearest first; rings of equal length.
+struct Offsets {
+    std::vector<i64> steps;   // to the neighbor's place in the map
+    std::vector<i64> begins;  // first offset of each ring, and their number at the end
+    std::vector<i64> lengths; // squared, of each ring
+
+    Offsets(i64 furthest, i64 columns) {
+        i64 reach = 0;
+        while ((reach + 1) * (reach + 1) <= furthest) ++reach;
+        std::vector<std::pair<i64, i64>> all;
+        for (i64 dy = -reach; dy <= reach; ++dy)
+            for (i64 dx = -reach; dx <= reach; ++dx)
+                if (dx * dx + dy * dy <= furthest) all.emplace_back(dx * dx + dy * dy, dy * columns + dx);
+        std::sort(all.begin(), all.end());
+        for (auto [length, step] : all) {
+            if (lengths.empty() || lengths.back() != length) {
+                begins.push_back(i64(steps.size()));
+                lengths.push_back(length);
+            }
+            steps.push_back(step);
+        }
+        begins.push_back(i64(steps.size()));
+    }
+};
+
+struct Near {
+    i64 apart;  // squared pixels
+    i32 pixel;
+    bool operator<(const Near& other) const { return apart < other.apart || (apart == other.apart && pixel < other.pixel); }
+};
+
+// The pixels that have events, row by row. O(N), or O(N log N) where they lie far apart.
+struct Pixels {
+    std::vector<i32> order, first;  // events pixel by pixel, in order within each; where those of each pixel begin
+    std::vector<i32> x, y;          // of each pixel, from the corner of the box around all events, LISTED pixels wider
+    std::vector<i32> map;           // the pixel at each place of that box, -1 where none is; empty if it were large
+    std::vector<i32> row, begins;   // rows that have pixels, and where the pixels of each begin
+    std::vector<i32> row_of;        // of each pixel, index of its row
+    i64 columns = 0;
+
+    template <class Coordinate>
+    Pixels(Span<const Coordinate> xs, Span<const Coordinate> ys, bool apart) {
+        std::size_t n = xs.size();
+        if (n == 0) {
+            first.push_back(0);
+            return;
+        }
+        // without `apart` all events are at one place
+        i64 left = 0, top = 0, right = 0, bottom = 0;
+        if (apart) {
+            auto [x0, x1] = std::minmax_element(xs.begin(), xs.end());
+            auto [y0, y1] = std::minmax_element(ys.begin(), ys.end());
+            left = *x0, right = *x1, top = *y0, bottom = *y1;
+        }
+        columns = right - left + 1 + 2 * LISTED;
+        i64 places = columns * (bottom - top + 1 + 2 * LISTED);
+        auto place = [&](std::size_t i) {
+            return apart ? (ys[i] - top + LISTED) * columns + xs[i] - left + LISTED : LISTED * columns + LISTED;
+        };
+        order.resize(n);
+        if (places <= SPACIOUS * i64(n + 512)) {
+            map.assign(places, 0);
+            for (std::size_t i = 0; i < n; ++i) ++map[place(i)];
+            i32 begin = 0;
+            std::vector<i32> next;
+            for (i64 at = 0; at < places; ++at) {
+                i32 count = map[at];
+                map[at] = count ? add(at, begin) : -1;
+                begin += count;
+            }
+            next = first;
+            for (std::size_t i = 0; i < n; ++i) order[next[map[place(i)]]++] = i32(i);
+        } else {
+            std::iota(order.begin(), order.end(), 0);
+            std::vector<i64> places_of(n);
+            for (std::size_t i = 0; i < n; ++i) places_of[i] = place(i);
+            std::stable_sort(order.begin(), order.end(), [&](i32 a, i32 b) { return places_of[a] < places_of[b]; });
+            for (std::size_t e = 0; e < n; ++e)
+                if (e == 0 || places_of[order[e]] != places_of[order[e - 1]]) add(places_of[order[e]], i32(e));
+        }
+        first.push_back(i32(n));
+        begins.push_back(i32(x.size()));
+    }
+
+    std::size_t size() const { return x.size(); }
+    i64 events(i32 pixel) const { return first[pixel + 1] - first[pixel]; }
+
+    // The pixels around one, itself included, nearest first, none further than `furthest`; how many events they have.
+    // As soon as pixels up to some distance have `enough` events together, others are left out unless they are nearer
+    // than that plus `blur`.
+    i64 near(i32 pixel, i64 enough, i64 furthest, i64 blur, const Offsets& offsets, std::vector<Near>& found) const {
+        found.clear();
+        return map.empty() || furthest > LISTED * LISTED ? outward(pixel, enough, furthest, blur, found)
+                                                         : listed(pixel, enough, furthest, blur, offsets, found);
+    }
+
+private:
+    i32 add(i64 at, i32 begin) {
+        i32 pixel = i32(x.size()), here = i32(at / columns);
+        x.push_back(i32(at - here * columns));
+        y.push_back(here);
+        first.push_back(begin);
+        if (row.empty() || row.back() != here) {
+            row.push_back(here);
+            begins.push_back(pixel);
+        }
+        row_of.push_back(i32(row.size()) - 1);
+        return pixel;
+    }
+
+    i64 listed(i32 pixel, i64 enough, i64 furthest, i64 blur, const Offsets& offsets, std::vector<Near>& found) const {
+        const i32* here = map.data() + y[pixel] * columns + x[pixel];
+        i64 total = 0, bound = furthest;
+        std::size_t m = 0;
+        found.resize(offsets.steps.size() + 1);
+        for (std::size_t ring = 0; ring < offsets.lengths.size() && offsets.lengths[ring] <= bound; ++ring) {
+            std::size_t before = m;
+            // without branches, because which pixels have events is unpredictable
+            for (i64 o = offsets.begins[ring]; o < offsets.begins[ring + 1]; ++o) {
+                i32 q = here[offsets.steps[o]];
+                found[m] = {offsets.lengths[ring], q};
+                m += q >= 0;
+            }
+            for (std::size_t q = before; q < m; ++q) total += events(found[q].pixel);
+            if (total >= enough) bound = std::min(bound, offsets.lengths[ring] + blur);
+        }
+        found.resize(m);
+        return total;
+    }
+
+    // Row by row, and pixel by pixel within a row, the nearest first.
+    i64 outward(i32 pixel, i64 enough, i64 furthest, i64 blur, std::vector<Near>& found) const {
+        i64 total = 0, bound = furthest;
+        std::size_t full = 0;
+        auto cut = [&] {
+            std::sort(found.begin(), found.end());
+            i64 have = 0;
+            std::size_t m = 0;
+            for (; m < found.size() && found[m].apart <= bound; ++m) {
+                if (have < enough && (have += events(found[m].pixel)) >= enough)
+                    bound = std::min(bound, found[m].apart + blur);
+            }
+            for (std::size_t q = m; q < found.size(); ++q) total -= events(found[q].pixel);
+            found.resize(m);
+            full = 2 * m;
+        };
+        auto take = [&](i32 q, i64 d) {
+            found.push_back({d, q});
+            total += events(q);
+            if (total >= enough && found.size() >= full) cut();
+        };
+        auto along = [&](i32 r) {
+            i64 dy = row[r] - y[pixel];
+            auto begin = x.begin() + begins[r], end = x.begin() + begins[r + 1];
+            auto after = std::lower_bound(begin, end, x[pixel]), before = after;
+            while (before != begin || after != end) {
+                i64 ahead = after != end ? *after - x[pixel] : FAR, behind = before != begin ? x[pixel] - before[-1] : FAR;
+                i64 dx = std::min(ahead, behind);
+                if (dx * dx + dy * dy > bound) return;
+                take(i32((ahead <= behind ? after++ : --before) - x.begin()), dx * dx + dy * dy);
+            }
+        };
+        along(row_of[pixel]);
+        i32 up = row_of[pixel] - 1, down = row_of[pixel] + 1, rows = i32(row.size());
+        while (up >= 0 || down < rows) {
+            i64 above = up >= 0 ? y[pixel] - row[up] : FAR, below = down < rows ? row[down] - y[pixel] : FAR;
+            i64 dy = std::min(above, below);
+            if (dy * dy > bound) break;
+            along(above <= below ? up-- : down++);
+        }
+        cut();
+        return total;
+    }
+};
+
+}  // namespace nvsdata

@@ -1,0 +1,57 @@
+"""Build backend: scikit-build-core, with the C++ compiler of the PyPI package `ziglang` where there is no other."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from scikit_build_core import build
+from scikit_build_core.build import *  # noqa: F403
+
+COMPILERS = ("c++", "g++", "clang++", "cl")
+
+
+def _has_compiler() -> bool:
+    # Visual Studio's is not on the path: CMake finds it
+    return os.name == "nt" or bool(os.environ.get("CXX")) or any(map(shutil.which, COMPILERS))
+
+
+def _with_zig(required: list[str]) -> list[str]:
+    return required if _has_compiler() else [*required, "ziglang"]
+
+
+def get_requires_for_build_wheel(settings=None):
+    """Return what a wheel's build needs."""
+    return _with_zig(build.get_requires_for_build_wheel(settings))
+
+
+def get_requires_for_build_editable(settings=None):
+    """Return what an editable installation's build needs."""
+    return _with_zig(build.get_requires_for_build_editable(settings))
+
+
+def build_wheel(folder, settings=None, metadata=None):
+    """Build a wheel."""
+    _choose_compiler()
+    return build.build_wheel(folder, settings, metadata)
+
+
+def build_editable(folder, settings=None, metadata=None):
+    """Build an editable wheel."""
+    _choose_compiler()
+    return build.build_editable(folder, settings, metadata)
+
+
+def _choose_compiler() -> None:
+    """Let CMake use zig's compiler, by scripts because CMake wants a compiler's path without arguments."""
+    if _has_compiler():
+        return
+    folder = Path("build/zig").absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, command in (("CC", "cc"), ("CXX", "c++"), ("AR", "ar"), ("RANLIB", "ranlib")):
+        script = folder / command
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ziglang {command} "$@"\n')
+        script.chmod(0o755)
+        os.environ[name] = str(script)
