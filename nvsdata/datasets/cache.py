@@ -39,7 +39,7 @@ INDIFFERENT = (
     "split_name",
     "fold",
     "_damage",
-    "_passes",
+    "_epochs",
 )
 # attributes that follow from the samples and their files' stamps
 FOUND = ("source", "class_to_idx", "samples", "targets", "skipped")
@@ -69,6 +69,10 @@ class Cached(Dataset[tuple[Any, Any]]):
         if isinstance(index, slice):
             return Subset(self, range(len(self))[index])
         return self.dataset.taken(range(len(self))[index], self._made)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the epoch of random numbers; see `Samples.set_epoch`."""
+        self.dataset.set_epoch(epoch)
 
     def _made(self, index: int) -> tuple[Any, Any]:
         file = self.folder / str(index // SHARD) / f"{index}.pt"
