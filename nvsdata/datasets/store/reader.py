@@ -13,6 +13,7 @@ from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
 from nvsdata.data.events import EVER, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
+from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
@@ -41,6 +42,7 @@ INDEX = (
 )
 UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
 MARKED = 256  # the index has the time of every 256th event
+CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
 
 
 class Store:
@@ -52,6 +54,8 @@ class Store:
     - `left_out`: recordings that couldn't be packed, name to reason
 
     Pickling is cheap: only the path is sent to workers, and each process opens the file itself.
+    The first read of a recording verifies its checksum, unless the environment variable `NVSDATA_STORE_CHECK` is 0 or
+    only a window of more than 4 MiB of events is read: FormatError if it fails.
     Raises FormatError for a file that is not a store, is truncated, is of another version, or whose
     index fails its checksum.
     """
@@ -71,6 +75,7 @@ class Store:
                 raise FormatError(path, "its index fails its checksum: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
             places = [_place(path, column) for column in columns]
+            self._event_size = sum(column.dtype.itemsize for column in columns)
             shapes = {column.shape for column in columns}
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
         # lists, because taking a number out of an array costs as much as the rest of a look-up
@@ -93,6 +98,9 @@ class Store:
         # arguments for `read_window`, if it can read the columns
         begins, like = [begin for *_, begin in self._places], [np.empty(0, kind) for kind, *_ in self._places]
         self._direct = (*begins, *like) if len(like) == len(COLUMNS) and hasattr(os, "pread") else ()
+        # which recordings are verified; forked workers share it
+        self._verified = Shared(len(self.names), np.bool_)
+        self._verified.values[:] = os.environ.get("NVSDATA_STORE_CHECK") == "0"
         self._file = path.open("rb", buffering=0)
         self._handle = self._file.fileno()
 
@@ -144,6 +152,9 @@ class Store:
     def read(self, number: int, start: int, stop: int) -> Columns:
         """Events of a recording with start <= t < stop: bisects the index, then reads that part of each column."""
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
+        if not self._verified.values[number] and (raw := self._verify(number, start, stop)):
+            columns = Columns.empty(hi - lo)
+            return columns.first(stored_window(*columns, base, start, stop, *raw))
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         first, last = marked_range(marks, base, start, stop)
         lo, hi = lo + first * MARKED, min(lo + last * MARKED, hi)
@@ -155,6 +166,20 @@ class Store:
             # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         return columns.first(count)
+
+    def _verify(self, number: int, start: int, stop: int) -> list[np.ndarray] | None:
+        """All events of a recording as they are stored, verified; None where that costs much more than the window."""
+        lo, hi = self._offset[number], self._offset[number + 1]
+        first, last = self.span(number)
+        if (hi - lo) * self._event_size > CHECKED and (start > first or stop <= last):
+            return None
+        raw = self._raw(lo, hi)
+        if crc_of(raw) != int(self._crc[number]):
+            reason = "its events fail their checksum: the store is damaged, pack the recording again"
+            _, size, begin = self._places[0] if self._places else (None, 0, 0)
+            raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
+        self._verified.values[number] = True
+        return raw
 
     def span(self, number: int) -> tuple[int, int]:
         """Times of the first and the last event of a recording."""

@@ -1,0 +1,86 @@
+"""Bytes of a store that have changed since it was packed: an error, or no difference; never other events."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trees
+
+import nvsdata
+from nvsdata import NMNIST, FormatError
+from nvsdata.datasets.store import reader
+
+
+@pytest.fixture
+def store(home, tmp_path):
+    nvsdata.pack(NMNIST(home(trees.nmnist()), "all"), tmp_path / "digits.h5")
+    return tmp_path / "digits.h5"
+
+
+def flipped(path, at, bit=0):
+    raw = bytearray(path.read_bytes())
+    raw[at] ^= 1 << bit
+    other = path.with_name("flipped.h5")
+    other.write_bytes(raw)
+    return other
+
+
+def place_of_events(path, number, column=1):
+    """The byte of the first event's `column` of a recording."""
+    opened = reader.Store(path)
+    _, size, begin = opened._places[column]
+    return begin + opened._offset[number] * size
+
+
+def test_any_flipped_byte_gives_an_error_or_the_same_events(store):
+    expected = list(NMNIST(store, "all"))
+    random = np.random.default_rng(0)
+    found = {"the same": 0, "an error": 0}
+    for at in random.choice(store.stat().st_size, 400, replace=False).tolist():
+        try:
+            samples = list(NMNIST(flipped(store, at, int(random.integers(8))), "all"))
+        except FormatError as error:
+            found["an error"] += "flipped.h5" in str(error)
+        else:
+            assert samples == expected
+            found["the same"] += 1
+    assert sum(found.values()) == 400
+    assert min(found.values()) > 0
+
+
+@pytest.mark.parametrize("window", [(None, None), (0, 10)])
+def test_an_error_names_store_recording_and_byte(store, window):
+    at = place_of_events(store, 3)
+    dataset = NMNIST(flipped(store, at), "all")
+    name = dataset.source.names[3]
+    begin = place_of_events(store, 3, column=0)
+    with pytest.raises(FormatError, match=rf"flipped\.h5:{name}: byte {begin}: .* checksum"):
+        dataset.named(name).read(*window)
+    # and no other recording
+    assert len(dataset.named(dataset.source.names[4]).read())
+
+
+def test_a_recording_is_verified_at_its_first_read_only(store, monkeypatch):
+    dataset = NMNIST(store, "all")
+    verified = []
+    monkeypatch.setattr(reader, "crc_of", lambda raw, real=reader.crc_of: verified.append(len(raw[0])) or real(raw))
+    lengths = [len(dataset[index][0]) for index in (0, 1, 0)]
+    dataset.recording(1).read(0, 5)
+    assert verified == lengths[:2]
+
+
+def test_a_window_of_a_long_recording_is_not_verified_the_whole_is(store, monkeypatch):
+    monkeypatch.setattr(reader, "CHECKED", 100)
+    damaged = NMNIST(flipped(store, place_of_events(store, 0)), "all")
+    recording = damaged.named(damaged.source.names[0])
+    recording.read(recording.span[0] + 1)
+    with pytest.raises(FormatError, match="checksum"):
+        recording.read()
+
+
+def test_verification_can_be_turned_off(store, monkeypatch):
+    expected = NMNIST(store, "all").source.read(0, 0, 2**40)
+    monkeypatch.setenv("NVSDATA_STORE_CHECK", "0")
+    found = NMNIST(flipped(store, place_of_events(store, 0)), "all").source.read(0, 0, 2**40)
+    assert np.array_equal(found.t, expected.t)
+    assert (found.x != expected.x).sum() == 1
