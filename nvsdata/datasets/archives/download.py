@@ -14,7 +14,7 @@ from nvsdata.common.files import claimed
 from nvsdata.common.locks import lock_path, locked
 from nvsdata.datasets.archives.arrival_check import fault_of
 from nvsdata.datasets.archives.transfer import MIRROR, fetch
-from nvsdata.datasets.archives.unpack import unpack
+from nvsdata.datasets.archives.unpack import difference, unpack
 from nvsdata.datasets.facts import Archive, Info
 
 WORK = ".nvsdata-download"  # folder in the root for unfinished work; it contains no files of the user
@@ -29,8 +29,9 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
 
     - `info`: facts about the dataset, including its archives
     - `root`: the folder, made if needed
-    - `keep`: whether archives stay in `root` beside what was unpacked; if not, each is deleted once it is unpacked, and
-      so is one that lies beside its folder, if its hash is known and right (default True)
+    - `keep`: whether archives stay in `root` (default True). If not, each is deleted once it is unpacked. One whose
+      folder was there before is deleted if its hash is known and right, and all of it is in the folder, byte for byte;
+      otherwise a warning says what is missing
 
     Environment variable NVSDATA_MIRROR: a folder of archives, or its address (https://...), which is tried
     before the addresses known here: first `info.name/ARCHIVE`, then `ARCHIVE`.
@@ -58,8 +59,27 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
             for archive in info.archives:
                 for path in unneeded([archive], root):
                     if archive.hash and not fault_of(path, archive.hash) and not _is_of_mirror(path):
-                        path.unlink()
+                        _delete_if_unpacked(archive, path, root)
     return [root / archive.folder for archive in info.archives if _is_there(root / archive.folder)]
+
+
+def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
+    """Delete an archive that an earlier run, or somebody else, unpacked: only if all of it is in its folder."""
+    work = root / WORK
+    work.mkdir(exist_ok=True)
+    try:
+        # the archive may contain the folder itself or only its content
+        missing = difference(path, root / archive.folder, work) and difference(path, root, work)
+    except DownloadError as error:
+        missing = str(error)
+    finally:
+        # the rest of a transfer stays
+        with suppress(OSError):
+            work.rmdir()
+    if missing:
+        warnings.warn(f"{path} is kept: it isn't all in {root / archive.folder} ({missing})", stacklevel=3)
+    else:
+        path.unlink()
 
 
 def unneeded(archives: Iterable[Archive], root: Path) -> list[Path]:
