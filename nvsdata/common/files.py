@@ -198,7 +198,7 @@ class Journal:
 
     def __enter__(self) -> Self:
         if self._torn:
-            with atomic(self.path) as temporary:
+            with named(self.path), atomic(self.path) as temporary:
                 temporary.write_text("".join(map(json_line, (self.head, *self.lines))))
         self._file = self.path.open("a", encoding="utf-8")
         return self
@@ -210,9 +210,10 @@ class Journal:
     def add(self, line: dict[str, Any]) -> None:
         """Append a line; it is on the disk when this returns."""
         assert self._file is not None, "a journal is added to within its block"
-        self._file.write(json_line(line))
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with named(self.path):
+            self._file.write(json_line(line))
+            self._file.flush()
+            os.fsync(self._file.fileno())
 
 
 def json_line(value: dict[str, Any]) -> str:

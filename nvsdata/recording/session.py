@@ -256,7 +256,7 @@ def run_batch(
     window = WINDOW if simulate else None
     with (
         Monitor(**screen, window=window, look=look) as monitor,
-        manifest_of(out, settings, format, monitor, resume=resume) as manifest,
+        manifest_of(out, settings, format, monitor, videos, resume=resume) as manifest,
     ):
         _tell_odd(monitor, simulate)
 
@@ -270,10 +270,6 @@ def run_batch(
         remark(estimate(left, list(manifest.videos.values()), out, monitor.refresh))
         try:
             result = record_videos(videos, out, manifest, find, monitor, settings, **how)
-        except KeyboardInterrupt:
-            there = sum(manifest.has(video, DONE) for video in videos)
-            say(f"{there:,} of {len(videos):,} are done: --resume goes on with them")
-            raise
         except BatchStopped as error:
             say(str(error))
             return GAVE_UP

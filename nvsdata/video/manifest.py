@@ -20,6 +20,7 @@ import numpy as np
 from nvsdata._version import __version__
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
+from nvsdata.common.terminal import say
 from nvsdata.video.decoder_errors import DecoderErrors
 from nvsdata.video.folder import Video, fatal, sha256
 
@@ -30,13 +31,15 @@ log = logging.getLogger(__name__)
 class Manifest(Journal):
     """`out/manifest.jsonl`, open for adding lines.
 
-    The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, and the versions
-    of the software. Each further line has a video's name, status, size, time and sha256, and what came of it. A video
-    that was tried twice has two lines; the last one counts.
+    The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, the versions of
+    the software, and the names of the last run's videos, so that it is known what is missing if that run ends early.
+    Each further line has a video's name, status, size, time and sha256, and what came of it: the size and sha256 of its
+    recording, or why it failed. A video that was tried twice has two lines; the last one counts.
 
     - `out`: the folder of recordings
     - `kind`: of the folder; the first key of the first line
     - `made`: settings that all recordings in the folder must share
+    - `videos`: names of the run's videos
     - `told`: what the first line also has, and may differ from run to run (default: nothing)
     - `name`: of the file (default "manifest.jsonl")
 
@@ -44,7 +47,13 @@ class Manifest(Journal):
     """
 
     def __init__(
-        self, out: Path, kind: str, made: dict[str, Any], told: dict[str, Any] | None = None, name: str = NAME
+        self,
+        out: Path,
+        kind: str,
+        made: dict[str, Any],
+        videos: Sequence[str],
+        told: dict[str, Any] | None = None,
+        name: str = NAME,
     ) -> None:
         # as the file would give it back
         made = json.loads(json.dumps(made))
@@ -61,18 +70,22 @@ class Manifest(Journal):
             was, now = _flat({key: self.head.get(key) for key in made}), _flat(made)
             differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
             raise ValueError(f"{out} holds recordings made with {differs}: choose another folder")
+        if self.head.get("videos") != list(videos):
+            self.head["videos"], self._torn = list(videos), True
         self.videos = {line["video"]: line for line in self.lines}
         self.replaced: dict[str, Path] = {}  # recordings that a run which overwrites them found
 
-    def has(self, video: Video, statuses: tuple[str, ...]) -> bool:
-        """Whether the video, unchanged since, has one of these statuses, and its recording is there."""
+    def has(self, video: Video, statuses: tuple[str, ...], *, check: bool = False) -> bool:
+        """Whether the video, unchanged since, has one of these statuses, and its recording is there.
+
+        The size of the recording is compared and, to `check` it, also its sha256.
+        """
         line = self.videos.get(video.name)
         return (
             line is not None
             and line["status"] in statuses
             and _is_same(video.path, line)
-            and video.target.exists()
-            and video.target.stat().st_size == line["recording"]
+            and not fault_of(video.target, line, check=check)
         )
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
@@ -82,6 +95,19 @@ class Manifest(Journal):
     def add(self, line: dict[str, Any]) -> None:
         super().add(line)
         self.videos[line["video"]] = line
+
+
+def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
+    """Return how a recording differs from its line of the manifest: in size or, to `check`, in sha256; empty if not."""
+    try:
+        size = recording.stat().st_size
+        if size != line["recording"]:
+            return f"has {size:,} bytes, not the {line['recording']:,} of its manifest"
+        if check and sha256(recording) != line.get("recording_sha256"):
+            return "was changed since it was made: its sha256 is another than in its manifest"
+    except FileNotFoundError:
+        return "is missing"
+    return ""
 
 
 def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
@@ -110,6 +136,7 @@ class FolderReport:
     - `failed`: why videos failed, by their names
     - `damaged`: errors that FFmpeg found in videos whose recordings were made all the same, by their names
     - `without_preview`: why films that were asked for can't be made, by the videos' names
+    - `kept_events`: in the recordings that were there already
     """
 
     done: int = 0
@@ -118,6 +145,7 @@ class FolderReport:
     failed: dict[str, str] = field(default_factory=dict)
     damaged: dict[str, int] = field(default_factory=dict)
     without_preview: dict[str, str] = field(default_factory=dict)
+    kept_events: int = 0
 
     def count(self, line: dict[str, Any], good: tuple[str, ...]) -> None:
         """Count a line of the manifest, whose recording was made if its status is one of the `good`."""
@@ -127,6 +155,11 @@ class FolderReport:
             self.failed[line["video"]] = line["reason"]
         elif "decoder_errors" in line:
             self.damaged[line["video"]] = line["decoder_errors"]
+
+    @property
+    def total(self) -> str:
+        """All recordings of the run's videos, in words."""
+        return f"{self.done + self.kept:,} recordings with {self.events + self.kept_events:,} events"
 
     def told(self) -> list[str]:
         """A line for each video that failed, is damaged, or has no preview."""
@@ -145,14 +178,30 @@ class FolderRun:
     - `videos`: all of the folder
     - `done`: statuses of lines whose recordings were made
     - `what`: is being done, for the progress bar
+    - `resume`: what the user does after a run that ended early (default: runs the same command)
+    - `check`: whether the recordings that are there are compared with their sha256 (default False)
 
-    `waiting` are the videos that the manifest doesn't call done, `report` counts.
+    `waiting` are the videos that the manifest doesn't call done, `report` counts. If the block raises, a line on
+    stderr says how many videos are done.
     """
 
-    def __init__(self, manifest: Manifest, videos: Sequence[Video], done: tuple[str, ...], what: str) -> None:
-        self._manifest, self._done = manifest, done
-        self.waiting = [video for video in videos if not manifest.has(video, done)]
-        self.report = FolderReport(kept=len(videos) - len(self.waiting))
+    def __init__(
+        self,
+        manifest: Manifest,
+        videos: Sequence[Video],
+        done: tuple[str, ...],
+        what: str,
+        *,
+        resume: str = "the same command resumes",
+        check: bool = False,
+    ) -> None:
+        self._manifest, self._done, self._resume, self._total = manifest, done, resume, len(videos)
+        looked_at = bar(videos, "checking", shown=check, leave=False)
+        kept = [video for video in looked_at if manifest.has(video, done, check=check)]
+        there = set(kept)
+        self.waiting = [video for video in videos if video not in there]
+        events = sum(manifest.videos[video.name].get("events", 0) for video in kept)
+        self.report = FolderReport(kept=len(kept), kept_events=events)
         self.bar = bar(None, what, total=len(self.waiting), unit="video")
         self._started, self._count = time.monotonic(), 0
         self._targets = {video.target for video in videos}
@@ -188,8 +237,10 @@ class FolderRun:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.bar.close()
+        if kind is not None:
+            say(f"{self.report.done + self.report.kept:,} of {self._total:,} videos are done: {self._resume}")
 
 
 def file_facts(video: Video) -> dict[str, Any]:

@@ -355,7 +355,7 @@ def test_verify_gives_a_fault_a_line_whatever_the_name(tmp_path, terminal):
     assert code == 1
     assert out[0] == f"{name}/{name}.bin: 2 bytes of a torn record, cut off"
     assert out[1].startswith(f"{name}/{name}.h5: {tmp_path}/{name}/{name}.h5: ")
-    assert out[2:] == ["2 faults"]
+    assert out[2:] == ["3 recordings opened: 2 faults"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="shells as POSIX has them")

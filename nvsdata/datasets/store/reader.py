@@ -214,7 +214,9 @@ class Store:
     def damaged(self, name: str) -> bool:
         """Whether the events of a recording fail their checksum."""
         number = self._number[name]
-        return crc_of(self._raw(self._offset[number], self._offset[number + 1])) != int(self._crc[number])
+        damaged = crc_of(self._raw(self._offset[number], self._offset[number + 1])) != int(self._crc[number])
+        self._verified.values[number] |= not damaged
+        return damaged
 
 
 class StoredRecording(Recording):

@@ -31,7 +31,15 @@ from nvsdata.recording.rig.sync import TakeRejected
 from nvsdata.recording.rig.take import cut_take, record_take
 from nvsdata.recording.rig.watch import Watch, prune
 from nvsdata.video.folder import Video, fatal, sha256
-from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, as_before, file_facts, noted
+from nvsdata.video.manifest import (
+    NAME,
+    FolderReport,
+    FolderRun,
+    Manifest,
+    as_before,
+    file_facts,
+    noted,
+)
 
 TAKES = 3  # takes of a video before it counts as failed
 RETRY = 1_000_000  # µs between attempts to find a camera that is gone
@@ -43,8 +51,10 @@ HIDDEN = ".takes"  # in the folder of recordings: takes that aren't cut yet, or 
 
 
 @contextmanager
-def manifest_of(out: Path, settings: Settings, format: str, monitor: Monitor, *, resume: bool) -> Iterator[Manifest]:
-    """The manifest of a folder of recordings, created if there is none.
+def manifest_of(
+    out: Path, settings: Settings, format: str, monitor: Monitor, videos: list[Video], *, resume: bool
+) -> Iterator[Manifest]:
+    """The manifest of a folder of recordings, created if there is none, for a run with these `videos`.
 
     FileExistsError for a folder that holds recordings, unless `resume` is true; ValueError for a folder whose
     recordings were made with other settings.
@@ -61,13 +71,15 @@ def manifest_of(out: Path, settings: Settings, format: str, monitor: Monitor, *,
         },
         "flashes": {"dim": DIM, "bright": BRIGHT, "refreshes": STEP},
     }
-    with claimed(out), Manifest(out, KIND, made, told) as manifest:
-        if manifest.lines and not resume:
+    with claimed(out):
+        manifest = Manifest(out, KIND, made, [video.name for video in videos], told)
+        if manifest.videos and not resume:
             raise FileExistsError(f"{out} holds recordings: --resume goes on with them")
-        try:
-            yield manifest
-        finally:
-            _clear(out)
+        with manifest:
+            try:
+                yield manifest
+            finally:
+                _clear(out)
 
 
 def record_videos(
@@ -112,7 +124,7 @@ def record_videos(
     with (
         _Cameras(find, monitor, settings) as cameras,
         Sheets(out, videos, manifest) as sheets,
-        FolderRun(manifest, videos, DONE, "recording") as run,
+        FolderRun(manifest, videos, DONE, "recording", resume="--resume continues with the others") as run,
         _status(out, len(run.waiting)) as status,
     ):
         how = (monitor, settings, inspector, live)

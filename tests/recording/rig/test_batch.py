@@ -33,7 +33,7 @@ def recorded(source, out, camera, *, before=lambda camera, call: None, resume=Fa
     backend = Backend(camera, before=before)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
-        batch.manifest_of(out, Settings(), format, monitor, resume=resume) as manifest,
+        batch.manifest_of(out, Settings(), format, monitor, videos, resume=resume) as manifest,
     ):
         return batch.record_videos(videos, out, manifest, lambda: Davis.find(backend=backend), monitor, Settings())
 
@@ -202,7 +202,7 @@ def test_a_signal_keeps_what_is_done(tmp_path, number):
     process.send_signal(number)
     _, error = process.communicate(timeout=30)
     assert process.returncode == 128 + number
-    assert "1 of 2 are done: --resume goes on" in error
+    assert "1 of 2 videos are done: --resume continues" in error
     assert len(nvsdata.read(tmp_path / "out/run/a.h5")) == lines(tmp_path / "out")[-1]["events"]
     assert sorted(os.listdir(tmp_path / "out/run")) == ["a.h5"]
     assert not any(name.endswith((".part", ".davis", ".lock")) for name in os.listdir(tmp_path / "out"))
@@ -215,7 +215,7 @@ def test_frames_and_samples_are_cut_with_their_video(tmp_path):
     backend, settings = Backend(camera), Settings(frames=True)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
-        batch.manifest_of(tmp_path / "out", settings, "hdf5", monitor, resume=False) as manifest,
+        batch.manifest_of(tmp_path / "out", settings, "hdf5", monitor, videos, resume=False) as manifest,
     ):
         result = batch.record_videos(
             videos, tmp_path / "out", manifest, lambda: Davis.find(backend=backend), monitor, settings

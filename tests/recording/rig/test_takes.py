@@ -57,8 +57,9 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
     monkeypatch.setattr(batch, "record_take", taken)
     monkeypatch.setattr(batch, "cut_take", cut)
     camera = SimpleNamespace(facts=SimpleNamespace(serial="x"), configure=lambda _: None, close=lambda: None)
-    with batch.manifest_of(out, Settings(), "hdf5", MONITOR, resume=resume) as manifest:
-        return batch.record_videos(videos_in(folder / "in", out), out, manifest, lambda: camera, MONITOR, Settings())
+    videos = videos_in(folder / "in", out)
+    with batch.manifest_of(out, Settings(), "hdf5", MONITOR, videos, resume=resume) as manifest:
+        return batch.record_videos(videos, out, manifest, lambda: camera, MONITOR, Settings())
 
 
 def lines(folder):

@@ -1,0 +1,113 @@
+"""Folders that `convert-videos` made, compared with their manifests."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import pytest
+from clips import moving_square, write_video
+
+import nvsdata
+from nvsdata.cli import main
+from nvsdata.datasets.verification import problems
+from nvsdata.emulation.convert import convert_videos
+
+
+@pytest.fixture(scope="module")
+def converted(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("converted")
+    for name in ("run/a", "run/b", "walk/a", "walk/b"):
+        write_video(folder / f"in/{name}.avi", moving_square(8, (64, 48), len(name)))
+    convert_videos(folder / "in", folder / "out")
+    return {path.relative_to(folder / "out"): path.read_bytes() for path in (folder / "out").rglob("*.*")}
+
+
+@pytest.fixture
+def out(converted, tmp_path):
+    for name, content in converted.items():
+        (tmp_path / "out" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "out" / name).write_bytes(content)
+    return tmp_path / "out"
+
+
+def manifest(out, change):
+    """Change the lines of the manifest."""
+    path = out / "manifest.jsonl"
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    path.write_text("".join(json.dumps(line) + "\n" for line in change(lines)))
+
+
+def test_a_sound_folder_says_how_many_recordings_were_opened_and_compared(out, capsys):
+    assert main(["verify", str(out)]) == 0
+    assert capsys.readouterr().out == "4 recordings opened, 4 compared with their manifest: all sound\n"
+    assert main(["verify", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"faults": 0, "splits": {}, "opened": 4, "compared": 4}
+
+
+def test_one_flipped_byte(out, capsys):
+    raw = bytearray((out / "run/b.h5").read_bytes())
+    raw[-1] ^= 1
+    (out / "run/b.h5").write_bytes(raw)
+    assert main(["verify", str(out)]) == 1
+    assert "run/b.h5: was changed since it was made: its sha256 is another than in its manifest\n" in (
+        text := capsys.readouterr().out
+    )
+    assert text.endswith(" faults\n")
+
+
+def test_a_deleted_and_a_shorter_recording_and_one_that_is_not_known(out):
+    (out / "run/a.h5").unlink()
+    raw = (out / "walk/b.h5").read_bytes()
+    (out / "walk/b.h5").write_bytes(raw[:-1])
+    nvsdata.write(nvsdata.example(), out / "walk/mine.h5")
+    counts = Counter()
+    found = dict(problems(out, counts=counts))
+    assert found["run/a.h5"] == "is missing"
+    assert found["walk/mine.h5"] == "is in no manifest of its folder"
+    assert "walk/b.h5" in found
+    assert (f"has {len(raw) - 1:,} bytes, not the {len(raw):,} of its manifest") in [
+        fault for name, fault in problems(out) if name == "walk/b.h5"
+    ]
+    assert counts == {"opened": 4, "compared": 4}
+
+
+def test_a_run_that_ended_early_and_videos_that_failed(out):
+    def change(lines):
+        head, first, second, *_ = lines
+        failed = {"video": first["video"], "file": first["file"], "status": "failed", "reason": "no frames"}
+        return [head, failed, second]
+
+    manifest(out, change)
+    (out / "walk/a.h5").unlink()
+    (out / "walk/b.h5").unlink()
+    assert dict(problems(out)) == {
+        "run/a.avi": "failed: no frames",
+        "run/a.h5": "is in no manifest of its folder",
+        "walk/a.avi": "has no recording: the run ended before it was reached",
+        "walk/b.avi": "has no recording: the run ended before it was reached",
+    }
+
+
+def test_shards_and_folders_below_have_their_own_manifests(out, tmp_path):
+    above = out.rename(tmp_path / "above" / "out") if (tmp_path / "above").mkdir() is None else out
+    convert_videos_in_shards(above, tmp_path)
+    (tmp_path / "above/shards/run/0.h5").unlink()
+    assert list(problems(tmp_path / "above")) == [("shards/run/0.h5", "is missing")]
+
+
+def convert_videos_in_shards(above, tmp_path):
+    for name in ("0", "1"):
+        write_video(tmp_path / f"more/run/{name}.avi", moving_square(8, (64, 48)))
+    for shard in ((1, 2), (2, 2)):
+        convert_videos(tmp_path / "more", above.with_name("shards"), shard=shard)
+
+
+def test_a_manifest_names_nothing_outside_its_folder_and_may_be_nonsense(out, tmp_path):
+    (tmp_path / "secret.h5").write_bytes((out / "run/a.h5").read_bytes())
+    manifest(out, lambda lines: [lines[0], lines[1] | {"file": "../secret.h5"}, *lines[2:]])
+    found = list(problems(out))
+    assert ("run/a.avi", "its manifest names a recording outside the folder: '../secret.h5'") in found
+    # another program's file
+    (out / "manifest.jsonl").write_text('{"files": []}\n')
+    assert list(problems(out)) == []
