@@ -25,8 +25,9 @@ _LONGEST = 100  # characters of a file's name that its temporary file's name con
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path beside `path`; it replaces `path` if the block succeeds.
 
-    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. FileNotFoundError, which
-    names the folder, if the folder doesn't exist.
+    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. An OSError of the block
+    that names no file, such as that of a full disk, names `path`. FileNotFoundError, which names the folder, if the
+    folder doesn't exist.
     """
     # a plain `open` would also write to where a link points
     target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
@@ -35,9 +36,10 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     os.close(handle)
     temporary = Path(name)
     try:
-        yield temporary
-        _settle(temporary, target)
-        os.replace(temporary, target)
+        with named(path):
+            yield temporary
+            _settle(temporary, target)
+            os.replace(temporary, target)
     except BaseException:
         # what went wrong is more important; on Windows the file may still be open, and `sweep` removes it later
         with suppress(OSError):
@@ -153,7 +155,7 @@ def put(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
 
     Libraries that write files themselves report a full disk in many ways, or not at all; so let them make bytes.
     """
-    with named(path), atomic(path) as temporary:
+    with atomic(path) as temporary:
         temporary.write_bytes(content)
         with temporary.open("rb") as file:
             file.seek(max(len(content) - _BLOCK, 0))
@@ -198,7 +200,7 @@ class Journal:
 
     def __enter__(self) -> Self:
         if self._torn:
-            with named(self.path), atomic(self.path) as temporary:
+            with atomic(self.path) as temporary:
                 temporary.write_text("".join(map(json_line, (self.head, *self.lines))))
         self._file = self.path.open("a", encoding="utf-8")
         return self

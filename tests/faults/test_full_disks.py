@@ -12,6 +12,7 @@ from disks import PAGE, file_limit, small_disk
 
 import nvsdata
 from nvsdata import Events
+from nvsdata.cli import main
 from nvsdata.common.files import Journal, atomic
 
 SUFFIXES = (".h5", ".txt", ".aedat1", ".aedat", ".aedat3", ".npy", ".bin", ".dat")
@@ -130,6 +131,54 @@ def test_the_process_ends_as_it_should(tmp_path, events):
     assert done.stderr.strip().count("\n") == 0
     assert "too large" in done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.aedat"]
+
+
+COMMANDS = {
+    "convert": ["convert", "{0}/a.h5", "{1}/b.aedat4"],
+    "view": ["view", "{0}/a.h5", "{1}/b.html"],
+    "view an image": ["view", "{0}/a.h5", "{1}/b.png"],
+    "view a film": ["view", "{0}/a.h5", "{1}/b.mp4"],
+    "gallery": ["gallery", "{0}/in", "{1}/b.html"],
+    "pack": ["pack", "{0}/in", "--dataset", "folder", "--out", "{1}/b.h5"],
+    "convert-videos": ["convert-videos", "{0}/videos", "--out", "{1}/out"],
+    "record": ["record", "--simulate", "--seconds", "0.2", "--out", "{1}/b.h5"],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_names_the_file_that_has_no_room(tmp_path, events, name, capsys):
+    nvsdata.write(events, tmp_path / "a.h5")
+    (tmp_path / "in/a").mkdir(parents=True)
+    nvsdata.write(events, tmp_path / "in/a/0.h5")
+    write_video(tmp_path / "videos/0.avi", moving_square(4))
+    with small_disk(tmp_path / "disk") as resize:
+        resize(PAGE)
+        (tmp_path / "disk/full").write_bytes(b"x" * PAGE)
+        assert main([word.format(tmp_path, tmp_path / "disk") for word in COMMANDS[name]]) == 1
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith(f"nvsdata {COMMANDS[name][0]}: [Errno 28]")
+        assert str(tmp_path / "disk") in error
+        assert not [path for path in (tmp_path / "disk").iterdir() if path.suffix and path.suffix != ".part"]
+
+
+def test_an_interrupted_batch_says_how_much_is_done_and_how_to_resume(tmp_path, events, capsys):
+    for i in range(3):
+        (tmp_path / "in/a").mkdir(parents=True, exist_ok=True)
+        nvsdata.write(events, tmp_path / f"in/a/{i}.h5")
+        write_video(tmp_path / f"videos/{i}.avi", moving_square(8, seed=i))
+    with small_disk(tmp_path / "disk") as resize:
+        packing = ["pack", str(tmp_path / "in"), "--dataset", "folder", "--out", str(tmp_path / "disk/b.h5")]
+        converting = ["convert-videos", str(tmp_path / "videos"), "--out", str(tmp_path / "disk/out")]
+        for command, word, pages in ((packing, "recordings are in", 24), (converting, "videos are done", 12)):
+            (tmp_path / "disk/b.h5").unlink(missing_ok=True)
+            resize(pages * PAGE)
+            assert main(command) == 1
+            told = capsys.readouterr().err.splitlines()
+            (line,) = [line for line in told if word in line]
+            assert line.endswith("the same command resumes")
+            resize(200 * PAGE)
+            assert main(command) == 0
+            capsys.readouterr()
 
 
 def test_a_folder_of_videos_goes_on_where_the_disk_was_full(tmp_path):
