@@ -100,6 +100,8 @@ class Stored(Column):
 
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.dataset(self.name)[lo : max(lo, hi)]
+        if len(rows) < hi - lo:
+            raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
         values = np.asarray(rows if self._field is None else rows[self._field])
         values = values.astype(np.uint8) if values.dtype.kind == "b" else values
         return values.astype(kind, copy=False) if kind is not None and np.can_cast(values.dtype, kind) else values

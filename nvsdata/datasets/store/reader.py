@@ -17,6 +17,7 @@ from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5 import STORE
 from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
 from nvsdata.formats.ondisk import read_into
+from nvsdata.kernels.order import is_sorted
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 2
@@ -154,7 +155,10 @@ class Store:
         if count < 0:
             # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
-        return columns.first(count)
+        columns = columns.first(count)
+        if not is_sorted(columns.t):
+            raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
+        return columns
 
     def span(self, number: int) -> tuple[int, int]:
         """Times of the first and the last event of a recording."""
@@ -178,7 +182,10 @@ class Store:
         if len(self._places) == len(COLUMNS):
             return [self._column(lo, hi, *place) for place in self._places]
         with opened(self.root, f"can't read events {lo} to {hi}") as file:
-            return [np.asarray(dataset_of(self.root, file, f"events/{name}")[lo:hi]) for name in COLUMNS]
+            columns = [np.asarray(dataset_of(self.root, file, f"events/{name}")[lo:hi]) for name in COLUMNS]
+        if any(column.shape != (hi - lo,) for column in columns):
+            raise FormatError(self.root, "was changed while it was read: open it again")
+        return columns
 
     def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
         """Items lo..hi of a column, `begin` being the byte of its first one."""
