@@ -12,9 +12,10 @@ import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.datasets import EventFolder
 from nvsdata.datasets.store.writer import pack
-from nvsdata.formats import contents, hdf5_columns, ondisk
+from nvsdata.formats import contents, ondisk
 from nvsdata.formats.evt3 import Evt3Recording
 from nvsdata.formats.evt21 import Evt21Recording
+from nvsdata.formats.hdf5_chunks import Chunks
 from nvsdata.kernels.evt3 import evt3_count
 from nvsdata.kernels.evt21 import evt21_count
 from nvsdata.recording.davis import file
@@ -197,12 +198,11 @@ def test_a_compressed_column_that_becomes_shorter_is_an_error(tmp_path, what, mo
     path = tmp_path / "a.h5"
     nvsdata.write(Events(t, t % 100, t % 90, t % 2, SIZE), path, format="hdf5-gzip")
     recording = nvsdata.open(path)
-    found = hdf5_columns.dataset_of
+    read = Chunks.read
 
-    def shorter(where, file, name):
-        dataset = found(where, file, name)
-        return dataset[:1_000] if name == "events/x" else dataset
+    def shorter(self, lo, hi):
+        return read(self, lo, hi if self.dataset.name != "/events/x" else min(hi, 1_000))
 
-    monkeypatch.setattr(hdf5_columns, "dataset_of", shorter)
+    monkeypatch.setattr(Chunks, "read", shorter)
     with pytest.raises(FormatError, match="/events/x was changed while it was read"):
         recording.read(*((15_000, 20_000) if what == "window" else ()))
