@@ -103,9 +103,9 @@ class Stored(Column):
 
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.chunks(self.name).read(lo, max(lo, hi))
-        if len(rows) < hi - lo:
-            raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
         values = np.asarray(rows if self._field is None else rows[self._field])
+        if values.shape != (max(hi - lo, 0),) or values.dtype.kind not in "iub":
+            raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
         values = values.astype(np.uint8) if values.dtype.kind == "b" else values
         return values.astype(kind, copy=False) if kind is not None and np.can_cast(values.dtype, kind) else values
 
