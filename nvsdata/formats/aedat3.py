@@ -102,7 +102,7 @@ class Aedat3Recording(FileRecording):
         return tuple(reach)
 
     def _of_packets(self, packets: np.ndarray) -> Columns:
-        width, height = self._size or (0, 0)
+        width, height = self._limits
         columns = Columns.empty(int(packets[:, NUMBER].sum()))
         kept = unmarked = dropped = 0
         for some, raw, base in self._read(packets):
@@ -144,7 +144,7 @@ class Aedat3Recording(FileRecording):
     def _mended(self, raw: np.ndarray, base: int, packets: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         """Decode damaged packets without the events whose times don't fit; returns how many are kept and lost."""
         begin, lost = kept, 0
-        width, height = self._size or (0, 0)
+        width, height = self._limits
         for k in range(len(packets)):
             count, _, _, strayed = aedat3_decode(raw, base, packets[k : k + 1], width, height, kept, *columns)
             if strayed >= 0:
@@ -178,7 +178,9 @@ class Aedat3Recording(FileRecording):
             return 0, 0
         first, last = int(self.packets[:, FIRST].min()), int(self.packets[:, LAST].max())
         head, tail = self.decode_window(EVER[0], first + 1), self.decode_window(last, EVER[1])
-        return None if head is None or tail is None else (int(head.t[0]), int(tail.t[-1]))
+        if head is None or tail is None or not (head.t.size and tail.t.size):
+            return None
+        return int(head.t[0]), int(tail.t[-1])
 
 
 def write(pieces: Pieces, path: Path) -> None:

@@ -26,12 +26,14 @@ from nvsdata.formats.aedat4_writer import SOURCE, write
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.flatbuffer import Table
+from nvsdata.formats.inflation import Allowance, most_bytes
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import stated_time
 from nvsdata.kernels.aedat4 import aedat4_decode
 from nvsdata.kernels.order import is_sorted
 
+MOST_HEADER = 1 << 22  # bytes; parsing its XML takes some 20 times the memory
 EVENTS = ("t", "x", "y", "on")
 What = TypeVar("What")
 
@@ -52,6 +54,8 @@ class Aedat4Recording(FileRecording):
             self._first = begin + 4 + length
             if self._first > self._contents.size:
                 raise FormatError(path, f"truncated: a header of {length} bytes", offset=begin)
+            if length > MOST_HEADER:
+                raise FormatError(path, f"a header of {length} bytes, more than {MOST_HEADER}", offset=begin)
             header = Table.root(self._contents.read(begin + 4, self._first).data, 0, b"IOHE")
             self._inflate = inflater(path, header.number(0, "<i", 0))
             end = header.number(1, "<q", -1)
@@ -113,9 +117,9 @@ class Aedat4Recording(FileRecording):
         kept = (kept_index.restore(self.path, about) or {}).get("packets")
         if kept is not None and kept.dtype == np.int64 and kept.ndim == 2 and len(kept) == len(Packets._fields):
             return Packets(*kept)
-        rows = []
+        rows, left = [], self._allowance
         for at, packet in self._packets("EVTS"):
-            t = self._content(at, packet, _events_of)["t"]
+            t = self._content(at, packet, _events_of, left)["t"]
             if t.size:
                 # of one that isn't in order, the other way round: then the index says that none is to be relied on
                 ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (1, 0)
@@ -130,7 +134,8 @@ class Aedat4Recording(FileRecording):
         if not self.strict or self._end == self._contents.size:
             return None
         try:
-            table = self._inflate(self._contents.read(self._end, self._contents.size).data)
+            packed = self._contents.read(self._end, self._contents.size)
+            table = self._inflate(packed.data, most_bytes(packed.size))
             found = packets_of(memoryview(table), self._first, self._end)
         except Exception:  # lz4 and zstandard raise their own errors
             return None
@@ -168,11 +173,11 @@ class Aedat4Recording(FileRecording):
         If not strict, damaged ones are left out, and so is what follows once packets can't be told apart; but if `some`
         must be there and none is, the first error is raised.
         """
-        count, damaged, first = 0, 0, None
+        count, damaged, first, left = 0, 0, None, self._allowance
         try:
             for at, packet in packets:
                 try:
-                    found = self._content(at, packet, read)
+                    found = self._content(at, packet, read, left)
                 except FormatError as error:
                     if self.strict:
                         raise
@@ -212,7 +217,8 @@ class Aedat4Recording(FileRecording):
         # neighbors, too, to see that the window doesn't reach into them
         lo, hi = max(lo - 1, 0), min(max(lo, hi) + 1, packets.at.size)
         touched = packets.take(slice(lo, hi))
-        parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(touched)]
+        left = self._allowance
+        parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(touched)]
         columns = self._columns(parts, int(packets.elements[:lo].sum()))
         if not (is_sorted(columns.t) and self._agree(touched, parts)):
             self._listed["EVTS"] = None
@@ -228,7 +234,8 @@ class Aedat4Recording(FileRecording):
             return 0, 0
         if not self._ends_checked:
             ends = packets.take(np.array([0, -1]))
-            parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(ends)]
+            left = self._allowance
+            parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(ends)]
             if not self._agree(ends, parts):
                 return None
             self._ends_checked = True
@@ -249,10 +256,22 @@ class Aedat4Recording(FileRecording):
         self._repair("events at or beyond 2^62 µs, dropped", int(np.count_nonzero(late)))
         return events[~late]
 
-    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], What]) -> What:
-        """What `read` finds in a packet; FormatError if it is damaged."""
+    @property
+    def _allowance(self) -> Allowance:
+        """How far packets may inflate that are read together."""
+        return Allowance(self._contents.size)
+
+    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], What], left: Allowance) -> What:
+        """What `read` finds in a packet; FormatError if it is damaged, or inflates further than is `left`."""
+        most = left.of(len(packet))
         try:
-            return read(memoryview(self._inflate(packet)))
+            inflated = self._inflate(packet, most)
+            left.take(len(inflated))
+            return read(memoryview(inflated))
+        except OverflowError as error:
+            # not again for each such packet
+            left.take(most)
+            raise FormatError(self.path, f"{error}, too far: {left.reason}", offset=at) from error
         except Exception as error:  # lz4 and zstandard raise their own errors
             raise self._fault(at, error) from error
 

@@ -53,10 +53,6 @@ class EvtRecording(PiecedFile):
         """The words of a piece that have a type."""
         return raw
 
-    def _count(self, raw: np.ndarray) -> int:
-        """The largest number of events that a piece can hold."""
-        return raw.size // self.record_size
-
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
         """The bytes of a piece in the order that kernels take."""
         return raw
@@ -76,6 +72,8 @@ class EvtRecording(PiecedFile):
         walk = self._walk()
         if walk[0][JUMP] >= 0:
             strays = self._strays()
+            if not strays.size:
+                raise FormatError(self.path, "was changed while it was read: open it again")
             if self.strict:
                 reason = "a time that no camera writes: the word is damaged, or the clock was set back"
                 raise FormatError(self.path, reason, offset=self._byte(int(strays[0])))
@@ -132,11 +130,6 @@ class EvtRecording(PiecedFile):
         """The kernels' state, and what they have seen."""
         return state[: self.state_size], state[self.state_size :]
 
-    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
-        others = self._pieces(lo + first.size // self.record_size, hi)
-        # one more, because words that are no events are written, too, and then written over
-        return self._count(first) + sum(map(self._count, others)) + 1
-
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         width, height = self._size or (0, 0)
         count, bad = type(self).decode_words(raw, width, height, *self._parts(state), kept, *columns)
@@ -160,6 +153,12 @@ class EvtRecording(PiecedFile):
         state = self._begun()
         parts = [Triggers(*type(self).find_triggers(self._heads(raw), state)) for raw in self._pieces(0, self.records)]
         return Triggers.joined(parts).window(start, stop)
+
+
+def extrapolated(most: int, done: int, total: int) -> int:
+    """The room to make for the events of `total` words if the first `done` hold at most `most`."""
+    # with an eighth to spare, because more room later costs a copy; but the rest may be sparser than the beginning
+    return min(most * total // done * 9 // 8, 2 * most + 4 * (total - done)) if done < total else most
 
 
 def _stated_size(text: str) -> tuple[str, str] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -177,9 +176,13 @@ class PiecedFile(RecordFile):
     def _check(self, state: np.ndarray) -> None:
         """FormatError if `state` shows damage; called after each piece if `strict`."""
 
-    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
-        """The largest number of events that records lo..hi can hold; `first` are the bytes of the first of them."""
-        return hi - lo
+    def _most(self, raw: np.ndarray) -> int:
+        """The number of events, from index `kept` on, that `_piece` needs room for."""
+        return raw.size // self.record_size
+
+    def _room(self, most: int, done: int, total: int) -> int:
+        """The room for `total` records, of which the first `done` need room for `most` events; at least `most`."""
+        return total
 
     def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
         """Bytes of records lo..hi, in pieces of whole blocks."""
@@ -189,11 +192,18 @@ class PiecedFile(RecordFile):
     def _run(self, lo: int, hi: int) -> tuple[Columns, np.ndarray]:
         """Events of records lo..hi, and the state after them; `lo` is the first record of a block."""
         state = self._state(lo)
-        pieces = self._pieces(lo, hi)
-        first = next(pieces, None)
-        columns = Columns.empty(0 if first is None else self._room(lo, hi, first))
+        columns: Columns | None = None
         kept, record = 0, lo
-        for raw in () if first is None else chain((first,), pieces):
+        for raw in self._pieces(lo, hi):
+            # counted on the bytes that are decoded: the file may be changed meanwhile
+            most = kept + self._most(raw)
+            if columns is None:
+                columns = Columns.empty(self._room(most, raw.size // self.record_size, hi - lo))
+            elif most > columns.t.size:
+                size = self._room(most, record - lo + raw.size // self.record_size, hi - lo)
+                # one after the other, so that only one of them is there twice
+                for name in Columns._fields:
+                    columns = columns._replace(**{name: _lengthened(getattr(columns, name), kept, size)})
             count, bad = self._piece(raw, state, kept, columns)
             if self.strict:
                 self._check(state)
@@ -203,10 +213,17 @@ class PiecedFile(RecordFile):
                     raise FormatError(self.path, reason, offset=self._byte(record + bad))
             kept += count
             record += raw.size // self.record_size
-        return columns.first(kept), state
+        return (Columns.empty(0) if columns is None else columns.first(kept)), state
 
     def _between(self, lo: int, hi: int) -> Columns:
         return self._run(lo, hi)[0]
+
+
+def _lengthened(column: np.ndarray, kept: int, size: int) -> np.ndarray:
+    """A column of `size` events that begins with the first `kept` of another one."""
+    longer = np.empty(size, column.dtype)
+    longer[:kept] = column[:kept]
+    return longer
 
 
 def stated_size(path: str, width: str | int, height: str | int) -> tuple[int, int]:

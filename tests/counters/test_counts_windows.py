@@ -163,7 +163,7 @@ def test_of_packets_only_those_around_the_window_are_inflated(files, monkeypatch
     recording = nvsdata.open(files("aedat4"))
     recording.read(0, GAP)
     inflated, inflate = [], recording._inflate
-    monkeypatch.setattr(recording, "_inflate", lambda packet: inflated.append(1) or inflate(packet))
+    monkeypatch.setattr(recording, "_inflate", lambda *packet: inflated.append(1) or inflate(*packet))
     for count in (10, 20_000, N):
         inflated.clear()
         taken(recording, (N - count) // 2, count)

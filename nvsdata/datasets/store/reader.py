@@ -16,8 +16,18 @@ from nvsdata.data.recording import Recording
 from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5 import STORE
-from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
+from nvsdata.formats.hdf5_chunks import Chunks, values_of
+from nvsdata.formats.hdf5_file import (
+    check_version,
+    dataset_of,
+    links_are_followed,
+    number_of,
+    opened,
+    text_of,
+)
+from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import read_into
+from nvsdata.kernels.order import is_sorted
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 2
@@ -70,7 +80,8 @@ class Store:
                 raise FormatError(path, f"a store older than version {VERSION}: pack it again")
             self.dataset, self.split = text_of(file, "dataset"), text_of(file, "split")
             self.fold = number_of(path, file, "fold")
-            index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
+            left = Allowance(path.stat().st_size)
+            index = {name: values_of(path, dataset_of(path, file, f"index/{name}", left)) for name in INDEX}
             if checksum(index) != number_of(path, file, "checksum"):
                 raise FormatError(path, "its index fails its checksum: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
@@ -165,7 +176,10 @@ class Store:
         if count < 0:
             # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
-        return columns.first(count)
+        columns = columns.first(count)
+        if not is_sorted(columns.t):
+            raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
+        return columns
 
     def _verify(self, number: int, start: int, stop: int) -> list[np.ndarray] | None:
         """All events of a recording as they are stored, verified; None where that costs much more than the window."""
@@ -203,7 +217,12 @@ class Store:
         if len(self._places) == len(COLUMNS):
             return [self._column(lo, hi, *place) for place in self._places]
         with opened(self.root, f"can't read events {lo} to {hi}") as file:
-            return [np.asarray(dataset_of(self.root, file, f"events/{name}")[lo:hi]) for name in COLUMNS]
+            columns = [
+                Chunks(self.root, dataset_of(self.root, file, f"events/{name}")).read(lo, hi) for name in COLUMNS
+            ]
+        if any(column.shape != (hi - lo,) for column in columns):
+            raise FormatError(self.root, "was changed while it was read: open it again")
+        return columns
 
     def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
         """Items lo..hi of a column, `begin` being the byte of its first one."""
