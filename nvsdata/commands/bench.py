@@ -85,5 +85,5 @@ def _measure(names: list[str], options: Options, args: argparse.Namespace) -> tu
         if args.json and lines:
             write_lines(lines, args.json)
         if args.html and lines:
-            put(args.html, page(lines).encode())
+            put(args.html, page(lines).encode(), through_link=True)
     return lines, failed

@@ -64,7 +64,7 @@ def save(out: Path, name: str, recording: Any, events: Any, film: Any, window: i
     kind = out.suffix.lower()
     if kind == ".html":
         frames = recording.frames(events.start, events.end + 1) if recording.holds_samples else ()
-        put(out, page(events, name, frames, window).encode())
+        put(out, page(events, name, frames, window).encode(), through_link=True)
     elif kind == ".png":
         save_picture(film.sheet(events), out)
     else:

@@ -43,6 +43,7 @@ class Aedat4Recording(FileRecording):
 
     format = "aedat4"
     holds_triggers = True
+    _restored = False  # whether the packets are those of an index that was kept
     _ends_checked = False  # whether the first and the last packet hold what the table says
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
@@ -114,8 +115,9 @@ class Aedat4Recording(FileRecording):
         if not self.strict or stamp is None or stamp[0] < kept_index.LEAST:
             return None
         about: dict[str, object] = {"format": self.format, "stamp": stamp, "ends": "in order"}
-        kept = (kept_index.restore(self.path, about) or {}).get("packets")
-        if kept is not None and kept.dtype == np.int64 and kept.ndim == 2 and len(kept) == len(Packets._fields):
+        kept = (kept_index.restore(self.path, about, stamp[0]) or {}).get("packets")
+        if kept is not None and self._fits(kept):
+            self._restored = True
             return Packets(*kept)
         rows, left = [], self._allowance
         for at, packet in self._packets("EVTS"):
@@ -127,6 +129,26 @@ class Aedat4Recording(FileRecording):
         packets = np.array(rows, np.int64).reshape(-1, len(Packets._fields)).T
         kept_index.keep(self.path, about, max(stamp[1:3]), {"packets": packets})
         return Packets(*packets)
+
+    def _fits(self, kept: np.ndarray) -> bool:
+        """Whether a kept index can be one of this file, of which some packets are compared with it."""
+        if kept.dtype != np.int64 or kept.ndim != 2 or len(kept) != len(Packets._fields):
+            return False
+        packets = Packets(*kept)
+        edges = np.stack((packets.at - HEADER, packets.at + packets.size), 1).ravel()
+        inside = not edges.size or (edges[0] >= self._first and edges[-1] <= self._end and is_sorted(edges))
+        if not (inside and (packets.size > 0).all() and (packets.elements > 0).all()):
+            return False
+        some_packets, left = packets.take(kept_index.some_of(packets.at.size)), self._allowance
+        try:
+            heads = [self._contents.read(at - HEADER, at).view("<i4").tolist() for at in some_packets.at.tolist()]
+            if heads != np.stack((some_packets.stream, some_packets.size), 1).tolist():
+                return False
+            parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(some_packets)]
+        except FormatError:
+            return False
+        # of packets that aren't in order, the index has no times
+        return self._agree(some_packets, parts) or not packets.ordered
 
     @cached_property
     def _told(self) -> Packets | None:
@@ -220,7 +242,8 @@ class Aedat4Recording(FileRecording):
         left = self._allowance
         parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(touched)]
         columns = self._columns(parts, int(packets.elements[:lo].sum()))
-        if not (is_sorted(columns.t) and self._agree(touched, parts)):
+        whole = not self._restored or self._leaves_none_out(touched, lo == 0, hi == packets.at.size)
+        if not (is_sorted(columns.t) and self._agree(touched, parts) and whole):
             self._listed["EVTS"] = None
             return None
         a, b = columns.t.searchsorted(start), columns.t.searchsorted(stop)
@@ -240,6 +263,24 @@ class Aedat4Recording(FileRecording):
                 return None
             self._ends_checked = True
         return int(packets.start[0]), int(packets.end[-1])
+
+    def _leaves_none_out(self, packets: Packets, first: bool, last: bool) -> bool:
+        """Whether no packet of events lies between those of a kept index, before the `first` and behind the `last`."""
+        begins, ends = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
+        begins, ends = begins[not first :] + [self._end] * last, [self._first] * first + ends[: len(ends) - (not last)]
+        left = self._allowance
+        for at, stop in zip(ends, begins, strict=True):
+            while at < stop:
+                stream, size = self._contents.read(at, at + HEADER).view("<i4").tolist()
+                if size < 0:
+                    return False
+                if stream == self._streams["EVTS"][0]:
+                    packet = self._contents.read(at + HEADER, at + HEADER + size).data
+                    # one without events isn't in the index
+                    if self._content(at, packet, _events_of, left).size:
+                        return False
+                at += HEADER + size
+        return True
 
     def _agree(self, packets: Packets, parts: list[np.ndarray]) -> bool:
         """Whether packets hold what the table says."""

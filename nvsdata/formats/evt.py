@@ -17,7 +17,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_window
 from nvsdata.data.samples import Triggers
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.records import Blocks, PiecedFile, stated_size
+from nvsdata.formats.records import Blocks, Entry, PiecedFile, stated_size
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.clock import BACK_US, SILENT_US, kept_words
 from nvsdata.kernels.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, UNSEEN
@@ -90,6 +90,17 @@ class EvtRecording(PiecedFile):
         for raw in self._pieces(0, self.records):
             type(self).walk(raw, self.block, state, seen, states, times)
         return seen, states, times
+
+    def _entry(self, blocks: Blocks, block: int) -> Entry:
+        before = max(block - 1, 0)
+        state, seen = self._parts(self._begun())
+        if before:
+            state[:], seen[LAST] = blocks.states[before], blocks.times[before]
+        states, times = np.empty((2, state.size), np.int64), np.empty(2, np.int64)
+        for raw in self._pieces(before * self.block, min((block + 1) * self.block, self.records)):
+            type(self).walk(raw, self.block, state, seen, states, times)
+        first, last = (int(seen[which]) if seen[which] >= 0 else None for which in (FIRST, LAST))
+        return Entry(int(times[block - before]), states[block - before].tolist(), first, last)
 
     def _strays(self) -> np.ndarray:
         """Indices of the time words that no camera wrote."""

@@ -31,6 +31,19 @@ class Blocks(NamedTuple):
     span: tuple[int, int] = (0, 0)
 
 
+class Entry(NamedTuple):
+    """What a few records say about a block of a kept index.
+
+    - `time`, `state`: its entry in `Blocks.times` and `Blocks.states`
+    - `first`, `last`: times of their first and last event, None if they have none
+    """
+
+    time: int
+    state: list[int]
+    first: int | None
+    last: int | None
+
+
 class RecordFile(FileRecording):
     """Fixed-size records after a header, in order of time unless the file is damaged.
 
@@ -39,6 +52,7 @@ class RecordFile(FileRecording):
 
     record_size: int
     block: int  # records per entry of the index
+    _unproven: set[int] | None = None  # blocks of a kept index whose entries weren't compared with the file yet
     keeps_index = False  # whether an index is worth keeping, because it takes a pass over the whole file
 
     def __init__(
@@ -92,12 +106,14 @@ class RecordFile(FileRecording):
     def _kept_or_made(self, size: int, *stamp: int) -> Blocks:
         """The index kept beside the file, or a new one, which is kept."""
         about = {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
-        kept = kept_index.restore(self.path, about)
+        # an entry of an index takes less than the records that it stands for
+        kept = kept_index.restore(self.path, about, size)
         try:
             if kept is not None:
-                return self._restored(kept)
-        except (KeyError, ValueError, TypeError):
-            pass  # of other arrays than ours: made anew
+                return self._compared(self._restored(kept))
+        except (KeyError, ValueError, TypeError, OverflowError):
+            pass  # not an index of this file: it is made again
+        self._unproven = None
         blocks = self._index()
         kept_index.keep(self.path, about, max(stamp[:2]), self._to_keep(blocks))
         return blocks
@@ -108,12 +124,38 @@ class RecordFile(FileRecording):
 
     def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
         """The index that was kept. KeyError, ValueError or TypeError if it isn't one of this file."""
-        first, last = kept["span"].tolist()
+        first, last = map(int, kept["span"].tolist())
         times, states = kept["times"], kept["states"]
         count = -(-self.records // self.block)
-        if times.shape != (count,) or len(states) != count or times.dtype != np.int64 or states.dtype != np.int64:
+        shapes = times.shape == (count,), states.shape[:1] == (count,), states.ndim == 2, kept["ordered"].shape == ()
+        kinds = times.dtype == np.int64, states.dtype == np.int64, kept["ordered"].dtype == np.bool_
+        ordered = bool(kept["ordered"])
+        if not all((*shapes, *kinds)) or (ordered and not (is_sorted(times) and first <= last)):
             raise ValueError("an index of another file")
-        return Blocks(times, states, bool(kept["ordered"]), (first, last))
+        return Blocks(times, states, ordered, (first, last))
+
+    def _compared(self, blocks: Blocks) -> Blocks:
+        """A kept index, after some of its entries were compared with the file. ValueError if one differs."""
+        self._unproven = set(range(len(blocks.times)))
+        for block in kept_index.some_of(len(blocks.times)).tolist():
+            self._compare(blocks, block)
+        return blocks
+
+    def _compare(self, blocks: Blocks, block: int) -> None:
+        """Compare an entry of a kept index with the records before and behind it. ValueError if it differs."""
+        if self._unproven is None or block not in self._unproven:
+            return
+        found = self._entry(blocks, block)
+        fits = found.time == blocks.times[block] and found.state == blocks.states[block].tolist()
+        fits &= block > 0 or found.first in (None, blocks.span[0])
+        fits &= block < len(blocks.times) - 1 or found.last in (None, blocks.span[1])
+        if not fits:
+            raise ValueError("an index of another file")
+        self._unproven.discard(block)
+
+    def _entry(self, blocks: Blocks, block: int) -> Entry:
+        """The entry of a block, as the records of the block before it give it; for formats that keep an index."""
+        raise NotImplementedError
 
     @property
     def certainly_rises(self) -> bool:
@@ -150,6 +192,13 @@ class RecordFile(FileRecording):
         margin = 0 if ordered else 1
         first = max(int(times.searchsorted(start, "left")) - 1 - margin, 0)
         last = int(times.searchsorted(stop, "left")) + margin
+        try:
+            # events before the one and from the other on are left out
+            for block in (first, last):
+                self._compare(self.blocks, block)
+        except ValueError:
+            self._unproven, self._blocks = None, self._index()
+            return self.decode_window(start, stop)
         lo, hi = first * self.block, min(last * self.block, self.records)
         columns = self._between(lo, max(lo, hi))
         t = columns.t

@@ -42,7 +42,7 @@ def write(
     if not how.holds_samples:
         given = map(without_samples, given)
     pieces = Pieces(given)
-    with atomic(path) as temporary:
+    with atomic(path, through_link=True) as temporary:
         assert how.write is not None, "writer_of finds those that write"
         how.write(pieces, temporary)
         _check_written(how, temporary, pieces)

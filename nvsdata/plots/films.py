@@ -119,7 +119,7 @@ def save_gif(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
     frames[0].save(
         buffer, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, disposal=1, optimize=False
     )
-    put(path, buffer.getvalue())
+    put(path, buffer.getvalue(), through_link=True)
 
 
 def _numbers(picture: np.ndarray) -> np.ndarray:
@@ -148,4 +148,4 @@ def save_mp4(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
             writer.write(even)
         if writer is not None:
             writer.release()
-        put(path, Path(name).read_bytes())
+        put(path, Path(name).read_bytes(), through_link=True)

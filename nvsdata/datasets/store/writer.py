@@ -86,7 +86,7 @@ def pack(
         if not part.facts:
             raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
         try:
-            with atomic(target) as temporary:
+            with atomic(target, through_link=True) as temporary:
                 _assemble(part, dataset, temporary, compress)
         except BaseException:
             say(f"all recordings are in {part.folder}: the same command resumes")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -16,7 +15,7 @@ import cv2
 
 from nvsdata import formats
 from nvsdata.common.clock import host_time
-from nvsdata.common.files import Journal, claimed
+from nvsdata.common.files import Journal, append_own, claimed, json_line, write_all
 from nvsdata.common.locks import locked
 from nvsdata.common.progress import bar, say_beside
 from nvsdata.recording.camera import Camera, CameraError
@@ -233,8 +232,8 @@ def _recorded(
     except BaseException:
         raw.unlink(missing_ok=True)
         raise
-    with (out / PLAYED).open("a", encoding="utf-8") as file:
-        file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
+    with append_own(out / PLAYED) as file:
+        write_all(file.fileno(), json_line({"video": video.name, **take.performance.log()}).encode())
     try:
         line = cut_take(take, video, inspector)
     except (ValueError, cv2.error, MemoryError) as error:
