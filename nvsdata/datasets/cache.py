@@ -17,7 +17,7 @@ from torch.utils.data import Dataset, Subset
 
 from nvsdata._version import __version__
 from nvsdata.common.checksum import crc32
-from nvsdata.common.files import atomic, put, sweep
+from nvsdata.common.files import atomic, put, read_own, sweep
 from nvsdata.data.recording import as_events
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.cache_files import kept, restored
@@ -179,7 +179,7 @@ def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
 def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
     """The stored parts if they belong to these stamps; None if they don't, are missing or can't be read."""
     try:
-        data = file.read_bytes()
+        data = read_own(file)
     except OSError:
         return None
     if not data or int.from_bytes(data[:CHECKSUM], "little") != crc32(memoryview(data)[CHECKSUM:]):
