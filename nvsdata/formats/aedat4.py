@@ -23,7 +23,7 @@ from nvsdata.formats import kept_index
 from nvsdata.formats.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
 from nvsdata.formats.aedat4_samples import LONG, frame_of, inertial_of, triggers_of
 from nvsdata.formats.aedat4_writer import SOURCE, write
-from nvsdata.formats.contents import Contents
+from nvsdata.formats.contents import MOST_HEADER, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.flatbuffer import Table
 from nvsdata.formats.inflation import Allowance, most_bytes
@@ -33,7 +33,6 @@ from nvsdata.formats.writing import stated_time
 from nvsdata.kernels.aedat4 import aedat4_decode
 from nvsdata.kernels.order import is_sorted
 
-MOST_HEADER = 1 << 22  # bytes; parsing its XML takes some 20 times the memory
 EVENTS = ("t", "x", "y", "on")
 What = TypeVar("What")
 

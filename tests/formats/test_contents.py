@@ -116,3 +116,15 @@ def test_headers_longer_than_what_is_read_first(tmp_path, length, after):
     (tmp_path / "a").write_bytes(raw)
     lines, end, _ = slow_lines(raw, b"#", ASCII)
     assert Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#") == (lines, end)
+
+
+def test_a_header_without_end_is_refused(tmp_path, monkeypatch):
+    """Each line takes more memory than it has bytes, and time."""
+    monkeypatch.setattr(contents, "MOST_HEADER", 2 * HEAD)
+    raw = b"#\n" * 4 * HEAD
+    (tmp_path / "a").write_bytes(raw)
+    with pytest.raises(FormatError, match=f"a header of more than {2 * HEAD} bytes"):
+        Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#")
+    raw = b"#\n" * HEAD + b"events"
+    (tmp_path / "a").write_bytes(raw)
+    assert Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#")[1] == 2 * HEAD
