@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 import math
 import re
@@ -13,6 +12,7 @@ from nvsdata.benchmarks.curves import bends_upward, exponent, front, is_scaling,
 from nvsdata.benchmarks.line import OURS, Line
 from nvsdata.benchmarks.table import work_table
 from nvsdata.benchmarks.tasks import TASKS
+from nvsdata.common.markup import as_html
 from nvsdata.plots.axes import LINES, chart
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def page(lines: Sequence[Line]) -> str:
     """
     tasks = list(dict.fromkeys(line.task for line in lines))
     places = sorted({(line.machine, line.commit, line.date) for line in lines})
-    told = "<br>".join(html.escape(f"{machine}; commit {commit}; {date}") for machine, commit, date in places)
-    links = "".join(f'<a href="#{task}">{task}</a>' for task in tasks)
+    told = "<br>".join(as_html(f"{machine}; commit {commit}; {date}") for machine, commit, date in places)
+    links = "".join(f'<a href="#{task}">{task}</a>' for task in map(as_html, tasks))
     sections = "".join(_section(task, [line for line in lines if line.task == task]) for task in tasks)
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>nvsdata bench</title><style>{STYLE}</style>'
@@ -52,8 +52,10 @@ def page(lines: Sequence[Line]) -> str:
 def _section(task: str, lines: Sequence[Line]) -> str:
     groups = works(lines)
     figures = "".join(_figure(group) for group in groups)
-    text = "".join(f"<pre>{html.escape(work_table(group))}</pre>" for group in groups)
-    return f'<h2 id="{task}">{task}: {html.escape(TASKS.get(task, ""))}</h2>{figures}{text}'
+    tables = (as_html(work_table(group), "\n") for group in groups)
+    text = "".join(f"<pre>{table}</pre>" for table in tables)
+    name, about = as_html(task), as_html(TASKS.get(task, ""))
+    return f'<h2 id="{name}">{name}: {about}</h2>{figures}{text}'
 
 
 def _figure(lines: Sequence[Line]) -> str:
@@ -63,7 +65,7 @@ def _figure(lines: Sequence[Line]) -> str:
         drawn, caption = _tradeoff(lines), _about_default(ours)
     elif len({line.place for line in ours if not math.isnan(line.place)}) > 1:
         drawn = _growth(lines)
-        caption = f"grows as {ours[0].axis}^{exponent(ours):.2f}" if is_scaling(lines) else ""
+        caption = as_html(f"grows as {ours[0].axis}^{exponent(ours):.2f}") if is_scaling(lines) else ""
         if is_scaling(lines) and bends_upward(ours):
             caption = f'<span class="bent">{caption}, and bends upward</span>'
     else:

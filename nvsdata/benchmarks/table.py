@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from nvsdata.benchmarks.curves import bends_upward, exponent, is_scaling
 from nvsdata.benchmarks.line import OURS, Line
+from nvsdata.common.errors import shown
 from nvsdata.common.tables import aligned
 
 HEAD = ("", "error", "median", "p95", "p99", "runs", "peak", "beside ours", "work")
@@ -73,5 +74,5 @@ def comparison(lines: Sequence[Line], old: Sequence[Line]) -> str:
     if len(rows) == 1:
         return "none of these lines is in the earlier file"
     width = max(len(row[0]) for row in rows)
-    told = f"before: commit {old[0].commit}, {old[0].date}, {old[0].machine}\n"
-    return told + aligned([(row[0].ljust(width), *row[1:]) for row in rows])
+    told = shown(f"before: commit {old[0].commit}, {old[0].date}, {old[0].machine}")
+    return f"{told}\n" + aligned([(row[0].ljust(width), *row[1:]) for row in rows])

@@ -21,6 +21,7 @@ from nvsdata.commands.options import (
     shard,
     usage,
 )
+from nvsdata.common.errors import shown
 from nvsdata.common.processes import cores
 from nvsdata.common.terminal import remark, tell
 from nvsdata.video.view import Fit, View
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         jobs = plan(args.source, args.out, settings, **chosen)
         if not args.json:
             for job in jobs:
-                print(f"{job.video.path} -> {job.video.target}")
+                print(f"{shown(job.video.path)} -> {shown(job.video.target)}")
             print(settings)
         found = estimate(jobs, out)
         found = replace(found, seconds=found.seconds / max(1, min(args.jobs, len(jobs))))
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     for line in report.told():
         print(line, file=sys.stderr)
     if args.preview:
-        remark(f"previews are in {out / FOLDER}")
+        remark(f"previews are in {shown(out / FOLDER)}")
     done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
-    tell(f"{done}; {report.events:,} events in {out}", asdict(report) | {"out": out}, as_json=args.json)
+    tell(f"{done}; {report.events:,} events in {shown(out)}", asdict(report) | {"out": out}, as_json=args.json)
     return 1 if report.failed else 0

@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
 
     count = 0
     for name, fault in problems(args.root, args.dataset):
-        tell(f"{shown(name)}: {fault}", {"name": name, "fault": fault}, as_json=args.json)
+        tell(f"{shown(name)}: {shown(fault)}", {"name": name, "fault": fault}, as_json=args.json)
         count += 1
     hashes = split_hashes(args.root, args.dataset)
     for split, digest in hashes.items():

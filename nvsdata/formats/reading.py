@@ -6,7 +6,7 @@ import os
 import stat
 import warnings
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.formats.contents import HEAD
@@ -70,7 +70,7 @@ def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> 
     if first < last and ((stop is not None and stop <= first) or (start is not None and start > last)):
         window = f"[{'' if start is None else start}, {'' if stop is None else stop})"
         warnings.warn(
-            f"{recording.path}: the window {window} holds nothing, its events lie at {first} to {last} µs;"
+            f"{shown(recording.path)}: the window {window} holds nothing, its events lie at {first} to {last} µs;"
             " relative=True counts from the first",
             stacklevel=3,
         )
