@@ -12,8 +12,9 @@ from nvsdata.benchmarks.curves import bends_upward, exponent, front, is_scaling,
 from nvsdata.benchmarks.line import OURS, Line
 from nvsdata.benchmarks.table import work_table
 from nvsdata.benchmarks.tasks import TASKS
+from nvsdata.common.errors import shown
 from nvsdata.common.markup import as_html
-from nvsdata.plots.axes import LINES, chart
+from nvsdata.plots.axes import LINES, chart, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,7 +96,7 @@ def _tradeoff(lines: Sequence[Line]) -> str:
         if line.default:
             axes.scatter([place], [line.seconds * 1e3], facecolors="none", edgecolors=color, s=90, zorder=3)
         name = str(line.settings.get(line.axis, "")) if line.library == OURS else line.library
-        axes.annotate(name, (place, line.seconds * 1e3), (4, 4), textcoords="offset points", fontsize=7)
+        axes.annotate(words(name), (place, line.seconds * 1e3), (4, 4), textcoords="offset points", fontsize=7)
     if any(not line.error for line in known):
         axes.axvline(least / EXACT, color="#cccccc", linestyle=":", zorder=1)
         axes.annotate("exact", (least / EXACT, 0), (2, 2), xycoords=("data", "axes fraction"), fontsize=7,
@@ -112,7 +113,7 @@ def _growth(lines: Sequence[Line]) -> str:
         least = min((place for place, _ in points if place > 0), default=1.0)
         places = [max(place, least / EXACT) for place, _ in points]
         color = LINES[number % len(LINES)]
-        axes.plot(places, [time for _, time in points], "o-", color=color, markersize=4, label=library)
+        axes.plot(places, [time for _, time in points], "o-", color=color, markersize=4, label=words(library))
     if len({line.library for line in lines}) > 1:
         axes.legend(fontsize=7)
     return _svg(figure, lines[0].work)
@@ -132,7 +133,7 @@ def _svg(figure: Figure, name: str) -> str:
 
     stream = io.StringIO()
     # the same lines give the same page
-    with matplotlib.rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
+    with matplotlib.rc_context({"svg.hashsalt": shown(name), "svg.fonttype": "none"}):
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
     return re.sub(r"\s*<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)

@@ -31,10 +31,10 @@ def work_table(lines: Sequence[Line]) -> str:
     told_columns = [i for i in range(1, len(HEAD)) if any(row[i] for row in rows[1:])]
     text = aligned([(row[0].ljust(width), *(row[i] for i in told_columns)) for row in rows])
     if kind := next((line.error_kind for line in lines if line.error_kind), ""):
-        text += f"\n  error: {kind}"
+        text += f"\n  error: {shown(kind)}"
     if is_scaling(lines):
         bent = ", and bends upward" if bends_upward(own) else ""
-        text += f"\n  grows as {lines[0].axis}^{exponent(own):.2f}{bent}"
+        text += f"\n  grows as {shown(lines[0].axis)}^{exponent(own):.2f}{bent}"
     return text
 
 
