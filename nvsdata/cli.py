@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
@@ -153,6 +153,24 @@ class _Parser(argparse.ArgumentParser):
         super().error(shown(message))
 
 
+class _CommandParser(_Parser):
+    """A parser of one command, whose options may stand before, between and after its arguments."""
+
+    _mixing = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        found, left = super().parse_known_args(args, namespace)
+        # an argument that may be left out counts as left out at the first option; argparse's way around that calls
+        # this method, and doesn't know `--`
+        if self._mixing or not left or "--" in args or "_ARGCOMPLETE" in os.environ:
+            return found, left
+        self._mixing = True
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._mixing = False
+
+
 def _parser(called: str) -> argparse.ArgumentParser:
     """The parser of all commands, with the options of the one that is `called`."""
     from nvsdata._version import __version__
@@ -162,7 +180,7 @@ def _parser(called: str) -> argparse.ArgumentParser:
     # escape sequences of argparse's own (Python 3.14) would be escaped, too
     vars(parser)["color"] = False
     parser.add_argument("--version", action="version", version=f"nvsdata {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_CommandParser)
     for name, command in COMMANDS.items():
         whole = f"{command.help[0].upper()}{command.help[1:]}."
         one = commands.add_parser(name, help=command.help, description=whole, epilog=CODES, formatter_class=Help)

@@ -167,6 +167,7 @@ def test_who_writes_is_named_without_obeying(tmp_path, monkeypatch, capsys):
     assert "owned" in clean(capsys.readouterr().err)
 
 
+@pytest.mark.filterwarnings("ignore:Glyph:UserWarning")  # matplotlib's font has no Japanese
 def test_every_page_shows_names_as_text(root):
     events = trees.some(1)
     harmless(view_page(events, TAG))
