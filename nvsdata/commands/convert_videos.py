@@ -21,6 +21,7 @@ from nvsdata.commands.options import (
     shard,
     usage,
 )
+from nvsdata.common.errors import shown
 from nvsdata.common.processes import cores
 from nvsdata.common.terminal import remark, tell
 from nvsdata.video.view import Fit, View
@@ -74,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         jobs = plan(args.source, args.out, settings, **chosen)
         if not args.json:
             for job in jobs:
-                print(f"{job.video.path} -> {job.video.target}")
+                print(f"{shown(job.video.path)} -> {shown(job.video.target)}")
             print(settings)
         found = estimate(jobs, out)
         found = replace(found, seconds=found.seconds / max(1, min(args.jobs, len(jobs))))
@@ -85,9 +86,9 @@ def run(args: argparse.Namespace) -> int:
     for line in report.told():
         print(line, file=sys.stderr)
     if args.preview:
-        remark(f"previews are in {out / FOLDER}")
+        remark(f"previews are in {shown(out / FOLDER)}")
     done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
-    there = f"{report.total}{' of shard {}/{}'.format(*args.shard) if args.shard else ''} in {out}"
+    there = f"{report.total}{' of shard {}/{}'.format(*args.shard) if args.shard else ''} in {shown(out)}"
     text = f"{done}; {report.events:,} events converted, {there}"
     tell(text, asdict(report) | {"out": out}, as_json=args.json)
     return 1 if report.failed else 0

@@ -64,6 +64,6 @@ def run(args: argparse.Namespace) -> int:
                     progress.update()
         put(out, gallery(args.root.resolve().name, shelves, faults).encode(), through_link=True)
     for fault in faults:
-        print(fault, file=sys.stderr)
+        print(shown(fault), file=sys.stderr)
     print(f"{sum(len(shelf.events) for shelf in shelves):,} of {len(data):,} recordings read: {shown(out)}")
     return 1 if faults else 0

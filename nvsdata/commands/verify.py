@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
 
     count, counts = 0, Counter(opened=0, compared=0)
     for name, fault in problems(args.root, args.dataset, counts):
-        tell(f"{shown(name)}: {fault}", {"name": name, "fault": fault}, as_json=args.json)
+        tell(f"{shown(name)}: {shown(fault)}", {"name": name, "fault": fault}, as_json=args.json)
         count += 1
     hashes = split_hashes(args.root, args.dataset)
     for split, digest in hashes.items():

@@ -15,6 +15,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
+from nvsdata.common.errors import shown
+
 FOLDER_LOCK = ".nvsdata.lock"
 _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file systems without locks
 _MARK = b'{"owner": '  # what a lock file begins with
@@ -139,7 +141,8 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
                 free = not held or is_dead(str(held.get("owner"))) or held.get("owner") == owner()
             if not free:
                 who = f"process {held.get('pid', '?')} on {held.get('host', '?')} ({held.get('command', '?')})"
-                raise OutputInUse(f"{os.fspath(output)} is being written by {who}, since {held.get('since', '?')}")
+                told = f"{os.fspath(output)} is being written by {who}, since {held.get('since', '?')}"
+                raise OutputInUse(shown(told))
             if _is_still(file, place):
                 _sign(file)
                 return file

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 
 import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
+from nvsdata.common.errors import shown
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Run, Slice
 from nvsdata.datasets.facts import Info, Sample
@@ -294,7 +295,7 @@ class EventDataset(Samples):
         """What the repr says below its first line."""
         size = self.info.sensor_size
         lines = [
-            f"root: {self.root}",
+            f"root: {shown(self.root)}",
             f"split: {self.split_name}" + (f", fold {self.fold}" if self.fold else "") + f", hash {self.split_hash}",
             f"sensor: {size[0]}x{size[1]}" if size else "sensor: as each recording states",
             f"sample: {self._sample_told()}",
@@ -315,7 +316,7 @@ class EventDataset(Samples):
         try:
             return shape_of(self._made(0)[0])
         except Exception as error:  # a transform of the user's may raise anything
-            return f"can't be made ({type(error).__name__}: {error})"
+            return f"can't be made ({type(error).__name__}: {shown(error)})"
         finally:
             torch.set_rng_state(states[0])
             np.random.set_state(states[1])  # noqa: NPY002

@@ -17,6 +17,7 @@ from torch.utils.data import Dataset, Subset
 
 from nvsdata._version import __version__
 from nvsdata.common.checksum import crc32
+from nvsdata.common.errors import shown
 from nvsdata.common.files import atomic, put, read_own, sweep
 from nvsdata.data.recording import as_events
 from nvsdata.datasets.base import EventDataset
@@ -107,7 +108,8 @@ class Cached(Dataset[tuple[Any, Any]]):
         except OSError as error:
             # training goes on; this process no longer tries
             self._full = True
-            warnings.warn(f"{self.folder} can't be written to, samples are made again each time: {error}", stacklevel=2)
+            told = f"{self.folder} can't be written to, samples are made again each time: {error}"
+            warnings.warn(shown(told), stacklevel=2)
 
     def __getattr__(self, name: str) -> Any:
         if name == "dataset":  # while it is unpickled
@@ -115,7 +117,7 @@ class Cached(Dataset[tuple[Any, Any]]):
         return getattr(self.dataset, name)
 
     def __repr__(self) -> str:
-        return f"{self.dataset!r}\n    cached: {self.head!r} in {self.folder}"
+        return f"{self.dataset!r}\n    cached: {self.head!r} in {shown(self.folder)}"
 
 
 def cache(dataset: EventDataset, path: str | os.PathLike[str]) -> Cached:

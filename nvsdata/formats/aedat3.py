@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.data.events import EVER, LATEST, Columns, Events, sort_by_time
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
@@ -121,10 +121,8 @@ class Aedat3Recording(FileRecording):
             unmarked += without
         self._repair("events of times that fit no packet, dropped", dropped)
         if unmarked:
-            warnings.warn(
-                f"{self.path}: {unmarked} events are not marked valid, though their packets count them as valid; kept",
-                stacklevel=2,
-            )
+            odd = "events are not marked valid, though their packets count them as valid; kept"
+            warnings.warn(f"{shown(self.path)}: {unmarked} {odd}", stacklevel=2)
         columns = columns.first(kept)
         if self._upside_down:
             columns = columns._replace(y=(height - 1 - columns.y).astype(np.int16))

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from nvsdata.common.errors import shown
 from nvsdata.common.files import named, write_all
 from nvsdata.common.locks import OutputInUse, locked
 
@@ -71,7 +72,7 @@ class Journal:
 def told_of(journal: Path) -> str:
     """A line that says what a journal is that was left, and what to do with it."""
     command = shlex.join(("nvsdata", "convert", str(journal), str(journal.with_suffix(""))))
-    return f"{journal} is a recording that wasn't finished: `{command}` finishes it"
+    return f"{shown(journal)} is a recording that wasn't finished: `{shown(command)}` finishes it"
 
 
 def check_finished(path: Path) -> None:

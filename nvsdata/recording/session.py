@@ -11,10 +11,11 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
+from nvsdata.common.errors import message_of, shown
 from nvsdata.common.files import claimed, creating
 from nvsdata.common.locks import check_place
 from nvsdata.common.progress import bar as progress
-from nvsdata.common.terminal import Terminal, remark, say, tell
+from nvsdata.common.terminal import remark, say, tell
 from nvsdata.data.events import Events
 from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
@@ -91,11 +92,10 @@ def run(
             _check_size((facts.width, facts.height), decider.sensor_size)
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
         remark(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
-        shown: Any = Terminal(sys.stderr)
         deciding = None if decider is None else _deciding(decider, stop, alone=out is None and not live)
         with (
             deciding or nullcontext(),
-            progress(total=seconds, unit="s", file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar,
+            progress(total=seconds, unit="s", bar_format="{desc}{bar:20}{r_bar}") as bar,
         ):
 
             def watch(report: RecordingReport, events: Events) -> None:
@@ -123,7 +123,7 @@ def _deciding(decider: Decider, stop: Event, *, alone: bool) -> Deciding:
     """Decisions as lines of JSON; if they fail, and events are for nothing else (`alone`), the recording ends."""
 
     def ended(error: Exception) -> None:
-        say(f"decisions ended early: {error or type(error).__name__}")
+        say(f"decisions ended early: {message_of(error) or type(error).__name__}")
         if alone:
             stop.set()
 
@@ -211,7 +211,7 @@ def run_calibration(
             size = (camera.facts.width, camera.facts.height)
         write_calibration(found, replace(settings, region=found.roi), size, out)
     print(calibration_summary(found, size))
-    print(f"figures and pictures are in {out}; record with --settings {out / 'settings.json'}")
+    print(f"figures and pictures are in {shown(out)}; record with --settings {shown(out / 'settings.json')}")
     return 0
 
 
@@ -245,7 +245,7 @@ def run_batch(
         found = verify(videos, out, limit)
         videos = videos[:limit]
         sound = sum(video.name not in found for video in videos)
-        lines = [f"{name}: {fault}" for name, fault in found.items()]
+        lines = [shown(f"{name}: {fault}") for name, fault in found.items()]
         lines.append(f"{sound:,} of {len(videos):,} recordings are sound")
         tell("\n".join(lines), {"sound": sound, "videos": len(videos), "faults": found}, as_json=as_json)
         return 1 if found else 0
@@ -271,7 +271,7 @@ def run_batch(
         try:
             result = record_videos(videos, out, manifest, find, monitor, settings, **how)
         except BatchStopped as error:
-            say(str(error))
+            say(message_of(error))
             return GAVE_UP
         finally:
             # what ended the batch is more important than a page about it
@@ -281,9 +281,11 @@ def run_batch(
         print(told, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
-            print(f"{name}: have a look: {'; '.join(doubts)}", file=sys.stderr)
+            say(shown(f"{name}: have a look: {'; '.join(doubts)}"))
     done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
-    text = f"figures, and what to look at, are in {out / REPORT}\n{done}; {result.events:,} events in {out}"
+    text = (
+        f"figures, and what to look at, are in {shown(out / REPORT)}\n{done}; {result.events:,} events in {shown(out)}"
+    )
     odd = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
     tell(text, asdict(result) | {"look": odd, "out": out}, as_json=as_json)
     return 1 if result.failed else 0
@@ -308,13 +310,17 @@ def run_doctor(*, everything: bool, simulated: bool, as_json: bool) -> int:
     if not everything:
         found = [one for one in found if one.what == "camera" or (one.what == "libusb" and one.cure)]
     for one in found:
-        tell(f"{one.what}: {one.found}" + (f"\n    {one.cure}" if one.cure else ""), one._asdict(), as_json=as_json)
+        tell(
+            f"{one.what}: {shown(one.found)}" + (f"\n    {one.cure}" if one.cure else ""),
+            one._asdict(),
+            as_json=as_json,
+        )
     return 1 if any(one.cure for one in found) else 0
 
 
 def summary(report: RecordingReport) -> str:
     """The report in a few lines, with what went wrong."""
-    lines = [f"{report.path or 'not kept'}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
+    lines = [f"{shown(report.path or 'not kept')}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.frames:
         lines.append(f"{report.frames:,} frames")
     if report.lost:

@@ -6,7 +6,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from nvsdata.common.errors import shown
 from nvsdata.common.signals import end_of, ending_by_signals, exit_code
+from nvsdata.common.terminal import escaped_output
 
 
 def run(main: Callable[[], None], hint: str = "--resume continues from the last epoch") -> None:
@@ -15,7 +17,7 @@ def run(main: Callable[[], None], hint: str = "--resume continues from the last 
     `hint` tells who interrupted it how to go on.
     """
     try:
-        with ending_by_signals():
+        with ending_by_signals(), escaped_output():
             main()
     except KeyboardInterrupt as error:
         print(f"{end_of(error)}: {hint}", file=sys.stderr)
@@ -25,4 +27,4 @@ def run(main: Callable[[], None], hint: str = "--resume continues from the last 
         # a loader's worker sends its traceback, whose last line tells
         if text.startswith("Caught "):
             text = text.rstrip().splitlines()[-1].partition(": ")[2]
-        sys.exit(f"{Path(sys.argv[0]).name}: {text}")
+        sys.exit(f"{Path(sys.argv[0]).name}: {shown(text)}")

@@ -19,6 +19,7 @@ from torch.nn.functional import cross_entropy
 from torch.nn.parallel import DistributedDataParallel
 
 from nvsdata import models
+from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
 from nvsdata.models.distributed import all_reduce_sum
 from nvsdata.training import runs
@@ -72,7 +73,7 @@ class Trainer:
             self._restore(runs.Checkpoint.read(out, team.device))
         if team.rank == 0:
             runs.write_log(out, self.lines)
-        team.print(", ".join(f"{name} {value}" for name, value in self.data.items()))
+        team.print(", ".join(f"{name} {shown(value)}" for name, value in self.data.items()))
 
     @property
     def done(self) -> int:

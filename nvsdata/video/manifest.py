@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 
 from nvsdata._version import __version__
+from nvsdata.common.errors import shown
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
 from nvsdata.common.terminal import say
@@ -165,9 +166,9 @@ class FolderReport:
         """A line for each video that failed, is damaged, or has no preview."""
         damaged = "its stream is damaged, pictures may be smeared: {:,} errors of the decoder"
         return [
-            *(f"{name}: {reason}" for name, reason in self.failed.items()),
-            *(f"{name}: {damaged.format(count)}" for name, count in self.damaged.items()),
-            *(f"{name}: no preview: {reason}" for name, reason in self.without_preview.items()),
+            *(shown(f"{name}: {reason}") for name, reason in self.failed.items()),
+            *(shown(f"{name}: {damaged.format(count)}") for name, count in self.damaged.items()),
+            *(shown(f"{name}: no preview: {reason}") for name, reason in self.without_preview.items()),
         ]
 
 
@@ -221,7 +222,7 @@ class FolderRun:
         self._count += 1
         self.bar.update(self._count - self.bar.n)
         told = f"{line.get('events', 0):,} events" if "reason" not in line else line["reason"]
-        log.info("%s: %s, %s", line["video"], line["status"], told)
+        log.info("%s: %s, %s", shown(line["video"]), shown(line["status"]), shown(told))
         return str(line["file"])
 
     def within(self, share: float) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from nvsdata.common.errors import DownloadError
+from nvsdata.common.errors import DownloadError, message_of, shown
 from nvsdata.common.files import claimed
 from nvsdata.common.locks import lock_path, locked
 from nvsdata.datasets.archives.arrival_check import fault_of
@@ -44,7 +44,7 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
     work = root / WORK
     missing = [archive for archive in info.archives if not _is_there(root / archive.folder)]
     for archive in [archive for archive in missing if archive.optional and not _can_be_had(archive, root)]:
-        warnings.warn(f"without {archive.folder}: put {archive.name} from {info.page} into {root}", stacklevel=2)
+        warnings.warn(f"without {archive.folder}: put {archive.name} from {info.page} into {shown(root)}", stacklevel=2)
         missing.remove(archive)
     if missing or work.exists():
         root.mkdir(parents=True, exist_ok=True)
@@ -114,7 +114,7 @@ def _get(archives: list[Archive], root: Path, work: Path, info: Info, keep: bool
                 if not archive.optional:
                     raise
                 failed = True
-                warnings.warn(f"without {archive.folder}: {error}", stacklevel=3)
+                warnings.warn(f"without {archive.folder}: {message_of(error)}", stacklevel=3)
         if not failed:
             shutil.rmtree(work, ignore_errors=True)
     finally:
@@ -143,5 +143,5 @@ def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> P
 def _is_there(folder: Path) -> bool:
     """Whether the folder exists and isn't empty. DownloadError for a file with that name."""
     if folder.exists() and not folder.is_dir():
-        raise DownloadError(f"{folder} is a file, where a folder is to be unpacked: move it away and try again")
+        raise DownloadError(f"{shown(folder)} is a file, where a folder is to be unpacked: move it away and try again")
     return folder.is_dir() and any(folder.iterdir())

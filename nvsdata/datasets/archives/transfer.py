@@ -18,7 +18,7 @@ from urllib.parse import quote
 import requests
 import urllib3
 
-from nvsdata.common.errors import DownloadError
+from nvsdata.common.errors import DownloadError, shown
 from nvsdata.common.progress import bar as progress
 from nvsdata.datasets.archives.arrival_check import QUOTA, fault_of, kind_of, page_of
 from nvsdata.datasets.archives.unpack import take_out
@@ -81,7 +81,7 @@ def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
             else:
                 _download(place, part, archive)
         except _NotHere as refused:
-            faults.append(f"{place.name if isinstance(place, Archive) else place}: {refused}")
+            faults.append(shown(f"{place.name if isinstance(place, Archive) else place}: {refused}"))
         except DownloadError:
             raise
         except OSError as error:
@@ -125,7 +125,7 @@ def _by_hand(archive: Archive, root: Path, info: Info, faults: str) -> str:
     facts = [f"about {archive.size / 1e9:.1f} GB"] if archive.size else []
     facts += [f"{kind_of(archive.hash)} {archive.hash}"] if archive.hash else []
     known = f" ({', '.join(facts)})" if facts else ""
-    words = f"can't download {archive.name}: get it with a browser from {info.page}, put it into {root}{known}"
+    words = f"can't download {archive.name}: get it with a browser from {info.page}, put it into {shown(root)}{known}"
     return f"{words} and try again" + (f". What went wrong:\n  {faults}" if faults else "")
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from nvsdata.common.errors import DownloadError
+from nvsdata.common.errors import DownloadError, shown
 
 MOST_BYTES = 100 << 30  # that an archive may unpack to, including the archives within it
 MOST_FILES = 1_000_000
@@ -56,10 +56,10 @@ def unpack(path: Path, folder: Path) -> None:
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
-        raise DownloadError(f"{path}: not unpacked, because {folder} is there already") from None
+        raise DownloadError(f"{shown(path)}: not unpacked, because {shown(folder)} is there already") from None
     try:
         room = _Room(min(MOST_BYTES, max(SMALL, MOST_TIMES * path.stat().st_size)), MOST_FILES)
-        _unpack(path, str(path), folder, room, DEEPEST)
+        _unpack(path, shown(path), folder, room, DEEPEST)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -109,13 +109,13 @@ def _is_copy(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: 
 
 def take_out(path: Path, file: str, target: Path) -> None:
     """Write the entry of an archive named `file`, in any folder, to `target`. DownloadError if that fails."""
-    with _told(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
-        entries = list(_entries(archive, str(path), target.parent, _Room(MOST_BYTES, MOST_FILES)))
+    with _told(f"{shown(path)}: damaged archive"), _opened(path, shown(path)) as archive:
+        entries = list(_entries(archive, shown(path), target.parent, _Room(MOST_BYTES, MOST_FILES)))
         found = [entry for entry in entries if entry.name.rsplit("/", 1)[-1] == file]
         if not found:
-            raise DownloadError(f"{path}: {file!r} is not in it")
-        _check_disk(target.parent, found[0].size, str(path))
-        with _told(f"{path}: can't unpack {file!r}"):
+            raise DownloadError(f"{shown(path)}: {file!r} is not in it")
+        _check_disk(target.parent, found[0].size, shown(path))
+        with _told(f"{shown(path)}: can't unpack {file!r}"):
             _write(archive, found[0], target)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.files import put
+from nvsdata.common.markup import as_html
 from nvsdata.plots.timelines import timeline
 from nvsdata.video.manifest import Manifest
 
@@ -69,13 +69,13 @@ def page(lines: Sequence[dict[str, Any]], head: dict[str, Any], name: str, note:
         *([f"screen of {1e6 / screen['refresh']:.2f} Hz"] if screen.get("refresh") else []),
         *([note] if note else []),
     ]
-    parts = [f"<p>{html.escape(text)}</p>" for text in told]
+    parts = [f"<p>{as_html(text)}</p>" for text in told]
     for title, some in (("To record again", again), ("To look at", odd), ("The others", fine)):
         if some:
             parts.append(f"<h2>{title}: {len(some):,}</h2>{_table(some)}")
         if title == "To look at":
             parts += [_picture(label, [_or_none(value, line) for line in done]) for label, value in CURVES.items()]
-    title = html.escape(f"Recordings in {name}")
+    title = as_html(f"Recordings in {name}")
     begin = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{title}</title><style>{STYLE}</style></head>"
@@ -95,10 +95,10 @@ def _table(lines: Sequence[dict[str, Any]]) -> str:
             line.get("wrong"),
         )
         words = "; ".join([*([line["reason"]] if "reason" in line else []), *line.get("look", ())])
-        cells = [html.escape(line["video"]), line["status"]]
+        cells = [as_html(line["video"]), as_html(line["status"])]
         row = "".join(f"<td>{cell}</td>" for cell in cells)
         row += "".join(f'<td class="n">{"" if value is None else f"{value:,.4g}"}</td>' for value in figures)
-        rows.append(f"{row}<td>{html.escape(words)}</td>")
+        rows.append(f"{row}<td>{as_html(words)}</td>")
     return "<table>" + "".join(f"<tr>{row}</tr>" for row in rows) + "</table>"
 
 
@@ -117,4 +117,4 @@ def _picture(label: str, values: Sequence[float | None]) -> str:
     drawn = timeline([np.nan if value is None else value for value in values], label, "recording")
     _, png = cv2.imencode(".png", drawn)
     data = base64.b64encode(png.tobytes()).decode()
-    return f'<p><img alt="{html.escape(label)}" src="data:image/png;base64,{data}"></p>'
+    return f'<p><img alt="{as_html(label)}" src="data:image/png;base64,{data}"></p>'

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.common.files import put
 from nvsdata.common.locks import is_locked
 
@@ -92,7 +92,7 @@ def told(out: Path) -> tuple[str, bool]:
         raise FormatError(path, f"isn't the status of a batch: {error!r}") from None
     if state not in ENDED and not is_locked(out):
         lines[0] = f"gone: its process ended without a word after {status['updated']}; --resume goes on"
-        return "\n".join(lines), False
-    return "\n".join(lines), state in ("recording", "waiting for the camera") or (
+        return "\n".join(map(shown, lines)), False
+    return "\n".join(map(shown, lines)), state in ("recording", "waiting for the camera") or (
         state == "done" and not status["failed"]
     )
