@@ -145,12 +145,12 @@ def _open_standard_streams() -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are printable, on one line."""
+    """A parser whose errors are printable, on one line, without the list of all options."""
 
     def error(self, message: str) -> NoReturn:
         from nvsdata.common.errors import shown
 
-        super().error(shown(message))
+        self.exit(2, f"{self.prog}: error: {shown(message)}\n{self.prog} --help shows the options\n")
 
 
 class _CommandParser(_Parser):

@@ -77,7 +77,8 @@ def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
         with suppress(OSError):
             work.rmdir()
     if missing:
-        warnings.warn(f"{path} is kept: it isn't all in {root / archive.folder} ({missing})", stacklevel=3)
+        reason = f"it isn't all in {shown(root / archive.folder)} ({shown(missing)})"
+        warnings.warn(f"{shown(path)} is kept: {reason}", stacklevel=3)
     else:
         path.unlink()
 

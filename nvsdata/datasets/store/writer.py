@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from nvsdata.common.errors import shown
 from nvsdata.common.files import atomic, creating, named
 from nvsdata.common.processes import pool
 from nvsdata.common.progress import bar
@@ -81,7 +82,9 @@ def pack(
                         part.add(name, result)
                         progress.update()
             except BaseException:
-                say(f"{len(part.done):,} of {len(names):,} recordings are in {part.folder}: the same command resumes")
+                say(
+                    f"{len(part.done):,} of {len(names):,} recordings are in {shown(part.folder)}: the same command resumes"
+                )
                 raise
         if not part.facts:
             raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
@@ -89,7 +92,7 @@ def pack(
             with atomic(target, through_link=True) as temporary:
                 _assemble(part, dataset, temporary, compress)
         except BaseException:
-            say(f"all recordings are in {part.folder}: the same command resumes")
+            say(f"all recordings are in {shown(part.folder)}: the same command resumes")
             raise
         shutil.rmtree(part.folder)
     return PackReport(len(part.facts), part.events, part.skipped)
