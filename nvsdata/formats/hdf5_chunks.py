@@ -21,8 +21,9 @@ from nvsdata.formats.inflation import ZlibError, decompressobj
 
 SHUFFLE, DEFLATE, CHECKSUM = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32
 OURS = ([DEFLATE], [SHUFFLE, DEFLATE])  # filters that are undone here, in the order in which they are applied
-# filters after which a chunk may be longer than before: one of them at most
-EXPANDING = (DEFLATE, h5py.h5z.FILTER_SZIP, h5py.h5z.FILTER_LZF, 307, 32001, 32004, 32008, 32015, 32026)
+# filters after which a chunk may be longer than before, one of them at most: the library's own, then bzip2, Blosc, LZ4,
+# Zstandard and Blosc2
+EXPANDING = (DEFLATE, h5py.h5z.FILTER_SZIP, h5py.h5z.FILTER_LZF, 307, 32001, 32004, 32015, 32026)
 SPARE = 1024  # bytes that other filters may add to a chunk
 
 Place = tuple[int, ...]
