@@ -82,9 +82,8 @@ def pack(
                         part.add(name, result)
                         progress.update()
             except BaseException:
-                say(
-                    f"{len(part.done):,} of {len(names):,} recordings are in {shown(part.folder)}: the same command resumes"
-                )
+                done = f"{len(part.done):,} of {len(names):,} recordings"
+                say(f"{done} are in {shown(part.folder)}: the same command resumes")
                 raise
         if not part.facts:
             raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
