@@ -21,6 +21,7 @@ FOLDER_LOCK = ".nvsdata.lock"
 _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file systems without locks
 _MARK = b'{"owner": '  # what a lock file begins with
 _LONGEST = 240  # bytes; a lock file's name can contain a file name of at most this length
+_MOST = 1 << 20  # bytes of a lock file that are read
 _BEYOND = 1 << 30  # the byte that is locked on Windows: others can't read locked bytes
 
 
@@ -73,6 +74,19 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
         return False
     except PermissionError:
         return True
+
+
+def is_dead_lock(path: Path) -> bool:
+    """Whether a file is the lock of a process on this host that has ended."""
+    if not (path.name == FOLDER_LOCK or (path.name.startswith(".") and path.name.endswith(".lock"))):
+        return False
+    try:
+        if path.is_symlink() or not stat.S_ISREG(path.lstat().st_mode) or path.stat().st_size > _MOST:
+            return False
+        with path.open(encoding="utf-8") as file:
+            return is_dead(str(_holder(file).get("owner"))) and _try_lock(file, shared=True) is not False
+    except (OSError, ValueError):
+        return False
 
 
 def lock_path(output: str | os.PathLike[str]) -> Path:
@@ -157,8 +171,13 @@ def _refuse_others(place: Path) -> None:
     with suppress(FileNotFoundError):
         status = place.lstat()
         # a lock cut off by a full disk or a kill is empty, or begins like one
-        if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(place.read_bytes()[: len(_MARK)]):
+        if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(_head(place)):
             raise FileExistsError(f"{place} is not a lock of nvsdata's: move it away")
+
+
+def _head(place: Path) -> bytes:
+    with place.open("rb") as file:
+        return file.read(len(_MARK))
 
 
 def _try_lock(file: IO[str], *, shared: bool = False) -> bool | None:
@@ -190,8 +209,8 @@ def _is_still(file: IO[str], place: Path) -> bool:
 def _holder(file: IO[str]) -> dict[str, Any]:
     file.seek(0)
     try:
-        found = json.loads(file.read())
-    except (OSError, ValueError):
+        found = json.loads(file.read(_MOST))
+    except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

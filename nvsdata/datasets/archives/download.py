@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from nvsdata.common.errors import DownloadError, message_of, shown
-from nvsdata.common.files import claimed
+from nvsdata.common.files import claimed, remove_link
 from nvsdata.common.locks import lock_path, locked
 from nvsdata.datasets.archives.arrival_check import fault_of
 from nvsdata.datasets.archives.transfer import MIRROR, fetch
@@ -42,6 +42,7 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
     if not info.archives:
         raise DownloadError(f"{info.name} can't be downloaded by a program: see {info.page}")
     work = root / WORK
+    remove_link(work)
     missing = [archive for archive in info.archives if not _is_there(root / archive.folder)]
     for archive in [archive for archive in missing if archive.optional and not _can_be_had(archive, root)]:
         warnings.warn(f"without {archive.folder}: put {archive.name} from {info.page} into {shown(root)}", stacklevel=2)

@@ -10,7 +10,7 @@ from typing import IO, Any, Self
 
 import numpy as np
 
-from nvsdata.common.files import json_line, parsed_line
+from nvsdata.common.files import append_own, json_line, parsed_line, read_own, remove_link, write_all
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.store.reader import COLUMNS, VERSION, crc_of
 
@@ -45,9 +45,10 @@ class Part:
             "kinds": [kind.str for kind in self.kinds.values()],
             "opened_with": list(dataset.opened_with or ()),
         }
+        remove_link(folder)
         folder.mkdir(parents=True, exist_ok=True)
         for name in self.kinds:
-            (folder / name).touch()
+            append_own(folder / name).close()
         self._resume(set(names))
 
     @property
@@ -62,7 +63,7 @@ class Part:
 
     def _resume(self, names: set[str]) -> None:
         journal = self.folder / JOURNAL
-        lines = journal.read_bytes().splitlines(keepends=True) if journal.exists() else []
+        lines = read_own(journal).splitlines(keepends=True) if journal.exists() else []
         whole = 0
         # a line without its end was torn
         lines = [line for line in lines if line.endswith(b"\n")]
@@ -78,10 +79,10 @@ class Part:
                     # recordings left out are tried again, because they may have been repaired
                     if "skipped" not in facts:
                         self._note(facts)
-        with journal.open("ab") as file:
+        with append_own(journal) as file:
             file.truncate(whole)
             if not whole:
-                file.write(json_line(self._head).encode())
+                write_all(file.fileno(), json_line(self._head).encode())
         for name, kind in self.kinds.items():
             os.truncate(self.folder / name, self.events * kind.itemsize)
 
@@ -112,8 +113,8 @@ class Part:
 
     def __enter__(self) -> Self:
         # unbuffered, so that errors of the disk show at once
-        self._columns = {name: (self.folder / name).open("ab", buffering=0) for name in COLUMNS}
-        self._journal = (self.folder / JOURNAL).open("ab", buffering=0)
+        self._columns = {name: append_own(self.folder / name) for name in COLUMNS}
+        self._journal = append_own(self.folder / JOURNAL)
         return self
 
     def __exit__(self, *_: object) -> None:

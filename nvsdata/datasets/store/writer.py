@@ -82,8 +82,8 @@ def pack(
                         part.add(name, result)
                         progress.update()
             except BaseException:
-                done = f"{len(part.done):,} of {len(names):,} recordings"
-                say(f"{done} are in {shown(part.folder)}: the same command resumes")
+                there = f"{len(part.done):,} of {len(names):,} recordings"
+                say(f"{there} are in {shown(part.folder)}: the same command resumes")
                 raise
         if not part.facts:
             raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
