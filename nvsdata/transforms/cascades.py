@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import at_least, microseconds, whole
 from nvsdata.data.events import LATEST, Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.latest import latest_ticks
 from nvsdata.transforms.draws import generator
 
@@ -40,8 +41,8 @@ class FilterCascade:
         at_least("decay", self.decay, 1)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events, filters, tick = as_events(sample), int(self.filters), min(int(self.tick), LATEST)
-        out = np.zeros((filters, 2, *events.sensor_size[::-1]), np.float32)
+        events, filters, tick = events_inside(sample), int(self.filters), min(int(self.tick), LATEST)
+        out = zeros(events.sensor_size, (filters, 2, *events.sensor_size[::-1]))
         now = (events.end - events.start) // tick + 1
         # what happened before is forgotten
         first = events.start + tick * int(max(now - filters - np.ceil(self.decay), 0))

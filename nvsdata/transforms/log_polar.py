@@ -9,9 +9,10 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import positive, whole
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.log_polar import around_events
 
 
@@ -50,12 +51,12 @@ class DART:
             raise ValueError(f"furthest must be more than nearest, not {self.furthest} <= {self.nearest}")
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
         dx, dy, weights = _weights(int(self.rings), int(self.wedges), float(self.nearest), float(self.furthest))
         margin = 2 * int(dx.max())
         out = np.zeros((len(events), weights.shape[1]), np.float32)
-        count = np.zeros((height + margin, width + margin), np.int32)
+        count = zeros(events.sensor_size, (height + margin, width + margin), np.int32)
         around_events(events.x, events.y, min(int(self.queue), len(events) + 1), dx, dy, weights, count, out)
         return torch.from_numpy(out)
 

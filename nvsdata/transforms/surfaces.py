@@ -8,10 +8,11 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from nvsdata.common.memory import check_memory, zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import EVER, Events
 from nvsdata.data.frame_edges import duration_bounds
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels import surfaces as kernel
 from nvsdata.transforms.states import LatestState
 
@@ -38,15 +39,18 @@ class TimeSurface:
             microseconds("every", self.every)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
         bounds = np.array([0, len(events)]) if self.every is None else duration_bounds(events, self.every)
         count = bounds.size - 1
         times = np.full(count, events.end)
         if self.every is not None:
             times[:-1] = events.start + np.arange(1, count) * min(int(self.every), EVER[1])
+        # the surfaces, and float64 [2, H, W]
+        check_memory(events.sensor_size, (count + 2, 2, height, width))
         out = np.empty((count, 2, height, width), np.float32)
-        kernel.surfaces(*events.columns, times, bounds, float(self.tau), np.zeros(out.shape[1:]), out)
+        grown = zeros(events.sensor_size, out.shape[1:], np.float64)
+        kernel.surfaces(*events.columns, times, bounds, float(self.tau), grown, out)
         return torch.from_numpy(out if self.every is not None else out[0])
 
     def state(self, sensor_size: tuple[int, int]) -> LatestState:
@@ -80,14 +84,13 @@ class EventSurfaces:
         positive("tau", self.tau)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
         radius, side = int(self.radius), 2 * int(self.radius) + 1
         padded = 2, height + side - 1, width + side - 1
+        grown, epochs = (zeros(events.sensor_size, padded, kind) for kind in (np.float64, np.int64))
         out = np.empty((len(events), side, side), np.float32)
-        kernel.event_surfaces(
-            *events.columns, float(self.tau), radius, np.zeros(padded), np.zeros(padded, np.int64), out
-        )
+        kernel.event_surfaces(*events.columns, float(self.tau), radius, grown, epochs, out)
         return torch.from_numpy(out)
 
 
