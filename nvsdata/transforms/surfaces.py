@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 import torch
@@ -15,6 +15,8 @@ from nvsdata.data.frame_edges import duration_bounds
 from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels import surfaces as kernel
 from nvsdata.transforms.states import LatestState
+
+Polarity = Literal["own", "both"]
 
 
 @dataclass(frozen=True)
@@ -64,24 +66,29 @@ class TimeSurface:
 
 @dataclass(frozen=True)
 class EventSurfaces:
-    """The time surface around each event: float32 [N, 2 radius + 1, 2 radius + 1] (HOTS, Lagorce et al. 2017, eq. 3).
+    """The time surface around each event: float32 [N, 2 radius + 1, 2 radius + 1], of the event's own polarity.
 
-    exp(-(t_i - t) / tau), t being the time of the last event of the same polarity at each pixel up to event i, whose
-    own value in the middle is 1. 0 where there was none, and beyond the sensor.
+    exp(-(t_i - t) / tau), t being the time of the last event of a polarity at each pixel up to event i, whose own value
+    in the middle is 1. 0 where there was none, and beyond the sensor. HOTS (Lagorce et al. 2017, eq. 2 and 3) has a
+    surface for each polarity: `polarity="both"`.
 
     - `radius`: R, pixels around the event (default 2)
     - `tau`: time constant in µs (default 50,000)
+    - `polarity`: "own" (default), that of the event; "both" gives [N, 2, 2 radius + 1, 2 radius + 1], ON first
 
     Takes `Events` or a `Recording`. ValueError for settings out of range.
     """
 
     radius: int = 2
     tau: float = 50_000
+    polarity: Polarity = "own"
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         whole("radius", self.radius)
         positive("tau", self.tau)
+        if self.polarity not in get_args(Polarity):
+            raise ValueError(f"polarity must be one of {get_args(Polarity)}, not {self.polarity!r}")
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
         events = events_inside(sample)
@@ -89,9 +96,10 @@ class EventSurfaces:
         radius, side = int(self.radius), 2 * int(self.radius) + 1
         padded = 2, height + side - 1, width + side - 1
         grown, epochs = (zeros(events.sensor_size, padded, kind) for kind in (np.float64, np.int64))
-        out = np.empty((len(events), side, side), np.float32)
+        both = self.polarity == "both"
+        out = np.empty((len(events), 1 + both, side, side), np.float32)
         kernel.event_surfaces(*events.columns, float(self.tau), radius, grown, epochs, out)
-        return torch.from_numpy(out)
+        return torch.from_numpy(out if both else out[:, 0])
 
 
 def time_surface(sample: Events | Recording, tau: float = 50_000, *, every: int | None = None) -> torch.Tensor:
@@ -99,6 +107,8 @@ def time_surface(sample: Events | Recording, tau: float = 50_000, *, every: int 
     return TimeSurface(tau, every)(sample)
 
 
-def event_surfaces(sample: Events | Recording, radius: int = 2, tau: float = 50_000) -> torch.Tensor:
+def event_surfaces(
+    sample: Events | Recording, radius: int = 2, tau: float = 50_000, *, polarity: Polarity = "own"
+) -> torch.Tensor:
     """The time surface around each event; see `EventSurfaces`."""
-    return EventSurfaces(radius, tau)(sample)
+    return EventSurfaces(radius, tau, polarity)(sample)
