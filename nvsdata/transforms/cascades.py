@@ -17,7 +17,7 @@ from nvsdata.transforms.draws import generator
 
 @dataclass(frozen=True)
 class FilterCascade:
-    """What a cascade of delayed filters puts out: float32 [2 filters, H, W], 0 or 1 (Amir et al. 2017; thesis 2.3).
+    """What a cascade of delayed filters puts out: float32 [2 filters, H, W], 0 or 1 (Amir et al. 2017; thesis 2.1.2).
 
     Filter k = 1, 2, ... sees the events k ticks late. Its neurons, one per pixel and polarity, are set to 1 by an
     event, leak at a constant rate to 0 within `decay` ticks, and put out an event with this probability: more of them

@@ -18,7 +18,7 @@ from nvsdata.kernels.log_polar import around_events
 
 @dataclass(frozen=True)
 class DART:
-    """Where the recent events lie around each event: float32 [N, rings wedges] (Ramesh et al. 2019; thesis 2.3).
+    """Where the recent events lie around each event: float32 [N, rings wedges] (Ramesh et al. 2019; thesis 2.1.1).
 
     The `queue` latest events up to the event, itself included, are counted on a log-polar grid around it: rings lie at
     equal distances in the logarithm of the radius from `nearest` to `furthest`, wedges at equal angles from the x axis

@@ -261,3 +261,29 @@ def test_a_sensor_never_becomes_larger_than_events_can_address():
 def test_a_crop_lies_within_the_sensor(rectangle):
     with pytest.raises(ValueError, match="a sensor of 6x4 has no"):
         T.crop_events(EVENTS, *rectangle)
+
+
+# the axis of the channels, that of ON and that of OFF, and what the docstring says
+POLARITIES = [
+    (T.EventImage(), 0, (0, 1), "ON first"),
+    (T.ToFrames(1), 1, (0, 1), "ON first"),
+    (T.TimeSurface(), 0, (0, 1), "ON first"),
+    (T.EventSurfaces(1, polarity="both"), 1, (0, 1), "ON first"),
+    (T.HATS(), 1, (0, 1), "ON first"),
+    (T.TORE(1), 0, (0, 1), "ON comes first"),
+    (T.FilterCascade(1), 0, (0, 1), "of each ON first"),
+    (T.FourChannels(), 0, (0, 1), "Numbers of ON and of OFF"),
+    (T.StackedHistogram(1), 0, (1, 0), "all bins of OFF, then all of ON"),
+    (T.TAF(1), 0, (1, 0), "OFF before ON"),
+    (T.GroupTokens(2, 1), 0, (2, 0), "OFF and ON"),
+]
+
+
+@pytest.mark.parametrize(("transform", "axis", "channels", "said"), POLARITIES, ids=repr)
+def test_channels_are_those_that_the_docstring_names(transform, axis, channels, said):
+    assert said in type(transform).__doc__
+    on = Events([0, 1, 2], [1, 1, 1], [1, 1, 1], [1, 1, 1], (3, 3))
+    for events, (own, other) in ((on, channels), (T.flip_polarity(on), channels[::-1])):
+        found = transform(events).movedim(axis, 0)
+        assert found[own].unique().numel() > 1
+        assert found[other].unique().numel() == 1
