@@ -16,7 +16,7 @@ LARGE = 1 << 30  # bytes; smaller arrays aren't compared with what is free, whic
 UNKNOWN = 1 << 46  # bytes, more than a process can address
 
 
-def zeros(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike = np.float32, fill: float = 0) -> Any:
+def zeros(size: tuple[int, int], shape: Sequence[int], dtype: npt.DTypeLike = np.float32, fill: Any = 0) -> Any:
     """An array for a sensor of `size` (width, height), filled with a number; MemoryError as `check_memory` has it."""
     make = (lambda: np.full(shape, fill, dtype)) if fill else (lambda: np.zeros(shape, dtype))
     return allocated(size, shape, dtype, make)

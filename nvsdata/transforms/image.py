@@ -165,13 +165,13 @@ def resize(image: Image, size: int) -> Image:
     """Scale the smaller side to `size`; see `Resize`."""
     height, width = _shape(image)
     smaller = min(height, width)
-    shape = round(height * size / smaller), round(width * size / smaller)
+    tall, wide = round(height * size / smaller), round(width * size / smaller)
     if isinstance(image, Events | Boxes):
-        return resize_events(image, shape[1], shape[0])
+        return resize_events(image, wide, tall)
     as_image(image, floats=image.dtype != torch.uint8)
-    check_memory(shape[::-1], (*image.shape[:-2], *shape))
-    scaled = interpolate(image.reshape(1, -1, height, width), shape, mode="bilinear", antialias=True)
-    return scaled.view(*image.shape[:-2], *shape)
+    check_memory((wide, tall), (*image.shape[:-2], tall, wide))
+    scaled = interpolate(image.reshape(1, -1, height, width), (tall, wide), mode="bilinear", antialias=True)
+    return scaled.view(*image.shape[:-2], tall, wide)
 
 
 def crop(image: Image, x: int, y: int, size: int) -> Image:
