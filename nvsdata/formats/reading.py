@@ -21,7 +21,8 @@ def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = 
 
     - `path`: the file; its format is recognized by its content, else by its extension
     - `sensor_size`: (width, height) in pixels, in place of what the file states; by default what it states, else the
-      smallest size that holds the events
+      smallest size that holds the events. Some formats state none, such as N-MNIST's: without `sensor_size=(34, 34)`,
+      a file without events in the last row or column gets another size than the others
     - `strict`: whether damage is a FormatError; default True. Otherwise a damaged file is read as far as it makes
       sense: a torn tail is cut off and events outside the sensor are dropped, and the recording's `repairs` counts them
 
