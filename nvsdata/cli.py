@@ -52,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     128 plus a signal's number: ended by that signal. Wrong usage raises SystemExit with 2.
     """
     from nvsdata.commands.options import UsageError
+    from nvsdata.common.files import named
     from nvsdata.common.signals import end_of, ending_by_signals, exit_code
 
     _open_standard_streams()
@@ -64,6 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the line so far is all there is
         words = _words(os.environ.get("COMP_LINE", ""))
     called = words[0] if words else ""
+    args = argparse.Namespace()
     try:
         with ending_by_signals():
             parser = _parser(called)
@@ -71,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             args = parser.parse_args(words)
             with _told(args):
                 code: int = args.run(args)
+                with named("standard output"):
+                    sys.stdout.flush()
     except KeyboardInterrupt as error:
         print(end_of(error), file=sys.stderr)
         return exit_code(error)
@@ -81,9 +85,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UsageError as error:
         args.parser.error(str(error))
     except (OSError, ValueError, ImportError) as error:
-        print(f"nvsdata {called}: {error}", file=sys.stderr)
+        print(f"nvsdata {called}: {error}{_where(error, args)}", file=sys.stderr)
         return 1
     return code
+
+
+def _where(error: Exception, args: argparse.Namespace) -> str:
+    """What the error may be about, if it is one of the system that names no file: the paths that were given."""
+    from pathlib import Path
+
+    from nvsdata.common.errors import shown
+
+    if getattr(error, "errno", None) is None or getattr(error, "filename", None) is not None:
+        return ""
+    values = [each for value in vars(args).values() for each in (value if isinstance(value, list) else [value])]
+    given = [shown(value) for value in values if isinstance(value, Path)]
+    return f" (one of: {', '.join([*given, 'standard output'])})"
 
 
 @contextmanager

@@ -25,8 +25,8 @@ _LONGEST = 100  # characters of a file's name that its temporary file's name con
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path beside `path`; it replaces `path` if the block succeeds.
 
-    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. FileNotFoundError, which
-    names the folder, if the folder doesn't exist.
+    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. OSErrors of the block that
+    name no file name `path`. FileNotFoundError, which names the folder, if the folder doesn't exist.
     """
     # a plain `open` would also write to where a link points
     target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
@@ -35,9 +35,10 @@ def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
     os.close(handle)
     temporary = Path(name)
     try:
-        yield temporary
-        _settle(temporary, target)
-        os.replace(temporary, target)
+        with named(path):
+            yield temporary
+            _settle(temporary, target)
+            os.replace(temporary, target)
     except BaseException:
         # what went wrong is more important; on Windows the file may still be open, and `sweep` removes it later
         with suppress(OSError):
@@ -153,7 +154,7 @@ def put(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
 
     Libraries that write files themselves report a full disk in many ways, or not at all; so let them make bytes.
     """
-    with named(path), atomic(path) as temporary:
+    with atomic(path) as temporary:
         temporary.write_bytes(content)
         with temporary.open("rb") as file:
             file.seek(max(len(content) - _BLOCK, 0))
@@ -205,14 +206,17 @@ class Journal:
 
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
-            self._file.close()
+            # what a full disk didn't take is written again, and fails again
+            with named(self.path):
+                self._file.close()
 
     def add(self, line: dict[str, Any]) -> None:
         """Append a line; it is on the disk when this returns."""
         assert self._file is not None, "a journal is added to within its block"
-        self._file.write(json_line(line))
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with named(self.path):
+            self._file.write(json_line(line))
+            self._file.flush()
+            os.fsync(self._file.fileno())
 
 
 def json_line(value: dict[str, Any]) -> str:

@@ -197,9 +197,8 @@ def _sign(file: IO[str]) -> None:
     command = " ".join((Path(sys.argv[0]).name, *sys.argv[1:])) if sys.argv else ""
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     entry = {"owner": owner(), "host": socket.gethostname(), "pid": os.getpid(), "command": command, "since": since}
-    # on a full disk the lock file stays unsigned, but the lock holds
+    # on a full disk the lock file stays unsigned, but the lock holds. A buffer would fail again at closing
     with suppress(OSError):
-        file.seek(0)
-        file.truncate()
-        file.write(json.dumps(entry, ensure_ascii=True))
-        file.flush()
+        os.ftruncate(file.fileno(), 0)
+        os.lseek(file.fileno(), 0, os.SEEK_SET)
+        os.write(file.fileno(), json.dumps(entry, ensure_ascii=True).encode())

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, TextIO
 
+from nvsdata.common.files import named
+
 
 class Terminal:
     """A text stream for messages; after its terminal was closed, writing is ignored without an error."""
@@ -57,7 +59,8 @@ def remark(text: str) -> None:
 
 def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
     """Write a result to stdout: as text, or its facts as a line of JSON (null for what isn't a number)."""
-    print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
+    with named("standard output"):
+        print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
 
 
 def _plain(value: Any) -> Any:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from nvsdata.common.files import named
 from nvsdata.common.locks import OutputInUse, locked
 
 SUFFIX = ".davis"
@@ -51,8 +52,9 @@ class Journal:
     def _put(self, data: bytes) -> None:
         assert self._handle is not None, "the journal is closed"
         view = memoryview(data)
-        while view:
-            view = view[os.write(self._handle, view) :]
+        with named(self.path):
+            while view:
+                view = view[os.write(self._handle, view) :]
 
     def remove(self) -> None:
         """Delete the journal, because the recording itself is whole."""
