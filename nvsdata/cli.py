@@ -69,9 +69,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(words: Sequence[str]) -> int:
     from nvsdata.commands.options import UsageError
     from nvsdata.common.errors import message_of
+    from nvsdata.common.files import named
     from nvsdata.common.signals import end_of, ending_by_signals, exit_code
 
     called = words[0] if words else ""
+    args = argparse.Namespace()
     try:
         with ending_by_signals():
             parser = _parser(called)
@@ -79,6 +81,8 @@ def _run(words: Sequence[str]) -> int:
             args = parser.parse_args(words)
             with _told(args):
                 code: int = args.run(args)
+                with named("standard output"):
+                    sys.stdout.flush()
     except KeyboardInterrupt as error:
         print(end_of(error), file=sys.stderr)
         return exit_code(error)
@@ -89,9 +93,22 @@ def _run(words: Sequence[str]) -> int:
     except UsageError as error:
         args.parser.error(message_of(error))
     except (OSError, ValueError, ImportError) as error:
-        print(f"nvsdata {called}: {message_of(error)}", file=sys.stderr)
+        print(f"nvsdata {called}: {message_of(error)}{_where(error, args)}", file=sys.stderr)
         return 1
     return code
+
+
+def _where(error: Exception, args: argparse.Namespace) -> str:
+    """What the error may be about, if it is one of the system that names no file: the paths that were given."""
+    from pathlib import Path
+
+    from nvsdata.common.errors import shown
+
+    if getattr(error, "errno", None) is None or getattr(error, "filename", None) is not None:
+        return ""
+    values = [each for value in vars(args).values() for each in (value if isinstance(value, list) else [value])]
+    given = [shown(value) for value in values if isinstance(value, Path)]
+    return f" (one of: {', '.join([*given, 'standard output'])})"
 
 
 @contextmanager

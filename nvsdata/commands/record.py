@@ -35,7 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--note", metavar="TEXT", help="kept with each recording, such as about the room (default: none)")
     add("--overwrite", action="store_true", help="replace what is there")
     add("--list", action="store_true", help="say which cameras are connected, and record nothing")
-    add("--doctor", action="store_true", help="say what stands between you and a recording, and record nothing")
+    add(
+        "--doctor",
+        action="store_true",
+        help="report what a recording with the other options needs and what of it is missing, and record nothing",
+    )
     add_json(add)
     screen = parser.add_argument_group("playing videos on a monitor")
     add = screen.add_argument
@@ -66,7 +70,10 @@ def run(args: argparse.Namespace) -> int:
     if args.status is not None:
         return session.run_status(args.status, as_json=args.json)
     if args.doctor or args.list:
-        return session.run_doctor(everything=args.doctor, simulated=args.simulate is not None, as_json=args.json)
+        screen = args.live or args.calibrate or args.monitor is not None
+        folder = args.out if screen and not args.live else args.out and args.out.parent
+        how = {"simulated": args.simulate is not None, "as_json": args.json, "screen": screen, "folder": folder}
+        return session.run_doctor(everything=args.doctor, **how)
     _check(args)
     with usage():
         given = {"region": args.region and tuple(args.region), "frames": args.frames or None}

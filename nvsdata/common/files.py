@@ -247,7 +247,9 @@ class Journal:
 
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
-            self._file.close()
+            # what a full disk didn't take is written again, and fails again
+            with named(self.path):
+                self._file.close()
 
     def add(self, line: dict[str, Any]) -> None:
         """Append a line; it is on the disk when this returns."""

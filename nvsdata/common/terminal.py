@@ -10,6 +10,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from typing import Any, TextIO, cast
 
 from nvsdata.common.errors import shown
+from nvsdata.common.files import named
 
 
 class Terminal:
@@ -100,7 +101,8 @@ def remark(text: str) -> None:
 
 def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
     """Write a result to stdout: as text, or its facts as a line of JSON (null for what isn't a number)."""
-    print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
+    with named("standard output"):
+        print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
 
 
 def _plain(value: Any) -> Any:

@@ -304,18 +304,21 @@ def run_status(out: Path, *, as_json: bool = False) -> int:
     return 0 if well else 1
 
 
-def run_doctor(*, everything: bool, simulated: bool, as_json: bool) -> int:
-    """Print which cameras there are, or all that a recording needs and what lacks; return 1 if anything does."""
-    found = list(examine(Simulation().alone() if simulated else None))
+def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool, folder: Path | None) -> int:
+    """Print which cameras there are, or all that a recording needs; return 1 if something that it needs is missing.
+
+    - `everything`: all that a recording needs, not only cameras
+    - `simulated`: look for a simulated camera
+    - `screen`, `folder`: see `examine`
+    """
+    found = list(examine(Simulation().alone() if simulated else None, screen=screen, folder=folder))
     if not everything:
         found = [one for one in found if one.what == "camera" or (one.what == "libusb" and one.cure)]
     for one in found:
-        tell(
-            f"{one.what}: {shown(one.found)}" + (f"\n    {one.cure}" if one.cure else ""),
-            one._asdict(),
-            as_json=as_json,
-        )
-    return 1 if any(one.cure for one in found) else 0
+        optional = "" if one.needed or not one.cure else " (optional)"
+        text = f"{one.what}: {shown(one.found)}{optional}" + (f"\n    {one.cure}" if one.cure else "")
+        tell(text, one._asdict(), as_json=as_json)
+    return 1 if any(one.missing for one in found) else 0
 
 
 def summary(report: RecordingReport) -> str:

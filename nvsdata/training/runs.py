@@ -16,6 +16,8 @@ from nvsdata.common.errors import FormatError, line_of
 from nvsdata.common.files import append_own, json_line, named, put, write_all
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.jsonl"
+# epochs in the checkpoint of each training of this process, by its folder: what a later run can continue from
+FINISHED: dict[Path, int] = {}
 
 
 @dataclass(frozen=True)

@@ -277,3 +277,21 @@ def test_a_journal_is_not_kept_through_a_link(tmp_path):
     with pytest.raises(OSError, match=r"j\.jsonl.*is a link|is a link.*j\.jsonl"):
         Journal(tmp_path / "j.jsonl", {"a": 1})
     assert (tmp_path / "a").read_text() == "a text"
+
+
+def test_a_full_disk_is_an_error_of_the_file_also_of_journals(tmp_path):
+    from disks import file_limit
+
+    def fills(journal):
+        journal.add({"b": "x" * 100})
+
+    with Journal(tmp_path / "j.jsonl", {"a": 1}):
+        pass
+    with file_limit(40):
+        with pytest.raises(OSError, match="large") as refused, atomic(tmp_path / "a") as temporary:
+            temporary.write_bytes(bytes(100))
+        assert refused.value.filename == str(tmp_path / "a")
+        # closing writes again what wasn't taken
+        with pytest.raises(OSError, match="large") as refused, Journal(tmp_path / "j.jsonl", {}) as journal:
+            fills(journal)
+        assert refused.value.filename == str(tmp_path / "j.jsonl")

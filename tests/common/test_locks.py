@@ -173,3 +173,13 @@ def test_a_missing_folder_and_a_name_as_long_as_the_system_allows(tmp_path):
         pass
     with locked(tmp_path / ("n" * 252 + ".h5")), pytest.raises(OutputInUse), locked(tmp_path / ("n" * 252 + ".h5")):
         pass
+
+
+def test_a_full_disk_leaves_a_lock_unsigned_but_locked(tmp_path):
+    from disks import file_limit
+
+    with file_limit(0), locked(tmp_path / "a"):
+        assert (tmp_path / ".a.lock").read_bytes() == b""
+        with pytest.raises(OutputInUse), locked(tmp_path / "a"):
+            pass
+    assert not list(tmp_path.iterdir())

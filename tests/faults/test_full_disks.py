@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -199,3 +200,60 @@ def test_a_folder_of_videos_goes_on_where_the_disk_was_full(tmp_path):
         for path in sorted(out.rglob("*.h5")):
             assert len(nvsdata.read(path)) > 0
         assert not list(out.rglob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("view a.h5 disk/v.html", "'disk/v.html'"),
+        ("view a.h5 disk/v.png", "'disk/v.png'"),
+        ("view a.h5 disk/v.gif", "'disk/v.gif'"),
+        ("gallery data disk/g.html", "'disk/g.html'"),
+        ("compare a.h5 data/b/b.h5 --picture disk/c.png", "'disk/c.png'"),
+        ("convert a.h5 disk/c.aedat", "'disk/c.aedat'"),
+        ("pack data --dataset folder --out disk/p.h5", "'disk/p.h5'"),
+        ("convert-videos videos --out disk/cv", "'disk/cv/manifest.jsonl'"),
+        ("record --simulate --seconds 0.1 --out disk/r.h5", "disk/r.h5"),
+    ],
+)
+def test_commands_name_the_file_that_a_full_disk_did_not_take(tmp_path, events, words, named, monkeypatch, capsys):
+    from nvsdata.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data/b").mkdir(parents=True)
+    nvsdata.write(events, "a.h5")
+    nvsdata.write(events, "data/b/b.h5")
+    write_video(tmp_path / "videos/run/a.avi", moving_square())
+    with small_disk(tmp_path / "disk"):
+        (tmp_path / "disk/fill").write_bytes(bytes(16 * PAGE))
+        assert main(words.split()) == 1
+        last = capsys.readouterr().err.splitlines()[-1]
+        assert last.startswith(f"nvsdata {words.split()[0]}: ")
+        assert "No space left on device" in last or "the disk has 0.0 MB left" in last
+        assert named in last
+
+
+def test_an_error_that_names_no_file_gets_the_paths_that_were_given(tmp_path, monkeypatch, capsys):
+    from nvsdata.cli import main
+    from nvsdata.commands import compare
+
+    def broken(args):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(compare, "run", broken)
+    assert main(["compare", "a.h5", "b.h5"]) == 1
+    assert capsys.readouterr().err.startswith("nvsdata compare: [Errno 5] Input/output error (one of: a.h5, b.h5, ")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device that is always full")
+def test_results_that_find_no_room_are_an_error(tmp_path, events):
+    nvsdata.write(events, tmp_path / "a.h5")
+    for command in (["info", tmp_path / "a.h5"], ["datasets"]):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [sys.executable, "-m", "nvsdata", *command], stdout=full, stderr=subprocess.PIPE, text=True
+            )
+        assert (done.returncode, done.stderr) == (
+            1,
+            f"nvsdata {command[0]}: [Errno 28] No space left on device: 'standard output'\n",
+        )
