@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--doctor",
         action="store_true",
-        help="report what a recording with the other options needs and what of it is missing, and record nothing",
+        help="print what a recording with the other options needs, and record nothing",
     )
     add_json(add)
     screen = parser.add_argument_group("playing videos on a monitor")

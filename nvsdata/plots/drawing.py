@@ -48,6 +48,4 @@ def shortened(text: str, width: int, size: float = 0.45) -> str:
 
 def save(picture: np.ndarray, path: Path) -> None:
     """Write a picture, uint8 [H, W] or [H, W, 3] in BGR, as a PNG; the file appears whole or not at all."""
-    encoded = cv2.imencode(".png", picture)[1]
-    with atomic(path, through_link=True) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+    put(path, cv2.imencode(".png", picture)[1].tobytes(), through_link=True)
