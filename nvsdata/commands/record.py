@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--doctor",
         action="store_true",
-        help="print what a recording with the other options needs, and record nothing",
+        help="print what a recording with the other options needs and misses, and record nothing",
     )
     add_json(add)
     screen = parser.add_argument_group("playing videos on a monitor")

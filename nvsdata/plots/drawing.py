@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from nvsdata.common.files import put
+
 ON, OFF, BOTH = (60, 60, 220), (220, 120, 40), (150, 60, 150)  # BGR
 INK, FAINT = (60, 60, 60), (225, 225, 225)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
