@@ -112,7 +112,11 @@ def test_a_wrong_kind_of_sample_is_named(transform):
 
 
 @pytest.mark.parametrize("feature", [T.Age(), T.Patch(), T.PatchMean()], ids=repr)
-@pytest.mark.parametrize("given", [(EVENTS, EVENTS), (GRAPH, GRAPH), (EVENTS, None), (FRAMES, GRAPH)], ids=str)
+@pytest.mark.parametrize(
+    "given",
+    [(EVENTS, EVENTS), (GRAPH, GRAPH), (EVENTS, None), (FRAMES, GRAPH)],
+    ids=["events", "graph", "nothing", "frames"],
+)
 def test_a_feature_of_something_else_is_named(feature, given):
     with pytest.raises(TypeError, match="it takes Events and their Graph, as NodeFeatures gives them, but was given"):
         feature(*given)
