@@ -13,7 +13,8 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_sensor_size
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.records import Blocks, Entry, PiecedFile
+from nvsdata.formats.indexed import Entry, IndexedFile
+from nvsdata.formats.records import Blocks
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
 from nvsdata.kernels.decode import (
@@ -38,13 +39,12 @@ SHORT = 32  # blocks; up to this size, a file is decoded as a whole
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
 
 
-class AtisRecording(PiecedFile):
+class AtisRecording(IndexedFile):
     """An ATIS `.bin` file. It states no sensor size: the default is the smallest that holds its events."""
 
     format = "atis"
     record_size = 5
     block = 256
-    keeps_index = True
     _extent = (1, 1)  # of its events, as a walk found it
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:

@@ -17,7 +17,8 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_window
 from nvsdata.data.samples import Triggers
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.records import Blocks, Entry, PiecedFile, stated_size
+from nvsdata.formats.indexed import Entry, IndexedFile
+from nvsdata.formats.records import Blocks, stated_size
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.clock import BACK_US, SILENT_US, kept_words
 from nvsdata.kernels.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, UNSEEN
@@ -26,7 +27,7 @@ from nvsdata.kernels.order import is_sorted
 MAX_ADDRESS = 0x7FF
 
 
-class EvtRecording(PiecedFile):
+class EvtRecording(IndexedFile):
     """A file of words of one type and size. Events before the first time word are left out, because they have no time.
 
     A subclass must define `record_size` and
@@ -38,7 +39,6 @@ class EvtRecording(PiecedFile):
     """
 
     block = 4096
-    keeps_index = True
     holds_triggers = True
     low_bits: ClassVar[int]
     high_bits: ClassVar[int]

@@ -10,7 +10,6 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_sensor_size
-from nvsdata.formats import kept_index
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.kernels.order import is_sorted
@@ -31,19 +30,6 @@ class Blocks(NamedTuple):
     span: tuple[int, int] = (0, 0)
 
 
-class Entry(NamedTuple):
-    """What a few records say about a block of a kept index.
-
-    - `time`, `state`: its entry in `Blocks.times` and `Blocks.states`
-    - `first`, `last`: times of their first and last event, None if they have none
-    """
-
-    time: int
-    state: list[int]
-    first: int | None
-    last: int | None
-
-
 class RecordFile(FileRecording):
     """Fixed-size records after a header, in order of time unless the file is damaged.
 
@@ -52,8 +38,6 @@ class RecordFile(FileRecording):
 
     record_size: int
     block: int  # records per entry of the index
-    _unproven: set[int] | None = None  # blocks of a kept index whose entries weren't compared with the file yet
-    keeps_index = False  # whether an index is worth keeping, because it takes a pass over the whole file
 
     def __init__(
         self, contents: Contents, sensor_size: tuple[int, int] | None, strict: bool, header_size: int = 0
@@ -94,68 +78,10 @@ class RecordFile(FileRecording):
 
     @property
     def blocks(self) -> Blocks:
-        """The index: built at its first use, or kept from an earlier one."""
+        """The index, built at its first use."""
         if self._blocks is None:
-            stamp = self.contents.stamp
-            if stamp is not None and stamp[0] >= kept_index.LEAST and self.keeps_index and self.strict:
-                self._blocks = self._kept_or_made(*stamp)
-            else:
-                self._blocks = self._index()
+            self._blocks = self._index()
         return self._blocks
-
-    def _kept_or_made(self, size: int, *stamp: int) -> Blocks:
-        """The index kept beside the file, or a new one, which is kept."""
-        about = {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
-        # an entry of an index takes less than the records that it stands for
-        kept = kept_index.restore(self.path, about, size)
-        try:
-            if kept is not None:
-                return self._compared(self._restored(kept))
-        except (KeyError, ValueError, TypeError, OverflowError):
-            pass  # not an index of this file: it is made again
-        self._unproven = None
-        blocks = self._index()
-        kept_index.keep(self.path, about, max(stamp[:2]), self._to_keep(blocks))
-        return blocks
-
-    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
-        """What is kept of an index."""
-        return {name: np.asarray(value) for name, value in blocks._asdict().items()}
-
-    def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
-        """The index that was kept. KeyError, ValueError or TypeError if it isn't one of this file."""
-        first, last = map(int, kept["span"].tolist())
-        times, states = kept["times"], kept["states"]
-        count = -(-self.records // self.block)
-        shapes = times.shape == (count,), states.shape[:1] == (count,), states.ndim == 2, kept["ordered"].shape == ()
-        kinds = times.dtype == np.int64, states.dtype == np.int64, kept["ordered"].dtype == np.bool_
-        ordered = bool(kept["ordered"])
-        if not all((*shapes, *kinds)) or (ordered and not (is_sorted(times) and first <= last)):
-            raise ValueError("an index of another file")
-        return Blocks(times, states, ordered, (first, last))
-
-    def _compared(self, blocks: Blocks) -> Blocks:
-        """A kept index, after some of its entries were compared with the file. ValueError if one differs."""
-        self._unproven = set(range(len(blocks.times)))
-        for block in kept_index.some_of(len(blocks.times)).tolist():
-            self._compare(blocks, block)
-        return blocks
-
-    def _compare(self, blocks: Blocks, block: int) -> None:
-        """Compare an entry of a kept index with the records before and behind it. ValueError if it differs."""
-        if self._unproven is None or block not in self._unproven:
-            return
-        found = self._entry(blocks, block)
-        fits = found.time == blocks.times[block] and found.state == blocks.states[block].tolist()
-        fits &= block > 0 or found.first in (None, blocks.span[0])
-        fits &= block < len(blocks.times) - 1 or found.last in (None, blocks.span[1])
-        if not fits:
-            raise ValueError("an index of another file")
-        self._unproven.discard(block)
-
-    def _entry(self, blocks: Blocks, block: int) -> Entry:
-        """The entry of a block, as the records of the block before it give it; for formats that keep an index."""
-        raise NotImplementedError
 
     @property
     def certainly_rises(self) -> bool:
@@ -189,16 +115,7 @@ class RecordFile(FileRecording):
         times, _, ordered, _ = self.blocks
         if ordered is False or (ordered is None and not is_sorted(times)):
             return None
-        margin = 0 if ordered else 1
-        first = max(int(times.searchsorted(start, "left")) - 1 - margin, 0)
-        last = int(times.searchsorted(stop, "left")) + margin
-        try:
-            # events before the one and from the other on are left out
-            for block in (first, last):
-                self._compare(self.blocks, block)
-        except ValueError:
-            self._unproven, self._blocks = None, self._index()
-            return self.decode_window(start, stop)
+        first, last = self._touched(start, stop)
         lo, hi = first * self.block, min(last * self.block, self.records)
         columns = self._between(lo, max(lo, hi))
         t = columns.t
@@ -206,6 +123,13 @@ class RecordFile(FileRecording):
             return None
         a, b = t.searchsorted(start, "left"), t.searchsorted(stop, "left")
         return columns.take(slice(a, b))
+
+    def _touched(self, start: int, stop: int) -> tuple[int, int]:
+        """The first block that a window touches, and the one after the last."""
+        times, _, ordered, _ = self.blocks
+        margin = 0 if ordered else 1
+        first = int(times.searchsorted(start, "left")) - 1 - margin
+        return max(first, 0), int(times.searchsorted(stop, "left")) + margin
 
 
 class PiecedFile(RecordFile):
