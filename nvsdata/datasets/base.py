@@ -126,6 +126,8 @@ class EventDataset(Samples):
 
     def _split_of(self, split: str | bool | None, train: bool | None) -> str:
         """The split's name: the first of `splits` if neither is given; a bool stands for "train" or "test"."""
+        if train not in (None, True, False):
+            raise ValueError(f"train must be True, False or None, not {train!r}")
         named = None if train is None else "train" if train else "test"
         if split is None:
             return named or self.splits[0]

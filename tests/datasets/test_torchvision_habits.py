@@ -52,6 +52,11 @@ def test_splits_that_contradict_each_other(digits, how, named):
         NMNIST(digits, *how, **named)
 
 
+def test_train_is_true_or_false(digits):
+    with pytest.raises(ValueError, match="train must be True, False or None, not 'test'"):
+        NMNIST(digits, train="test")
+
+
 def test_train_of_a_folder_whose_usual_split_is_all(tmp_path):
     trees.put(tmp_path, {f"{part}/ant/{i}.h5": b"" for part in ("train", "test") for i in range(2)})
     for part in ("train", "test"):

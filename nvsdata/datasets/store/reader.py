@@ -50,6 +50,10 @@ INDEX = (
     "file_offset",
     "file_data",
 )
+# types of t, x, y and p, and of those parts of the index that aren't bytes
+STORED = {(t, xy, xy, "uint8") for t in ("uint32", "int64") for xy in ("uint8", "uint16")}
+KINDS = {"offset": "int64", "base": "int64", "duration": "int64", "time": "int64", "mark": "", "size": "int32"}
+KINDS |= {"bytes": "int64", "crc": "uint32", "file_offset": "int64"}
 UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
 MARKED = 256  # the index has the time of every 256th event
 CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
@@ -85,6 +89,7 @@ class Store:
             if checksum(index) != number_of(path, file, "checksum"):
                 raise FormatError(path, "its index fails its checksum: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
+            kinds = [str(column.dtype) for column in columns]
             places = [_place(path, column) for column in columns]
             self._event_size = sum(column.dtype.itemsize for column in columns)
             shapes = {column.shape for column in columns}
@@ -102,7 +107,11 @@ class Store:
         self._files = {name: i for i, name in enumerate(unpacked(index["file_name"]))}
         self._file_offset, self._file_data = index["file_offset"], index["file_data"]
         self._marks = index["mark"]
-        if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
+        # a sign that has changed changes values, but no bytes that a checksum is of
+        expected = {name: kinds[0] if name == "mark" else kind for name, kind in KINDS.items()}
+        sound = self._is_sound(index) and tuple(kinds) in STORED
+        sound &= all(str(index[name].dtype) == kind for name, kind in expected.items())
+        if not (sound and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
             raise FormatError(path, "its index contradicts itself: pack it again")
         # None for compressed columns
         self._places = [place for place in places if place is not None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 import trees
@@ -46,6 +47,17 @@ def test_any_flipped_byte_gives_an_error_or_the_same_events(store):
             found["the same"] += 1
     assert sum(found.values()) == 400
     assert min(found.values()) > 0
+
+
+@pytest.mark.parametrize("name", ["events/x", "events/t", "events/p", "index/base", "index/mark", "index/size"])
+def test_a_type_of_another_sign_changes_no_byte_and_is_found_out(store, name):
+    with h5py.File(store, "r+") as file:
+        values = file[name][()]
+        other = ("u" if values.dtype.kind == "i" else "i") + str(values.dtype.itemsize)
+        del file[name]
+        file[name] = values.view(other)
+    with pytest.raises(FormatError, match="contradicts itself"):
+        NMNIST(store, "all")
 
 
 @pytest.mark.parametrize("window", [(None, None), (0, 10)])
