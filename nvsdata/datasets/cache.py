@@ -28,6 +28,7 @@ from nvsdata.transforms.compose import Compose
 
 TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"
 SHARD = 1000  # samples per folder
+ZIP = b"PK"  # begins what torch saves; it reads older files less safely
 CHECKSUM = 4  # bytes, CRC-32 of all that follows
 # attributes of a dataset that don't change the head's output
 INDIFFERENT = (
@@ -186,5 +187,10 @@ def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
         return None
     if not data or int.from_bytes(data[:CHECKSUM], "little") != crc32(memoryview(data)[CHECKSUM:]):
         return None  # damaged: it is made again
-    found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
-    return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None
+    if data[CHECKSUM:][:2] != ZIP:
+        return None
+    try:
+        found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
+        return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None
+    except Exception:  # of another kind than ours: anything may be raised
+        return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import os
 import platform
 import time
 from collections.abc import Iterator, Sequence
@@ -111,13 +112,22 @@ def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
     return ""
 
 
+def files_of(lines: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
+    """Return the recording of each video, by the videos' names. ValueError for one outside the folder `out`."""
+    found = {line["video"]: out / line["file"] for line in lines if "file" in line}
+    for video, path in found.items():
+        if not Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out)):
+            raise ValueError(f"the manifest of {out} names a recording of {video} outside the folder: {path}")
+    return found
+
+
 def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
     """The videos, each with the recording in `out` that lines of the manifest name: a video that was added since, such
     as a.mp4 beside a.avi, would give others new names.
 
     ValueError if two would have the same recording.
     """
-    known = {line["video"]: out / line["file"] for line in lines if "file" in line}
+    known = files_of(lines, out)
     found = [video._replace(target=known.get(video.name, video.target)) for video in videos]
     whose: dict[Path, str] = {}
     for video in found:

@@ -9,7 +9,7 @@ from typing import Any
 
 from nvsdata.common.files import Journal, claimed, sweep
 from nvsdata.common.locks import OutputInUse, is_locked, locked
-from nvsdata.video.manifest import NAME, Manifest
+from nvsdata.video.manifest import NAME, Manifest, files_of
 
 OF_SHARD = "manifest-{}-of-{}.jsonl"
 ANY = OF_SHARD.format("*", "*")
@@ -37,7 +37,8 @@ def manifest_of(
                 if is_locked(out / lock.name[1:].removesuffix(".lock")):
                     raise OutputInUse(f"{out} is being written by the process of {lock.name}")
             shards = [Journal(path, {}) for path in sorted(out.glob(ANY))]
-            before = _files_of([*shards, Journal(out / NAME, {})], out) if overwrite else {}
+            lines = [line for one in (*shards, Journal(out / NAME, {})) for line in one.lines]
+            before = files_of(lines, out) if overwrite else {}
             if overwrite:
                 for path in (out / NAME, *(one.path for one in shards)):
                     path.unlink(missing_ok=True)
@@ -94,8 +95,3 @@ def _check(others: list[Journal], manifest: Manifest) -> None:
     for one in others:
         if one.head.get("settings_sha256") not in (None, manifest.head["settings_sha256"]):
             raise ValueError(f"{one.path} is of recordings made with other settings: choose another folder")
-
-
-def _files_of(journals: list[Journal], out: Path) -> dict[str, Path]:
-    """The recording of each video, by its name, as the lines say."""
-    return {line["video"]: out / line["file"] for one in journals for line in one.lines if "file" in line}

@@ -649,3 +649,16 @@ def test_a_line_says_how_many_events_each_imperfection_added_and_left_out(videos
         assert dead["imperfections"] | {"refractory": 0} == counts
         assert dead["events"] == noisy["events"] - dead["imperfections"]["refractory"] < noisy["events"]
         assert nvsdata.open(tmp_path / "2" / dead["file"]).about["imperfections"] == dead["imperfections"]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_manifest_can_not_have_files_outside_its_folder_written_or_removed(videos, tmp_path, overwrite):
+    out = tmp_path / "out"
+    convert_videos(videos, out)
+    mine = tmp_path / "mine.h5"
+    mine.write_text("a thesis")
+    head, first, *rest = (out / "manifest.jsonl").read_text().splitlines()
+    (out / "manifest.jsonl").write_text("\n".join([head, first.replace("run/a.h5", "../mine.h5"), *rest, ""]))
+    with pytest.raises(ValueError, match=r"names a recording of run/a\.avi outside the folder"):
+        convert_videos(videos, out, overwrite=overwrite)
+    assert mine.read_text() == "a thesis"
