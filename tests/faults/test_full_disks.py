@@ -193,9 +193,7 @@ def test_an_error_that_names_no_file_gets_the_paths_that_were_given(tmp_path, mo
 
     monkeypatch.setattr(compare, "run", broken)
     assert main(["compare", "a.h5", "b.h5"]) == 1
-    assert capsys.readouterr().err.startswith(
-        "nvsdata compare: [Errno 5] Input/output error (one of: a.h5, b.h5, "
-    )
+    assert capsys.readouterr().err.startswith("nvsdata compare: [Errno 5] Input/output error (one of: a.h5, b.h5, ")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device that is always full")

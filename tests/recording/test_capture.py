@@ -41,7 +41,7 @@ def test_a_recording_is_what_the_camera_saw(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(("room", "whole"), [(None, True), (1 << 22, False)])
-def test_a_computer_that_does_other_things_for_long_loses_nothing_of_a_simulated_camera(tmp_path, monkeypatch, room, whole):
+def test_a_busy_computer_loses_nothing_of_a_simulated_camera(tmp_path, monkeypatch, room, whole):
     """25 s pass between two reads; only a camera that keeps no more than a real one drops events."""
     away, real = [0.0], camera_module.host_time
     monkeypatch.setattr(camera_module, "host_time", lambda: real() + away[0])

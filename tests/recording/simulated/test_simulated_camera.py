@@ -55,7 +55,7 @@ def running(scene, *off, on=(), **how):
 
 
 def sent(camera, size=1 << 20, reads=None):
-    """What waits, as bytes; None if nothing does. `reads` limits how often it is read (default: until nothing comes)."""
+    """What waits, as bytes; None if nothing does. It is read so often (default: until nothing comes)."""
     buffer, found = array.array("B", bytes(size)), None
     while reads != 0:
         try:
