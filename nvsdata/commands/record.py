@@ -53,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--calibration", type=path, metavar="DIR", help=corners)
     alarm = "run by the shell if nothing can be recorded; the reason is in $NVSDATA_ALARM (default: none)"
     add("--on-alarm", metavar="CMD", help=alarm)
+    full = "begin although the disk seems too small: a full disk ends the batch, and --resume goes on"
+    add("--until-full", action="store_true", help=full)
     add("--status", type=path, metavar="OUT", help="say how a batch is going (default: record)")
     add("--strict", action="store_true", help="record again, and at last refuse, what looks odd, not only list it")
     add("--accept-quiet", action="store_true", help="accept recordings with hardly any events, though the video moves")
@@ -97,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
     chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live, "as_json": args.json}
+    chosen |= {"until_full": args.until_full}
     return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 
@@ -105,6 +108,8 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--resume and --verify need --monitor, the folder of videos")
     if args.monitor is not None and args.overwrite:
         raise UsageError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
+    if args.monitor is None and args.until_full:
+        raise UsageError("--until-full needs --monitor, the folder of videos")
     if args.calibrate and args.json:
         raise UsageError("--calibrate writes calibration.json: it takes no --json")
     if args.model is not None and (args.monitor is not None or args.calibrate):

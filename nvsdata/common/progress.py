@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable
 from typing import Any
@@ -21,11 +22,25 @@ class Bar(tqdm):  # type: ignore[misc]
         return found | {name: printable(found[name]) for name in ("prefix", "postfix") if found[name]}
 
 
+WIDTH = 80  # columns of a terminal that doesn't report them
+
+
 def bar(things: Iterable[Any] | None = None, desc: str | None = None, *, shown: bool = True, **more: Any) -> Any:
     """A progress bar over `things`, or of `total`; `desc` is done, and `more` is for tqdm. `shown=False` hides it."""
+    if _columns() == 0:
+        # a pseudo-terminal whose size nobody has set: tqdm would draw nothing
+        more = {"ncols": WIDTH} | more
     # it moves the cursor
     more |= {"file": Terminal(unescaped(sys.stderr)), "disable": None if shown and not is_quiet() else True}
     return Bar(things, desc, **more)
+
+
+def _columns() -> int | None:
+    """Width of the terminal, as it reports it; None without one."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns
+    except (OSError, ValueError, AttributeError):
+        return None
 
 
 def say_beside(text: str) -> None:

@@ -24,7 +24,7 @@ from nvsdata.recording.deciding import Deciding
 from nvsdata.recording.doctor import examine
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.rig.batch import DONE, format_of, manifest_of, record_videos, verify
+from nvsdata.recording.rig.batch import DONE, manifest_of, record_videos, status_before
 from nvsdata.recording.rig.calibrate import calibrate
 from nvsdata.recording.rig.calibration import FIGURES, corners_in, write_calibration
 from nvsdata.recording.rig.calibration import summary as calibration_summary
@@ -34,6 +34,7 @@ from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.report import REPORT, write_report
 from nvsdata.recording.rig.status import STATUS
 from nvsdata.recording.rig.status import told as status_of
+from nvsdata.recording.rig.verification import format_of, verify
 from nvsdata.recording.rig.watch import BatchStopped
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
@@ -196,7 +197,7 @@ def run_calibration(
 
     FileExistsError if there are some already, unless `overwrite` is true.
     """
-    backend, look = simulate.watched() if simulate else (None, None)
+    backend, look = _watched(simulate)
     out.mkdir(parents=True, exist_ok=True)
     with claimed(out):
         if (out / FIGURES).exists() and not overwrite:
@@ -233,26 +234,24 @@ def run_batch(
     on_alarm: str | None = None,
     note: str | None = None,
     live: bool = False,
+    until_full: bool = False,
     as_json: bool = False,
 ) -> int:
     """Play and record a folder of videos, or `check` what was recorded.
 
-    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1.
+    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1. OSError
+    if the disk is too small, unless `until_full`.
     """
     videos = videos_in(source, out, format_of(out) if check else format)
     check_format(videos[0].target, settings)
     if check:
         found = verify(videos, out, limit)
-        videos = videos[:limit]
-        sound = sum(video.name not in found for video in videos)
-        lines = [shown(f"{name}: {fault}") for name, fault in found.items()]
-        lines.append(f"{sound:,} of {len(videos):,} recordings are sound")
-        tell("\n".join(lines), {"sound": sound, "videos": len(videos), "faults": found}, as_json=as_json)
-        return 1 if found else 0
+        tell("\n".join(map(shown, found.told())), {"sound": found.sound} | asdict(found), as_json=as_json)
+        return 0 if found.well else 1
     videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
     how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm, "live": live}
-    backend, look = simulate.watched() if simulate else (None, None)
+    backend, look = _watched(simulate)
     window = WINDOW if simulate else None
     with (
         Monitor(**screen, window=window, look=look) as monitor,
@@ -267,7 +266,12 @@ def run_batch(
 
         videos = manifest.as_before(videos)
         left = [video for video in videos if not manifest.has(video, DONE)]
-        remark(estimate(left, list(manifest.videos.values()), out, monitor.refresh))
+        expected = estimate(left, list(manifest.videos.values()), out, monitor.refresh)
+        remark(expected.text)
+        if expected.short and not until_full:
+            reason = f"{expected.text}: free some, choose another disk, or record until it is full by --until-full"
+            status_before(out, videos, manifest).set(state="stopped", reason=reason)
+            raise OSError(reason)
         try:
             result = record_videos(videos, out, manifest, find, monitor, settings, **how)
         except BatchStopped as error:
@@ -276,19 +280,28 @@ def run_batch(
         finally:
             # what ended the batch is more important than a page about it
             with suppress(OSError):
-                write_report(manifest, out, note)
+                write_report(list(manifest.videos.values()), manifest.head, out)
     for told in result.told():
         print(told, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
             say(shown(f"{name}: have a look: {'; '.join(doubts)}"))
-    done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
-    text = (
-        f"figures, and what to look at, are in {shown(out / REPORT)}\n{done}; {result.events:,} events in {shown(out)}"
-    )
+    done = [line for video in videos if (line := manifest.videos.get(video.name, {})).get("status") in DONE]
+    text = f"figures, and what to look at, are in {shown(out / REPORT)}\n"
+    text += f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed; "
+    events = sum(line["events"] for line in done)
+    text += f"{len(done):,} of {len(videos):,} videos, with {events:,} events, are in {shown(out)}"
     odd = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
     tell(text, asdict(result) | {"look": odd, "out": out}, as_json=as_json)
     return 1 if result.failed else 0
+
+
+def _watched(simulate: Simulation | None) -> tuple[Any, Any]:
+    """What a simulated camera needs to see the monitor, see `Simulation.watched`."""
+    if simulate is None:
+        return None, None
+    remark("preparing the simulated camera; the first time, this may take a minute")
+    return simulate.watched()
 
 
 def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:

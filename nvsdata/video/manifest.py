@@ -239,6 +239,11 @@ class FolderRun:
         """So much of the present video is done, from 0 to 1."""
         self.bar.update(round(self._count + min(share, 0.99), 2) - self.bar.n)
 
+    def doing(self, what: str) -> None:
+        """Show what is being done, and the time."""
+        self.bar.set_postfix_str(what, refresh=False)
+        self.bar.refresh()
+
     def again(self, video: Video) -> None:
         """A video that failed isn't done yet after all."""
         self.report.failed.pop(video.name, None)

@@ -85,6 +85,7 @@ def test_calibrations_and_folders_are_asked_for(session):
         "strict": False,
         "accept_quiet": False,
         "on_alarm": None,
+        "until_full": False,
         "note": None,
         "as_json": False,
         "live": False,
@@ -348,10 +349,10 @@ def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
     given = []
     monkeypatch.setattr("nvsdata.recording.session.run_batch", lambda *args, **how: given.append(how) or 3)
     words = ["--calibration", "c", "--strict", "--accept-quiet", "--on-alarm", "mail me"]
-    words += ["--note", "dark", "--live"]
+    words += ["--note", "dark", "--live", "--until-full"]
     assert main(["record", "--monitor", "in", "--out", "b", *words]) == 3
     how = {"calibration": Path("c"), "strict": True, "accept_quiet": True, "on_alarm": "mail me"}
-    how |= {"note": "dark", "live": True}
+    how |= {"note": "dark", "live": True, "until_full": True}
     assert given[0].items() >= how.items()
 
 
