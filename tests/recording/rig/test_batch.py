@@ -174,7 +174,7 @@ def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypat
 def test_a_full_disk_ends_the_batch(tmp_path, monkeypatch):
     make_video(tmp_path / "in/run/a.avi")
     monkeypatch.setattr(capture.shutil, "disk_usage", lambda place: type("", (), {"free": 0}))
-    with pytest.raises(OSError, match="the disk has 0.0 MB left"):
+    with pytest.raises(OSError, match=r"the disk has 0\.0 MB left"):
         recorded(tmp_path / "in", tmp_path / "out", SimulatedDavis(scene=Watched()))
     assert len(lines(tmp_path / "out")) == 1
 
