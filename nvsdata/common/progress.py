@@ -27,9 +27,9 @@ WIDTH = 80  # columns of a terminal that doesn't report them
 
 def bar(things: Iterable[Any] | None = None, desc: str | None = None, *, shown: bool = True, **more: Any) -> Any:
     """A progress bar over `things`, or of `total`; `desc` is done, and `more` is for tqdm. `shown=False` hides it."""
-    if _columns() == 0:
-        # a pseudo-terminal whose size nobody has set: tqdm would draw nothing
-        more = {"ncols": WIDTH} | more
+    if (columns := _columns()) is not None:
+        # a pseudo-terminal whose size nobody has set has none: tqdm would draw nothing
+        more = {"ncols": columns or WIDTH} | more
     # it moves the cursor
     more |= {"file": Terminal(unescaped(sys.stderr)), "disable": None if shown and not is_quiet() else True}
     return Bar(things, desc, **more)
