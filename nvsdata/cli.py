@@ -78,7 +78,10 @@ def _run(words: Sequence[str]) -> int:
         with ending_by_signals():
             parser = _parser(called)
             _complete(parser)
-            args = parser.parse_args(words)
+            args, left = parser.parse_known_args(words)
+            if left:
+                # by the command's own parser, which names its own help
+                getattr(args, "parser", parser).error(f"unrecognized arguments: {' '.join(left)}")
             with _told(args):
                 code: int = args.run(args)
                 with named("standard output"):

@@ -52,8 +52,12 @@ def free_memory() -> int:
         if known:
             found.append(int(known[1]) << 10)
         # of a container
-        limit, used = (Path("/sys/fs/cgroup", name).read_text() for name in ("memory.max", "memory.current"))
-        found.append(int(limit) - int(used))
+        limit, used, stat = (
+            Path("/sys/fs/cgroup", f"memory.{name}").read_text() for name in ("max", "current", "stat")
+        )
+        # pages of files are given up for others
+        files = re.findall(r"^(?:in)?active_file (\d+)$", stat, re.MULTILINE)
+        found.append(int(limit) - int(used) + sum(map(int, files)))
     except (AttributeError, OSError, ValueError):
         # not Linux, or no limit
         pass

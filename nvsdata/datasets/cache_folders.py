@@ -87,7 +87,9 @@ def kernels() -> Kept:
     from nvsdata.kernels.order import is_sorted
 
     # a folder for the modules of this installation's folder of kernels, wherever numba has put it
-    place = Path(is_sorted._cache.cache_path)
+    place = Path(
+        getattr(getattr(is_sorted, "_cache", None), "cache_path", None) or Path(__file__).parents[1] / "kernels"
+    )
     return _kept("kernels", place, [path for kind in ("nbi", "nbc") for path in place.glob(f"*.{kind}")])
 
 

@@ -29,8 +29,9 @@ class Samples(Dataset[tuple[Any, Any]]):
       DataLoader workers. None (default) uses torch's generator as it is. `set_epoch` sets the epoch; without it,
       passes over the data are counted. The count is exact for workers that aren't persistent and give no sample twice
       in a pass. In persistent workers and without workers, a pass shows by the first sample that comes again: the
-      count is exact for complete passes. Call `set_epoch` if you leave passes early there, restart a training, or use a
-      sampler that draws samples repeatedly.
+      count is exact for complete passes. Call `set_epoch` if you leave passes early there, look at single samples
+      (`dataset[0]` counts as a pass that was left early), restart a training, or use a sampler that draws samples
+      repeatedly.
     - `errors`: what happens to damaged recordings:
       "raise" (default) raises FormatError, or OSError if the disk fails.
       "skip" replaces a recording that can't be read by the next one that can, with its target. Recordings are sorted

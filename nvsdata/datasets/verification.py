@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from nvsdata.common.errors import line_of
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
 from nvsdata.datasets.base import EventDataset
@@ -73,52 +74,62 @@ def split_hashes(root: Path, dataset: type[EventDataset] | None = None) -> dict[
 
 def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
     """How recordings differ from the manifests of the folders that they are in."""
-    by_folder: dict[Path, list[Journal]] = {}
     # what a shard says is newer than the manifest of the folder
     paths = sorted(root.rglob("manifest*.jsonl"), key=lambda path: (path.name != NAME, path)) if root.is_dir() else ()
+    by_folder: dict[Path, list[Journal]] = {}
     for path in paths:
-        journal = Journal(path, {})
+        try:
+            journal = Journal(path, {})
+        except OSError as error:
+            yield path.relative_to(root).as_posix(), f"can't be read: {error.strerror or error}"
+            continue
         if not KINDS.isdisjoint(journal.head):
             by_folder.setdefault(path.parent, []).append(journal)
+    known = set[Path]()
     for folder, journals in by_folder.items():
-        yield from _by_manifest(root, folder, journals, counts)
+        try:
+            yield from _by_manifest(root, folder, journals, known, counts)
+        except (TypeError, ValueError, AttributeError, KeyError, OSError) as error:
+            yield journals[0].path.relative_to(root).as_posix(), f"isn't a manifest, or damaged: {line_of(error)}"
+    for name in _recordings(Folder(root), root) if by_folder else ():
+        # a folder within another that has a manifest of its own, too, was compared with that
+        if root / name not in known and not by_folder.keys().isdisjoint((root / name).parents):
+            yield name, "is in no manifest of its folder"
 
 
-def _by_manifest(root: Path, folder: Path, journals: list[Journal], counts: Counter[str]) -> Iterator[tuple[str, str]]:
-    """How the recordings of a folder differ from its manifest, or from those of its shards."""
-    lines = {str(line.get("video")): line for journal in journals for line in journal.lines}
-    for name in {
-        str(name): None for journal in journals for name in journal.head.get("videos", ()) if name not in lines
-    }:
-        yield name, "has no recording: the run ended before it was reached"
-    known = set()
+def _by_manifest(
+    root: Path, folder: Path, journals: list[Journal], known: set[Path], counts: Counter[str]
+) -> Iterator[tuple[str, str]]:
+    """How the recordings of a folder differ from its manifest, or from those of its shards; adds them to `known`."""
+    lines = {str(line["video"]): line for journal in journals for line in journal.lines}
+    for name in {str(name): None for journal in journals for name in journal.head.get("videos", [])}:
+        if name not in lines:
+            yield name, "has no recording: the run ended before it was reached"
     for name, line in bar(lines.items(), "comparing", unit="rec"):
         if "reason" in line:
             yield name, f"{line.get('status')}: {line['reason']}"
-        if not (isinstance(file := line.get("file"), str) and "recording" in line):
+        if "file" not in line or "recording" not in line:
             continue
-        path = folder / file
-        if not path.resolve().is_relative_to(root.resolve()):
-            yield name, f"its manifest names a recording outside the folder: {file!r}"
+        path = Path(os.path.abspath(folder / line["file"]))
+        if not path.is_relative_to(os.path.abspath(folder)):
+            yield name, f"its manifest names a recording outside the folder: {line['file']!r}"
             continue
-        known.add(path)
+        known.add(folder / line["file"])
         counts["compared"] += 1
         if fault := fault_of(path, line, check=True):
-            yield path.relative_to(root).as_posix(), fault
-    for name in recordings_in(Folder(folder).listing()):
-        if folder / name not in known:
-            yield (folder / name).relative_to(root).as_posix(), "is in no manifest of its folder"
+            yield (folder / line["file"]).relative_to(root).as_posix(), fault
+
+
+def _recordings(source: Source, root: Path) -> list[str]:
+    """The recordings of a folder; lists of splits and labels are text, too, and aren't recordings."""
+    texts = (".txt", ".csv")
+    found = recordings_in(source.listing())
+    return [name for name in found if not (name.lower().endswith(texts) and _is_list(root / name))]
 
 
 def _of_files(source: Source, root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
     """Faults of all recordings of a source."""
-    if isinstance(source, Store):
-        names = source.names
-    else:
-        # lists of splits and labels are text, too
-        texts = (".txt", ".csv")
-        found = recordings_in(source.listing())
-        names = [n for n in found if not (n.lower().endswith(texts) and _is_list(root / n))]
+    names = source.names if isinstance(source, Store) else _recordings(source, root)
     if not names:
         raise FileNotFoundError(f"no recordings below {root}")
     yield from _each(source, names, None, counts)
@@ -129,8 +140,8 @@ def _each(
 ) -> Iterator[tuple[str, str]]:
     for name in bar(names, "verifying", unit="rec"):
         counts["opened"] += 1
-        if isinstance(source, Store) and source.damaged(name):
-            yield name, "its events fail their checksum"
+        if isinstance(source, Store) and (fault := source.fault(name)):
+            yield name, fault
             continue
         for fault in _faults(source, name, size):
             yield name, fault

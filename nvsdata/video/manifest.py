@@ -105,7 +105,9 @@ def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
         size = recording.stat().st_size
         if size != line["recording"]:
             return f"has {size:,} bytes, not the {line['recording']:,} of its manifest"
-        if check and sha256(recording) != line.get("recording_sha256"):
+        if check and "recording_sha256" not in line:
+            return "can't be compared: its manifest has no sha256 of it"
+        if check and sha256(recording) != line["recording_sha256"]:
             return "was changed since it was made: its sha256 is another than in its manifest"
     except FileNotFoundError:
         return "is missing"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 
 import pytest
@@ -111,3 +112,54 @@ def test_a_manifest_names_nothing_outside_its_folder_and_may_be_nonsense(out, tm
     # another program's file
     (out / "manifest.jsonl").write_text('{"files": []}\n')
     assert list(problems(out)) == []
+
+
+def test_lists_and_notes_are_no_recordings_and_folders_within_have_their_own_manifest(out, tmp_path):
+    (out / "notes.txt").write_text("hello\n")
+    (out / "labels.csv").write_text("name,label\na,1\n")
+    assert list(problems(out)) == []
+    # the folder that was made first lies within another one
+    outer = tmp_path / "outer"
+    convert_videos_in_shards(outer / "x", tmp_path)
+    out.rename(outer / "shards/train")
+    counts = Counter()
+    assert list(problems(outer / "shards", counts=counts)) == []
+    assert counts == {"opened": 6, "compared": 6}
+
+
+def test_a_class_folder_on_another_disk(out, tmp_path):
+    (out / "walk").rename(tmp_path / "elsewhere")
+    (out / "walk").symlink_to(tmp_path / "elsewhere")
+    assert list(problems(out)) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda lines: [lines[0] | {"videos": 5}, *lines[1:]],
+        lambda lines: [lines[0], lines[1] | {"recording": "12"}, *lines[2:]],
+        lambda lines: [lines[0], lines[1] | {"file": "walk/a\0.h5"}, *lines[2:]],
+        lambda lines: [lines[0], lines[1] | {"file": "walk"}, *lines[2:]],
+        lambda lines: [lines[0], {"status": "converted"}, *lines[2:]],
+        lambda lines: [lines[0], lines[1] | {"file": 7}, *lines[2:]],
+    ],
+)
+def test_a_malformed_manifest_is_a_fault_and_the_recordings_are_opened(out, change):
+    manifest(out, change)
+    counts = Counter()
+    assert list(problems(out, counts=counts))
+    assert counts["opened"] == 4
+
+
+def test_a_pipe_or_a_link_in_the_place_of_a_manifest_is_a_fault(out, tmp_path):
+    (out / "manifest.jsonl").rename(tmp_path / "moved.jsonl")
+    (out / "manifest.jsonl").symlink_to(tmp_path / "moved.jsonl")
+    assert dict(problems(out))["manifest.jsonl"].startswith("can't be read: is a link")
+    (out / "manifest.jsonl").unlink()
+    os.mkfifo(out / "manifest.jsonl")
+    assert dict(problems(out))["manifest.jsonl"].startswith("can't be read: isn't a regular file")
+
+
+def test_without_a_sha256_nothing_is_said_to_be_changed(out):
+    manifest(out, lambda lines: [{k: v for k, v in line.items() if k != "recording_sha256"} for line in lines])
+    assert set(dict(problems(out)).values()) == {"can't be compared: its manifest has no sha256 of it"}

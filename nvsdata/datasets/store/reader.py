@@ -239,12 +239,17 @@ class Store:
         read_into(self._handle, self.path, begin + lo * size, items)
         return items
 
-    def damaged(self, name: str) -> bool:
-        """Whether the events of a recording fail their checksum."""
+    def fault(self, name: str) -> str:
+        """Why the events of a recording can't be read, or that they fail their checksum; empty if they are sound."""
         number = self._number[name]
-        damaged = crc_of(self._raw(self._offset[number], self._offset[number + 1])) != int(self._crc[number])
-        self._verified.values[number] |= not damaged
-        return damaged
+        try:
+            raw = self._raw(self._offset[number], self._offset[number + 1])
+        except FormatError as error:
+            return error.reason
+        if crc_of(raw) != int(self._crc[number]):
+            return "its events fail their checksum"
+        self._verified.values[number] = True
+        return ""
 
 
 class StoredRecording(Recording):

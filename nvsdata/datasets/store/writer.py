@@ -209,7 +209,7 @@ def _read_back(path: Path) -> None:
     """OSError unless the file is a store whose index and events match their checksums."""
     store = Store(path)
     for name in store.names:
-        if store.damaged(name):
+        if store.fault(name):
             raise OSError(f"{path}: the events of {name} can't be read back as they were written")
 
 
