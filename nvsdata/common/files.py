@@ -18,6 +18,7 @@ from nvsdata.common.locks import check_place, is_dead, locked, owner
 FLUSH_EVERY = 0.03  # s
 PART = ".part"  # suffix of unfinished files
 MOST = 1 << 30  # bytes of a file of our own that are read
+MOST_LINES = 1 << 28  # bytes of a journal, of which a line takes about 250
 _BLOCK = 1 << 20  # bytes that are read back
 _LONGEST = 100  # characters of a file's name that its temporary file's name contains
 
@@ -229,7 +230,7 @@ class Journal:
         torn = not path.exists()
         found = [head] if torn else []
         if not torn:
-            text = read_own(path).decode("utf-8", "replace")
+            text = read_own(path, MOST_LINES).decode("utf-8", "replace")
             parsed = [parsed_line(line) for line in text.splitlines()]
             found = [line for line in parsed if line is not None]
             torn = len(found) < len(parsed) or bool(text and not text.endswith("\n"))
@@ -275,6 +276,6 @@ def parsed_line(line: str | bytes) -> dict[str, Any] | None:
     """What a line of a journal says; None for one that is torn."""
     try:
         value = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return value if isinstance(value, dict) else None
