@@ -84,6 +84,9 @@ def is_dead_lock(path: Path) -> bool:
         if path.is_symlink() or not stat.S_ISREG(path.lstat().st_mode) or path.stat().st_size > _MOST:
             return False
         with path.open(encoding="utf-8") as file:
+            if path.name == FOLDER_LOCK and not path.stat().st_size:
+                # its process ended before it signed; an empty file of another name may be another program's
+                return _try_lock(file, shared=True) is True
             return is_dead(str(_holder(file).get("owner"))) and _try_lock(file, shared=True) is not False
     except (OSError, ValueError):
         return False
@@ -147,6 +150,7 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
         except (OSError, ValueError):
             _refuse_others(place)
             raise
+        free: bool | None = False
         try:
             _refuse_others(place)
             free = _try_lock(file)
@@ -161,6 +165,9 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
                 _sign(file)
                 return file
         except BaseException:
+            # ended by a signal: an unsigned lock couldn't be distinguished from another program's
+            if free and _is_still(file, place):
+                place.unlink()
             file.close()
             raise
         file.close()

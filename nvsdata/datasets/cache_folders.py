@@ -50,7 +50,8 @@ def caches_below(folder: Path) -> Iterator[Kept]:
         if CACHE_TAG in names and _is_ours(here / CACHE_TAG):
             # what a user put beside them stays
             samples = [path for path in here.rglob("*") if SAMPLE.fullmatch(path.relative_to(here).as_posix())]
-            yield _kept("samples", here, [here / CACHE_TAG, *samples])
+            # the tag last: without it, a clearing that was killed couldn't be continued
+            yield _kept("samples", here, [*samples, here / CACHE_TAG])
             folders.clear()
             continue
         for name in sorted(names):
@@ -79,7 +80,8 @@ def _is_unfinished(folder: Path) -> bool:
     if not (folder.name.startswith(".") and folder.name.endswith(PART)):
         return False
     names = {path.name for path in folder.iterdir()}
-    return names == {*COLUMNS, JOURNAL} and not is_locked(folder.with_name(folder.name[1 : -len(PART)]))
+    # one that was killed while it made or removed the folder has left some of them
+    return names <= {*COLUMNS, JOURNAL} and not is_locked(folder.with_name(folder.name[1 : -len(PART)]))
 
 
 def kernels() -> Kept:

@@ -53,6 +53,9 @@ def test_an_unfinished_store_is_known_unless_it_is_being_written(stopped, capsys
     (stopped / ".digits.h5.part/mine.txt").write_text("mine")
     assert kinds(stopped) == []
     (stopped / ".digits.h5.part/mine.txt").unlink()
+    # killed while the folder was made, or removed
+    (stopped / ".digits.h5.part/t").unlink()
+    assert kinds(stopped) == [("unfinished", ".digits.h5.part")]
     assert main(["cache", "clear", str(stopped)]) == 0
     assert "removed: 0." in capsys.readouterr().out
     assert sorted(path.name for path in stopped.iterdir()) == ["digits"]
@@ -64,14 +67,23 @@ def test_locks_of_dead_processes_and_unfinished_downloads(tmp_path):
         entry = {"owner": dead_owner(), "host": "here", "pid": 1, "command": "pack", "since": "then"}
         lock_path(tmp_path / name).write_text(json.dumps(entry))
     (tmp_path / ".mine.lock").write_text("of another program")
+    # killed before it signed
+    (tmp_path / "unsigned").mkdir()
+    lock_path(tmp_path / "unsigned").touch()
     (tmp_path / WORK).mkdir()
     (tmp_path / WORK / "Train.zip.part").write_bytes(b"half")
-    expected = [("leftover", ".a.h5.lock"), ("leftover", "folder/.nvsdata.lock"), ("unfinished", WORK)]
+    expected = [("leftover", ".a.h5.lock"), ("leftover", "folder/.nvsdata.lock")]
+    expected += [("leftover", "unsigned/.nvsdata.lock"), ("unfinished", WORK)]
     with locked(tmp_path / "alive.h5"):
         assert kinds(tmp_path) == expected
         for one in list(caches_below(tmp_path)):
             remove(one)
-        assert sorted(path.name for path in tmp_path.iterdir()) == [".alive.h5.lock", ".mine.lock", "folder"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == [
+            ".alive.h5.lock",
+            ".mine.lock",
+            "folder",
+            "unsigned",
+        ]
 
 
 def test_indexes_of_recordings_datasets_and_windows(tmp_path, monkeypatch):
@@ -94,3 +106,17 @@ def test_indexes_of_recordings_datasets_and_windows(tmp_path, monkeypatch):
     assert main(["cache", "clear", str(tmp_path)]) == 0
     left = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*"))
     assert left == ["a", "a/.link.nvsdata-index", "a/0.raw", "a/notes.nvsdata-index"]
+
+
+def test_a_clearing_of_samples_that_was_killed_can_be_continued(tmp_path):
+    root = trees.put(tmp_path / "digits", trees.nmnist())
+    for path in root.rglob("*.bin"):
+        os.utime(path, (1, 1))
+    cached = nvsdata.cache(NMNIST(root, "all"), tmp_path / "cache")
+    for index in range(3):
+        cached[index]
+    (kept,) = [one for one in caches_below(tmp_path) if one.kind == "samples"]
+    for count in range(1, len(kept.files)):
+        kept.files[count - 1].unlink()
+        (left,) = [one for one in caches_below(tmp_path) if one.kind == "samples"]
+        assert sorted(left.files) == sorted(kept.files[count:])

@@ -273,3 +273,10 @@ def test_a_packet_that_inflates_without_end_is_refused():
         inflate(lz4.compress(b"x" * 1_001), 1_000)
     with pytest.raises(ValueError, match="cut short"):
         inflate(lz4.compress(b"abcdefgh" * 10)[:-10], 1_000)
+
+
+def test_rows_that_are_written_have_no_gaps():
+    """Memory that isn't set would get into files, and two runs would differ."""
+    from nvsdata.formats.aedat4_writer import ROW
+
+    assert sum(ROW[name].itemsize for name in ROW.names) == ROW.itemsize
