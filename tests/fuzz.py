@@ -123,7 +123,7 @@ def make_samples(home: Path) -> dict[str, bytes]:
     # what no damaged file may make one open: the one waits for ever, the other holds other events
     os.mkfifo(home / "pipe")
     nvsdata.write(trees.some(1, 400, (128, 128)), home / "other.h5")
-    for suffix in (".bin", ".dat", ".txt", ".h5", ".npy", ".aedat1", ".aedat", ".aedat3"):
+    for suffix in (".bin", ".dat", ".txt", ".h5", ".npy", ".aedat1", ".aedat", ".aedat3", ".aedat4"):
         nvsdata.write(ev, home / f"w{suffix}")
         samples[f"w{suffix}"] = (home / f"w{suffix}").read_bytes()
     for name, compression in (("plain", 0), ("lz4", 1), ("zstd", 3)):

@@ -89,11 +89,13 @@ def kind_of(path: Path) -> str:
     head = path.read_bytes()[:400]
     if path.suffix == ".aedat":
         # evutils reads all of AEDAT 2 as DAVIS, also a DVS128's
-        return ".aedat3" if head.startswith(b"#!AER-DAT3") else "davis240" if b"DAVIS240C" in head else ""
+        is_davis = head.startswith(b"#!AER-DAT2.0") and b"DAVIS240C" in head
+        return ".aedat3" if head.startswith(b"#!AER-DAT3") else "davis240" if is_davis else ""
     if path.suffix != ".raw":
         return path.suffix
-    for kind, names in (("evt21", (b"2.1", b"EVT21")), ("evt3", (b"evt 3", b"EVT3")), ("evt2", (b"evt 2", b"EVT2"))):
-        if any(name in head for name in names):
+    # of a header that is damaged, each makes something else
+    for kind, line in (("evt2", b"% evt 2.0\n"), ("evt21", b"% evt 2.1\n"), ("evt3", b"% evt 3.0\n")):
+        if line in head:
             return kind
     return ""
 
@@ -114,7 +116,8 @@ def opinions(path: str) -> dict[str, list[Any]]:
     """The `opinion` of each decoder that takes the file."""
     found = {}
     for name, run in JUDGES.get(kind_of(Path(path)), {}).items():
-        with contextlib.suppress(Exception):
+        # Rust's panics aren't Exceptions
+        with contextlib.suppress(BaseException):
             events = run(path)
             keys = events if isinstance(events, dict) else events.dtype.names
             found[name] = opinion(*(events[next(k for k in keys if k in NAMES[c])] for c in "txyp"))
