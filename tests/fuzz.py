@@ -64,16 +64,24 @@ def main() -> int:
     parser.add_argument("--judges", metavar="PYTHON", help="compare with other packages, which this Python has")
     parser.add_argument("--seed", type=int, default=0, help="number of the first round")
     parser.add_argument("--only", type=int, help="do this round only")
+    parser.add_argument("--kinds", metavar="TEXT", help="only kinds with this in their name")
     args = parser.parse_args()
+    # it uses what is here
+    import fuzz_side_files as side_files
+
     warnings.simplefilter("ignore")
     read_in_small_pieces()
     end = time.monotonic() + 60 * args.minutes
     in_hand = Path(tempfile.gettempdir(), "nvsdata-fuzz-round")
     with tempfile.TemporaryDirectory() as home:
         samples = make_samples(Path(home))
+        side_files.prepare(Path(home))
         judging = Judging(args.judges) if args.judges else None
         # files of HDF5 take ten times as long as others
         kinds = [name for name in samples for _ in range(1 if name.endswith(COSTLY) else 6)]
+        kinds += [name for name in side_files.ROUNDS for _ in range(2)]
+        if args.kinds:
+            kinds = [name for name in kinds if args.kinds in name]
         if judging is not None:
             kinds = [name for name in samples if name.endswith(judging.suffixes)]
         counts = dict.fromkeys(kinds, 0)
@@ -83,7 +91,8 @@ def main() -> int:
             in_hand.write_text(str(number))
             faulthandler.dump_traceback_later(HANGING_S, exit=True)
             name = kinds[number % len(kinds)]
-            fault = attempt(number, name, samples[name], Path(home))
+            side = name not in samples
+            fault = side_files.attempt(number, name, Path(home)) if side else attempt(number, name, samples[name], Path(home))
             if not fault and judging is not None:
                 fault = judging.fault(Path(home, name))
             counts[name] += 1

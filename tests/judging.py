@@ -14,6 +14,7 @@ judge is known to be wrong:
 - EVT3: events after a new high part of the time, before its low part. We and faery take 0 for it, others the low part
   of before. expelliarmus counts a low part that falls as a wrap, also if the high part says so already: its times of
   EVT3 aren't compared.
+- AEDAT 1 and 2 in which the first byte of the first record is that of a line of the header: evutils takes it for one.
 - `.dat` without a line of its version: that is version 1, which the others don't know.
 - What we warn of: events of AEDAT 3 that aren't marked as valid in packets that count them so, which we keep.
 """
@@ -77,6 +78,8 @@ class Judging:
 def compared(path: Path, kind: str, judge: str, in_order: bool) -> slice | None:
     """What of a judge's opinion must be ours; None if nothing of it."""
     if kind == ".dat" and b"% Version" not in path.read_bytes()[:400]:
+        return None
+    if kind in (".aedat1", "davis240") and b"Header\r\n#" in path.read_bytes()[:400]:
         return None
     if kind not in ("evt2", "evt3"):
         return ALL if in_order else PLACES
