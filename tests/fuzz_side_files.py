@@ -13,7 +13,8 @@ import shutil
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
 from nvsdata.datasets import source
 from nvsdata.datasets.store.reader import INDEX, Store, checksum
 from nvsdata.datasets.verification import problems
-from nvsdata.formats import kept_index
+from nvsdata.formats import contents, kept_index, reading
 from nvsdata.kernels.davis_stream_encode import encode
 from nvsdata.recording.davis.file import MARK, header
 from nvsdata.recording.davis.stream import Decoder
@@ -124,9 +125,21 @@ def array_changed(array: np.ndarray, rng: Rng) -> np.ndarray:
 # indexes next to files
 
 
+@contextmanager
+def small_heads() -> Iterator[None]:
+    """So that indexes are kept of files of more than a kB."""
+    before = contents.HEAD
+    contents.HEAD = reading.HEAD = 1_000
+    try:
+        yield
+    finally:
+        contents.HEAD = reading.HEAD = before
+
+
 def indexed(kind: str) -> Callable[[Rng, Path], str]:
     """A round on the index of a file of a kind."""
 
+    @small_heads()
     def round_of(rng: Rng, home: Path) -> str:
         if kind == "aedat4":
             suffix, block = ".aedat4", None
@@ -151,7 +164,7 @@ def indexed(kind: str) -> Callable[[Rng, Path], str]:
             return ""
         opened().read(0, 10)
         if not index.exists():
-            return "no index was kept" if len(raw) > 500 and kind != "aedat4" else ""
+            return "no index was kept" if len(raw) > 1_100 and kind != "aedat4" else ""
         if not replaced(index, rng, home):
             index.write_bytes(_index_changed(index.read_bytes(), rng))
         os.utime(path, ns=(OLD, OLD))
@@ -367,6 +380,7 @@ def manifest(rng: Rng, home: Path) -> str:
         for n, c in RECORDINGS.items()
     ]
     path = folder / "manifest.jsonl"
+    sound_raw = "".join(json.dumps(line) + "\n" for line in lines).encode()
     for _ in range(int(rng.integers(0, 3))):
         at = int(rng.integers(0, len(lines)))
         lines[at] = json_changed(lines[at], rng)
@@ -377,10 +391,8 @@ def manifest(rng: Rng, home: Path) -> str:
     sound = (folder / broken).read_bytes()
     (folder / broken).write_bytes(sound[:-5] + b"\1\2\3\4\5")
     faults = [(str(name), str(fault)) for name, fault in problems(folder, counts=Counter())]
-    if path.is_file() and path.stat().st_size < 1 << 20 and path.read_bytes() == raw and len(lines) == 4:
-        if all(lines[1 + i].get("file") == n for i, n in enumerate(RECORDINGS) if isinstance(lines[1 + i], dict)) and not faults:
-            return "a changed recording isn't reported"
-    return ""
+    lied = path.is_symlink() or not path.is_file() or path.read_bytes()[: 1 << 20] != sound_raw
+    return "a changed recording isn't reported" if not (faults or lied) else ""
 
 
 def journal(rng: Rng, home: Path) -> str:

@@ -16,6 +16,7 @@ judge is known to be wrong:
   EVT3 aren't compared.
 - AEDAT 1 and 2 in which the first byte of the first record is that of a line of the header: evutils takes it for one.
 - `.dat` without a line of its version: that is version 1, which the others don't know.
+- AEDAT 3.0: y counts from the bottom, which evutils doesn't know.
 - What we warn of: events of AEDAT 3 that aren't marked as valid in packets that count them so, which we keep.
 """
 
@@ -77,7 +78,9 @@ class Judging:
 
 def compared(path: Path, kind: str, judge: str, in_order: bool) -> slice | None:
     """What of a judge's opinion must be ours; None if nothing of it."""
-    if kind == ".dat" and b"% Version" not in path.read_bytes()[:400]:
+    if kind == ".dat" and b"% Version 2\n" not in path.read_bytes()[:400]:
+        return None
+    if kind == ".aedat3" and not path.read_bytes().startswith(b"#!AER-DAT3.1"):
         return None
     if kind in (".aedat1", "davis240") and b"Header\r\n#" in path.read_bytes()[:400]:
         return None

@@ -186,5 +186,8 @@ def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
         return None
     if not data or int.from_bytes(data[:CHECKSUM], "little") != crc32(memoryview(data)[CHECKSUM:]):
         return None  # damaged: it is made again
-    found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
-    return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None
+    try:
+        found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
+        return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None
+    except Exception:  # content that isn't ours, with a right checksum, raises anything
+        return None

@@ -77,7 +77,11 @@ def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]
     # what a shard says is newer than the manifest of the folder
     paths = sorted(root.rglob("manifest*.jsonl"), key=lambda path: (path.name != NAME, path)) if root.is_dir() else ()
     for path in paths:
-        journal = Journal(path, {})
+        try:
+            journal = Journal(path, {})
+        except OSError as error:
+            yield path.relative_to(root).as_posix(), f"can't be read: {error}"
+            continue
         if not KINDS.isdisjoint(journal.head):
             by_folder.setdefault(path.parent, []).append(journal)
     for folder, journals in by_folder.items():
@@ -87,9 +91,8 @@ def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]
 def _by_manifest(root: Path, folder: Path, journals: list[Journal], counts: Counter[str]) -> Iterator[tuple[str, str]]:
     """How the recordings of a folder differ from its manifest, or from those of its shards."""
     lines = {str(line.get("video")): line for journal in journals for line in journal.lines}
-    for name in {
-        str(name): None for journal in journals for name in journal.head.get("videos", ()) if name not in lines
-    }:
+    listed = [journal.head.get("videos") for journal in journals]
+    for name in {str(name): None for names in listed if isinstance(names, list) for name in names}.keys() - lines.keys():
         yield name, "has no recording: the run ended before it was reached"
     known = set()
     for name, line in bar(lines.items(), "comparing", unit="rec"):
@@ -98,7 +101,7 @@ def _by_manifest(root: Path, folder: Path, journals: list[Journal], counts: Coun
         if not (isinstance(file := line.get("file"), str) and "recording" in line):
             continue
         path = folder / file
-        if not path.resolve().is_relative_to(root.resolve()):
+        if "\0" in file or not path.resolve().is_relative_to(root.resolve()):
             yield name, f"its manifest names a recording outside the folder: {file!r}"
             continue
         known.add(path)

@@ -103,11 +103,16 @@ def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
     try:
         size = recording.stat().st_size
         if size != line["recording"]:
-            return f"has {size:,} bytes, not the {line['recording']:,} of its manifest"
+            stated = line["recording"]
+            stated = f"{stated:,}" if isinstance(stated, int) else repr(stated)
+            return f"has {size:,} bytes, not the {stated} of its manifest"
         if check and sha256(recording) != line.get("recording_sha256"):
             return "was changed since it was made: its sha256 is another than in its manifest"
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return "is missing"
+    except (OSError, ValueError) as error:
+        # such as a folder of that name, or a name that no file can have
+        return f"can't be read: {error}"
     return ""
 
 

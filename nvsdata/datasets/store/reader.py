@@ -11,7 +11,7 @@ import numpy as np
 
 from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.data.events import EVER, MAX_COORDINATE, Columns, Events, bounds_of, check_window
+from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
@@ -50,6 +50,8 @@ INDEX = (
     "file_offset",
     "file_data",
 )
+TYPES = dict.fromkeys(("offset", "base", "duration", "time", "bytes", "file_offset"), ("i8",))
+TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # of the index; texts and bytes are uint8
 UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
 MARKED = 256  # the index has the time of every 256th event
 CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
@@ -84,6 +86,8 @@ class Store:
             index = {name: values_of(path, dataset_of(path, file, f"index/{name}", left)) for name in INDEX}
             if checksum(index) != number_of(path, file, "checksum"):
                 raise FormatError(path, "its index fails its checksum: pack it again")
+            if not _has_types(index):
+                raise FormatError(path, "its index has arrays of other types or shapes: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
             places = [_place(path, column) for column in columns]
             self._event_size = sum(column.dtype.itemsize for column in columns)
@@ -94,12 +98,14 @@ class Store:
         self._first_mark = first_mark.tolist()
         self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
         self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
-        self.names = unpacked(index["name"])
-        self.formats = unpacked(index["format"])
-        self._folders = unpacked(index["folder"])
-        self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+        try:
+            texts = {name: unpacked(index[name]) for name in ("name", "format", "folder", "file_name")}
+            self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+        except ValueError as error:
+            raise FormatError(path, f"its index has no valid names: {error}") from None
+        self.names, self.formats, self._folders = texts["name"], texts["format"], texts["folder"]
         self._number = {name: i for i, name in enumerate(self.names)}
-        self._files = {name: i for i, name in enumerate(unpacked(index["file_name"]))}
+        self._files = {name: i for i, name in enumerate(texts["file_name"])}
         self._file_offset, self._file_data = index["file_offset"], index["file_data"]
         self._marks = index["mark"]
         if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
@@ -122,9 +128,13 @@ class Store:
         """Whether all arrays have the same number of recordings, in sequence, with possible sensor sizes."""
         counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
         counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
+        sizes, base, files = index["size"], index["base"], index["file_offset"]
         in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
-        sizes = index["size"]
-        return len(counts) == 1 and in_line and bool(((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
+        in_line &= len(files) == len(self._files) + 1 and files[0] == 0 and not (np.diff(files) < 0).any()
+        if not (len(counts) == 1 and in_line and files[-1] == len(index["file_data"])):
+            return False
+        times = (np.abs(base) < LATEST) & (index["duration"] >= 0) & (index["duration"] < LATEST - base)
+        return bool(times.all() and ((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
 
     def listing(self) -> Listing:
         """The packed folders and recordings, including those left out, and the side files."""
@@ -308,6 +318,13 @@ def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
         raise FormatError(path, f"cut short within {dataset.name}", offset=offset)
     return dataset.dtype, dataset.dtype.itemsize, offset or 0
+
+
+def _has_types(index: dict[str, np.ndarray]) -> bool:
+    """Whether the arrays of an index have the types and the number of axes that `docs/store.md` states."""
+    shapes = {"time": (-1, 2), "size": (-1, 2)}
+    fits = all(array.shape[1:] == shapes.get(name, (-1,))[1:] and array.ndim >= 1 for name, array in index.items())
+    return fits and all(array.dtype in TYPES.get(name, ("u1",)) for name, array in index.items())
 
 
 def packed(texts: Iterable[str]) -> np.ndarray:
