@@ -91,8 +91,10 @@ def main() -> int:
             in_hand.write_text(str(number))
             faulthandler.dump_traceback_later(HANGING_S, exit=True)
             name = kinds[number % len(kinds)]
-            side = name not in samples
-            fault = side_files.attempt(number, name, Path(home)) if side else attempt(number, name, samples[name], Path(home))
+            if name in samples:
+                fault = attempt(number, name, samples[name], Path(home))
+            else:
+                fault = side_files.attempt(number, name, Path(home))
             if not fault and judging is not None:
                 fault = judging.fault(Path(home, name))
             counts[name] += 1

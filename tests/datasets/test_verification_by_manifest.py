@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 
 import pytest
@@ -111,3 +112,22 @@ def test_a_manifest_names_nothing_outside_its_folder_and_may_be_nonsense(out, tm
     # another program's file
     (out / "manifest.jsonl").write_text('{"files": []}\n')
     assert list(problems(out)) == []
+
+
+@pytest.mark.parametrize("field", ["recording", "file", "videos"])
+@pytest.mark.parametrize("value", ["x", 7, None, [1], {}, "a\0b", "run", "x" * 300, "run/a.h5/b"])
+def test_a_manifest_with_other_values_is_reported(out, field, value):
+    def change(lines):
+        lines[0 if field == "videos" else 1][field] = value
+        return lines
+
+    manifest(out, change)
+    found = list(problems(out))
+    assert found or field == "videos"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes as POSIX has them")
+def test_a_manifest_that_is_no_file_is_reported(out):
+    (out / "manifest.jsonl").unlink()
+    os.mkfifo(out / "manifest.jsonl")
+    assert [name for name, fault in problems(out) if "can't be read" in fault] == ["manifest.jsonl"]

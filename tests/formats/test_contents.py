@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import trees
 
+import nvsdata
 from nvsdata import FormatError
 from nvsdata.formats import contents
 from nvsdata.formats.contents import HEAD, Contents, header_lines
@@ -134,7 +136,7 @@ def test_a_header_without_end_is_refused(tmp_path, monkeypatch):
 @pytest.mark.parametrize("strict", [True, False])
 def test_text_of_a_header_that_is_cut_off_is_no_event(tmp_path, kind, strict):
     path = tmp_path / f"a{kind}"
-    nvsdata.write(nvsdata.example(), path)
+    nvsdata.write(trees.some(0, 60, (128, 128)), path)
     raw = path.read_bytes()
     # within the second line
     path.write_bytes(raw[: raw.index(b"\n") + 14])

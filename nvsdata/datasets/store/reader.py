@@ -130,7 +130,8 @@ class Store:
         counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
         sizes, base, files = index["size"], index["base"], index["file_offset"]
         in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
-        in_line &= len(files) == len(self._files) + 1 and files[0] == 0 and not (np.diff(files) < 0).any()
+        # texts end with a zero each
+        in_line &= len(files) == np.count_nonzero(index["file_name"] == 0) + 1 and files[0] == 0 and not (np.diff(files) < 0).any()
         if not (len(counts) == 1 and in_line and files[-1] == len(index["file_data"])):
             return False
         times = (np.abs(base) < LATEST) & (index["duration"] >= 0) & (index["duration"] < LATEST - base)

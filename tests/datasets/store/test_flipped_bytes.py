@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 import trees
@@ -84,3 +85,32 @@ def test_verification_can_be_turned_off(store, monkeypatch):
     found = NMNIST(flipped(store, place_of_events(store, 0)), "all").source.read(0, 0, 2**40)
     assert np.array_equal(found.t, expected.t)
     assert (found.x != expected.x).sum() == 1
+
+
+def other_type(index):
+    index["crc"] = index["crc"].astype(">u4").astype(np.float64)
+
+
+def no_text(index):
+    index["name"] = np.where(index["name"] == ord("b"), 0xFF, index["name"]).astype(np.uint8)
+
+
+def far_times(index):
+    index["base"] = index["base"] + 2**62
+
+
+def fewer_files(index):
+    index["file_name"] = np.frombuffer(b"a\0a\0", np.uint8)
+
+
+@pytest.mark.parametrize("change", [other_type, no_text, far_times, fewer_files])
+def test_an_index_with_a_right_checksum_that_is_none(store, change):
+    with h5py.File(store, "r+") as file:
+        index = {name: file[f"index/{name}"][()] for name in reader.INDEX}
+        change(index)
+        for name, array in index.items():
+            del file[f"index/{name}"]
+            file[f"index/{name}"] = array
+        file.attrs["checksum"] = reader.checksum(index)
+    with pytest.raises(FormatError, match="its index"):
+        reader.Store(store)
