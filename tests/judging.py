@@ -8,7 +8,7 @@ judge is known to be wrong:
 - Times that fall. We sort such events; faery raises times to the latest one before, evutils and expelliarmus take a
   step back as a wrap of the clock. Then only evlib's times are compared, which sorts as well. (`evt3_sample.raw` has
   steps of 11 µs: faery's times are up to 11 µs late, expelliarmus ends 45 ms late, evlib and evutils agree with us.)
-- EVT2 and EVT3: a high part of the time that falls. How far the clock went on is anybody's guess: no times are compared.
+- EVT2 and EVT3: a high part of the time that falls. What the clock did is unknown: no times are compared.
 - EVT2 and EVT3: events before the first words of time and, of EVT3, row and base of a vector, are at no known time or
   place. We leave them out, others assume 0.
 - EVT3: events after a new high part of the time, before its low part. We and faery take 0 for it, others the low part

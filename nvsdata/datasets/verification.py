@@ -92,7 +92,8 @@ def _by_manifest(root: Path, folder: Path, journals: list[Journal], counts: Coun
     """How the recordings of a folder differ from its manifest, or from those of its shards."""
     lines = {str(line.get("video")): line for journal in journals for line in journal.lines}
     listed = [journal.head.get("videos") for journal in journals]
-    for name in {str(name): None for names in listed if isinstance(names, list) for name in names}.keys() - lines.keys():
+    names = {str(name): None for videos in listed if isinstance(videos, list) for name in videos}
+    for name in [name for name in names if name not in lines]:
         yield name, "has no recording: the run ended before it was reached"
     known = set()
     for name, line in bar(lines.items(), "comparing", unit="rec"):

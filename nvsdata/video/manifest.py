@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 import platform
+import stat
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -101,7 +102,10 @@ class Manifest(Journal):
 def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
     """Return how a recording differs from its line of the manifest: in size or, to `check`, in sha256; empty if not."""
     try:
-        size = recording.stat().st_size
+        status = recording.stat()
+        if not stat.S_ISREG(status.st_mode):
+            return "isn't a file"
+        size = status.st_size
         if size != line["recording"]:
             stated = line["recording"]
             stated = f"{stated:,}" if isinstance(stated, int) else repr(stated)
@@ -111,7 +115,7 @@ def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
     except (FileNotFoundError, NotADirectoryError):
         return "is missing"
     except (OSError, ValueError) as error:
-        # such as a folder of that name, or a name that no file can have
+        # such as a name that no file can have
         return f"can't be read: {error}"
     return ""
 

@@ -131,10 +131,11 @@ class Store:
         sizes, base, files = index["size"], index["base"], index["file_offset"]
         in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
         # texts end with a zero each
-        in_line &= len(files) == np.count_nonzero(index["file_name"] == 0) + 1 and files[0] == 0 and not (np.diff(files) < 0).any()
-        if not (len(counts) == 1 and in_line and files[-1] == len(index["file_data"])):
+        if not (len(counts) == 1 and in_line and len(files) == np.count_nonzero(index["file_name"] == 0) + 1):
             return False
-        times = (np.abs(base) < LATEST) & (index["duration"] >= 0) & (index["duration"] < LATEST - base)
+        if files[0] != 0 or files[-1] != len(index["file_data"]) or (np.diff(files) < 0).any():
+            return False
+        times = (base > -LATEST) & (base < LATEST) & (index["duration"] >= 0) & (index["duration"] < LATEST - base)
         return bool(times.all() and ((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
 
     def listing(self) -> Listing:
