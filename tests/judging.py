@@ -16,12 +16,14 @@ judge is known to be wrong:
   EVT3 aren't compared.
 - AEDAT 1 and 2 in which the first byte of the first record is that of a line of the header: evutils takes it for one.
 - `.dat` without a line of its version: that is version 1, which the others don't know.
-- AEDAT 3.0: y counts from the bottom, which evutils doesn't know.
+- AEDAT 3: packets with another capacity than their number of events, or with a size of events of their own: evutils
+  takes these for damaged, or goes by them. AEDAT 3.0: y counts from the bottom, which evutils doesn't know.
 - What we warn of: events of AEDAT 3 that aren't marked as valid in packets that count them so, which we keep.
 """
 
 from __future__ import annotations
 
+import struct
 import sys
 import warnings
 from collections import Counter
@@ -80,7 +82,7 @@ def compared(path: Path, kind: str, judge: str, in_order: bool) -> slice | None:
     """What of a judge's opinion must be ours; None if nothing of it."""
     if kind == ".dat" and b"% Version 2\n" not in path.read_bytes()[:400]:
         return None
-    if kind == ".aedat3" and not path.read_bytes().startswith(b"#!AER-DAT3.1"):
+    if kind == ".aedat3" and not _plain_packets(path.read_bytes()):
         return None
     if kind in (".aedat1", "davis240") and b"Header\r\n#" in path.read_bytes()[:400]:
         return None
@@ -92,6 +94,17 @@ def compared(path: Path, kind: str, judge: str, in_order: bool) -> slice | None:
     if not rises or (judge == "expelliarmus" and kind == "evt3") or not (low_follows or judge == "faery"):
         return PLACES
     return ALL if (in_order and low_rises) or judge == "evlib" else PLACES
+
+
+def _plain_packets(raw: bytes) -> bool:
+    """Whether a file is of AEDAT 3.1, and all of its packets are as full as they may be."""
+    at = raw.find(b"#!END-HEADER\r\n") + 14
+    while at + 28 <= len(raw):
+        _, _, size, offset, _, capacity, number, valid = struct.unpack_from("<HHIIIIII", raw, at)
+        if (size, offset) != (8, 4) or not capacity == number == valid:
+            return False
+        at += 28 + size * number
+    return raw.startswith(b"#!AER-DAT3.1")
 
 
 def _words(path: Path, kind: str) -> tuple[bool, bool, bool, bool]:

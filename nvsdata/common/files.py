@@ -273,6 +273,6 @@ def parsed_line(line: str | bytes) -> dict[str, Any] | None:
     """What a line of a journal says; None for one that is torn."""
     try:
         value = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return value if isinstance(value, dict) else None

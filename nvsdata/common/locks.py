@@ -21,6 +21,8 @@ FOLDER_LOCK = ".nvsdata.lock"
 _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file systems without locks
 _MARK = b'{"owner": '  # what a lock file begins with
 _LONGEST = 240  # bytes; a lock file's name can contain a file name of at most this length
+_MOST = 1 << 16  # characters of a lock file that are read
+_UNFOLLOWED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # no link is followed, no pipe waited for
 _BEYOND = 1 << 30  # the byte that is locked on Windows: others can't read locked bytes
 
 
@@ -64,7 +66,9 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
 def is_locked(output: str | os.PathLike[str]) -> bool:
     """Whether a process writes to `output`, as far as this user may know; nothing is created or changed."""
     try:
-        with open(os.open(lock_path(output), os.O_RDONLY), encoding="utf-8") as file:
+        with open(os.open(lock_path(output), os.O_RDONLY | _UNFOLLOWED), encoding="utf-8") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                return False  # not a lock of nvsdata's
             if is_dead(str(_holder(file).get("owner"))):
                 return False
             # of a process of another host, or of one that has its number now
@@ -73,6 +77,9 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
         return False
     except PermissionError:
         return True
+    except OSError:
+        # a link, a folder: not a lock of nvsdata's
+        return False
 
 
 def lock_path(output: str | os.PathLike[str]) -> Path:
@@ -127,9 +134,8 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
     """The lock file, locked and signed by this process."""
     while True:
         # neither truncated nor exclusive: it may belong to another process, or be left by a dead one
-        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         try:
-            file = os.fdopen(os.open(place, flags, 0o666), "r+", encoding="utf-8")
+            file = os.fdopen(os.open(place, os.O_RDWR | os.O_CREAT | _UNFOLLOWED, 0o666), "r+", encoding="utf-8")
         except (OSError, ValueError):
             _refuse_others(place)
             raise
@@ -157,8 +163,13 @@ def _refuse_others(place: Path) -> None:
     with suppress(FileNotFoundError):
         status = place.lstat()
         # a lock cut off by a full disk or a kill is empty, or begins like one
-        if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(place.read_bytes()[: len(_MARK)]):
+        if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(_beginning(place)):
             raise FileExistsError(f"{place} is not a lock of nvsdata's: move it away")
+
+
+def _beginning(place: Path) -> bytes:
+    with place.open("rb") as file:
+        return file.read(len(_MARK))
 
 
 def _try_lock(file: IO[str], *, shared: bool = False) -> bool | None:
@@ -190,8 +201,8 @@ def _is_still(file: IO[str], place: Path) -> bool:
 def _holder(file: IO[str]) -> dict[str, Any]:
     file.seek(0)
     try:
-        found = json.loads(file.read())
-    except (OSError, ValueError):
+        found = json.loads(file.read(_MOST))
+    except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

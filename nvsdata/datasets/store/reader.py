@@ -51,7 +51,8 @@ INDEX = (
     "file_data",
 )
 TYPES = dict.fromkeys(("offset", "base", "duration", "time", "bytes", "file_offset"), ("i8",))
-TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # of the index; texts and bytes are uint8
+TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # texts and bytes are uint8
+TYPES |= {"t": ("u4", "i8"), "x": ("u1", "u2"), "y": ("u1", "u2"), "p": ("u1",)}  # of the events
 UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
 MARKED = 256  # the index has the time of every 256th event
 CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
@@ -89,6 +90,8 @@ class Store:
             if not _has_types(index):
                 raise FormatError(path, "its index has arrays of other types or shapes: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
+            if not all(column.dtype in TYPES[name] for name, column in zip(COLUMNS, columns, strict=True)):
+                raise FormatError(path, "its events are of other types than a store's: pack it again")
             places = [_place(path, column) for column in columns]
             self._event_size = sum(column.dtype.itemsize for column in columns)
             shapes = {column.shape for column in columns}
@@ -189,6 +192,8 @@ class Store:
             # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         columns = columns.first(count)
+        if not self._verified.values[number]:
+            self.check_inside(number, *columns[1:], self.sensor_size(number))
         if not is_sorted(columns.t):
             raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
         return columns
@@ -204,8 +209,17 @@ class Store:
             reason = "its events fail their checksum: the store is damaged, pack the recording again"
             _, size, begin = self._places[0] if self._places else (None, 0, 0)
             raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
+        self.check_inside(number, *raw[1:], self.sensor_size(number))
         self._verified.values[number] = True
         return raw
+
+    def check_inside(self, number: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]) -> None:
+        """FormatError unless events of a recording are on a sensor of this size and have polarities."""
+        # int16 below 0 are the highest uint16
+        x, y = (column.view(np.uint16) if column.dtype == np.int16 else column for column in (x, y))
+        if x.size and (x.max() >= size[0] or y.max() >= size[1] or p.max() > 1):
+            reason = f"coordinates outside the sensor of {size[0]}x{size[1]}, or polarities other than 0 and 1"
+            raise FormatError(f"{self.path}:{self.names[number]}", reason)
 
     def span(self, number: int) -> tuple[int, int]:
         """Times of the first and the last event of a recording."""
@@ -255,7 +269,9 @@ class StoredRecording(Recording):
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
         self._store, self._number = store, number
-        self._size = store.sensor_size(number) if sensor_size is None else sensor_size
+        packed_size = store.sensor_size(number)
+        self._size = packed_size if sensor_size is None else sensor_size
+        self._fits = self._size[0] >= packed_size[0] and self._size[1] >= packed_size[1]
         self._time = store.time(number)
         self.repairs = {}
 
@@ -289,6 +305,8 @@ class StoredRecording(Recording):
         check_window(start, stop)
         first, last = EVER[0] if start is None else start, EVER[1] if stop is None else stop
         columns = self._store.read(self._number, first, last)
+        if not self._fits:
+            self._store.check_inside(self._number, *columns[1:], self._size)
         return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:

@@ -114,3 +114,32 @@ def test_an_index_with_a_right_checksum_that_is_none(store, change):
         file.attrs["checksum"] = reader.checksum(index)
     with pytest.raises(FormatError, match="its index"):
         reader.Store(store)
+
+
+@pytest.mark.parametrize("checked", [1 << 22, 0])
+def test_an_index_with_a_right_checksum_that_states_a_smaller_sensor(store, monkeypatch, checked):
+    monkeypatch.setattr(reader, "CHECKED", checked)
+    with h5py.File(store, "r+") as file:
+        file["index/size"][...] = 5
+        file.attrs["checksum"] = reader.checksum({name: file[f"index/{name}"][()] for name in reader.INDEX})
+    opened = reader.Store(store)
+    recording = opened.open(opened.names[0], None)
+    for window in ((), (0, 10**5)):
+        with pytest.raises(FormatError, match="outside the sensor of 5x5"):
+            recording.read(*window)
+
+
+def test_a_smaller_sensor_than_the_packed_one(store):
+    opened = reader.Store(store)
+    assert opened.open(opened.names[0], (40, 34)).read().sensor_size == (40, 34)
+    with pytest.raises(FormatError, match="outside the sensor of 34x5"):
+        opened.open(opened.names[0], (34, 5)).read()
+
+
+def test_events_of_other_types(store):
+    with h5py.File(store, "r+") as file:
+        values = file["events/x"][()].astype(np.float64)
+        del file["events/x"]
+        file["events/x"] = values
+    with pytest.raises(FormatError, match="of other types than a store's"):
+        reader.Store(store)
