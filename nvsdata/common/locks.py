@@ -66,9 +66,11 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
 def is_locked(output: str | os.PathLike[str]) -> bool:
     """Whether a process writes to `output`, as far as this user may know; nothing is created or changed."""
     try:
-        with open(os.open(lock_path(output), os.O_RDONLY | _UNFOLLOWED), encoding="utf-8") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                return False  # not a lock of nvsdata's
+        handle = os.open(lock_path(output), os.O_RDONLY | _UNFOLLOWED)
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            os.close(handle)
+            return False  # not a lock of nvsdata's
+        with open(handle, encoding="utf-8") as file:
             if is_dead(str(_holder(file).get("owner"))):
                 return False
             # of a process of another host, or of one that has its number now
@@ -78,7 +80,7 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
     except PermissionError:
         return True
     except OSError:
-        # a link, a folder: not a lock of nvsdata's
+        # a link: not a lock of nvsdata's
         return False
 
 

@@ -102,7 +102,7 @@ def _by_manifest(root: Path, folder: Path, journals: list[Journal], counts: Coun
         if not (isinstance(file := line.get("file"), str) and "recording" in line):
             continue
         path = folder / file
-        if "\0" in file or not path.resolve().is_relative_to(root.resolve()):
+        if not _is_below(root, path):
             yield name, f"its manifest names a recording outside the folder: {file!r}"
             continue
         known.add(path)
@@ -112,6 +112,15 @@ def _by_manifest(root: Path, folder: Path, journals: list[Journal], counts: Coun
     for name in recordings_in(Folder(folder).listing()):
         if folder / name not in known:
             yield (folder / name).relative_to(root).as_posix(), "is in no manifest of its folder"
+
+
+def _is_below(root: Path, path: Path) -> bool:
+    """Whether a path, whatever links it goes through, is one of a file below the root."""
+    try:
+        return path.resolve().is_relative_to(root.resolve())
+    except (OSError, ValueError, RuntimeError):
+        # a name that no file can have, links in a circle
+        return False
 
 
 def _of_files(source: Source, root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:

@@ -120,7 +120,7 @@ def keep(cached, data):
     (cached.folder / "0/0.pt").write_bytes(zlib.crc32(data).to_bytes(4, "little") + data)
 
 
-@pytest.mark.parametrize("change", ["no parts", "outside", "falls", "short", "no zip"])
+@pytest.mark.parametrize("change", ["no parts", "none", "outside", "falls", "short", "no zip"])
 def test_what_is_no_sample_of_ours_is_made_again(digits, tmp_path, change):
     cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100_000)), tmp_path / "cache")
     expected = cached[0]
@@ -128,6 +128,8 @@ def test_what_is_no_sample_of_ours_is_made_again(digits, tmp_path, change):
     columns = content["parts"][0][1]
     if change == "no parts":
         del content["parts"]
+    elif change == "none":
+        content["parts"] = []
     elif change == "outside":
         columns["x"][3] = -30_000
     elif change == "falls":

@@ -115,7 +115,7 @@ def test_a_manifest_names_nothing_outside_its_folder_and_may_be_nonsense(out, tm
 
 
 @pytest.mark.parametrize("field", ["recording", "file", "videos"])
-@pytest.mark.parametrize("value", ["x", 7, None, [1], {}, "a\0b", "run", "x" * 300, "run/a.h5/b"])
+@pytest.mark.parametrize("value", ["x", 7, None, [1], {}, "a\0b", "\ud800", "run", "x" * 300, "run/a.h5/b"])
 def test_a_manifest_with_other_values_is_reported(out, field, value):
     def change(lines):
         lines[0 if field == "videos" else 1][field] = value

@@ -50,7 +50,9 @@ INDEX = (
     "file_offset",
     "file_data",
 )
-TYPES = dict.fromkeys(("offset", "base", "duration", "time", "bytes", "file_offset"), ("i8",))
+TYPES: dict[str, tuple[str, ...]] = dict.fromkeys(
+    ("offset", "base", "duration", "time", "bytes", "file_offset"), ("i8",)
+)
 TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # texts and bytes are uint8
 TYPES |= {"t": ("u4", "i8"), "x": ("u1", "u2"), "y": ("u1", "u2"), "p": ("u1",)}  # of the events
 UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
@@ -193,7 +195,7 @@ class Store:
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         columns = columns.first(count)
         if not self._verified.values[number]:
-            self.check_inside(number, *columns[1:], self.sensor_size(number))
+            self.check_inside(number, columns.x, columns.y, columns.p, self.sensor_size(number))
         if not is_sorted(columns.t):
             raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
         return columns
@@ -209,7 +211,7 @@ class Store:
             reason = "its events fail their checksum: the store is damaged, pack the recording again"
             _, size, begin = self._places[0] if self._places else (None, 0, 0)
             raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
-        self.check_inside(number, *raw[1:], self.sensor_size(number))
+        self.check_inside(number, raw[1], raw[2], raw[3], self.sensor_size(number))
         self._verified.values[number] = True
         return raw
 
@@ -306,7 +308,7 @@ class StoredRecording(Recording):
         first, last = EVER[0] if start is None else start, EVER[1] if stop is None else stop
         columns = self._store.read(self._number, first, last)
         if not self._fits:
-            self._store.check_inside(self._number, *columns[1:], self._size)
+            self._store.check_inside(self._number, columns.x, columns.y, columns.p, self._size)
         return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
