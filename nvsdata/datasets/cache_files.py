@@ -50,7 +50,8 @@ def restored(given: list[Any]) -> Any:
     if kind == "events":
         # checked: transforms rely on it that coordinates are inside the sensor
         size, start, end = more
-        return Events(*(value[name].numpy() for name in ("t", "x", "y", "p")), size, start=start, end=end)
+        t, x, y, p = (value[name].numpy() for name in ("t", "x", "y", "p"))
+        return Events(t, x, y, p, size, start=start, end=end)
     if kind == "graph":
         return Graph(**{name: restored(part) for name, part in value.items()})
     if kind in ("list", "tuple"):

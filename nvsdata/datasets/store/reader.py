@@ -211,6 +211,10 @@ class Store:
             reason = "its events fail their checksum: the store is damaged, pack the recording again"
             _, size, begin = self._places[0] if self._places else (None, 0, 0)
             raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
+        marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
+        ends = (raw[0][0], raw[0][-1]) if hi > lo else (0, self._duration[number])
+        if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
+            raise FormatError(self.root, f"its index has other times than {shown(self.names[number])}: pack it again")
         self.check_inside(number, raw[1], raw[2], raw[3], self.sensor_size(number))
         self._verified.values[number] = True
         return raw

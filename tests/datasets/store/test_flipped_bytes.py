@@ -143,3 +143,13 @@ def test_events_of_other_types(store):
         file["events/x"] = values
     with pytest.raises(FormatError, match="of other types than a store's"):
         reader.Store(store)
+
+
+@pytest.mark.parametrize("name", ["mark", "duration"])
+def test_an_index_with_a_right_checksum_and_other_times(store, name):
+    with h5py.File(store, "r+") as file:
+        file[f"index/{name}"][...] += 1_000
+        file.attrs["checksum"] = reader.checksum({name: file[f"index/{name}"][()] for name in reader.INDEX})
+    opened = reader.Store(store)
+    with pytest.raises(FormatError, match="its index has other times than"):
+        opened.open(opened.names[0], None).read(0, 10**5)
