@@ -14,7 +14,9 @@ judge is known to be wrong:
 - EVT3: events after a new high part of the time, before its low part. We and faery take 0 for it, others the low part
   of before. expelliarmus counts a low part that falls as a wrap, also if the high part says so already: its times of
   EVT3 aren't compared.
-- AEDAT 1 and 2 in which the first byte of the first record is that of a line of the header: evutils takes it for one.
+- AEDAT 1 and 2 without the last line of the header, or in which the first record begins as such a line: where
+  records begin is open. AEDAT 1 with external events (bit 15), which are no events of pixels: evutils keeps them.
+- AEDAT 4 whose header has a damaged position of the table: evlib finds nothing.
 - `.dat` without a line of its version: that is version 1, which the others don't know.
 - AEDAT 3: packets with another capacity than their number of events, or with a size of events of their own: evutils
   takes these for damaged, or goes by them. AEDAT 3.0: y counts from the bottom, which evutils doesn't know.
@@ -62,7 +64,7 @@ class Judging:
         kind, ours, agree, against = kind_of(path), opinion(*events.columns), 0, {}
         for name, theirs in self.judges.opinions(path).items():
             what = compared(path, kind, name, in_order)
-            if what is None:
+            if what is None or (kind == ".aedat4" and name == "evlib" and not theirs[0]):
                 said = "not compared"
             elif ours[what] != theirs[what]:
                 said, against[name] = "disagrees", theirs
@@ -84,8 +86,11 @@ def compared(path: Path, kind: str, judge: str, in_order: bool) -> slice | None:
         return None
     if kind == ".aedat3" and not _plain_packets(path.read_bytes()):
         return None
-    if kind in (".aedat1", "davis240") and b"Header\r\n#" in path.read_bytes()[:400]:
-        return None
+    if kind in (".aedat1", "davis240"):
+        _, end, records = path.read_bytes().partition(b"#End Of ASCII Header\r\n")
+        external = kind == ".aedat1" and any(byte >= 0x80 for byte in records[::6])
+        if not end or records[:1] == b"#" or external:
+            return None
     if kind not in ("evt2", "evt3"):
         return ALL if in_order else PLACES
     known, rises, low_follows, low_rises = _words(path, kind)
