@@ -45,6 +45,17 @@ def _evutils(path: str) -> Any:
     return {name: np.asarray(getattr(found, name)) for name in "txyp"}
 
 
+def _mirrored(width: int, height: int, *, inverted: bool = False) -> Callable[[str], Any]:
+    """As evutils reads AEDAT: places as jAER counts them, from the lower right, and a DVS128's polarity as stored."""
+
+    def run(path: str) -> Any:
+        found = {name: column.astype(np.int64) for name, column in _evutils(path).items()}
+        p = 1 - found["p"] if inverted else found["p"]
+        return {"t": found["t"], "x": width - 1 - found["x"], "y": height - 1 - found["y"], "p": p}
+
+    return run
+
+
 def _expelliarmus(kind: str) -> Callable[[str], Any]:
     def run(path: str) -> Any:
         from expelliarmus import Wizard
@@ -66,40 +77,50 @@ JUDGES: dict[str, dict[str, Callable[[str], Any]]] = {
     "evt21": {"evlib": _evlib, "evutils": _evutils, "faery": _faery},
     "evt3": {"evlib": _evlib, "evutils": _evutils, "faery": _faery, "expelliarmus": _expelliarmus("evt3")},
     ".aedat4": {"aedat": _aedat, "faery": _faery, "evlib": _evlib},
-    ".aedat": {"evutils": _evutils},
-    ".aedat1": {"evutils": _evutils},
+    "davis240": {"evutils": _mirrored(240, 180)},
+    ".aedat1": {"evutils": _mirrored(128, 128, inverted=True)},
     ".aedat3": {"evutils": _evutils},
 }
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "on", "polarity")}
 
 
 def kind_of(path: Path) -> str:
-    """The key of `JUDGES` for a file: its extension or, of `.raw`, its encoding."""
+    """The key of `JUDGES` for a file: its extension or, where that isn't enough, what its header says."""
+    head = path.read_bytes()[:400]
+    if path.suffix == ".aedat":
+        # evutils reads all of AEDAT 2 as DAVIS, also a DVS128's
+        is_davis = head.startswith(b"#!AER-DAT2.0") and b"DAVIS240C" in head
+        return ".aedat3" if head.startswith(b"#!AER-DAT3") else "davis240" if is_davis else ""
     if path.suffix != ".raw":
         return path.suffix
-    head = path.read_bytes()[:200]
-    for kind, names in (("evt21", (b"2.1", b"EVT21")), ("evt3", (b"evt 3", b"EVT3")), ("evt2", (b"evt 2", b"EVT2"))):
-        if any(name in head for name in names):
+    # of a header that is damaged, each makes something else
+    for kind, line in (("evt2", b"% evt 2.0\n"), ("evt21", b"% evt 2.1\n"), ("evt3", b"% evt 3.0\n")):
+        if line in head:
             return kind
     return ""
 
 
-def told_apart(t: Any, x: Any, y: Any, p: Any) -> str:
-    """A number for events: the same for the same columns, sorted by time and then by pixel and polarity."""
+def opinion(t: Any, x: Any, y: Any, p: Any) -> list[Any]:
+    """The number of events, and two fingerprints: of all columns, and of x, y and p; the order of the events, such as
+    of those of one time, has no influence.
+    """
     columns = [np.asarray(column).astype(np.int64) for column in (t, x, y, p)]
-    order = np.lexsort((columns[3], columns[2], columns[1], columns[0]))
-    return hashlib.sha256(np.stack(columns)[:, order].tobytes()).hexdigest()[:16]
+    prints = []
+    for some in (columns, columns[1:]):
+        order = np.lexsort(some[::-1])
+        prints.append(hashlib.sha256(np.stack(some)[:, order].tobytes()).hexdigest()[:16])
+    return [len(columns[0]), *prints]
 
 
 def opinions(path: str) -> dict[str, list[Any]]:
-    """Of each decoder that takes the file: number of events, and `told_apart` of them."""
+    """The `opinion` of each decoder that takes the file."""
     found = {}
     for name, run in JUDGES.get(kind_of(Path(path)), {}).items():
-        with contextlib.suppress(Exception):
+        # Rust's panics aren't Exceptions
+        with contextlib.suppress(BaseException):
             events = run(path)
             keys = events if isinstance(events, dict) else events.dtype.names
-            columns = [np.asarray(events[next(k for k in keys if k in NAMES[c])]).astype(np.int64) for c in "txyp"]
-            found[name] = [len(columns[0]), told_apart(*columns)]
+            found[name] = opinion(*(events[next(k for k in keys if k in NAMES[c])] for c in "txyp"))
     return found
 
 

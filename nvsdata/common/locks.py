@@ -22,6 +22,7 @@ _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file
 _MARK = b'{"owner": '  # what a lock file begins with
 _LONGEST = 240  # bytes; a lock file's name can contain a file name of at most this length
 _MOST = 1 << 20  # bytes of a lock file that are read
+_UNFOLLOWED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # no link is followed, no pipe waited for
 _BEYOND = 1 << 30  # the byte that is locked on Windows: others can't read locked bytes
 
 
@@ -65,7 +66,11 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
 def is_locked(output: str | os.PathLike[str]) -> bool:
     """Whether a process writes to `output`, as far as this user may know; nothing is created or changed."""
     try:
-        with open(os.open(lock_path(output), os.O_RDONLY), encoding="utf-8") as file:
+        handle = os.open(lock_path(output), os.O_RDONLY | _UNFOLLOWED)
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            os.close(handle)
+            return False  # not a lock of nvsdata's
+        with open(handle, encoding="utf-8") as file:
             if is_dead(str(_holder(file).get("owner"))):
                 return False
             # of a process of another host, or of one that has its number now
@@ -74,6 +79,9 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
         return False
     except PermissionError:
         return True
+    except OSError:
+        # a link: not a lock of nvsdata's
+        return False
 
 
 def is_dead_lock(path: Path) -> bool:
@@ -144,9 +152,8 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
     """The lock file, locked and signed by this process."""
     while True:
         # neither truncated nor exclusive: it may belong to another process, or be left by a dead one
-        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         try:
-            file = os.fdopen(os.open(place, flags, 0o666), "r+", encoding="utf-8")
+            file = os.fdopen(os.open(place, os.O_RDWR | os.O_CREAT | _UNFOLLOWED, 0o666), "r+", encoding="utf-8")
         except (OSError, ValueError):
             _refuse_others(place)
             raise

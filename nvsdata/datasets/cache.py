@@ -191,6 +191,8 @@ def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
         return None
     try:
         found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
-        return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None
-    except Exception:  # of another kind than ours: anything may be raised
+        parts = [restored(part) for part in found["parts"]]
+        # a part for each file, or two of one file
+        return parts if found["stamps"] == stamps and len(parts) >= len(stamps) else None
+    except Exception:  # content that isn't ours, with a right checksum, raises anything
         return None

@@ -116,7 +116,7 @@ class Contents:
     def header(self, mark: bytes) -> tuple[list[str], int]:
         """The lines at the start that begin with `mark` and are printable, and the byte after them.
 
-        FormatError if they take much more than `MOST_HEADER` bytes.
+        FormatError if they take much more than `MOST_HEADER` bytes, or if the file ends within one.
         """
         lines, end, torn = header_lines(self.head, mark)
         size = len(self.head)
@@ -127,6 +127,9 @@ class Contents:
             begin, size = end, min(4 * size, self.size)
             more, end, torn = header_lines(self.read(begin, size).tobytes(), mark)
             lines, end = lines + more, begin + end
+        if torn and end < self.size:
+            # the text of half a line would be taken for events
+            raise FormatError(self.path, "cut off within a line of its header", offset=end)
         return lines, end
 
 

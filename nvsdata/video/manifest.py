@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import platform
+import stat
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -102,15 +103,23 @@ class Manifest(Journal):
 def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
     """Return how a recording differs from its line of the manifest: in size or, to `check`, in sha256; empty if not."""
     try:
-        size = recording.stat().st_size
+        status = recording.stat()
+        if not stat.S_ISREG(status.st_mode):
+            return "isn't a file"
+        size = status.st_size
         if size != line["recording"]:
-            return f"has {size:,} bytes, not the {line['recording']:,} of its manifest"
+            stated = line["recording"]
+            stated = f"{stated:,}" if isinstance(stated, int) else repr(stated)
+            return f"has {size:,} bytes, not the {stated} of its manifest"
         if check and "recording_sha256" not in line:
             return "can't be compared: its manifest has no sha256 of it"
         if check and sha256(recording) != line["recording_sha256"]:
             return "was changed since it was made: its sha256 is another than in its manifest"
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return "is missing"
+    except (OSError, ValueError) as error:
+        # such as a name that no file can have
+        return f"can't be read: {error}"
     return ""
 
 

@@ -163,3 +163,22 @@ def test_a_pipe_or_a_link_in_the_place_of_a_manifest_is_a_fault(out, tmp_path):
 def test_without_a_sha256_nothing_is_said_to_be_changed(out):
     manifest(out, lambda lines: [{k: v for k, v in line.items() if k != "recording_sha256"} for line in lines])
     assert set(dict(problems(out)).values()) == {"can't be compared: its manifest has no sha256 of it"}
+
+
+@pytest.mark.parametrize("field", ["recording", "file", "videos"])
+@pytest.mark.parametrize("value", ["x", 7, None, [1], {}, "a\0b", "\ud800", "run", "x" * 300, "run/a.h5/b"])
+def test_a_manifest_with_other_values_is_reported(out, field, value):
+    def change(lines):
+        lines[0 if field == "videos" else 1][field] = value
+        return lines
+
+    manifest(out, change)
+    found = list(problems(out))
+    assert found or field == "videos"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes as POSIX has them")
+def test_a_manifest_that_is_no_file_is_reported(out):
+    (out / "manifest.jsonl").unlink()
+    os.mkfifo(out / "manifest.jsonl")
+    assert [name for name, fault in problems(out) if "can't be read" in fault] == ["manifest.jsonl"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.data.events import EVER, MAX_COORDINATE, Columns, Events, bounds_of, check_window
+from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
@@ -50,10 +50,11 @@ INDEX = (
     "file_offset",
     "file_data",
 )
-# types of t, x, y and p, and of those parts of the index that aren't bytes
-STORED = {(t, xy, xy, "uint8") for t in ("uint32", "int64") for xy in ("uint8", "uint16")}
-KINDS = {"offset": "int64", "base": "int64", "duration": "int64", "time": "int64", "mark": "", "size": "int32"}
-KINDS |= {"bytes": "int64", "crc": "uint32", "file_offset": "int64"}
+TYPES: dict[str, tuple[str, ...]] = dict.fromkeys(
+    ("offset", "base", "duration", "time", "bytes", "file_offset"), ("i8",)
+)
+TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # texts and bytes are uint8
+TYPES |= {"t": ("u4", "i8"), "x": ("u1", "u2"), "y": ("u1", "u2"), "p": ("u1",)}  # of the events
 UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
 MARKED = 256  # the index has the time of every 256th event
 CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
@@ -88,8 +89,11 @@ class Store:
             index = {name: values_of(path, dataset_of(path, file, f"index/{name}", left)) for name in INDEX}
             if checksum(index) != number_of(path, file, "checksum"):
                 raise FormatError(path, "its index fails its checksum: pack it again")
+            if not _has_types(index):
+                raise FormatError(path, "its index has arrays of other types or shapes: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
-            kinds = [str(column.dtype) for column in columns]
+            if not all(column.dtype in TYPES[name] for name, column in zip(COLUMNS, columns, strict=True)):
+                raise FormatError(path, "its events are of other types than a store's: pack it again")
             places = [_place(path, column) for column in columns]
             self._event_size = sum(column.dtype.itemsize for column in columns)
             shapes = {column.shape for column in columns}
@@ -99,19 +103,17 @@ class Store:
         self._first_mark = first_mark.tolist()
         self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
         self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
-        self.names = unpacked(index["name"])
-        self.formats = unpacked(index["format"])
-        self._folders = unpacked(index["folder"])
-        self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+        try:
+            texts = {name: unpacked(index[name]) for name in ("name", "format", "folder", "file_name")}
+            self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+        except ValueError as error:
+            raise FormatError(path, f"its index has no valid names: {error}") from None
+        self.names, self.formats, self._folders = texts["name"], texts["format"], texts["folder"]
         self._number = {name: i for i, name in enumerate(self.names)}
-        self._files = {name: i for i, name in enumerate(unpacked(index["file_name"]))}
+        self._files = {name: i for i, name in enumerate(texts["file_name"])}
         self._file_offset, self._file_data = index["file_offset"], index["file_data"]
         self._marks = index["mark"]
-        # a sign that has changed changes values, but no bytes that a checksum is of
-        expected = {name: kinds[0] if name == "mark" else kind for name, kind in KINDS.items()}
-        sound = self._is_sound(index) and tuple(kinds) in STORED
-        sound &= all(str(index[name].dtype) == kind for name, kind in expected.items())
-        if not (sound and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
+        if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
             raise FormatError(path, "its index contradicts itself: pack it again")
         # None for compressed columns
         self._places = [place for place in places if place is not None]
@@ -131,9 +133,15 @@ class Store:
         """Whether all arrays have the same number of recordings, in sequence, with possible sensor sizes."""
         counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
         counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
+        sizes, base, files = index["size"], index["base"], index["file_offset"]
         in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
-        sizes = index["size"]
-        return len(counts) == 1 and in_line and bool(((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
+        # texts end with a zero each
+        if not (len(counts) == 1 and in_line and len(files) == np.count_nonzero(index["file_name"] == 0) + 1):
+            return False
+        if files[0] != 0 or files[-1] != len(index["file_data"]) or (np.diff(files) < 0).any():
+            return False
+        times = (base > -LATEST) & (base < LATEST) & (index["duration"] >= 0) & (index["duration"] < LATEST - base)
+        return bool(times.all() and ((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
 
     def listing(self) -> Listing:
         """The packed folders and recordings, including those left out, and the side files."""
@@ -186,6 +194,8 @@ class Store:
             # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         columns = columns.first(count)
+        if not self._verified.values[number]:
+            self.check_inside(number, columns.x, columns.y, columns.p, self.sensor_size(number))
         if not is_sorted(columns.t):
             raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
         return columns
@@ -201,8 +211,21 @@ class Store:
             reason = "its events fail their checksum: the store is damaged, pack the recording again"
             _, size, begin = self._places[0] if self._places else (None, 0, 0)
             raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
+        marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
+        ends = (raw[0][0], raw[0][-1]) if hi > lo else (0, self._duration[number])
+        if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
+            raise FormatError(self.root, f"its index has other times than {shown(self.names[number])}: pack it again")
+        self.check_inside(number, raw[1], raw[2], raw[3], self.sensor_size(number))
         self._verified.values[number] = True
         return raw
+
+    def check_inside(self, number: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]) -> None:
+        """FormatError unless events of a recording are on a sensor of this size and have polarities."""
+        # int16 below 0 are the highest uint16
+        x, y = (column.view(np.uint16) if column.dtype == np.int16 else column for column in (x, y))
+        if x.size and (x.max() >= size[0] or y.max() >= size[1] or p.max() > 1):
+            reason = f"coordinates outside the sensor of {size[0]}x{size[1]}, or polarities other than 0 and 1"
+            raise FormatError(f"{self.path}:{self.names[number]}", reason)
 
     def span(self, number: int) -> tuple[int, int]:
         """Times of the first and the last event of a recording."""
@@ -257,7 +280,9 @@ class StoredRecording(Recording):
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
         self._store, self._number = store, number
-        self._size = store.sensor_size(number) if sensor_size is None else sensor_size
+        packed_size = store.sensor_size(number)
+        self._size = packed_size if sensor_size is None else sensor_size
+        self._fits = self._size[0] >= packed_size[0] and self._size[1] >= packed_size[1]
         self._time = store.time(number)
         self.repairs = {}
 
@@ -291,6 +316,8 @@ class StoredRecording(Recording):
         check_window(start, stop)
         first, last = EVER[0] if start is None else start, EVER[1] if stop is None else stop
         columns = self._store.read(self._number, first, last)
+        if not self._fits:
+            self._store.check_inside(self._number, columns.x, columns.y, columns.p, self._size)
         return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
@@ -322,6 +349,13 @@ def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
         raise FormatError(path, f"cut short within {dataset.name}", offset=offset)
     return dataset.dtype, dataset.dtype.itemsize, offset or 0
+
+
+def _has_types(index: dict[str, np.ndarray]) -> bool:
+    """Whether the arrays of an index have the types and the number of axes that `docs/store.md` states."""
+    shapes = {"time": (-1, 2), "size": (-1, 2)}
+    fits = all(array.shape[1:] == shapes.get(name, (-1,))[1:] and array.ndim >= 1 for name, array in index.items())
+    return fits and all(array.dtype in TYPES.get(name, ("u1",)) for name, array in index.items())
 
 
 def packed(texts: Iterable[str]) -> np.ndarray:

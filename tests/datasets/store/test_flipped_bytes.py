@@ -56,7 +56,7 @@ def test_a_type_of_another_sign_changes_no_byte_and_is_found_out(store, name):
         other = ("u" if values.dtype.kind == "i" else "i") + str(values.dtype.itemsize)
         del file[name]
         file[name] = values.view(other)
-    with pytest.raises(FormatError, match="contradicts itself"):
+    with pytest.raises(FormatError, match="of other types"):
         NMNIST(store, "all")
 
 
@@ -96,3 +96,71 @@ def test_verification_can_be_turned_off(store, monkeypatch):
     found = NMNIST(flipped(store, place_of_events(store, 0)), "all").source.read(0, 0, 2**40)
     assert np.array_equal(found.t, expected.t)
     assert (found.x != expected.x).sum() == 1
+
+
+def other_type(index):
+    index["crc"] = index["crc"].astype(">u4").astype(np.float64)
+
+
+def no_text(index):
+    index["name"] = np.where(index["name"] == ord("b"), 0xFF, index["name"]).astype(np.uint8)
+
+
+def far_times(index):
+    index["base"] = index["base"] + 2**62
+
+
+def fewer_files(index):
+    index["file_name"] = np.frombuffer(b"a\0a\0", np.uint8)
+
+
+@pytest.mark.parametrize("change", [other_type, no_text, far_times, fewer_files])
+def test_an_index_with_a_right_checksum_that_is_none(store, change):
+    with h5py.File(store, "r+") as file:
+        index = {name: file[f"index/{name}"][()] for name in reader.INDEX}
+        change(index)
+        for name, array in index.items():
+            del file[f"index/{name}"]
+            file[f"index/{name}"] = array
+        file.attrs["checksum"] = reader.checksum(index)
+    with pytest.raises(FormatError, match="its index"):
+        reader.Store(store)
+
+
+@pytest.mark.parametrize("checked", [1 << 22, 0])
+def test_an_index_with_a_right_checksum_that_states_a_smaller_sensor(store, monkeypatch, checked):
+    monkeypatch.setattr(reader, "CHECKED", checked)
+    with h5py.File(store, "r+") as file:
+        file["index/size"][...] = 5
+        file.attrs["checksum"] = reader.checksum({name: file[f"index/{name}"][()] for name in reader.INDEX})
+    opened = reader.Store(store)
+    recording = opened.open(opened.names[0], None)
+    for window in ((), (0, 10**5)):
+        with pytest.raises(FormatError, match="outside the sensor of 5x5"):
+            recording.read(*window)
+
+
+def test_a_smaller_sensor_than_the_packed_one(store):
+    opened = reader.Store(store)
+    assert opened.open(opened.names[0], (40, 34)).read().sensor_size == (40, 34)
+    with pytest.raises(FormatError, match="outside the sensor of 34x5"):
+        opened.open(opened.names[0], (34, 5)).read()
+
+
+def test_events_of_other_types(store):
+    with h5py.File(store, "r+") as file:
+        values = file["events/x"][()].astype(np.float64)
+        del file["events/x"]
+        file["events/x"] = values
+    with pytest.raises(FormatError, match="of other types than a store's"):
+        reader.Store(store)
+
+
+@pytest.mark.parametrize("name", ["mark", "duration"])
+def test_an_index_with_a_right_checksum_and_other_times(store, name):
+    with h5py.File(store, "r+") as file:
+        file[f"index/{name}"][...] += 1_000
+        file.attrs["checksum"] = reader.checksum({name: file[f"index/{name}"][()] for name in reader.INDEX})
+    opened = reader.Store(store)
+    with pytest.raises(FormatError, match="its index has other times than"):
+        opened.open(opened.names[0], None).read(0, 10**5)
