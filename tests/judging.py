@@ -18,8 +18,9 @@ judge is known to be wrong:
   records begin is open. AEDAT 1 with external events (bit 15), which are no events of pixels: evutils keeps them.
 - AEDAT 4 whose header has a damaged position of the table: evlib finds nothing.
 - `.dat` without a line of its version: that is version 1, which the others don't know.
-- AEDAT 3: packets of special events, and those with another capacity than their number of events, or with a size of events of their own: evutils
-  takes these for damaged, or goes by them. AEDAT 3.0: y counts from the bottom, which evutils doesn't know.
+- AEDAT 3: packets of special events, and those with another capacity than their number of events, or with a size of
+  events of their own: evutils takes these for damaged, or goes by them. AEDAT 3.0: y counts from the bottom, which
+  evutils doesn't know.
 - What we warn of: events of AEDAT 3 that aren't marked as valid in packets that count them so, which we keep.
 """
 
