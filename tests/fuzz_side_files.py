@@ -24,7 +24,8 @@ import trees
 from damage import KINDS, file_of
 from fuzz import at_random, valid
 from lookalikes import aedat4_bytes
-from structures import NUMBERS, changed, hdf5
+from side_damage import OLD, array_changed, choice, json_changed, put_back, replaced
+from structures import hdf5
 
 import nvsdata
 from nvsdata import EventFolder, FormatError
@@ -42,84 +43,8 @@ from nvsdata.recording.davis.stream import Decoder
 from nvsdata.video.folder import sha256
 
 Rng = np.random.Generator
-OLD = 10**18  # ns: when all files were changed
 SECRET = b"a file that nothing may read or change\n" * 9
 INDEXED = ("evt2", "evt3", "atis")
-
-
-def _choice(rng: Rng, options: Any) -> Any:
-    return options[int(rng.integers(0, len(options)))]
-
-
-def replaced(path: Path, rng: Rng, home: Path) -> bool:
-    """Once in a while: something else in the place of a file."""
-    if rng.random() > 0.1:
-        return False
-    path.unlink(missing_ok=True)
-    kind = rng.integers(0, 6)
-    if kind == 0:
-        path.symlink_to(_choice(rng, (home / "secret", home / "pipe", "/nothing/there", path, "..")))
-    elif kind == 1:
-        os.mkfifo(path)
-    elif kind == 2:
-        path.mkdir()
-    elif kind == 3:
-        path.write_bytes(b"")
-    elif kind == 4:
-        with path.open("wb") as file:
-            file.truncate(3 << 30)
-    return True
-
-
-def put_back(folder: Path, sound: dict[str, bytes]) -> None:
-    """A folder with these files only, none of them changed lately."""
-    shutil.rmtree(folder, ignore_errors=True)
-    trees.put(folder, sound)
-    settle(folder)
-
-
-def settle(folder: Path) -> None:
-    for path in (*folder.rglob("*"), folder):
-        os.utime(path, ns=(OLD, OLD), follow_symlinks=False)
-
-
-def json_changed(value: Any, rng: Rng) -> Any:
-    """JSON with one of its values, keys or entries changed."""
-    others = (*NUMBERS, None, True, 0.5, float("nan"), [], {}, [[]])
-    others += ("", "x", "../secret", "/etc/passwd", "a\0b", "\ud800")
-    if isinstance(value, dict) and value and rng.random() < 0.9:
-        key = _choice(rng, list(value))
-        kind = rng.integers(0, 8)
-        if kind == 0:
-            return {name: entry for name, entry in value.items() if name != key}
-        if kind == 1:
-            return value | {str(_choice(rng, others)).encode("utf-8", "replace").decode(): value[key]}
-        return value | {key: json_changed(value[key], rng)}
-    if isinstance(value, list) and value and rng.random() < 0.9:
-        at, kind = int(rng.integers(0, len(value))), rng.integers(0, 6)
-        if kind == 0:
-            return value[:at] + value[at + 1 :]
-        if kind == 1:
-            return [*value, value[at]]
-        return [*value[:at], json_changed(value[at], rng), *value[at + 1 :]]
-    if type(value) is int and rng.random() < 0.5:
-        return value + int(_choice(rng, (-1, 1, 1_000, -(10**6))))
-    return _choice(rng, others)
-
-
-def array_changed(array: np.ndarray, rng: Rng) -> np.ndarray:
-    """Other values or, less often, another shape or type."""
-    kind = rng.integers(0, 8)
-    if kind == 0:
-        return array[: len(array) // 2] if array.ndim else array.reshape(1)
-    if kind == 1:
-        return np.concatenate((array, array)) if array.ndim else np.array([array, array])
-    if kind == 2:
-        with np.errstate(all="ignore"):
-            return array.astype(_choice(rng, ("u1", "i4", "f8", "?", ">i8", "u8", "S4")))
-    if kind == 3:
-        return array.reshape(_choice(rng, ((-1,), (1, -1), (-1, 1))))
-    return changed(array, rng)
 
 
 # indexes next to files
@@ -190,9 +115,9 @@ def _index_changed(raw: bytes, rng: Rng) -> bytes:
         arrays = {name: kept[name] for name in kept.files}
     about, crc = arrays.pop("about"), arrays.pop("crc")
     for _ in range(int(rng.integers(1, 3))):
-        name = _choice(rng, list(arrays))
+        name = choice(rng, list(arrays))
         if rng.random() < 0.1:
-            arrays[_choice(rng, (*arrays, "more"))] = arrays.pop(name)
+            arrays[choice(rng, (*arrays, "more"))] = arrays.pop(name)
         elif name != "ordered":
             # that a file is in order can't be compared without reading it
             arrays[name] = array_changed(arrays[name], rng)
@@ -246,7 +171,7 @@ def windows(rng: Rng, home: Path) -> str:
     """A round on the index of windows."""
     folder = home / "windows"
     put_back(folder, RECORDINGS)
-    how = _choice(rng, ({"duration": 9_000}, {"events": 17}, {"events": 20, "step": 7}))
+    how = choice(rng, ({"duration": 9_000}, {"events": 17}, {"events": 20, "step": 7}))
     data = EventFolder(folder, sensor_size=(34, 34))
     expected = nvsdata.windows(data, **how).samples
     (index,) = folder.glob(source.INDEX.replace("-index.json", "-windows-*.json"))
@@ -262,7 +187,7 @@ def cached(rng: Rng, home: Path) -> str:
     if not folder.exists():
         put_back(folder, RECORDINGS)
     shutil.rmtree(place, ignore_errors=True)
-    transform = _choice(rng, (T.Window(0, 100_000), T.Compose([T.Window(0, 100_000), T.VoxelGrid(3)])))
+    transform = choice(rng, (T.Window(0, 100_000), T.Compose([T.Window(0, 100_000), T.VoxelGrid(3)])))
     data = nvsdata.cache(EventFolder(folder, transform=transform, sensor_size=(34, 34)), place)
     expected = data[0]
     (file,) = place.rglob("*.pt")
@@ -293,7 +218,7 @@ def _sample_changed(raw: bytes, rng: Rng) -> bytes:
         if isinstance(value, torch.Tensor):
             return torch.from_numpy(array_changed(value.numpy(), rng))
         if isinstance(value, dict) and value:
-            key = _choice(rng, list(value))
+            key = choice(rng, list(value))
             return value | {key: other(value[key])}
         if isinstance(value, (list, tuple)) and value and rng.random() < 0.9:
             at = int(rng.integers(0, len(value)))
@@ -322,7 +247,7 @@ def store(rng: Rng, home: Path) -> str:
         for name, compress in (("a.h5", False), ("b.h5", True)):
             nvsdata.pack(EventFolder(folder / "in", sensor_size=(34, 34)), folder / name, compress=compress)
     path = home / "store.h5"
-    raw = (folder / _choice(rng, ("a.h5", "b.h5"))).read_bytes()
+    raw = (folder / choice(rng, ("a.h5", "b.h5"))).read_bytes()
     kind = rng.integers(0, 4)
     if kind == 0:
         raw = at_random(bytearray(raw), rng)
@@ -360,7 +285,7 @@ def _store_changed(raw: bytes, rng: Rng) -> bytes:
     file = io.BytesIO(raw)
     with h5py.File(file, "r+") as opened:
         for _ in range(int(rng.integers(1, 3))):
-            name = f"index/{_choice(rng, INDEX)}"
+            name = f"index/{choice(rng, INDEX)}"
             array = array_changed(opened[name][()], rng)
             attributes = dict(opened[name].attrs)
             del opened[name]
@@ -390,7 +315,7 @@ def manifest(rng: Rng, home: Path) -> str:
     raw = "".join(json.dumps(line) + "\n" for line in lines).encode()
     path.write_bytes(at_random(bytearray(raw), rng) if rng.random() < 0.3 else raw)
     replaced(path, rng, home)
-    broken = _choice(rng, list(RECORDINGS))
+    broken = choice(rng, list(RECORDINGS))
     sound = (folder / broken).read_bytes()
     (folder / broken).write_bytes(sound[:-5] + b"\1\2\3\4\5")
     faults = [(str(name), str(fault)) for name, fault in problems(folder, counts=Counter())]
@@ -424,7 +349,7 @@ def davis(rng: Rng, home: Path) -> str:
     words = np.zeros(8 * len(ev) + 4_000, np.uint16)
     count = encode(*ev.columns, np.array([0, -1, -1]), words[1:])
     words[0] = 1
-    head = header(Decoder(240, 180, steady=True), _choice(rng, (None, 10**6)), {"camera": "DAVIS240C"})
+    head = header(Decoder(240, 180, steady=True), choice(rng, (None, 10**6)), {"camera": "DAVIS240C"})
     if rng.random() < 0.4:
         told = json_changed(json.loads(head[len(MARK) :]), rng)
         head = MARK + json.dumps(told).encode() + b"\n"

@@ -18,8 +18,9 @@ judge is known to be wrong:
   records begin is open. AEDAT 1 with external events (bit 15), which are no events of pixels: evutils keeps them.
 - AEDAT 4 whose header has a damaged position of the table: evlib finds nothing.
 - `.dat` without a line of its version: that is version 1, which the others don't know.
-- AEDAT 3: packets with another capacity than their number of events, or with a size of events of their own: evutils
-  takes these for damaged, or goes by them. AEDAT 3.0: y counts from the bottom, which evutils doesn't know.
+- AEDAT 3: packets of special events, and those with another capacity than their number of events, or with a size of
+  events of their own: evutils takes these for damaged, or goes by them. AEDAT 3.0: y counts from the bottom, which
+  evutils doesn't know.
 - What we warn of: events of AEDAT 3 that aren't marked as valid in packets that count them so, which we keep.
 """
 
@@ -105,8 +106,8 @@ def _plain_packets(raw: bytes) -> bool:
     """Whether a file is of AEDAT 3.1, and all of its packets are as full as they may be."""
     at = raw.find(b"#!END-HEADER\r\n") + 14
     while at + 28 <= len(raw):
-        _, _, size, offset, _, capacity, number, valid = struct.unpack_from("<HHIIIIII", raw, at)
-        if (size, offset) != (8, 4) or not capacity == number == valid:
+        kind, _, size, offset, _, capacity, number, valid = struct.unpack_from("<HHIIIIII", raw, at)
+        if kind == 0 or (size, offset) != (8, 4) or not capacity == number == valid:
             return False
         at += 28 + size * number
     return raw.startswith(b"#!AER-DAT3.1")

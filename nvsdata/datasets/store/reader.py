@@ -180,7 +180,8 @@ class Store:
     def read(self, number: int, start: int, stop: int) -> Columns:
         """Events of a recording with start <= t < stop: bisects the index, then reads that part of each column."""
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
-        if not self._verified.values[number] and (raw := self._verify(number, start, stop)):
+        verified = self._verified.values[number]
+        if not verified and (raw := self._verify(number, start, stop)):
             columns = Columns.empty(hi - lo)
             return columns.first(stored_window(*columns, base, start, stop, *raw))
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
@@ -194,7 +195,7 @@ class Store:
             # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         columns = columns.first(count)
-        if not self._verified.values[number]:
+        if not verified:
             self.check_inside(number, columns.x, columns.y, columns.p, self.sensor_size(number))
         if not is_sorted(columns.t):
             raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
