@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
-from typing import NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
@@ -51,8 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     0: fine; 1: something was wrong with data, or is missing; 3: a batch of recordings gave up; 130: interrupted;
     128 plus a signal's number: ended by that signal. Wrong usage raises SystemExit with 2.
     """
-    from nvsdata.commands.options import UsageError
-    from nvsdata.common.signals import end_of, ending_by_signals, exit_code
+    from nvsdata.common.terminal import escaped_output
 
     _open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
@@ -63,14 +62,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     if "_ARGCOMPLETE" in os.environ:
         # the line so far is all there is
         words = _words(os.environ.get("COMP_LINE", ""))
+    with escaped_output():
+        return _run(words)
+
+
+def _run(words: Sequence[str]) -> int:
+    from nvsdata.commands.options import UsageError
+    from nvsdata.common.errors import message_of
+    from nvsdata.common.files import named
+    from nvsdata.common.signals import end_of, ending_by_signals, exit_code
+
     called = words[0] if words else ""
+    args = argparse.Namespace()
     try:
         with ending_by_signals():
             parser = _parser(called)
             _complete(parser)
-            args = parser.parse_args(words)
+            args, left = parser.parse_known_args(words)
+            if left:
+                # by the command's own parser, which names its own help
+                getattr(args, "parser", parser).error(f"unrecognized arguments: {' '.join(left)}")
             with _told(args):
                 code: int = args.run(args)
+                with named("standard output"):
+                    sys.stdout.flush()
     except KeyboardInterrupt as error:
         print(end_of(error), file=sys.stderr)
         return exit_code(error)
@@ -79,11 +94,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except UsageError as error:
-        args.parser.error(str(error))
+        args.parser.error(message_of(error))
     except (OSError, ValueError, ImportError) as error:
-        print(f"nvsdata {called}: {error}", file=sys.stderr)
+        print(f"nvsdata {called}: {message_of(error)}{_where(error, args)}", file=sys.stderr)
         return 1
     return code
+
+
+def _where(error: Exception, args: argparse.Namespace) -> str:
+    """What the error may be about, if it is one of the system that names no file: the paths that were given."""
+    from pathlib import Path
+
+    from nvsdata.common.errors import shown
+
+    if getattr(error, "errno", None) is None or getattr(error, "filename", None) is not None:
+        return ""
+    values = [each for value in vars(args).values() for each in (value if isinstance(value, list) else [value])]
+    given = [shown(value) for value in values if isinstance(value, Path)]
+    return f" (one of: {', '.join([*given, 'standard output'])})"
 
 
 @contextmanager
@@ -136,16 +164,43 @@ def _open_standard_streams() -> None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  for as long as the process runs
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are printable, on one line, without the list of all options."""
+
+    def error(self, message: str) -> NoReturn:
+        from nvsdata.common.errors import shown
+
+        self.exit(2, f"{self.prog}: error: {shown(message)}\n{self.prog} --help shows the options\n")
+
+
+class _CommandParser(_Parser):
+    """A parser of one command, whose options may stand before, between and after its arguments."""
+
+    _mixing = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        found, left = super().parse_known_args(args, namespace)
+        # an argument that may be left out counts as left out at the first option; argparse's way around that calls
+        # this method, and doesn't know `--`
+        if self._mixing or not left or "--" in args or "_ARGCOMPLETE" in os.environ:
+            return found, left
+        self._mixing = True
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._mixing = False
+
+
 def _parser(called: str) -> argparse.ArgumentParser:
     """The parser of all commands, with the options of the one that is `called`."""
     from nvsdata._version import __version__
     from nvsdata.commands.options import Help
 
-    parser = argparse.ArgumentParser(
-        prog="nvsdata", description="Datasets, transforms and models for event cameras.", epilog=CODES
-    )
+    parser = _Parser(prog="nvsdata", description="Datasets, transforms and models for event cameras.", epilog=CODES)
+    # escape sequences of argparse's own (Python 3.14) would be escaped, too
+    vars(parser)["color"] = False
     parser.add_argument("--version", action="version", version=f"nvsdata {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_CommandParser)
     for name, command in COMMANDS.items():
         whole = f"{command.help[0].upper()}{command.help[1:]}."
         one = commands.add_parser(name, help=command.help, description=whole, epilog=CODES, formatter_class=Help)

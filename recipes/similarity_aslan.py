@@ -22,10 +22,10 @@ import cv2
 import numpy as np
 import torch
 from torch.nn.functional import normalize
-from tqdm import tqdm
 
 from nvsdata import collate, models, plots
 from nvsdata.common.files import claimed, put
+from nvsdata.common.progress import bar
 from nvsdata.datasets import ASLANDVS, SeededDataset
 from nvsdata.metrics import area_under_roc, roc, similarities
 from nvsdata.training import run
@@ -47,7 +47,7 @@ def main() -> None:
 def compared(args: argparse.Namespace, pairs: ASLANDVS, trained: models.Trained, where: Path) -> None:
     """Classify pairs by features kept in `where`, and write the accuracies."""
     extract(pairs, trained, where, args)
-    described = np.stack([description(pair, where) for pair in tqdm(pairs.samples, "similarities", disable=None)])
+    described = np.stack([description(pair, where) for pair in bar(pairs.samples, "similarities")])
     same, folds = np.array(pairs.targets), np.array(pairs.folds)
     scores, lines = np.zeros(len(same)), []
     for fold in sorted(set(pairs.folds)):
@@ -66,7 +66,7 @@ def extract(pairs: ASLANDVS, trained: models.Trained, where: Path, args: argpars
     names = sorted({name for pair in pairs.samples for name in (pair.a, pair.b)})
     recordings = SeededDataset(_Recordings(pairs, names, trained.transform), args.seed)
     device = next(trained.model.parameters()).device
-    for index, name in enumerate(tqdm(names, "features", disable=None)):
+    for index, name in enumerate(bar(names, "features")):
         file = where / _file(name)
         if not file.exists():
             batch = recordings[0, index]

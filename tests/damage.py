@@ -126,7 +126,7 @@ def disagreement(path: Path, rng: np.random.Generator, block: int | None = None)
         if (told := opened(path, strict, block).span) != span:
             return f"strict={strict}: span {told}, events from {span[0]} to {span[1]}"
         recording = opened(path, strict, block)
-        for _ in range(4):
+        for _ in range(2):
             edges = rng.choice(whole.t, 2) if len(whole) else np.array([0, 10])
             a, b = np.sort(edges + rng.integers(-2, 60, 2)).tolist()
             for start, stop in ((a, b), (None, a), (b, None)):

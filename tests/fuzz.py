@@ -34,6 +34,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import trees
 from damage import KINDS, damage, disagreement, file_of
+from judging import Judging
 from lookalikes import (
     AEDAT3_HEADER,
     MATLAB_73,
@@ -51,35 +52,60 @@ from nvsdata import FormatError
 from nvsdata.formats import atis, hdf5, hdf5_columns, npy, text
 
 SLOW_S, HANGING_S = 5.0, 60.0
+COSTLY = (".h5", "v73.mat")
+FRESH = 2  # windows that are read of a recording of their own
+WARM = 200  # rounds in which libraries and kernels are loaded
 MEMORY = 256 << 20  # bytes that reading a file of some kB may add to the most the process had
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=10)
+    parser.add_argument("--rounds", type=int, default=sys.maxsize, help="at most (default: as many as come)")
+    parser.add_argument("--judges", metavar="PYTHON", help="compare with other packages, which this Python has")
     parser.add_argument("--seed", type=int, default=0, help="number of the first round")
     parser.add_argument("--only", type=int, help="do this round only")
+    parser.add_argument("--kinds", metavar="TEXT", help="only kinds with this in their name")
     args = parser.parse_args()
+    # it uses what is here
+    import fuzz_side_files as side_files
+
     warnings.simplefilter("ignore")
     read_in_small_pieces()
     end = time.monotonic() + 60 * args.minutes
     in_hand = Path(tempfile.gettempdir(), "nvsdata-fuzz-round")
     with tempfile.TemporaryDirectory() as home:
         samples = make_samples(Path(home))
-        counts = dict.fromkeys(samples, 0)
+        side_files.prepare(Path(home))
+        judging = Judging(args.judges) if args.judges else None
+        # files of HDF5 take ten times as long as others
+        kinds = [name for name in samples for _ in range(1 if name.endswith(COSTLY) else 6)]
+        kinds += [name for name in side_files.ROUNDS for _ in range(2)]
+        if args.kinds:
+            kinds = [name for name in kinds if args.kinds in name]
+        if judging is not None:
+            kinds = [name for name in samples if name.endswith(judging.suffixes)]
+        counts = dict.fromkeys(kinds, 0)
         number, failed = args.seed if args.only is None else args.only, 0
-        while time.monotonic() < end:
+        last = args.seed + args.rounds if args.only is None else args.only + 1
+        while number < last and time.monotonic() < end:
             in_hand.write_text(str(number))
             faulthandler.dump_traceback_later(HANGING_S, exit=True)
-            name, fault = attempt(number, samples, Path(home))
+            name = kinds[number % len(kinds)]
+            if name in samples:
+                fault = attempt(number, name, samples[name], Path(home))
+            else:
+                fault = side_files.attempt(number, name, Path(home))
+            if not fault and judging is not None:
+                fault = judging.fault(Path(home, name))
             counts[name] += 1
             if fault:
                 failed += 1
                 print(f"round {number} ({name}): {fault}", flush=True)
             number += 1
-            if args.only is not None:
-                break
     print(f"rounds {args.seed} to {number - 1}, {failed} failed; {counts}")
+    if judging is not None:
+        print(judging.report())
     return 1 if failed else 0
 
 
@@ -109,7 +135,7 @@ def make_samples(home: Path) -> dict[str, bytes]:
     # what no damaged file may make one open: the one waits for ever, the other holds other events
     os.mkfifo(home / "pipe")
     nvsdata.write(trees.some(1, 400, (128, 128)), home / "other.h5")
-    for suffix in (".bin", ".dat", ".txt", ".h5", ".npy", ".aedat1", ".aedat", ".aedat3"):
+    for suffix in (".bin", ".dat", ".txt", ".h5", ".npy", ".aedat1", ".aedat", ".aedat3", ".aedat4"):
         nvsdata.write(ev, home / f"w{suffix}")
         samples[f"w{suffix}"] = (home / f"w{suffix}").read_bytes()
     for name, compression in (("plain", 0), ("lz4", 1), ("zstd", 3)):
@@ -141,10 +167,9 @@ def own_zipped(path: Path) -> bytes:
     return raw.getvalue()
 
 
-def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, str]:
-    """Damage a file and read it in both manners; the sample's name and what went wrong, if anything."""
+def attempt(number: int, name: str, sample: bytes, home: Path) -> str:
+    """Damage the sample of that name and read it in both manners; what went wrong, if anything."""
     rng = np.random.default_rng(number)
-    name = list(samples)[number % len(samples)]
     path = home / name
     block = None
     if name.startswith("times-"):
@@ -153,8 +178,8 @@ def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, st
         path.write_bytes(sizes_changed(header, rng) + damage(kind, raw, rng))
         block = int(rng.choice((16, 64)))
     else:
-        path.write_bytes(damaged(name, samples[name], rng, home))
-    before, start = most_memory(), time.monotonic()
+        path.write_bytes(damaged(name, sample, rng, home))
+    start = time.monotonic()
     windows = some_windows(rng)
     for strict in (True, False):
         try:
@@ -162,18 +187,18 @@ def attempt(number: int, samples: dict[str, bytes], home: Path) -> tuple[str, st
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
                 raise
-            return name, f"strict={strict}: {type(error).__name__}: {error}"
+            return f"strict={strict}: {type(error).__name__}: {error}"
     try:
         fault = disagreement(path, rng, block)
     except (ArithmeticError, AssertionError, LookupError, OSError, TypeError, ValueError) as error:
         fault = f"{type(error).__name__}: {error}"
     if fault:
-        return name, fault
+        return fault
     if time.monotonic() - start > SLOW_S:
-        return name, f"took {time.monotonic() - start:.1f} s"
-    if most_memory() - before > MEMORY:
-        return name, f"took {(most_memory() - before) >> 20} MiB"
-    return name, ""
+        return f"took {time.monotonic() - start:.1f} s"
+    used, _most[0] = most_memory() - _most[0], most_memory()
+    _rounds[0] += 1
+    return f"took {used >> 20} MiB" if used > MEMORY and _rounds[0] > WARM else ""
 
 
 def sizes_changed(header: bytes, rng: np.random.Generator) -> bytes:
@@ -220,19 +245,21 @@ def at_random(raw: bytearray, rng: np.random.Generator) -> bytes:
 
 def some_windows(rng: np.random.Generator) -> list[tuple[int, int]]:
     """Windows within the samples' times, at their edges, and of everything."""
-    edges = np.sort(rng.integers(-1_000, 130_000, (4, 2)))
-    return [*map(tuple, edges.tolist()), (-(2**63), 2**63 - 1), (0, 1 << 32)]
+    edges = np.sort(rng.integers(-1_000, 130_000, (3, 2)))
+    some = [*map(tuple, edges.tolist()), (-(2**63), 2**63 - 1), (0, 1 << 32)]
+    return [some[i] for i in rng.permutation(len(some))]
 
 
 def check(path: Path, strict: bool, windows: list[tuple[int, int]]) -> None:
     """Read it whole and in windows; AssertionError if Events aren't valid, or a window isn't that of the whole."""
     whole = outcome(path, strict)
-    found = [outcome(path, strict, *window) for window in windows]
+    fresh = windows[:FRESH]
+    found = [outcome(path, strict, *window) for window in fresh]
     with suppress(FormatError):
-        # and of one recording after the other, which remembers
+        # and one after the other of a recording, which remembers
         recording = nvsdata.open(path, strict=strict)
-        found += [recording.read(*window) for window in windows[:2]]
-        windows = windows + windows[:2]
+        found += [recording.read(*window) for window in windows[1:]]
+    windows = fresh + windows[1:]
     for window, events in zip(windows, found, strict=False):
         if events is not None:
             valid(events)
@@ -262,6 +289,9 @@ def valid(ev: nvsdata.Events) -> None:
 
 def most_memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+_most, _rounds = [most_memory()], [0]  # before the round
 
 
 if __name__ == "__main__":

@@ -113,7 +113,7 @@ TRANSFORMS = [
     ("ours", T.PatchMean, "PatchMean(size=5)"),
     ("ours", T.MergePixels, "MergePixels(times=())"),
     ("ours", T.TimeSurface, "TimeSurface(tau=50000, every=None)"),
-    ("ours", T.EventSurfaces, "EventSurfaces(radius=2, tau=50000)"),
+    ("ours", T.EventSurfaces, "EventSurfaces(radius=2, tau=50000, polarity='own')"),
     (
         "Sironi et al. 2018: K, R, window and tau for N-CARS",
         T.HATS,

@@ -75,7 +75,7 @@ class Line:
 def write_lines(lines: Iterable[Line], path: Path) -> None:
     """Write lines as JSON."""
     content = {"format": FORMAT, "version": 1, "lines": [asdict(line) for line in lines]}
-    put(path, (json.dumps(content, indent=1, default=_plain) + "\n").encode())
+    put(path, (json.dumps(content, indent=1, default=_plain) + "\n").encode(), through_link=True)
 
 
 def read_lines(path: Path) -> list[Line]:

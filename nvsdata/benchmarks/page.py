@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 import math
 import re
@@ -13,7 +12,9 @@ from nvsdata.benchmarks.curves import bends_upward, exponent, front, is_scaling,
 from nvsdata.benchmarks.line import OURS, Line
 from nvsdata.benchmarks.table import work_table
 from nvsdata.benchmarks.tasks import TASKS
-from nvsdata.plots.axes import LINES, chart
+from nvsdata.common.errors import shown
+from nvsdata.common.markup import as_html
+from nvsdata.plots.axes import LINES, chart, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +41,8 @@ def page(lines: Sequence[Line]) -> str:
     """
     tasks = list(dict.fromkeys(line.task for line in lines))
     places = sorted({(line.machine, line.commit, line.date) for line in lines})
-    told = "<br>".join(html.escape(f"{machine}; commit {commit}; {date}") for machine, commit, date in places)
-    links = "".join(f'<a href="#{task}">{task}</a>' for task in tasks)
+    told = "<br>".join(as_html(f"{machine}; commit {commit}; {date}") for machine, commit, date in places)
+    links = "".join(f'<a href="#{task}">{task}</a>' for task in map(as_html, tasks))
     sections = "".join(_section(task, [line for line in lines if line.task == task]) for task in tasks)
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>nvsdata bench</title><style>{STYLE}</style>'
@@ -52,8 +53,10 @@ def page(lines: Sequence[Line]) -> str:
 def _section(task: str, lines: Sequence[Line]) -> str:
     groups = works(lines)
     figures = "".join(_figure(group) for group in groups)
-    text = "".join(f"<pre>{html.escape(work_table(group))}</pre>" for group in groups)
-    return f'<h2 id="{task}">{task}: {html.escape(TASKS.get(task, ""))}</h2>{figures}{text}'
+    tables = (as_html(work_table(group), "\n") for group in groups)
+    text = "".join(f"<pre>{table}</pre>" for table in tables)
+    name, about = as_html(task), as_html(TASKS.get(task, ""))
+    return f'<h2 id="{name}">{name}: {about}</h2>{figures}{text}'
 
 
 def _figure(lines: Sequence[Line]) -> str:
@@ -63,7 +66,7 @@ def _figure(lines: Sequence[Line]) -> str:
         drawn, caption = _tradeoff(lines), _about_default(ours)
     elif len({line.place for line in ours if not math.isnan(line.place)}) > 1:
         drawn = _growth(lines)
-        caption = f"grows as {ours[0].axis}^{exponent(ours):.2f}" if is_scaling(lines) else ""
+        caption = as_html(f"grows as {ours[0].axis}^{exponent(ours):.2f}") if is_scaling(lines) else ""
         if is_scaling(lines) and bends_upward(ours):
             caption = f'<span class="bent">{caption}, and bends upward</span>'
     else:
@@ -93,7 +96,7 @@ def _tradeoff(lines: Sequence[Line]) -> str:
         if line.default:
             axes.scatter([place], [line.seconds * 1e3], facecolors="none", edgecolors=color, s=90, zorder=3)
         name = str(line.settings.get(line.axis, "")) if line.library == OURS else line.library
-        axes.annotate(name, (place, line.seconds * 1e3), (4, 4), textcoords="offset points", fontsize=7)
+        axes.annotate(words(name), (place, line.seconds * 1e3), (4, 4), textcoords="offset points", fontsize=7)
     if any(not line.error for line in known):
         axes.axvline(least / EXACT, color="#cccccc", linestyle=":", zorder=1)
         axes.annotate("exact", (least / EXACT, 0), (2, 2), xycoords=("data", "axes fraction"), fontsize=7,
@@ -110,7 +113,7 @@ def _growth(lines: Sequence[Line]) -> str:
         least = min((place for place, _ in points if place > 0), default=1.0)
         places = [max(place, least / EXACT) for place, _ in points]
         color = LINES[number % len(LINES)]
-        axes.plot(places, [time for _, time in points], "o-", color=color, markersize=4, label=library)
+        axes.plot(places, [time for _, time in points], "o-", color=color, markersize=4, label=words(library))
     if len({line.library for line in lines}) > 1:
         axes.legend(fontsize=7)
     return _svg(figure, lines[0].work)
@@ -130,7 +133,7 @@ def _svg(figure: Figure, name: str) -> str:
 
     stream = io.StringIO()
     # the same lines give the same page
-    with matplotlib.rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
+    with matplotlib.rc_context({"svg.hashsalt": shown(name), "svg.fonttype": "none"}):
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
     return re.sub(r"\s*<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)

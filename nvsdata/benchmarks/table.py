@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from nvsdata.benchmarks.curves import bends_upward, exponent, is_scaling
 from nvsdata.benchmarks.line import OURS, Line
+from nvsdata.common.errors import shown
 from nvsdata.common.tables import aligned
 
 HEAD = ("", "error", "median", "p95", "p99", "runs", "peak", "beside ours", "work")
@@ -30,10 +31,10 @@ def work_table(lines: Sequence[Line]) -> str:
     told_columns = [i for i in range(1, len(HEAD)) if any(row[i] for row in rows[1:])]
     text = aligned([(row[0].ljust(width), *(row[i] for i in told_columns)) for row in rows])
     if kind := next((line.error_kind for line in lines if line.error_kind), ""):
-        text += f"\n  error: {kind}"
+        text += f"\n  error: {shown(kind)}"
     if is_scaling(lines):
         bent = ", and bends upward" if bends_upward(own) else ""
-        text += f"\n  grows as {lines[0].axis}^{exponent(own):.2f}{bent}"
+        text += f"\n  grows as {shown(lines[0].axis)}^{exponent(own):.2f}{bent}"
     return text
 
 
@@ -73,5 +74,5 @@ def comparison(lines: Sequence[Line], old: Sequence[Line]) -> str:
     if len(rows) == 1:
         return "none of these lines is in the earlier file"
     width = max(len(row[0]) for row in rows)
-    told = f"before: commit {old[0].commit}, {old[0].date}, {old[0].machine}\n"
-    return told + aligned([(row[0].ljust(width), *row[1:]) for row in rows])
+    told = shown(f"before: commit {old[0].commit}, {old[0].date}, {old[0].machine}")
+    return f"{told}\n" + aligned([(row[0].ljust(width), *row[1:]) for row in rows])

@@ -50,7 +50,11 @@ def serve(connection: Connection, task: str, options: Options, library: str) -> 
             return
         except Exception as error:
             answer = {"failed": f"{type(error).__name__}: {line_of(error)}"}
-        connection.send(answer)
+        try:
+            connection.send(answer)
+        except (BrokenPipeError, ConnectionResetError):
+            # the other end was closed while the work was done
+            return
 
 
 def _known(case: Case, ready: Ready) -> dict[str, Any]:

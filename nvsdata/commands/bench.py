@@ -14,6 +14,7 @@ from nvsdata.benchmarks.runner import LeftOut, measured
 from nvsdata.benchmarks.table import comparison, work_table
 from nvsdata.benchmarks.tasks import TASKS
 from nvsdata.commands.options import path
+from nvsdata.common.errors import shown
 from nvsdata.common.files import put
 from nvsdata.common.locks import check_place
 from nvsdata.common.terminal import say
@@ -50,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     for target in filter(None, (args.json, args.html)):
         check_place(target)
     if args.data is not None and (lacking := inputs.lacking(args.data)):
-        say(f"{args.data} has no {', no '.join(lacking)}: simulated instead, or left out")
+        say(f"{shown(args.data)} has no {', no '.join(lacking)}: simulated instead, or left out")
     old = read_lines(args.compare) if args.compare else []
     with tempfile.TemporaryDirectory(prefix="nvsdata-bench-") as scratch:
         options = Options(Path(scratch), args.quick, args.device, args.data)
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     if old:
         print(comparison(lines, old))
     for target in filter(None, (args.json, args.html)):
-        say(f"written: {target}")
+        say(f"written: {shown(target)}")
     return 1 if failed else 0
 
 
@@ -72,7 +73,7 @@ def _measure(names: list[str], options: Options, args: argparse.Namespace) -> tu
         for found in measured(name, options, peers=args.peers, wanted=lambda case: args.only in case.work):
             if isinstance(found, LeftOut):
                 failed |= found.failed and found.case.library == OURS
-                say(f"{found.case.task}: {found.case.work}: {found.case.library} is left out: {found.reason}")
+                say(f"{found.case.task}: {found.case.work}: {found.case.library} is left out: {shown(found.reason)}")
                 continue
             if group and group[-1].work != found.work:
                 print(work_table(group), end="\n\n", flush=True)
@@ -85,5 +86,5 @@ def _measure(names: list[str], options: Options, args: argparse.Namespace) -> tu
         if args.json and lines:
             write_lines(lines, args.json)
         if args.html and lines:
-            put(args.html, page(lines).encode())
+            put(args.html, page(lines).encode(), through_link=True)
     return lines, failed

@@ -15,9 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
     add("action", choices=("info", "clear"), help="say what there is, or remove it: it is made again when it is needed")
-    kinds = "folders to look through: caches of samples, indexes of datasets, leftovers of killed processes (default .)"
+    kinds = "folders to look through: caches of samples, indexes, what killed processes left (default .)"
     add("folders", nargs="*", type=path, metavar="FOLDER", help=kinds)
-    add("--kernels", action="store_true", help="nvsdata's compiled kernels, too")
+    add("--kernels", action="store_true", help="compiled kernels of this installation, too")
     add_json(add, "a line of JSON per cache, and one at the end")
 
 

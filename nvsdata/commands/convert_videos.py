@@ -21,6 +21,7 @@ from nvsdata.commands.options import (
     shard,
     usage,
 )
+from nvsdata.common.errors import shown
 from nvsdata.common.processes import cores
 from nvsdata.common.terminal import remark, tell
 from nvsdata.video.view import Fit, View
@@ -46,6 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--preview", action="store_true", help="write films of the first minute, with events, to DIR/.previews")
     add("--dry-run", action="store_true", help="say what would be done, and about how long and how large it is")
     add("--overwrite", action="store_true", help="convert all anew, also what was made with other settings")
+    add(
+        "--check",
+        action="store_true",
+        help="compare recordings in DIR with their sha256, convert again if changed",
+    )
     add_json(add)
     add_settings(parser)
 
@@ -69,18 +75,20 @@ def run(args: argparse.Namespace) -> int:
         jobs = plan(args.source, args.out, settings, **chosen)
         if not args.json:
             for job in jobs:
-                print(f"{job.video.path} -> {job.video.target}")
+                print(f"{shown(job.video.path)} -> {shown(job.video.target)}")
             print(settings)
         found = estimate(jobs, out)
         found = replace(found, seconds=found.seconds / max(1, min(args.jobs, len(jobs))))
         tell(str(found), asdict(found), as_json=args.json)
         return 0
-    how = {"jobs": args.jobs, "scheduler": args.scheduler, "overwrite": args.overwrite, "preview": args.preview}
+    how = {name: getattr(args, name) for name in ("jobs", "scheduler", "overwrite", "check", "preview")}
     report = convert_videos(args.source, args.out, settings, **how, **chosen)
     for line in report.told():
         print(line, file=sys.stderr)
     if args.preview:
-        remark(f"previews are in {out / FOLDER}")
+        remark(f"previews are in {shown(out / FOLDER)}")
     done = f"{report.done:,} converted, {report.kept:,} were there, {len(report.failed):,} failed"
-    tell(f"{done}; {report.events:,} events in {out}", asdict(report) | {"out": out}, as_json=args.json)
+    there = f"{report.total}{' of shard {}/{}'.format(*args.shard) if args.shard else ''} in {shown(out)}"
+    text = f"{done}; {report.events:,} events converted, {there}"
+    tell(text, asdict(report) | {"out": out}, as_json=args.json)
     return 1 if report.failed else 0

@@ -14,6 +14,7 @@ import torch
 
 from nvsdata import formats, models, plots, training
 from nvsdata import transforms as T
+from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
 from nvsdata.datasets import EventFolder
 from nvsdata.emulation import PIX2NVS
@@ -44,7 +45,7 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     make_dataset(data, seed)
     train = EventFolder(data, "train", transform=pipeline(augmented=True))
     test = EventFolder(data, "test", transform=pipeline(augmented=False))
-    print(f"{len(train)} recordings to train on, {len(test)} to test on, in {data}")
+    print(f"{len(train)} recordings to train on, {len(test)} to test on, in {shown(data)}")
     plots.save(_samples_picture(data), out / "samples.png")
 
     model = models.rgcnn("n-mnist", len(train.classes))
@@ -66,7 +67,8 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     single, votes = training.accuracies(model, load(last=VOTES), VOTES, here)
     print(f"accuracy on {len(test)} recordings not trained on, one 30 ms window each: {single:.3f}")
     print(f"the same, {VOTES} windows of each recording voting: {votes:.3f}")
-    print(f"pictures: {out / 'samples.png'}, {out / 'learning.png'}; network: {out / 'model.safetensors'}")
+    drawn, learned, network = (shown(out / name) for name in ("samples.png", "learning.png", "model.safetensors"))
+    print(f"pictures: {drawn}, {learned}; network: {network}")
 
 
 def pipeline(*, augmented: bool) -> T.Compose:

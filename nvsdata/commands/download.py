@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 from nvsdata.commands.options import add_json, dataset, path
+from nvsdata.common.errors import shown
 from nvsdata.common.terminal import remark, tell
 from nvsdata.datasets.facts import Info
 
@@ -36,10 +37,11 @@ def run(args: argparse.Namespace) -> int:
         _plan(info, root, args.json)
         return 0
     folders = list(map(str, download(info, root, keep=not args.delete_archives)))
-    tell("\n".join(folders), {"folders": folders}, as_json=args.json)
+    tell("\n".join(map(shown, folders)), {"folders": folders}, as_json=args.json)
     if left := unneeded(info.archives, root):
         size = sum(path.stat().st_size for path in left) / 1e9
-        remark(f"{len(left)} archives beside what is unpacked in {root}, {size:.2f} GB: --delete-archives deletes them")
+        left_there = f"{len(left)} archives beside what is unpacked in {shown(root)}, {size:.2f} GB"
+        remark(f"{left_there}: --delete-archives deletes them")
     return 0
 
 
@@ -54,8 +56,8 @@ def _plan(info: Info, to: Path, as_json: bool) -> None:
         for archive in info.archives
     ]
     if mirror := os.environ.get(MIRROR):
-        lines.append(f"asked first: {mirror}")
+        lines.append(f"asked first: {shown(mirror)}")
     place = next((parent for parent in (to, *to.absolute().parents) if parent.is_dir()), Path())
     free = shutil.disk_usage(place).free
-    lines.append(f"to {to}, where {free / 1e9:.1f} GB are free")
+    lines.append(f"to {shown(to)}, where {free / 1e9:.1f} GB are free")
     tell("\n".join(lines), {"files": files, "to": to, "free": free, "mirror": mirror}, as_json=as_json)

@@ -106,7 +106,7 @@ def settings_of(args: argparse.Namespace) -> Emulator:
 def write_settings(settings: Emulator, path: Path) -> None:
     """Write settings as JSON, for `--settings`."""
     name = next(name for name, kind in EMULATORS.items() if type(settings) is kind)
-    put(path, (json.dumps({f"nvsdata-{name}": 1, **asdict(settings)}, indent=1) + "\n").encode())
+    put(path, (json.dumps({f"nvsdata-{name}": 1, **asdict(settings)}, indent=1) + "\n").encode(), through_link=True)
 
 
 def read_settings(path: Path) -> Emulator:

@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
                         if len(shelf.pictures) < args.pictures:
                             shelf.show(name, events)
                     progress.update()
-        put(out, gallery(args.root.resolve().name, shelves, faults).encode())
+        put(out, gallery(args.root.resolve().name, shelves, faults).encode(), through_link=True)
     for fault in faults:
-        print(fault, file=sys.stderr)
+        print(shown(fault), file=sys.stderr)
     print(f"{sum(len(shelf.events) for shelf in shelves):,} of {len(data):,} recordings read: {shown(out)}")
     return 1 if faults else 0

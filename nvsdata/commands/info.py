@@ -9,7 +9,7 @@ from typing import Any
 
 from nvsdata import formats
 from nvsdata.commands.options import add_json, path
-from nvsdata.common.errors import shown
+from nvsdata.common.errors import message_of, shown
 from nvsdata.common.terminal import tell
 
 
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             facts = facts_of(file)
         except (OSError, ValueError) as error:
-            print(error, file=sys.stderr)
+            print(message_of(error), file=sys.stderr)
             code = 1
         else:
             tell(describe(facts), facts, as_json=args.json)

@@ -41,7 +41,7 @@ def _plan(found: EventDataset, args: argparse.Namespace) -> None:
     needed = round(events * BYTES * size / max(read, 1))
     free = shutil.disk_usage(args.out.absolute().parent).free
     tell(
-        f"{len(names):,} recordings, {size / 1e9:,.2f} GB; about {needed / 1e9:,.2f} GB in {args.out}"
+        f"{len(names):,} recordings, {size / 1e9:,.2f} GB; about {needed / 1e9:,.2f} GB in {shown(args.out)}"
         f"{' at most' if args.compress else ''}, where {free / 1e9:,.1f} GB are free",
         {"recordings": len(names), "bytes": size, "needed": needed, "free": free},
         as_json=args.json,
@@ -73,9 +73,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     report = pack(found, args.out, jobs=args.jobs, compress=args.compress, overwrite=args.overwrite)
     for name, reason in report.skipped.items():
-        print(f"left out {shown(name)}: {reason}", file=sys.stderr)
+        print(f"left out {shown(name)}: {shown(reason)}", file=sys.stderr)
     tell(
-        f"{report.packed:,} recordings, {report.events:,} events in {args.out}; {len(report.skipped)} left out",
+        f"{report.packed:,} recordings, {report.events:,} events in {shown(args.out)}; {len(report.skipped)} left out",
         {"packed": report.packed, "events": report.events, "out": args.out, "left_out": report.skipped},
         as_json=args.json,
     )

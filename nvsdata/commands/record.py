@@ -35,7 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--note", metavar="TEXT", help="kept with each recording, such as about the room (default: none)")
     add("--overwrite", action="store_true", help="replace what is there")
     add("--list", action="store_true", help="say which cameras are connected, and record nothing")
-    add("--doctor", action="store_true", help="say what stands between you and a recording, and record nothing")
+    add(
+        "--doctor",
+        action="store_true",
+        help="print what a recording with the other options needs and misses, and record nothing",
+    )
     add_json(add)
     screen = parser.add_argument_group("playing videos on a monitor")
     add = screen.add_argument
@@ -49,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--calibration", type=path, metavar="DIR", help=corners)
     alarm = "run by the shell if nothing can be recorded; the reason is in $NVSDATA_ALARM (default: none)"
     add("--on-alarm", metavar="CMD", help=alarm)
+    full = "begin although the disk seems too small: a full disk ends the batch, and --resume goes on"
+    add("--until-full", action="store_true", help=full)
     add("--status", type=path, metavar="OUT", help="say how a batch is going (default: record)")
     add("--strict", action="store_true", help="record again, and at last refuse, what looks odd, not only list it")
     add("--accept-quiet", action="store_true", help="accept recordings with hardly any events, though the video moves")
@@ -66,7 +72,10 @@ def run(args: argparse.Namespace) -> int:
     if args.status is not None:
         return session.run_status(args.status, as_json=args.json)
     if args.doctor or args.list:
-        return session.run_doctor(everything=args.doctor, simulated=args.simulate is not None, as_json=args.json)
+        screen = args.live or args.calibrate or args.monitor is not None
+        folder = args.out if screen and not args.live else args.out and args.out.parent
+        how = {"simulated": args.simulate is not None, "as_json": args.json, "screen": screen, "folder": folder}
+        return session.run_doctor(everything=args.doctor, **how)
     _check(args)
     with usage():
         given = {"region": args.region and tuple(args.region), "frames": args.frames or None}
@@ -90,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
     chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live, "as_json": args.json}
+    chosen |= {"until_full": args.until_full}
     return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 
@@ -98,6 +108,8 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--resume and --verify need --monitor, the folder of videos")
     if args.monitor is not None and args.overwrite:
         raise UsageError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
+    if args.monitor is None and args.until_full:
+        raise UsageError("--until-full needs --monitor, the folder of videos")
     if args.calibrate and args.json:
         raise UsageError("--calibrate writes calibration.json: it takes no --json")
     if args.model is not None and (args.monitor is not None or args.calibrate):

@@ -14,7 +14,7 @@ import numpy as np
 from nvsdata import formats, plots
 from nvsdata.commands.emulation_settings import Emulator, add_settings, given, settings_of, write_settings
 from nvsdata.commands.options import UsageError, add_jobs, add_json, at_least_1, path, positive, share
-from nvsdata.common.errors import shown
+from nvsdata.common.errors import message_of, shown
 from nvsdata.common.files import claimed, put
 from nvsdata.common.terminal import tell
 from nvsdata.data.recording import Recording
@@ -150,7 +150,7 @@ def _start(pair: Pair, base: Emulator, space: Collection[str]) -> tuple[DVS | No
     try:
         fitted = pair.fitted(base)
     except ValueError as error:
-        return None, f"begun anywhere, because nothing could be fitted: {error}"
+        return None, f"begun anywhere, because nothing could be fitted: {message_of(error)}"
     told = [f"begun with a fit: events follow the frames by {fitted.delay:,} µs (--offset allows for it)"]
     told += [f"  {name} can't be told: {reason}" for name, reason in fitted.untold.items()]
     return replace(base, **{name: getattr(fitted.settings, name) for name in space}), "\n".join(told)

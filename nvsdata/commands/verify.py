@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 
 from nvsdata.commands.options import add_json, dataset, path
 from nvsdata.common.errors import shown
@@ -21,14 +22,16 @@ def run(args: argparse.Namespace) -> int:
     """Print each fault; return 1 if there is any."""
     from nvsdata.datasets.verification import problems, split_hashes
 
-    count = 0
-    for name, fault in problems(args.root, args.dataset):
-        tell(f"{shown(name)}: {fault}", {"name": name, "fault": fault}, as_json=args.json)
+    count, counts = 0, Counter(opened=0, compared=0)
+    for name, fault in problems(args.root, args.dataset, counts):
+        tell(f"{shown(name)}: {shown(fault)}", {"name": name, "fault": fault}, as_json=args.json)
         count += 1
     hashes = split_hashes(args.root, args.dataset)
     for split, digest in hashes.items():
         if not args.json:
             print(f"split {split}: {digest}")
-    summary = {"faults": count, "splits": hashes}
-    tell("all sound" if not count else f"{count} faults", summary, as_json=args.json)
+    summary = {"faults": count, "splits": hashes} | counts
+    done = f"{counts['opened']:,} recordings opened"
+    done += f", {counts['compared']:,} compared with their manifest" if counts["compared"] else ""
+    tell(f"{done}: {f'{count} faults' if count else 'all sound'}", summary, as_json=args.json)
     return 1 if count else 0

@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--start", type=int, metavar="US", help="from this time on, as `nvsdata info` prints it (default: beginning)")
     add("--stop", type=int, metavar="US", help="up to this time (default: end)")
+    add("--relative", action="store_true", help="count --start and --stop from the first event")
     add("--duration", type=at_least_1, metavar="US", help="µs that a picture shows (default: 33333)")
     add("--events", type=at_least_1, metavar="N", help="events that a picture shows (default: by --duration)")
     add("--speed", type=positive, metavar="X", default=1.0, help="of a film; 0.1 is ten times slower than real")
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the picture, film or page."""
     from nvsdata import formats
     from nvsdata.common.files import creating
+    from nvsdata.formats.reading import outside
     from nvsdata.plots.films import Film
 
     out = args.out or Path(f"{args.file.name}.html")
@@ -47,7 +49,12 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError(f"OUT must end in one of {', '.join(KINDS)}, not {out.suffix!r}")
         film = Film(args.duration or Film.duration, args.events, args.speed, args.fps, args.zoom)
     recording = formats.open(args.file, sensor_size=args.sensor_size)
-    events = recording.read(args.start, args.stop)
+    start, stop = (
+        bound if bound is None or not args.relative else recording.span[0] + bound for bound in (args.start, args.stop)
+    )
+    events = recording.read(start, stop)
+    if not len(events) and (fault := outside(recording, start, stop)):
+        raise ValueError(fault if args.relative else f"{fault}; --relative counts from the first")
     with creating(out, overwrite=args.overwrite):
         save(out, args.file.name, recording, events, film, args.duration)
     print(f"{len(events):,} events in {shown(out)}")
@@ -64,7 +71,7 @@ def save(out: Path, name: str, recording: Any, events: Any, film: Any, window: i
     kind = out.suffix.lower()
     if kind == ".html":
         frames = recording.frames(events.start, events.end + 1) if recording.holds_samples else ()
-        put(out, page(events, name, frames, window).encode())
+        put(out, page(events, name, frames, window).encode(), through_link=True)
     elif kind == ".png":
         save_picture(film.sheet(events), out)
     else:

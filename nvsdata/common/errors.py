@@ -7,10 +7,16 @@ from functools import partial
 from typing import Any
 
 
-def shown(name: str | os.PathLike[str]) -> str:
-    """A file's name in printable form, on one line: line breaks and bytes that aren't UTF-8 are escaped."""
-    text = os.fspath(name)
-    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+def shown(name: object, keep: str = "") -> str:
+    """A file's name, or any other text, in printable form on one line, as terminals can show it safely.
+
+    Escaped are line breaks, other control characters, marks that change the direction of writing or show nothing, and
+    bytes that aren't UTF-8; except the characters in `keep`.
+    """
+    text = os.fspath(name) if isinstance(name, os.PathLike) else str(name)
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else repr(c)[1:-1] for c in text)
 
 
 class FormatError(ValueError):
@@ -28,7 +34,7 @@ class FormatError(ValueError):
         self.path, self.offset = "" if reason is None else os.fspath(path), offset
         self.reason = os.fspath(path) if reason is None else reason
         where = "" if offset is None else f" byte {offset}:"
-        super().__init__(f"{shown(self.path)}:{where} {self.reason}" if self.path else self.reason)
+        super().__init__(f"{shown(self.path)}:{where} {shown(self.reason)}" if self.path else self.reason)
 
     def __reduce__(self) -> tuple[Any, tuple[str, ...]]:
         # DataLoader workers send exceptions by pickle
@@ -39,6 +45,11 @@ class FormatError(ValueError):
 def line_of(error: BaseException) -> str:
     """An error's message on one line, of at most 300 characters: other libraries' messages may have many lines."""
     return " ".join(str(error).split())[:300] or type(error).__name__
+
+
+def message_of(error: BaseException) -> str:
+    """An error's message in printable form, on one line; only a DownloadError's keeps its lines."""
+    return shown(error, "\n" if isinstance(error, DownloadError) else "")
 
 
 class DownloadError(OSError):

@@ -17,27 +17,33 @@ from nvsdata.common.locks import check_place, is_dead, locked, owner
 
 FLUSH_EVERY = 0.03  # s
 PART = ".part"  # suffix of unfinished files
+MOST = 1 << 30  # bytes of a file of our own that are read
+MOST_LINES = 1 << 28  # bytes of a journal, of which a line takes about 250
 _BLOCK = 1 << 20  # bytes that are read back
 _LONGEST = 100  # characters of a file's name that its temporary file's name contains
 
 
 @contextmanager
-def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside `path`; it replaces `path` if the block succeeds.
 
-    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. FileNotFoundError, which
-    names the folder, if the folder doesn't exist.
+    A link at `path` is replaced, too: whoever sent a folder of recordings could have put one there that leads to any
+    file of the user's. Only for a path that the user named, `through_link` writes to where the link points.
+
+    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. An OSError of the block
+    that names no file, such as that of a full disk, names `path`. FileNotFoundError, which names the folder, if the
+    folder doesn't exist.
     """
-    # a plain `open` would also write to where a link points
-    target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
+    target = Path(os.path.realpath(path)) if through_link and os.path.islink(path) else Path(path)
     check_place(target)
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f"{_prefix(target.name)}{owner()}-", suffix=PART)
     os.close(handle)
     temporary = Path(name)
     try:
-        yield temporary
-        _settle(temporary, target)
-        os.replace(temporary, target)
+        with named(path):
+            yield temporary
+            _settle(temporary, target)
+            os.replace(temporary, target)
     except BaseException:
         # what went wrong is more important; on Windows the file may still be open, and `sweep` removes it later
         with suppress(OSError):
@@ -148,17 +154,54 @@ def named(path: str | os.PathLike[str]) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, os.fspath(path)) from None
 
 
-def put(path: str | os.PathLike[str], content: bytes | memoryview) -> None:
+def put(path: str | os.PathLike[str], content: bytes | memoryview, *, through_link: bool = False) -> None:
     """Write `content` to `path`, whole or not at all. OSError, which names `path`, if the disk is full or corrupts it.
+
+    `through_link`: see `atomic`.
 
     Libraries that write files themselves report a full disk in many ways, or not at all; so let them make bytes.
     """
-    with named(path), atomic(path) as temporary:
+    with atomic(path, through_link=through_link) as temporary:
         temporary.write_bytes(content)
         with temporary.open("rb") as file:
             file.seek(max(len(content) - _BLOCK, 0))
             if file.read() != content[-_BLOCK:]:
                 raise OSError(errno.EIO, "doesn't hold what was written to it: is the disk full, or broken?")
+
+
+def remove_link(path: Path) -> None:
+    """Remove a link in the place of a file that nvsdata is to write under a name of its own."""
+    if path.is_symlink():
+        path.unlink()
+
+
+def read_own(path: str | os.PathLike[str], most: int = MOST) -> bytes:
+    """Return the content of a file that nvsdata wrote under a name of its own, and that anybody may have changed since.
+
+    OSError for a link, for anything but a regular file, and for more than `most` bytes (default 1 GiB).
+    """
+    with open(path, "rb", opener=_open_own) as file:
+        size = os.fstat(file.fileno()).st_size
+        content = b"" if size > most else file.read(most + 1)
+    if max(size, len(content)) > most:
+        raise OSError(errno.EFBIG, f"is too large: more than {most:,} bytes", os.fspath(path))
+    return content
+
+
+def append_own(path: str | os.PathLike[str]) -> IO[bytes]:
+    """Open a file of nvsdata's own for appending, unbuffered; OSError for anything but a regular file."""
+    return open(path, "ab", buffering=0, opener=_open_own)
+
+
+def _open_own(path: str, flags: int) -> int:
+    """Open a regular file, and wait for no pipe."""
+    if os.path.islink(path):
+        raise OSError(errno.ELOOP, "is a link, which nvsdata doesn't follow for files of its own: remove it", path)
+    handle = os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "isn't a regular file: remove it", path)
+    return handle
 
 
 def _settle(temporary: Path, target: Path) -> None:
@@ -187,32 +230,41 @@ class Journal:
         torn = not path.exists()
         found = [head] if torn else []
         if not torn:
-            text = path.read_text(encoding="utf-8")
+            text = read_own(path, MOST_LINES).decode("utf-8", "replace")
             parsed = [parsed_line(line) for line in text.splitlines()]
             found = [line for line in parsed if line is not None]
             torn = len(found) < len(parsed) or bool(text and not text.endswith("\n"))
         self.head: dict[str, Any] = found[0] if found else {}
         self.lines = found[1:]
         self._torn = torn
-        self._file: IO[str] | None = None
+        self._file: IO[bytes] | None = None
 
     def __enter__(self) -> Self:
         if self._torn:
             with atomic(self.path) as temporary:
                 temporary.write_text("".join(map(json_line, (self.head, *self.lines))))
-        self._file = self.path.open("a", encoding="utf-8")
+        self._file = append_own(self.path)
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
-            self._file.close()
+            # what a full disk didn't take is written again, and fails again
+            with named(self.path):
+                self._file.close()
 
     def add(self, line: dict[str, Any]) -> None:
         """Append a line; it is on the disk when this returns."""
         assert self._file is not None, "a journal is added to within its block"
-        self._file.write(json_line(line))
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with named(self.path):
+            write_all(self._file.fileno(), json_line(line).encode())
+            os.fsync(self._file.fileno())
+
+
+def write_all(handle: int, data: bytes | memoryview) -> None:
+    """Write all of `data` to an open file, or raise OSError."""
+    view = memoryview(data)
+    while view:
+        view = view[os.write(handle, view) :]
 
 
 def json_line(value: dict[str, Any]) -> str:
@@ -224,6 +276,6 @@ def parsed_line(line: str | bytes) -> dict[str, Any] | None:
     """What a line of a journal says; None for one that is torn."""
     try:
         value = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return value if isinstance(value, dict) else None

@@ -15,10 +15,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
+from nvsdata.common.errors import shown
+
 FOLDER_LOCK = ".nvsdata.lock"
 _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)  # file systems without locks
 _MARK = b'{"owner": '  # what a lock file begins with
 _LONGEST = 240  # bytes; a lock file's name can contain a file name of at most this length
+_MOST = 1 << 20  # bytes of a lock file that are read
+_UNFOLLOWED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # no link is followed, no pipe waited for
 _BEYOND = 1 << 30  # the byte that is locked on Windows: others can't read locked bytes
 
 
@@ -62,7 +66,11 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
 def is_locked(output: str | os.PathLike[str]) -> bool:
     """Whether a process writes to `output`, as far as this user may know; nothing is created or changed."""
     try:
-        with open(os.open(lock_path(output), os.O_RDONLY), encoding="utf-8") as file:
+        handle = os.open(lock_path(output), os.O_RDONLY | _UNFOLLOWED)
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            os.close(handle)
+            return False  # not a lock of nvsdata's
+        with open(handle, encoding="utf-8") as file:
             if is_dead(str(_holder(file).get("owner"))):
                 return False
             # of a process of another host, or of one that has its number now
@@ -71,6 +79,25 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
         return False
     except PermissionError:
         return True
+    except OSError:
+        # a link: not a lock of nvsdata's
+        return False
+
+
+def is_dead_lock(path: Path) -> bool:
+    """Whether a file is the lock of a process on this host that has ended."""
+    if not (path.name == FOLDER_LOCK or (path.name.startswith(".") and path.name.endswith(".lock"))):
+        return False
+    try:
+        if path.is_symlink() or not stat.S_ISREG(path.lstat().st_mode) or path.stat().st_size > _MOST:
+            return False
+        with path.open(encoding="utf-8") as file:
+            if path.name == FOLDER_LOCK and not path.stat().st_size:
+                # its process ended before it signed; an empty file of another name may be another program's
+                return _try_lock(file, shared=True) is True
+            return is_dead(str(_holder(file).get("owner"))) and _try_lock(file, shared=True) is not False
+    except (OSError, ValueError):
+        return False
 
 
 def lock_path(output: str | os.PathLike[str]) -> Path:
@@ -125,12 +152,12 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
     """The lock file, locked and signed by this process."""
     while True:
         # neither truncated nor exclusive: it may belong to another process, or be left by a dead one
-        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         try:
-            file = os.fdopen(os.open(place, flags, 0o666), "r+", encoding="utf-8")
+            file = os.fdopen(os.open(place, os.O_RDWR | os.O_CREAT | _UNFOLLOWED, 0o666), "r+", encoding="utf-8")
         except (OSError, ValueError):
             _refuse_others(place)
             raise
+        free: bool | None = False
         try:
             _refuse_others(place)
             free = _try_lock(file)
@@ -139,11 +166,15 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
                 free = not held or is_dead(str(held.get("owner"))) or held.get("owner") == owner()
             if not free:
                 who = f"process {held.get('pid', '?')} on {held.get('host', '?')} ({held.get('command', '?')})"
-                raise OutputInUse(f"{os.fspath(output)} is being written by {who}, since {held.get('since', '?')}")
+                told = f"{os.fspath(output)} is being written by {who}, since {held.get('since', '?')}"
+                raise OutputInUse(shown(told))
             if _is_still(file, place):
                 _sign(file)
                 return file
         except BaseException:
+            # ended by a signal: an unsigned lock couldn't be distinguished from another program's
+            if free and _is_still(file, place):
+                place.unlink()
             file.close()
             raise
         file.close()
@@ -154,8 +185,13 @@ def _refuse_others(place: Path) -> None:
     with suppress(FileNotFoundError):
         status = place.lstat()
         # a lock cut off by a full disk or a kill is empty, or begins like one
-        if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(place.read_bytes()[: len(_MARK)]):
+        if not stat.S_ISREG(status.st_mode) or not _MARK.startswith(_head(place)):
             raise FileExistsError(f"{place} is not a lock of nvsdata's: move it away")
+
+
+def _head(place: Path) -> bytes:
+    with place.open("rb") as file:
+        return file.read(len(_MARK))
 
 
 def _try_lock(file: IO[str], *, shared: bool = False) -> bool | None:
@@ -187,8 +223,8 @@ def _is_still(file: IO[str], place: Path) -> bool:
 def _holder(file: IO[str]) -> dict[str, Any]:
     file.seek(0)
     try:
-        found = json.loads(file.read())
-    except (OSError, ValueError):
+        found = json.loads(file.read(_MOST))
+    except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 
@@ -197,9 +233,8 @@ def _sign(file: IO[str]) -> None:
     command = " ".join((Path(sys.argv[0]).name, *sys.argv[1:])) if sys.argv else ""
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     entry = {"owner": owner(), "host": socket.gethostname(), "pid": os.getpid(), "command": command, "since": since}
-    # on a full disk the lock file stays unsigned, but the lock holds
+    # on a full disk the lock file stays unsigned, but the lock holds; unbuffered, or closing it would fail again
     with suppress(OSError):
         file.seek(0)
-        file.truncate()
-        file.write(json.dumps(entry, ensure_ascii=True))
-        file.flush()
+        os.ftruncate(file.fileno(), 0)
+        os.write(file.fileno(), json.dumps(entry, ensure_ascii=True).encode())

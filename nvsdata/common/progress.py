@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable
 from typing import Any
 
 from tqdm import tqdm
 
-from nvsdata.common.terminal import Terminal, is_quiet
+from nvsdata.common.errors import shown as printable
+from nvsdata.common.terminal import Terminal, is_quiet, unescaped
+
+
+class Bar(tqdm):  # type: ignore[misc]
+    """A progress bar whose words are printable."""
+
+    @property
+    def format_dict(self) -> dict[str, Any]:
+        found: dict[str, Any] = super().format_dict
+        return found | {name: printable(found[name]) for name in ("prefix", "postfix") if found[name]}
+
+
+WIDTH = 80  # columns of a terminal that doesn't report them
 
 
 def bar(things: Iterable[Any] | None = None, desc: str | None = None, *, shown: bool = True, **more: Any) -> Any:
     """A progress bar over `things`, or of `total`; `desc` is done, and `more` is for tqdm. `shown=False` hides it."""
-    return tqdm(things, desc, disable=None if shown and not is_quiet() else True, **more)
+    if (columns := _columns()) is not None:
+        # a pseudo-terminal whose size nobody has set has none: tqdm would draw nothing
+        more = {"ncols": columns or WIDTH} | more
+    # it moves the cursor
+    more |= {"file": Terminal(unescaped(sys.stderr)), "disable": None if shown and not is_quiet() else True}
+    return Bar(things, desc, **more)
+
+
+def _columns() -> int | None:
+    """Width of the terminal, as it reports it; None without one."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns
+    except (OSError, ValueError, AttributeError):
+        return None
 
 
 def say_beside(text: str) -> None:
     """Write a line to stderr, above any progress bar."""
-    tqdm.write(text, file=Terminal(sys.stderr))
+    tqdm.write(printable(text), file=Terminal(unescaped(sys.stderr)))

@@ -9,6 +9,8 @@ from importlib.metadata import entry_points
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
+from nvsdata.common.errors import shown
+
 Thing = TypeVar("Thing")
 
 
@@ -82,7 +84,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
                             self._enter(point.name, thing)
                     except (Exception, SystemExit) as error:  # somebody else's package may raise anything
                         what = f"the {self._singular} {point.name!r} ({point.value}) of an installed package"
-                        failed.append(f"{what} can't be used: {type(error).__name__}: {error}")
+                        failed.append(f"{what} can't be used: {type(error).__name__}: {shown(error)}")
                 self._loaded = True
             finally:
                 self._loading = False

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import signal
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import current_thread, main_thread
-from types import FrameType
+from threading import Timer, current_thread, main_thread
+from types import CodeType, FrameType
 
 # sent when a terminal is closed, by `kill` and `timeout`, and when a machine is shut down
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+AGAIN_S = 0.01  # until a signal that came at a bad moment is sent again
 
 
 class Ended(KeyboardInterrupt):
@@ -38,6 +41,39 @@ def ending_by_signals() -> Iterator[None]:
     finally:
         for number in mine:
             signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def never_within(codes: set[CodeType]) -> Iterator[None]:
+    """While the block runs, Ctrl-C, SIGTERM and SIGHUP wait until no function with one of these codes is running.
+
+    For functions that a C library calls: it loses or misreports an exception that is raised in them. Outside the main
+    thread nothing is done.
+    """
+    waiting: list[Timer] = []
+    numbers = (signal.SIGINT, *ENDING) if current_thread() is main_thread() else ()
+    before = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        caller = frame
+        while caller is not None:
+            # Python ignores exceptions in callbacks of weak references
+            if caller.f_code in codes or caller.f_code.co_filename == weakref.__file__:
+                waiting.append(Timer(AGAIN_S, signal.raise_signal, (number,)))
+                waiting[-1].start()
+                return
+            caller = caller.f_back
+        before[number](number, frame)
+
+    for number in before:
+        signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for timer in waiting:
+            timer.join()
 
 
 def exit_code(error: KeyboardInterrupt) -> int:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping
-from contextlib import suppress
-from typing import Any, TextIO
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from typing import Any, TextIO, cast
+
+from nvsdata.common.errors import shown
+from nvsdata.common.files import named
 
 
 class Terminal:
@@ -26,8 +29,49 @@ class Terminal:
         with suppress(OSError):
             self.stream.flush()
 
+    def __eq__(self, other: object) -> bool:
+        # tqdm asks which bars are on the stream that a line is written to
+        return isinstance(other, Terminal) and self.stream is other.stream
+
+    __hash__ = None  # type: ignore[assignment]
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
+
+
+class Escaped:
+    """A text stream that escapes what a terminal could take for a command, see `shown`; lines and tabs stay."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        """Write the text, escaped."""
+        self.stream.write(shown(text, "\n\t"))
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        """Write texts, escaped."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+@contextmanager
+def escaped_output() -> Iterator[None]:
+    """While the block runs, all that Python prints is escaped: by `print`, argparse, warnings, logs and libraries."""
+    with (
+        redirect_stdout(cast(TextIO, Escaped(unescaped(sys.stdout)))),
+        redirect_stderr(cast(TextIO, Escaped(unescaped(sys.stderr)))),
+    ):
+        yield
+
+
+def unescaped(stream: TextIO) -> TextIO:
+    """The stream below one that escapes, for what moves the cursor on purpose."""
+    return stream.stream if isinstance(stream, Escaped) else stream
 
 
 _quiet = False
@@ -57,7 +101,8 @@ def remark(text: str) -> None:
 
 def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
     """Write a result to stdout: as text, or its facts as a line of JSON (null for what isn't a number)."""
-    print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
+    with named("standard output"):
+        print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
 
 
 def _plain(value: Any) -> Any:

@@ -13,7 +13,7 @@ from torch.utils.data._utils.collate import default_collate_fn_map
 
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
-from nvsdata.data.ragged import EventBatch, Padded
+from nvsdata.data.ragged import EventBatch, Padded, sensors_differ
 from nvsdata.data.recording import Recording
 
 SMALL = 1 << 19  # bytes; up to this, a copy through the pipe is cheaper than sharing memory
@@ -105,6 +105,9 @@ def _check_shapes(shapes: list[tuple[int, ...]], pad: bool, name: str = "sample"
             what = f"{name} 0 has the shape {shapes[0]}, {name} {number} {shape}: they don't fit into one batch"
             if len(shape) != len(shapes[0]):
                 raise ValueError(what)
+            # of images, and of sequences of them
+            if name == "sample" and len(shape) > 2 and shape[-2:] != shapes[0][-2:]:
+                what = f"{what}. If they {sensors_differ((one[-1], one[-2]) for one in (shapes[0], shape))}"
             raise ValueError(f"{what}. Fill them up (collate with pad=True), {cuts}, or batch_size=1")
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
+from nvsdata.kernels.inside import inside
 from nvsdata.kernels.order import is_sorted, late, merge_late, stable_order
 from nvsdata.kernels.select import copy_at, copy_where
 
@@ -136,6 +137,13 @@ class Events:
     def of(self, columns: Columns) -> Events:
         """Events of sorted columns, with the same sensor size and time range."""
         return Events.trusted(columns, self.sensor_size, self.start, self.stated_end)
+
+    def resized(self, columns: Columns, sensor_size: tuple[int, int]) -> Events:
+        """Events of sorted columns on a sensor of another size, with the same time range.
+
+        ValueError for a size that no sensor has, and for events outside it.
+        """
+        return check_inside(Events.trusted(columns, check_sensor_size(sensor_size), self.start, self.stated_end))
 
     @property
     def columns(self) -> Columns:
@@ -284,6 +292,20 @@ def check_sensor_size(size: tuple[int, int]) -> tuple[int, int]:
     if not (0 < width <= MAX_COORDINATE + 1 and 0 < height <= MAX_COORDINATE + 1):
         raise ValueError(f"sensor_size must be (width, height) between 1 and {MAX_COORDINATE + 1}, not {size}")
     return width, height
+
+
+def check_inside(events: Events, sensor_size: tuple[int, int] | None = None) -> Events:
+    """The events, which kernels may take for indices of pixels then.
+
+    ValueError for events outside a sensor of `sensor_size` (default: their own), polarities other than 0 and 1 and
+    columns of different lengths, which only Events have that weren't built by `Events(...)`, or were changed.
+    """
+    width, height = sensor_size or events.sensor_size
+    if not inside(*events.columns, width, height):
+        _check_columns(events.columns._asdict())
+        reached = "x".join(map(str, extent(events.columns)))
+        raise ValueError(f"events reach {reached} pixels, outside the sensor of {width}x{height}")
+    return events
 
 
 def _check_time(t: np.ndarray, start: int | None, end: int | None) -> None:

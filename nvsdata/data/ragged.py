@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -12,6 +12,17 @@ from nvsdata.data.events import Events, concatenate
 from nvsdata.data.recording import Recording, as_events
 
 Ragged = TypeVar("Ragged", bound="_Tensors")
+
+
+def sensors_differ(sizes: Iterable[tuple[int, int]]) -> str:
+    """What to say of samples of several sensor sizes (width, height)."""
+    several = sorted(set(sizes))
+    shown = ", ".join(f"{width}x{height}" for width, height in several)
+    largest = max(width for width, _ in several), max(height for _, height in several)
+    # as N-MNIST's, read one by one
+    cause = "a file that doesn't state its sensor gets the size that its events need"
+    cure = f"state it, sensor_size={largest}, in nvsdata.read, nvsdata.open or EventFolder"
+    return f"have several sensor sizes, {shown}: {cause}, so {cure}"
 
 
 class _Tensors:
@@ -101,8 +112,7 @@ class EventBatch(_Tensors):
     def sensor_size(self) -> tuple[int, int]:
         """(width, height) of all samples; ValueError if they differ."""
         if len(set(self.sensor_sizes)) > 1:
-            sizes = sorted(set(self.sensor_sizes))
-            raise ValueError(f"samples have several sensor sizes: {sizes}; crop or resize them")
+            raise ValueError(f"samples {sensors_differ(self.sensor_sizes)}; or crop or resize them")
         return self.sensor_sizes[0]
 
     @property

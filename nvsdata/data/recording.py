@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import Columns, Events, sort_by_time
+from nvsdata.data.events import Columns, Events, check_inside, sort_by_time
 
 if TYPE_CHECKING:
     from nvsdata.data.samples import Frame, Inertial, Triggers
@@ -153,6 +153,11 @@ def as_events(sample: object) -> Events:
     if isinstance(sample, Recording):
         return sample.read()
     raise misplaced("Events or a Recording", sample)
+
+
+def events_inside(sample: object) -> Events:
+    """`as_events`, for kernels that take coordinates as indices; ValueError for events outside their sensor."""
+    return check_inside(as_events(sample))
 
 
 def misplaced(wanted: str, given: object) -> TypeError:

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 
 import nvsdata.data.batching  # noqa: F401  tells torch how samples become batches
+from nvsdata.common.errors import shown
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Run, Slice
 from nvsdata.datasets.facts import Info, Sample
@@ -37,12 +38,14 @@ class EventDataset(Samples):
     nvsdata that takes events takes either.
 
     - `root`: a folder, or a packed store that `nvsdata pack` made from one
-    - `split`: one of `splits`: "train" (default), "test" or "all"; True and False stand for the first two
+    - `split`: one of `splits`: "train", "test" or "all"; True and False stand for the first two, None (default) for
+      the first of `splits`, unless `train` is given
     - `fold`: which of several splits; its meaning and default depend on the dataset (None takes the default)
     - `transform`: applied to the recording
     - `target_transform`: applied to the target, an int
     - `download`: whether to download what is missing below `root` first (default False)
-    - `train`: True or False for the split "train" or "test", as torchvision has it (default: as `split` says)
+    - `train`: True or False for the split "train" or "test", as torchvision has it (default: as `split` says).
+      ValueError if `split` says otherwise
     - `transforms`: applied to recording and target, gives both, in place of `transform` and `target_transform`
     - `seed`: makes random transforms depend on (seed, epoch, index) alone; see `Samples` (default None)
     - `errors`: what happens to damaged recordings: "raise" (default), "skip" or "repair"; see `Samples`
@@ -65,7 +68,7 @@ class EventDataset(Samples):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool = "train",
+        split: str | bool | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
@@ -88,7 +91,7 @@ class EventDataset(Samples):
         with _no_collection():
             self.samples = list(self._usable(self._select(self._not_empty(self.found()))))
         if not self.samples:
-            raise FileNotFoundError(self._nothing(f"no recordings for split {split!r}"))
+            raise FileNotFoundError(self._nothing(f"no recordings for split {self.split_name!r}"))
         self._count()
 
     @classmethod
@@ -121,17 +124,19 @@ class EventDataset(Samples):
     def _classes(self) -> list[str]:
         return list(self.info.classes)
 
-    def _split_of(self, split: str | bool, train: bool | None) -> str:
-        """The split's name, where `train`, or a bool in place of the name, stands for "train" or "test"."""
-        asked = split if isinstance(split, bool) else train
-        if not isinstance(split, bool):
-            check_choice("split", split, self.splits)
-        if asked is None:
-            return str(split)
-        named = "train" if asked else "test"
-        if train not in (None, asked) or not (isinstance(split, bool) or split in (named, self.splits[0])):
+    def _split_of(self, split: str | bool | None, train: bool | None) -> str:
+        """The split's name: the first of `splits` if neither is given; a bool stands for "train" or "test"."""
+        if train not in (None, True, False):
+            raise ValueError(f"train must be True, False or None, not {train!r}")
+        named = None if train is None else "train" if train else "test"
+        if split is None:
+            return named or self.splits[0]
+        if isinstance(split, bool):
+            split = "train" if split else "test"
+        check_choice("split", split, self.splits)
+        if named not in (None, split):
             raise ValueError(f"split={split!r} and train={train} contradict each other: give one of them")
-        return named
+        return split
 
     def _check_fold(self, fold: int | None) -> int:
         """The fold to use; ValueError for one that doesn't exist. This base class has a single split."""
@@ -292,7 +297,7 @@ class EventDataset(Samples):
         """What the repr says below its first line."""
         size = self.info.sensor_size
         lines = [
-            f"root: {self.root}",
+            f"root: {shown(self.root)}",
             f"split: {self.split_name}" + (f", fold {self.fold}" if self.fold else "") + f", hash {self.split_hash}",
             f"sensor: {size[0]}x{size[1]}" if size else "sensor: as each recording states",
             f"sample: {self._sample_told()}",
@@ -313,7 +318,7 @@ class EventDataset(Samples):
         try:
             return shape_of(self._made(0)[0])
         except Exception as error:  # a transform of the user's may raise anything
-            return f"can't be made ({type(error).__name__}: {error})"
+            return f"can't be made ({type(error).__name__}: {shown(error)})"
         finally:
             torch.set_rng_state(states[0])
             np.random.set_state(states[1])  # noqa: NPY002

@@ -17,7 +17,8 @@ from torch.utils.data import Dataset, Subset
 
 from nvsdata._version import __version__
 from nvsdata.common.checksum import crc32
-from nvsdata.common.files import atomic, put, sweep
+from nvsdata.common.errors import shown
+from nvsdata.common.files import atomic, put, read_own, sweep
 from nvsdata.data.recording import as_events
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.cache_files import kept, restored
@@ -27,6 +28,7 @@ from nvsdata.transforms.compose import Compose
 
 TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"
 SHARD = 1000  # samples per folder
+ZIP = b"PK"  # begins what torch saves; it reads older files less safely
 CHECKSUM = 4  # bytes, CRC-32 of all that follows
 # attributes of a dataset that don't change the head's output
 INDIFFERENT = (
@@ -39,7 +41,7 @@ INDIFFERENT = (
     "split_name",
     "fold",
     "_damage",
-    "_passes",
+    "_epochs",
 )
 # attributes that follow from the samples and their files' stamps
 FOUND = ("source", "class_to_idx", "samples", "targets", "skipped")
@@ -69,6 +71,10 @@ class Cached(Dataset[tuple[Any, Any]]):
         if isinstance(index, slice):
             return Subset(self, range(len(self))[index])
         return self.dataset.taken(range(len(self))[index], self._made)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the epoch of random numbers; see `Samples.set_epoch`."""
+        self.dataset.set_epoch(epoch)
 
     def _made(self, index: int) -> tuple[Any, Any]:
         file = self.folder / str(index // SHARD) / f"{index}.pt"
@@ -103,7 +109,8 @@ class Cached(Dataset[tuple[Any, Any]]):
         except OSError as error:
             # training goes on; this process no longer tries
             self._full = True
-            warnings.warn(f"{self.folder} can't be written to, samples are made again each time: {error}", stacklevel=2)
+            told = f"{self.folder} can't be written to, samples are made again each time: {error}"
+            warnings.warn(shown(told), stacklevel=2)
 
     def __getattr__(self, name: str) -> Any:
         if name == "dataset":  # while it is unpickled
@@ -111,7 +118,7 @@ class Cached(Dataset[tuple[Any, Any]]):
         return getattr(self.dataset, name)
 
     def __repr__(self) -> str:
-        return f"{self.dataset!r}\n    cached: {self.head!r} in {self.folder}"
+        return f"{self.dataset!r}\n    cached: {self.head!r} in {shown(self.folder)}"
 
 
 def cache(dataset: EventDataset, path: str | os.PathLike[str]) -> Cached:
@@ -175,10 +182,17 @@ def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
 def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
     """The stored parts if they belong to these stamps; None if they don't, are missing or can't be read."""
     try:
-        data = file.read_bytes()
+        data = read_own(file)
     except OSError:
         return None
     if not data or int.from_bytes(data[:CHECKSUM], "little") != crc32(memoryview(data)[CHECKSUM:]):
         return None  # damaged: it is made again
-    found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
-    return [restored(part) for part in found["parts"]] if found["stamps"] == stamps else None
+    if data[CHECKSUM:][:2] != ZIP:
+        return None
+    try:
+        found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
+        parts = [restored(part) for part in found["parts"]]
+        # a part for each file, or two of one file
+        return parts if found["stamps"] == stamps and len(parts) >= len(stamps) else None
+    except Exception:  # content that isn't ours, with a right checksum, raises anything
+        return None

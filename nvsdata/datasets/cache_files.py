@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from nvsdata.data.events import Columns, Events
+from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
 
 VALUES = (type(None), bool, int, float, complex, str, bytes)
@@ -48,8 +48,10 @@ def restored(given: list[Any]) -> Any:
     """The sample that `kept` was given."""
     kind, value, *more = given
     if kind == "events":
-        columns = Columns(*(value[name].numpy() for name in ("t", "x", "y", "p")))
-        return Events.trusted(columns, *more)
+        # checked: transforms rely on it that coordinates are inside the sensor
+        size, start, end = more
+        t, x, y, p = (value[name].numpy() for name in ("t", "x", "y", "p"))
+        return Events(t, x, y, p, size, start=start, end=end)
     if kind == "graph":
         return Graph(**{name: restored(part) for name, part in value.items()})
     if kind in ("list", "tuple"):

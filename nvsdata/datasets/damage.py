@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.datasets.shared import Shared
 
 ERRORS = ("raise", "skip", "repair")
@@ -34,7 +34,7 @@ class Damage:
     def mark(self, index: int, what: int, message: str) -> None:
         """Count a sample; warn about it the first time."""
         if not self._shared.values[index]:
-            warnings.warn(message, stacklevel=2)
+            warnings.warn(shown(message), stacklevel=2)
         self._shared.values[index] = what
 
     def first_sound(self, index: int, make: Callable[[int], Any]) -> Any:

@@ -14,7 +14,7 @@ from torch.utils.data import Dataset
 
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.datasets.damage import ERRORS, REPAIRED, UNREADABLE, Damage
-from nvsdata.datasets.seeded import Passes, seeded
+from nvsdata.datasets.seeded import Epochs, seeded
 from nvsdata.datasets.splits import split_hash, stratified
 
 Transform = Callable[[Any], Any]
@@ -26,9 +26,12 @@ class Samples(Dataset[tuple[Any, Any]]):
     """Samples `(sample, target)` of recordings.
 
     - `seed`: the random numbers of a sample's transforms depend on (seed, epoch, index) alone, for any number of
-      DataLoader workers. The epoch is how often this object has returned the sample before; after a pass that was
-      left early, this includes the samples that workers had prepared (`SeededBatches` gives the epoch explicitly).
-      None (default) uses torch's generator as it is.
+      DataLoader workers. None (default) uses torch's generator as it is. `set_epoch` sets the epoch; without it,
+      passes over the data are counted. The count is exact for workers that aren't persistent and give no sample twice
+      in a pass. In persistent workers and without workers, a pass shows by the first sample that comes again: the
+      count is exact for complete passes. Call `set_epoch` if you leave passes early there, look at single samples
+      (`dataset[0]` counts as a pass that was left early), restart a training, or use a sampler that draws samples
+      repeatedly.
     - `errors`: what happens to damaged recordings:
       "raise" (default) raises FormatError, or OSError if the disk fails.
       "skip" replaces a recording that can't be read by the next one that can, with its target. Recordings are sorted
@@ -70,7 +73,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         """Set what depends on the number of samples."""
         self.targets = [sample.label for sample in self.samples]
         self._damage = None if self.errors == "raise" else Damage(len(self.samples))
-        self._passes = None if self.seed is None else Passes(len(self.samples))
+        self._epochs = None if self.seed is None else Epochs(len(self.samples))
 
     def subset(self, indices: Iterable[int]) -> Self:
         """The dataset with the samples at `indices` only, in that order."""
@@ -170,14 +173,25 @@ class Samples(Dataset[tuple[Any, Any]]):
         """The sample and target at an index; of a slice, a dataset. IndexError beyond the ends."""
         if isinstance(index, slice):
             return self.subset(range(len(self))[index])
-        if self._damage is None and self._passes is None:
+        if self._damage is None and self._epochs is None:
             return self._made(index)
         return self.taken(range(len(self))[index], self._made)
 
+    def set_epoch(self, epoch: int) -> None:
+        """Make random numbers depend on (seed, `epoch`, index) until the next call, in running workers, too.
+
+        Call it before each pass over the data, as for torch's `DistributedSampler`. Without a `seed` it does nothing.
+        ValueError for a negative epoch.
+        """
+        if epoch < 0:
+            raise ValueError(f"epoch must be at least 0, not {epoch}")
+        if self._epochs is not None:
+            self._epochs.set(epoch)
+
     def taken(self, index: int, make: Callable[[int], Any]) -> Any:
         """`make(index)` with the random numbers that follow from `seed`, or what `errors` puts in its place."""
-        if self._passes is not None and self.seed is not None:
-            with seeded(self.seed, self._passes.next(index), index):
+        if self._epochs is not None and self.seed is not None:
+            with seeded(self.seed, self._epochs.of(index), index):
                 return self._sound(index, make)
         return self._sound(index, make)
 

@@ -70,7 +70,7 @@ class MNISTDVS(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool = "train",
+        split: str | bool | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,

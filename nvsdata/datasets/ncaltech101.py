@@ -90,7 +90,7 @@ class NCaltech101(RandomSplitDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool = "train",
+        split: str | bool | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,

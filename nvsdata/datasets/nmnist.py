@@ -80,7 +80,7 @@ class NMNIST(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool = "train",
+        split: str | bool | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,

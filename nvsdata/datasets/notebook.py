@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import html
 from typing import Any
 
+from nvsdata.common.markup import as_html as escaped
 from nvsdata.datasets.facts import Sample
 from nvsdata.plots.gallery import Shelf, images
 
@@ -24,4 +24,5 @@ def as_html(dataset: Any) -> str:
             shelf.show(dataset.classes[label], dataset.recording(first[label]).read())
         except (OSError, ValueError):
             continue
-    return f"<pre>{html.escape(repr(dataset))}</pre>{images(shelf, 'height: 80px; image-rendering: pixelated')}"
+    text = escaped(repr(dataset), "\n")
+    return f"<pre>{text}</pre>{images(shelf, 'height: 80px; image-rendering: pixelated')}"

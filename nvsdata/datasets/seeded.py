@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset, Sampler
+from torch.utils.data import Dataset, Sampler, get_worker_info
 
 from nvsdata.datasets.shared import Shared
 from nvsdata.kernels.random import FIRST, SECOND, STEP
 
 Key = tuple[int, int]
 """Epoch and index of a sample: what `SeededBatches` yields and `SeededDataset` takes."""
+
+PASSES = 64  # whose epochs are remembered: loaders that are read at the same time
+MAIN = -1  # in place of a base seed, none of which is negative
 
 _seeding = False
 
@@ -40,16 +43,42 @@ def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
             _seeding = False
 
 
-class Passes:
-    """How often all workers of a loader together have taken each of `count` samples: its epoch."""
+class Epochs:
+    """The epoch of each sample that a dataset gives: set by the user, or counted; shared by all workers of a loader.
+
+    A pass begins an epoch. A pass shows in a worker by the base seed of the loader's iterator, which persistent workers
+    keep and the main process doesn't have. There, an epoch begins with the first sample that comes a second time.
+
+    - `count`: number of samples
+    """
 
     def __init__(self, count: int) -> None:
-        self._taken = Shared(count, np.int64)
+        # of each sample: 1 + the epoch in which it was given last
+        self._given = Shared(count, np.int64)
+        # 1 + the epoch that was set, number of epochs begun; then base seed and epoch of the last passes
+        self._state = Shared(2 + 2 * PASSES, np.int64)
 
-    def next(self, index: int) -> int:
-        """How often the sample was taken before; adds one to it."""
-        epoch = int(self._taken.values[index])
-        self._taken.values[index] += 1
+    def set(self, epoch: int) -> None:
+        """Use this epoch for all samples until the next call."""
+        self._state.values[0] = epoch + 1
+
+    def of(self, index: int) -> int:
+        """Return the epoch of a sample that is about to be given."""
+        state = self._state.values
+        if state[0]:
+            return int(state[0]) - 1
+        worker = get_worker_info()
+        key = MAIN if worker is None else worker.seed - worker.id
+        keys, epochs = state[2::2], state[3::2]
+        # read before the keys: workers that begin a pass at the same moment then write the same
+        begun = int(state[1])
+        found = epochs[keys == key]
+        epoch = int(found.max(initial=-1))
+        if epoch < 0 or self._given.values[index] == epoch + 1:
+            epoch = begun
+            keys[epoch % PASSES], epochs[epoch % PASSES] = key, epoch
+            state[1] = epoch + 1
+        self._given.values[index] = epoch + 1
         return epoch
 
 

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from nvsdata import formats
-from nvsdata.common.files import atomic, sweep
+from nvsdata.common.checksum import crc32
+from nvsdata.common.files import atomic, read_own, sweep
 from nvsdata.data.recording import Recording
 
-INDEX, VERSION = ".nvsdata-index.json", 1
+INDEX, VERSION = ".nvsdata-index.json", 2
+MOST_BYTES = 1 << 28  # of an index: of two million files
+LOOKED_AT = 3  # folders that are compared with their index
 REMEMBERED = 2_000  # with at least this many files, an index is worth its disk space
 SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before its listing may change again with the same time
 CACHE_TAG = "CACHEDIR.TAG"  # marks folders of caches, by a convention of backup programs
@@ -62,6 +66,40 @@ class Source(Protocol):
         """Whether a recording read at time `at` (ns since 1970) certainly had the content its stamp stands for."""
 
 
+def keep(path: Path, content: dict[str, Any]) -> None:
+    """Keep what is known of a dataset's folder in a file of JSON, with a checksum. OSError if it can't be written."""
+    text = json.dumps(content)
+    sweep(path.parent, path.name)
+    with atomic(path) as temporary:
+        temporary.write_text(json.dumps([VERSION, crc32(text.encode())]) + "\n" + text)
+
+
+def restored(path: Path) -> dict[str, Any]:
+    """Return what `keep` kept: an empty dictionary if there is nothing of this version, or it was changed since."""
+    try:
+        head, _, text = read_own(path, MOST_BYTES).partition(b"\n")
+        content = json.loads(text) if json.loads(head) == [VERSION, crc32(text)] else {}
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _entered(folder: str, folders: list[str]) -> list[str]:
+    """The folders in a folder that are looked into."""
+    return [f for f in folders if not f.startswith((".", "__"))] if folder.count("/") < DEEPEST else []
+
+
+def _shown(names: Iterable[str]) -> list[str]:
+    return sorted(name for name in names if not name.startswith("."))
+
+
+def _is_listed(folder: str, names: list[str]) -> bool:
+    """Whether an entry of an index names a folder below the root, and files in it."""
+    parts = [] if folder == "." else folder.split("/")
+    # a dot and two dots lead elsewhere
+    return all(part.strip(".") and not {"/", os.sep, "\0"} & set(part) for part in (*parts, *names))
+
+
 class Folder:
     """Files below a folder."""
 
@@ -84,34 +122,42 @@ class Folder:
                 folders.clear()
                 continue
             times[folder] = os.stat(parent).st_mtime_ns
-            folders[:] = [f for f in folders if not f.startswith((".", "__"))] if folder.count("/") < DEEPEST else []
-            found[folder] = sorted(name for name in names if not name.startswith("."))
+            folders[:] = _entered(folder, folders)
+            found[folder] = _shown(names)
         found = {folder: found[folder] for folder in sorted(found)}
         if sum(map(len, found.values())) >= REMEMBERED:
             self._remember(made, times, found)
         return found
 
     def _remembered(self) -> Listing | None:
+        """The listing of the index; None if there is none, a folder has changed, or it isn't one of this folder."""
         try:
-            index = json.loads((self.root / INDEX).read_bytes())
-            if index["version"] != VERSION:
+            index = restored(self.root / INDEX)
+            times, files = index["times"], index["files"]
+            if not (times.keys() == files.keys() and "." in files and all(map(_is_listed, files, files.values()))):
                 return None
-            for folder, changed in index["times"].items():
+            for folder, changed in times.items():
                 # writing the index itself changes the root after it was listed
                 now = os.stat(self.root / folder).st_mtime_ns
                 if now != changed or now > index["made"] - SETTLED_NS:
                     return None
-            files: Listing = index["files"]
-        except (OSError, ValueError, KeyError, TypeError):
+            some = random.Random().sample(list(files), min(len(files), LOOKED_AT))
+            return files if all(self._is_same(folder, files) for folder in some) else None
+        except (OSError, KeyError, TypeError, AttributeError):
             return None
-        return files
+
+    def _is_same(self, folder: str, files: Listing) -> bool:
+        """Whether a folder has the files of an index, and its folders are in the index, too."""
+        with os.scandir(self.root / folder) as entries:
+            found = {entry.name: entry.is_dir() for entry in entries}
+        if files[folder] != _shown(name for name, is_folder in found.items() if not is_folder):
+            return False
+        below = _entered(folder, [name for name, is_folder in found.items() if is_folder])
+        return all(joined(folder, name) in files or (self.root / folder / name / CACHE_TAG).exists() for name in below)
 
     def _remember(self, made: int, times: dict[str, int], files: Listing) -> None:
-        index = {"version": VERSION, "made": made, "times": times, "files": files}
         try:
-            sweep(self.root, INDEX)
-            with atomic(self.root / INDEX) as temporary:
-                temporary.write_text(json.dumps(index))
+            keep(self.root / INDEX, {"made": made, "times": times, "files": files})
             # otherwise the root would seem to have changed
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from nvsdata.common.errors import line_of
+from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.expected import Found, lacking, some
@@ -14,33 +17,44 @@ from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
+from nvsdata.video.manifest import NAME, fault_of
+
+KINDS = {"nvsdata-videos", "nvsdata-recordings"}  # first keys of the manifests of `convert-videos` and `record`
 
 
-def problems(root: Path, dataset: type[EventDataset] | None = None) -> Iterator[tuple[str, str]]:
+def problems(
+    root: Path, dataset: type[EventDataset] | None = None, counts: Counter[str] | None = None
+) -> Iterator[tuple[str, str]]:
     """Name and fault of every recording that isn't sound below `root`, or in a packed store, and of what is missing.
 
     Faults are: unreadable, empty, truncated, out of order in time, events outside the sensor, left out when it was
-    packed. If a `dataset` class is given, and for a store, which names its own, the class says which files are
-    recordings and what their sensor is. What is there is then compared with what the dataset should hold: how many,
-    of each class and part and by which names where that is known, and what the lists beside the recordings name.
+    packed. Recordings that `convert-videos` or `record --monitor` made are compared with their manifests, by size and
+    sha256; videos that failed or weren't reached and recordings that no manifest names are faults, too. If a `dataset`
+    class is given, and for a store, which names its own, the class says which files are recordings and what their
+    sensor is. What is there is then compared with what the dataset should hold: how many, of each class and part and by
+    which names where that is known, and what the lists beside the recordings name.
+
+    `counts` counts the recordings that were "opened", and "compared" with a manifest.
 
     FileNotFoundError if there is nothing at `root`, FormatError for a file that isn't a store.
     """
+    counts = Counter() if counts is None else counts
     if not root.exists():
         raise FileNotFoundError(f"{root}: there is nothing to verify")
+    yield from _by_manifests(root, counts)
     if dataset is not None:
         found = dataset.whole(root)
     elif root.is_file() and (store := Store(root)).dataset in DATASETS:
         kind = DATASETS[store.dataset]
         found = kind.whole(root) if store.split == "all" else kind(root, store.split, fold=store.fold or None)
     else:
-        yield from _of_files(Store(root) if root.is_file() else Folder(root), root)
+        yield from _of_files(Store(root) if root.is_file() else Folder(root), root, counts)
         return
     left_out = found.source.left_out
     yield from ((name, f"left out when it was packed: {reason}") for name, reason in left_out.items())
     yield from ((name, "empty") for name in found.skipped if name not in left_out)
     names = [name for name in found.recording_names() if name not in left_out]
-    yield from _each(found.source, names, found.opened_with)
+    yield from _each(found.source, names, found.opened_with, counts)
     if found.split_name == "all":
         yield from _lacking(found)
 
@@ -58,26 +72,79 @@ def split_hashes(root: Path, dataset: type[EventDataset] | None = None) -> dict[
     return found
 
 
-def _of_files(source: Source, root: Path) -> Iterator[tuple[str, str]]:
+def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
+    """How recordings differ from the manifests of the folders that they are in."""
+    # what a shard says is newer than the manifest of the folder
+    paths = sorted(root.rglob("manifest*.jsonl"), key=lambda path: (path.name != NAME, path)) if root.is_dir() else ()
+    by_folder: dict[Path, list[Journal]] = {}
+    for path in paths:
+        try:
+            journal = Journal(path, {})
+        except OSError as error:
+            yield path.relative_to(root).as_posix(), f"can't be read: {error.strerror or error}"
+            continue
+        if not KINDS.isdisjoint(journal.head):
+            by_folder.setdefault(path.parent, []).append(journal)
+    known = set[Path]()
+    for folder, journals in by_folder.items():
+        try:
+            yield from _by_manifest(root, folder, journals, known, counts)
+        except (TypeError, ValueError, AttributeError, KeyError, OSError) as error:
+            yield journals[0].path.relative_to(root).as_posix(), f"isn't a manifest, or damaged: {line_of(error)}"
+    for name in _recordings(Folder(root), root) if by_folder else ():
+        # a folder within another that has a manifest of its own, too, was compared with that
+        if root / name not in known and not by_folder.keys().isdisjoint((root / name).parents):
+            yield name, "is in no manifest of its folder"
+
+
+def _by_manifest(
+    root: Path, folder: Path, journals: list[Journal], known: set[Path], counts: Counter[str]
+) -> Iterator[tuple[str, str]]:
+    """How the recordings of a folder differ from its manifest, or from those of its shards; adds them to `known`."""
+    lines = {str(line["video"]): line for journal in journals for line in journal.lines}
+    for name in {str(name): None for journal in journals for name in journal.head.get("videos", [])}:
+        if name not in lines:
+            yield name, "has no recording: the run ended before it was reached"
+    for name, line in bar(lines.items(), "comparing", unit="rec"):
+        if "reason" in line:
+            yield name, f"{line.get('status')}: {line['reason']}"
+        if "file" not in line or "recording" not in line:
+            continue
+        path = Path(os.path.abspath(folder / line["file"]))
+        if not path.is_relative_to(os.path.abspath(folder)):
+            yield name, f"its manifest names a recording outside the folder: {line['file']!r}"
+            continue
+        known.add(folder / line["file"])
+        counts["compared"] += 1
+        if fault := fault_of(path, line, check=True):
+            yield (folder / line["file"]).relative_to(root).as_posix(), fault
+
+
+def _recordings(source: Source, root: Path) -> list[str]:
+    """The recordings of a folder; lists of splits and labels are text, too, and aren't recordings."""
+    texts = (".txt", ".csv")
+    found = recordings_in(source.listing())
+    return [name for name in found if not (name.lower().endswith(texts) and _is_list(root / name))]
+
+
+def _of_files(source: Source, root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
     """Faults of all recordings of a source."""
-    if isinstance(source, Store):
-        names = source.names
-    else:
-        # lists of splits and labels are text, too
-        texts = (".txt", ".csv")
-        found = recordings_in(source.listing())
-        names = [n for n in found if not (n.lower().endswith(texts) and _is_list(root / n))]
+    names = source.names if isinstance(source, Store) else _recordings(source, root)
     if not names:
         raise FileNotFoundError(f"no recordings below {root}")
-    yield from _each(source, names, None)
+    yield from _each(source, names, None, counts)
 
 
-def _each(source: Source, names: list[str], size: tuple[int, int] | None) -> Iterator[tuple[str, str]]:
+def _each(
+    source: Source, names: list[str], size: tuple[int, int] | None, counts: Counter[str]
+) -> Iterator[tuple[str, str]]:
     for name in bar(names, "verifying", unit="rec"):
+        counts["opened"] += 1
+        if isinstance(source, Store) and (fault := source.fault(name)):
+            yield name, fault
+            continue
         for fault in _faults(source, name, size):
             yield name, fault
-        if isinstance(source, Store) and source.damaged(name):
-            yield name, "its events fail their checksum"
 
 
 def _is_list(path: Path) -> bool:

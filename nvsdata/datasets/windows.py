@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-import json
+import random
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from nvsdata.common.files import atomic, sweep
 from nvsdata.common.progress import bar
 from nvsdata.common.validation import microseconds, whole
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Sample
+from nvsdata.datasets.source import keep, restored
 
 Data = TypeVar("Data", bound=EventDataset)
 
 INDEX = ".nvsdata-windows-{}.json"
-VERSION = 1
+LOOKED_AT = 3  # recordings that are compared with their places in the index
 ASKED = 1_000  # recordings from which on a progress bar is shown
 
 # of a recording, or a labeled part of one: where each window begins, as (µs, events of that µs to leave out), and the
@@ -125,22 +126,38 @@ class _Index:
         return ([], 0) if empty else ([(first, 0)], last + 1)
 
     def _read(self) -> dict[str, Any]:
-        try:
-            kept = json.loads(self.path.read_bytes())
-            return dict(kept["places"]) if kept["version"] == VERSION else {}
-        except (OSError, ValueError, KeyError, TypeError):
+        """What was kept; nothing if it isn't sound, or not what some of the recordings give."""
+        known = restored(self.path)
+        if not all(map(_is_place, known.values())):
             return {}
+        there = [sample for sample in self.dataset.samples if sample.name + sample.part in known]
+        for sample in random.Random().sample(there, min(len(there), LOOKED_AT)):
+            entry = known[sample.name + sample.part]
+            if entry["stamp"] == list(self.dataset.source.stamp(sample.name)):
+                begins, end = self._found(sample)
+                if [list(begin) for begin in begins] != entry["begins"] or end != entry["end"]:
+                    return {}
+        return known
 
     def save(self) -> None:
         """Keep what was found, if it can be written."""
         if not self.changed or not self.path.parent.is_dir():
             return
-        try:
-            sweep(self.path.parent, self.path.name)
-            with atomic(self.path) as temporary:
-                temporary.write_text(json.dumps({"version": VERSION, "places": self.known}))
-        except OSError:
-            pass  # a folder that can't be written to is looked through each time
+        # a folder that can't be written to is looked through each time
+        with suppress(OSError):
+            keep(self.path, self.known)
+
+
+def _is_place(entry: Any) -> bool:
+    """Whether an entry of an index has the places of windows: in order, within what times may be."""
+    try:
+        numbers = [entry["end"], *entry["stamp"], *(number for begin in entry["begins"] for number in begin)]
+        times = [begin for begin, before in entry["begins"] if before >= 0]
+        in_order = len(times) == len(entry["begins"]) and times == sorted(times)
+        inside = all(time < entry["end"] for time in times)
+    except (TypeError, KeyError, ValueError):
+        return False
+    return in_order and inside and all(type(number) is int and abs(number) < 1 << 63 for number in numbers)
 
 
 def _every(recording: Recording, step: int) -> Places:

@@ -29,6 +29,7 @@ from nvsdata.video.manifest import FolderReport, FolderRun
 from nvsdata.video.shards import manifest_of
 from nvsdata.video.view import ALL, View
 
+KIND = "nvsdata-videos"
 DONE = ("converted",)
 WITH_FILMS = (*DONE, "truncated")
 Result = TypeVar("Result")
@@ -48,6 +49,7 @@ def convert_videos(
     scheduler: str | None = None,
     shard: tuple[int, int] | None = None,
     overwrite: bool = False,
+    check: bool = False,
     preview: bool = False,
 ) -> FolderReport:
     """Convert a video, or every video below a folder, to recordings.
@@ -73,6 +75,8 @@ def convert_videos(
       the same folder at once; each has a manifest of its own there, and the next run without shards joins them
       (default: all videos)
     - `overwrite`: convert all videos anew, also if the folder holds recordings of other settings (default False)
+    - `check`: compare the recordings that are there with the sha256 in the manifest, and convert again what was changed
+      (default False: by size only)
     - `preview`: write a film of each video's first minute with its events to `out/.previews`, where there is none yet
       (default False)
 
@@ -87,10 +91,11 @@ def convert_videos(
     made = {"settings": settings_of(settings or PIX2NVS()), "format": format, "size": size, "fps": fps}
     if view != ALL:
         made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(ALL, name)}
-    with manifest_of(target, "nvsdata-videos", made, shard=shard, overwrite=overwrite) as manifest:
+    names = [job.video.name for job in found]
+    with manifest_of(target, KIND, made, names, shard=shard, overwrite=overwrite) as manifest:
         before = manifest.as_before([job.video for job in found])
         videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
-        with FolderRun(manifest, list(videos), DONE, "converting") as run:
+        with FolderRun(manifest, list(videos), DONE, "converting", check=check) as run:
             waiting = [videos[video] for video in run.waiting]
             alone = scheduler is None and (jobs == 1 or len(waiting) < 2)
             work = partial(convert, progress=run.within) if alone else convert
@@ -204,7 +209,7 @@ def _by_processes(work: Callable[[Job], Result], jobs: list[Job], count: int) ->
             for future in as_completed([workers.submit(work, job) for job in jobs]):
                 yield future.result()
         except BrokenProcessPool:
-            raise OSError("a process that converted was killed (out of memory?); run again to go on") from None
+            raise OSError("a process that converted was killed (out of memory?)") from None
         except BaseException:
             # conversions in progress may take minutes; the next run does them again
             workers.shutdown(wait=False, cancel_futures=True)

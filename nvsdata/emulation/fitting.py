@@ -14,21 +14,19 @@ from nvsdata.data.recording import Recording
 from nvsdata.emulation.dvs import DVS
 from nvsdata.emulation.imperfections import AT_WHITE
 from nvsdata.emulation.run import brightness
+from nvsdata.emulation.thresholds import FEWEST, check_noise, counts_of, matched, settled
 from nvsdata.video.frames import Frame, Video, frames_of
 from nvsdata.video.upsample import upsampled
 
 DARKS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 45.0)  # gray levels
 DELAYS = range(-10_000, 20_001, 1_000)  # µs
-LEAST, MOST = 0.01, 3.0  # thresholds
-ROUGH, CLOSE, FAR = 0.03, 0.003, 0.05  # differences of logarithms of event counts: for a choice, good, not found
-ROUNDS = 25
+FOLLOWED = 0.1  # correlation of polarities with changes of light from which events follow the frames
 CALM = 0.05  # change of ln(q + 3) up to which light counts as constant
 QUIET = 100.0  # pixels times seconds of constant light from which noise can be told
 RAREST = 0.001  # share of the intervals within pixels that may be shorter than the refractory time
 SOONER = 2  # times as soon as the sensor's at least some emulated pixels must fire again
 SHARP = 1.25  # times it, below which ten times as many are if it's a limit
 REPEATED = 1_000  # intervals within pixels from which a refractory time can be told
-FEWEST = 100  # events of a polarity from which its threshold can be told
 PER_PIXEL = 10  # events of a pixel from which it has thresholds of its own
 
 
@@ -68,15 +66,20 @@ def fit(
     - `frames`: as `DVS.stream` takes them
     - `events`: of the same sensor
     - `times`: the frames' times in µs of the events' clock (default: those that the frames have)
-    - `delay`: µs by which events follow the frames' times (default: found, from -10 to 20 ms)
-    - `noise`: whether leak and noise are looked for; if not, thresholds explain all events (default True)
+    - `delay`: µs by which events follow the frames' times (default: found, from -10 to 20 ms). If it's given, a still
+      scene shows leak and noise
+    - `noise`: whether leak and noise are looked for; if not, those of `base` stay, and thresholds explain all other
+      events (default True)
     - `base`: settings that can't be told from a pair, such as `upsample` and `mismatch` (default: `DVS()`)
 
+    The settings give the numbers of OFF and ON events of the sensor to within 5%, where `untold` has no reason why not.
+
     Raises ValueError for fewer than 3 frames, frames of another size than the sensor's, events and frames that have
-    no time in common (with both spans), and pairs in which no events follow the light.
+    no time in common (with both spans), scenes in which nothing moves, pairs in which no events follow the light, and
+    those that determine neither threshold, unless leak and noise give as many events as the sensor did.
     """
     pair = _Pair(list(frames_of(frames, times=times, color=False)), events, delay or 0)
-    delay = pair.delay() if delay is None else delay
+    known, delay = delay is not None, pair.delay() if delay is None else delay
     real = pair.during(delay)
     settings, other = base or DVS(), np.zeros(2)
     untold: dict[str, str] = {}
@@ -84,17 +87,24 @@ def fit(
         settings, other = _noise(settings, pair, real, untold)
     # once for all trials
     frames = list(upsampled(iter(pair.frames), settings.upsample))
+    needed = counts_of(real) - other
     trial = replace(settings, upsample="none", leak=0.0, noise_rate=0.0, hot_pixels=0.0)
-    wanted = np.maximum(_counts(real) - other, 1)
-    candidates = [_matched(replace(trial, dark=dark), frames, wanted, ROUGH) for dark in DARKS]
+    free = needed >= FEWEST
+    candidates = [matched(replace(trial, dark=dark), frames, needed, free) for dark in DARKS]
+    # they give the same numbers of events, and differ by where these are
     best = max(candidates, key=lambda one: correlation(one.emulate(frames), real))
-    matched = _matched(best, frames, wanted, CLOSE)
-    found = matched.emulate(frames)
-    settings = _refractory(settings, found, real, untold)
-    _tell_thresholds(matched, found, wanted, untold)
+    settings = _refractory(settings, best.emulate(frames), real, untold)
+    # leak, noise and blindness change how many events a threshold gives
+    given = replace(settings, upsample="none")
+    best = settled(replace(given, off=best.off, on=best.on, dark=best.dark), given, frames, real, needed, untold)
+    found = best.emulate(frames)
+    if {"off", "on"} <= untold.keys():
+        check_noise(given.emulate(frames), real, untold)
+    elif known:
+        pair.check_followed(delay)
     names = [name for name in ("off", "on", "dark") if name not in untold]
-    settings = replace(settings, **{name: getattr(matched, name) for name in names})
-    return Fit(settings, delay, correlation(found, real), _each(matched, pair, real), untold)
+    settings = replace(settings, **{name: getattr(best, name) for name in names})
+    return Fit(settings, delay, correlation(found, real), _each(best, pair, real), untold)
 
 
 class _Pair:
@@ -125,9 +135,12 @@ class _Pair:
 
     def delay(self) -> int:
         """At which delay the polarities between frames follow the change of light best."""
+        if (np.ptp(self.light, axis=0) < CALM).all():
+            why = f"light changes by less than {CALM:.0%} at each pixel, and only motion shows thresholds and the delay"
+            raise ValueError(f"nothing moves in these frames: {why}; delay=0 looks for leak and noise alone")
         found = [self._follows(delay) for delay in DELAYS]
-        if max(found) < 0.1:
-            raise ValueError(f"events don't follow the frames: their correlation is {max(found):.2f} at best")
+        if max(found) < FOLLOWED:
+            raise _unfollowed(f"{max(found):.2f} at best")
         best = int(np.argmax(found))
         if not 0 < best < len(found) - 1:
             return DELAYS[best]
@@ -135,6 +148,12 @@ class _Pair:
         before, here, after = found[best - 1 : best + 2]
         bend = before - 2 * here + after
         return DELAYS[best] + round(DELAYS.step * 0.5 * (before - after) / bend) if bend else DELAYS[best]
+
+    def check_followed(self, delay: int) -> None:
+        """ValueError unless the polarities follow the light at a delay, by more than chance makes of few events."""
+        found = self._follows(delay)
+        if found < min(FOLLOWED, 5 / math.sqrt(self.light[1:].size)):
+            raise _unfollowed(f"{found:.2f} with a delay of {delay} µs")
 
     def _follows(self, delay: int) -> float:
         """Correlation of summed polarities with the change of light, mean over the frames."""
@@ -156,30 +175,10 @@ def check_common(span: tuple[int, int], events: Events | Recording) -> None:
         )
 
 
-def _matched(trial: DVS, frames: list[Frame], wanted: np.ndarray, close: float) -> DVS:
-    """The settings with thresholds that give so many OFF and ON events, up to a difference of logarithms, `close`."""
-    value = np.log([trial.off, trial.on])
-    for _ in range(ROUNDS):
-        off, on = np.exp(value).tolist()
-        trial = replace(trial, off=off, on=on)
-        apart = np.log((_counts(trial.emulate(frames)) + 1) / (wanted + 1))
-        if np.abs(apart).max() < close:
-            break
-        # counts fall about as thresholds rise, or faster
-        value = np.clip(value + 0.6 * apart, math.log(LEAST), math.log(MOST))
-    return trial
-
-
-def _tell_thresholds(matched: DVS, found: Events, wanted: np.ndarray, untold: dict[str, str]) -> None:
-    """Note which thresholds the pair doesn't determine."""
-    for name, count, needed in zip(("off", "on"), _counts(found), wanted, strict=True):
-        if needed < FEWEST:
-            untold[name] = f"{needed:.0f} events of this polarity, at least {FEWEST} are needed"
-        elif abs(math.log((count + 1) / (needed + 1))) > FAR:
-            value = getattr(matched, name)
-            untold[name] = f"no threshold from {LEAST} to {MOST} gives {needed:.0f} events; {value:.3g} gives {count}"
-    if {"off", "on"} <= untold.keys():
-        untold["dark"] = "neither threshold is known"
+def _unfollowed(correlation: str) -> ValueError:
+    return ValueError(
+        f"events don't follow the frames: their correlation is {correlation}; does anything move, and is it one clock?"
+    )
 
 
 def _noise(settings: DVS, pair: _Pair, real: Events, untold: dict[str, str]) -> tuple[DVS, np.ndarray]:
@@ -232,11 +231,6 @@ def _each(settings: DVS, pair: _Pair, real: Events) -> np.ndarray:
     counts = np.stack([np.bincount(places(real)[real.p == p], minlength=steps[0].size) for p in (0, 1)])
     counts = counts.reshape(moved.shape)
     return np.where((counts >= PER_PIXEL) & (moved > 0), moved / np.maximum(counts, 1), np.nan)
-
-
-def _counts(events: Events) -> np.ndarray:
-    """Numbers of OFF and of ON events."""
-    return np.bincount(events.p, minlength=2)[:2]
 
 
 def places(events: Events) -> np.ndarray:

@@ -20,12 +20,19 @@ WORTH = 0.3e-3  # s of emulation per frame from which a thread of its own pays
 class FromFrames(ABC):
     """An emulator that goes from frame to frame; its settings, and those of `Flawed`, are a subclass's."""
 
-    def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
-        """All events of a video; times count from its first frame, or are those of its own clock.
+    def emulate(
+        self,
+        video: Video,
+        *,
+        fps: float | None = None,
+        times: Iterable[int] | None = None,
+        size: tuple[int, int] | None = None,
+    ) -> Events:
+        """All events of a video; times count from its first frame, or are those of its own clock or `times`.
 
         Parameters and errors are those of `stream`.
         """
-        parts = list(self.stream(video, fps, size=size))
+        parts = list(self.stream(video, fps, times=times, size=size))
         return together(parts)
 
     def stream(

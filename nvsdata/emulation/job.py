@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
+from nvsdata.common.files import remove_link
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
 from nvsdata.emulation.from_frames import FromFrames
 from nvsdata.emulation.protocol import EventEmulator, settings_of
-from nvsdata.video.folder import Video
+from nvsdata.video.folder import Video, sha256
 from nvsdata.video.frames import TruncatedVideo, frames_of
 from nvsdata.video.length import length_of
 from nvsdata.video.manifest import file_facts, noted
@@ -56,8 +57,9 @@ def convert(job: Job, progress: Callable[[float], None] | None = None) -> dict[s
         pieces = _counted(job.events(), line)
         frames = length_of(video.path)[0] if progress else 0
         watched = _watched(pieces, frames, progress) if progress and frames else pieces
+        remove_link(video.target)
         formats.write(_told(watched, job.settings), video.target, format=video.format)
-        line["recording"] = video.target.stat().st_size
+        line |= {"recording": video.target.stat().st_size, "recording_sha256": sha256(video.target)}
     return line | {"seconds": round(time.monotonic() - started, 3)}
 
 

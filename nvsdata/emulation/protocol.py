@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, is_dataclass
 from typing import Any, Protocol
 
@@ -17,15 +17,28 @@ class EventEmulator(Protocol):
     say how they were made, and a search can replace them.
     """
 
-    def emulate(self, video: Video, *, fps: float | None = None, size: tuple[int, int] | None = None) -> Events:
-        """All events of a video; times count from its first frame, or are those of its own clock."""
+    def emulate(
+        self,
+        video: Video,
+        *,
+        fps: float | None = None,
+        times: Iterable[int] | None = None,
+        size: tuple[int, int] | None = None,
+    ) -> Events:
+        """All events of a video; times count from its first frame, or are those of its own clock or `times`."""
 
     def stream(
-        self, frames: Video, fps: float | None = None, *, size: tuple[int, int] | None = None
+        self,
+        frames: Video,
+        fps: float | None = None,
+        *,
+        times: Iterable[int] | None = None,
+        size: tuple[int, int] | None = None,
     ) -> Iterator[Events]:
         """Events of each frame in turn, those since the frame before; the first piece is empty.
 
         - `fps`: frames per second, in place of the times that the video states
+        - `times`: in place of `fps`, the time of each frame in µs, rising
         - `size`: (width, height) in pixels that frames are scaled to
         """
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.data.events import EVER, LATEST, Columns, Events, sort_by_time
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
@@ -102,7 +102,7 @@ class Aedat3Recording(FileRecording):
         return tuple(reach)
 
     def _of_packets(self, packets: np.ndarray) -> Columns:
-        width, height = self._size or (0, 0)
+        width, height = self._limits
         columns = Columns.empty(int(packets[:, NUMBER].sum()))
         kept = unmarked = dropped = 0
         for some, raw, base in self._read(packets):
@@ -121,10 +121,8 @@ class Aedat3Recording(FileRecording):
             unmarked += without
         self._repair("events of times that fit no packet, dropped", dropped)
         if unmarked:
-            warnings.warn(
-                f"{self.path}: {unmarked} events are not marked valid, though their packets count them as valid; kept",
-                stacklevel=2,
-            )
+            odd = "events are not marked valid, though their packets count them as valid; kept"
+            warnings.warn(f"{shown(self.path)}: {unmarked} {odd}", stacklevel=2)
         columns = columns.first(kept)
         if self._upside_down:
             columns = columns._replace(y=(height - 1 - columns.y).astype(np.int16))
@@ -144,7 +142,7 @@ class Aedat3Recording(FileRecording):
     def _mended(self, raw: np.ndarray, base: int, packets: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         """Decode damaged packets without the events whose times don't fit; returns how many are kept and lost."""
         begin, lost = kept, 0
-        width, height = self._size or (0, 0)
+        width, height = self._limits
         for k in range(len(packets)):
             count, _, _, strayed = aedat3_decode(raw, base, packets[k : k + 1], width, height, kept, *columns)
             if strayed >= 0:
@@ -178,7 +176,9 @@ class Aedat3Recording(FileRecording):
             return 0, 0
         first, last = int(self.packets[:, FIRST].min()), int(self.packets[:, LAST].max())
         head, tail = self.decode_window(EVER[0], first + 1), self.decode_window(last, EVER[1])
-        return None if head is None or tail is None else (int(head.t[0]), int(tail.t[-1]))
+        if head is None or tail is None or not (head.t.size and tail.t.size):
+            return None
+        return int(head.t[0]), int(tail.t[-1])
 
 
 def write(pieces: Pieces, path: Path) -> None:

@@ -23,9 +23,10 @@ from nvsdata.formats import kept_index
 from nvsdata.formats.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, Packets, inflater, packets_of
 from nvsdata.formats.aedat4_samples import LONG, frame_of, inertial_of, triggers_of
 from nvsdata.formats.aedat4_writer import SOURCE, write
-from nvsdata.formats.contents import Contents
+from nvsdata.formats.contents import MOST_HEADER, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.flatbuffer import Table
+from nvsdata.formats.inflation import Allowance, most_bytes
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import stated_time
@@ -41,6 +42,7 @@ class Aedat4Recording(FileRecording):
 
     format = "aedat4"
     holds_triggers = True
+    _restored = False  # whether the packets are those of an index that was kept
     _ends_checked = False  # whether the first and the last packet hold what the table says
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
@@ -52,6 +54,8 @@ class Aedat4Recording(FileRecording):
             self._first = begin + 4 + length
             if self._first > self._contents.size:
                 raise FormatError(path, f"truncated: a header of {length} bytes", offset=begin)
+            if length > MOST_HEADER:
+                raise FormatError(path, f"a header of {length} bytes, more than {MOST_HEADER}", offset=begin)
             header = Table.root(self._contents.read(begin + 4, self._first).data, 0, b"IOHE")
             self._inflate = inflater(path, header.number(0, "<i", 0))
             end = header.number(1, "<q", -1)
@@ -110,12 +114,13 @@ class Aedat4Recording(FileRecording):
         if not self.strict or stamp is None or stamp[0] < kept_index.LEAST:
             return None
         about: dict[str, object] = {"format": self.format, "stamp": stamp, "ends": "in order"}
-        kept = (kept_index.restore(self.path, about) or {}).get("packets")
-        if kept is not None and kept.dtype == np.int64 and kept.ndim == 2 and len(kept) == len(Packets._fields):
+        kept = (kept_index.restore(self.path, about, stamp[0]) or {}).get("packets")
+        if kept is not None and self._fits(kept):
+            self._restored = True
             return Packets(*kept)
-        rows = []
+        rows, left = [], self._allowance
         for at, packet in self._packets("EVTS"):
-            t = self._content(at, packet, _events_of)["t"]
+            t = self._content(at, packet, _events_of, left)["t"]
             if t.size:
                 # of one that isn't in order, the other way round: then the index says that none is to be relied on
                 ends = (t[0], t[-1]) if is_sorted(t.astype(np.int64)) else (1, 0)
@@ -124,13 +129,34 @@ class Aedat4Recording(FileRecording):
         kept_index.keep(self.path, about, max(stamp[1:3]), {"packets": packets})
         return Packets(*packets)
 
+    def _fits(self, kept: np.ndarray) -> bool:
+        """Whether a kept index can be one of this file, of which some packets are compared with it."""
+        if kept.dtype != np.int64 or kept.ndim != 2 or len(kept) != len(Packets._fields):
+            return False
+        packets = Packets(*kept)
+        edges = np.stack((packets.at - HEADER, packets.at + packets.size), 1).ravel()
+        inside = not edges.size or (edges[0] >= self._first and edges[-1] <= self._end and is_sorted(edges))
+        if not (inside and (packets.size > 0).all() and (packets.elements > 0).all()):
+            return False
+        some_packets, left = packets.take(kept_index.some_of(packets.at.size)), self._allowance
+        try:
+            heads = [self._contents.read(at - HEADER, at).view("<i4").tolist() for at in some_packets.at.tolist()]
+            if heads != np.stack((some_packets.stream, some_packets.size), 1).tolist():
+                return False
+            parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(some_packets)]
+        except FormatError:
+            return False
+        # of packets that aren't in order, the index has no times
+        return self._agree(some_packets, parts) or not packets.ordered
+
     @cached_property
     def _told(self) -> Packets | None:
         """The packets of all streams by that table; None if there is none that tells what lies where."""
         if not self.strict or self._end == self._contents.size:
             return None
         try:
-            table = self._inflate(self._contents.read(self._end, self._contents.size).data)
+            packed = self._contents.read(self._end, self._contents.size)
+            table = self._inflate(packed.data, most_bytes(packed.size))
             found = packets_of(memoryview(table), self._first, self._end)
         except Exception:  # lz4 and zstandard raise their own errors
             return None
@@ -168,11 +194,11 @@ class Aedat4Recording(FileRecording):
         If not strict, damaged ones are left out, and so is what follows once packets can't be told apart; but if `some`
         must be there and none is, the first error is raised.
         """
-        count, damaged, first = 0, 0, None
+        count, damaged, first, left = 0, 0, None, self._allowance
         try:
             for at, packet in packets:
                 try:
-                    found = self._content(at, packet, read)
+                    found = self._content(at, packet, read, left)
                 except FormatError as error:
                     if self.strict:
                         raise
@@ -212,9 +238,11 @@ class Aedat4Recording(FileRecording):
         # neighbors, too, to see that the window doesn't reach into them
         lo, hi = max(lo - 1, 0), min(max(lo, hi) + 1, packets.at.size)
         touched = packets.take(slice(lo, hi))
-        parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(touched)]
+        left = self._allowance
+        parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(touched)]
         columns = self._columns(parts, int(packets.elements[:lo].sum()))
-        if not (is_sorted(columns.t) and self._agree(touched, parts)):
+        whole = not self._restored or self._leaves_none_out(touched, lo == 0, hi == packets.at.size)
+        if not (is_sorted(columns.t) and self._agree(touched, parts) and whole):
             self._listed["EVTS"] = None
             return None
         a, b = columns.t.searchsorted(start), columns.t.searchsorted(stop)
@@ -228,11 +256,30 @@ class Aedat4Recording(FileRecording):
             return 0, 0
         if not self._ends_checked:
             ends = packets.take(np.array([0, -1]))
-            parts = [self._content(at, packet, _events_of) for at, packet in self._chosen(ends)]
+            left = self._allowance
+            parts = [self._content(at, packet, _events_of, left) for at, packet in self._chosen(ends)]
             if not self._agree(ends, parts):
                 return None
             self._ends_checked = True
         return int(packets.start[0]), int(packets.end[-1])
+
+    def _leaves_none_out(self, packets: Packets, first: bool, last: bool) -> bool:
+        """Whether no packet of events lies between those of a kept index, before the `first` and behind the `last`."""
+        begins, ends = (packets.at - HEADER).tolist(), (packets.at + packets.size).tolist()
+        begins, ends = begins[not first :] + [self._end] * last, [self._first] * first + ends[: len(ends) - (not last)]
+        left = self._allowance
+        for at, stop in zip(ends, begins, strict=True):
+            while at < stop:
+                stream, size = self._contents.read(at, at + HEADER).view("<i4").tolist()
+                if size < 0:
+                    return False
+                if stream == self._streams["EVTS"][0]:
+                    packet = self._contents.read(at + HEADER, at + HEADER + size).data
+                    # one without events isn't in the index
+                    if self._content(at, packet, _events_of, left).size:
+                        return False
+                at += HEADER + size
+        return True
 
     def _agree(self, packets: Packets, parts: list[np.ndarray]) -> bool:
         """Whether packets hold what the table says."""
@@ -249,10 +296,22 @@ class Aedat4Recording(FileRecording):
         self._repair("events at or beyond 2^62 µs, dropped", int(np.count_nonzero(late)))
         return events[~late]
 
-    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], What]) -> What:
-        """What `read` finds in a packet; FormatError if it is damaged."""
+    @property
+    def _allowance(self) -> Allowance:
+        """How far packets may inflate that are read together."""
+        return Allowance(self._contents.size)
+
+    def _content(self, at: int, packet: memoryview, read: Callable[[memoryview], What], left: Allowance) -> What:
+        """What `read` finds in a packet; FormatError if it is damaged, or inflates further than is `left`."""
+        most = left.of(len(packet))
         try:
-            return read(memoryview(self._inflate(packet)))
+            inflated = self._inflate(packet, most)
+            left.take(len(inflated))
+            return read(memoryview(inflated))
+        except OverflowError as error:
+            # not again for each such packet
+            left.take(most)
+            raise FormatError(self.path, f"{error}, too far: {left.reason}", offset=at) from error
         except Exception as error:  # lz4 and zstandard raise their own errors
             raise self._fault(at, error) from error
 

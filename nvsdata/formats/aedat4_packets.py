@@ -15,7 +15,6 @@ PACKET = "<ii"  # stream and size, before each packet's content
 HEADER = 8  # bytes of these
 EVENT = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("on", "u1"), ("unused", "V3")])
 LZ4, ZSTD = (1, 2), (3, 4)
-MAX_INFLATED = 1 << 30  # bytes that a packet may inflate to
 
 
 class Packets(NamedTuple):
@@ -64,17 +63,20 @@ def packets_of(data: memoryview, first: int, end: int) -> Packets:
     return Packets(stream, at, size, elements, start, stop)
 
 
-def inflater(path: str, compression: int) -> Callable[[memoryview], bytes]:
-    """What inflates a packet. ImportError if its package is missing, ValueError for an unknown compression."""
+def inflater(path: str, compression: int) -> Callable[[memoryview, int], bytes]:
+    """What inflates a packet to a number of bytes at most; beyond that, it raises OverflowError.
+
+    ImportError if its package is missing, ValueError for an unknown compression.
+    """
     if compression in LZ4:
         lz4 = _package("lz4.frame", f"{path}: ")
-        return lambda packet: _unlz4(lz4, packet)
+        return lambda packet, most: _unlz4(lz4, packet, most)
     if compression in ZSTD:
         zstandard = _package("zstandard", f"{path}: ")
-        return lambda packet: _unzstd(zstandard, packet)
+        return lambda packet, most: _unzstd(zstandard, packet, most)
     if compression:
         raise ValueError(f"unknown compression {compression}")
-    return bytes
+    return lambda packet, _: bytes(packet)
 
 
 def deflater() -> Callable[[bytes], bytes]:
@@ -91,17 +93,25 @@ def _package(name: str, where: str = "") -> Any:
         raise ImportError(reason) from error
 
 
-def _unlz4(lz4: Any, packet: memoryview) -> bytes:
+def _unlz4(lz4: Any, packet: memoryview, most: int) -> bytes:
     decompressor = lz4.LZ4FrameDecompressor()
-    inflated: bytes = decompressor.decompress(packet, max_length=MAX_INFLATED)
-    if not decompressor.eof:
-        raise ValueError(f"a packet that is cut short, or inflates to more than {MAX_INFLATED} bytes")
-    return inflated
+    inflated: bytes = decompressor.decompress(packet, max_length=most)
+    if decompressor.eof:
+        return inflated
+    if len(inflated) < most:
+        raise ValueError("a packet that is cut short")
+    raise OverflowError(f"a packet that inflates to more than {most} bytes")
 
 
-def _unzstd(zstandard: Any, packet: memoryview) -> bytes:
+def _unzstd(zstandard: Any, packet: memoryview, most: int) -> bytes:
     size = zstandard.get_frame_parameters(packet).content_size
-    if MAX_INFLATED < size < (1 << 64) - 2:  # the two largest values mean that it isn't known
-        raise ValueError(f"a packet that inflates to {size} bytes")
-    inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=MAX_INFLATED)
-    return inflated
+    if most < size < (1 << 64) - 2:  # the two largest values mean that it isn't known
+        raise OverflowError(f"a packet that inflates to {size} bytes")
+    try:
+        inflated: bytes = zstandard.ZstdDecompressor().decompress(packet, max_output_size=most)
+        return inflated
+    except zstandard.ZstdError:
+        # of unknown size, damaged, or too long
+        if len(zstandard.ZstdDecompressor().stream_reader(packet).read(most + 1)) > most:
+            raise OverflowError(f"a packet that inflates to more than {most} bytes") from None
+        raise

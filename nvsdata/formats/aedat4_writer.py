@@ -21,12 +21,12 @@ MOST = 8192  # events in a packet
 SOURCE = "nvsdata"  # where a file names the camera
 LONGEST = 64  # bytes of a camera's name
 ROOM = 3072  # bytes for the description of streams
-# a row of the table: where its layout is described, then its fields
+# a row of the table: where its layout is described, a gap (memory that isn't set would get into the file), its fields
 ROW = np.dtype(
     {
-        "names": ["way", "at", "stream", "size", "count", "first", "last"],
-        "formats": ["<i4", "<i8", "<i4", "<i4", "<i8", "<i8", "<i8"],
-        "offsets": [0, 8, 16, 20, 24, 32, 40],
+        "names": ["way", "gap", "at", "stream", "size", "count", "first", "last"],
+        "formats": ["<i4", "<i4", "<i8", "<i4", "<i4", "<i8", "<i8", "<i8"],
+        "offsets": [0, 4, 8, 16, 20, 24, 32, 40],
     }
 )
 LAYOUT = layout_of(ROW.itemsize, (8, 16, 24, 32, 40))
@@ -65,7 +65,7 @@ def write(pieces: Pieces, path: Path) -> None:
 
     def header(pieces: Pieces) -> bytes:
         # which streams there are, and the camera's name, is known when all pieces have passed
-        seen = {EVENTS, *(stream for _, _, stream, *_ in rows)}
+        seen = {EVENTS, *(stream for _, _, _, stream, *_ in rows)}
         camera = re.sub(r"[^ -~]|[<>&]", "?", str(about.get("camera", SOURCE)))
         return _header(_xml(pieces, seen, camera[:LONGEST]).ljust(ROOM), end)
 
@@ -74,7 +74,7 @@ def write(pieces: Pieces, path: Path) -> None:
             for stream, content, times in _packets(piece):
                 packed = compress(content)
                 file.write(struct.pack(PACKET, stream, len(packed)))
-                rows.append((0, file.tell(), stream, len(packed), len(times), times[0], times[-1]))
+                rows.append((0, 0, file.tell(), stream, len(packed), len(times), times[0], times[-1]))
                 file.write(packed)
             about.update(piece.about if isinstance(piece, Piece) else {})
         end = file.tell()

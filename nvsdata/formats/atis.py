@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.data.events import Columns
+from nvsdata.data.events import Columns, check_sensor_size
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.records import Blocks, PiecedFile
+from nvsdata.formats.indexed import Entry, IndexedFile
+from nvsdata.formats.records import Blocks
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
 from nvsdata.kernels.decode import (
@@ -23,8 +24,11 @@ from nvsdata.kernels.decode import (
     ATIS_OVERFLOW_Y,
     BOTTOM,
     DAMAGE,
+    DAMAGED,
     FALLS,
     MARKERS,
+    OVERFLOW,
+    RECORDS,
     RIGHT,
     atis_decode,
     atis_encode,
@@ -35,13 +39,12 @@ SHORT = 32  # blocks; up to this size, a file is decoded as a whole
 MAX_WRITTEN_US = 1 << 33  # a million overflow records; beyond that the format is the wrong one
 
 
-class AtisRecording(PiecedFile):
+class AtisRecording(IndexedFile):
     """An ATIS `.bin` file. It states no sensor size: the default is the smallest that holds its events."""
 
     format = "atis"
     record_size = 5
     block = 256
-    keeps_index = True
     _extent = (1, 1)  # of its events, as a walk found it
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
@@ -84,13 +87,26 @@ class AtisRecording(PiecedFile):
         self._size = self._size or self._extent
         return Blocks(times, offsets, not walk[FALLS], (int(walk[ATIS_FIRST]), int(walk[ATIS_LAST])))
 
+    def _entry(self, blocks: Blocks, block: int) -> Entry:
+        before = max(block - 1, 0)
+        walk, times, offsets = np.array(ATIS_BEGUN), np.empty(2, np.int64), np.empty((2, 1), np.int64)
+        walk[OVERFLOW], walk[ATIS_LAST] = blocks.states[before, 0], blocks.times[before]
+        for raw in self._pieces(before * self.block, min((block + 1) * self.block, self.records)):
+            atis_walk(raw, self.block, walk, times, offsets)
+        if walk[RIGHT] > self._extent[0] or walk[BOTTOM] > self._extent[1]:
+            raise ValueError("events outside the extent of an index")
+        some = walk[RECORDS] > walk[MARKERS] + walk[DAMAGED]
+        first, last = (int(walk[which]) if some else None for which in (ATIS_FIRST, ATIS_LAST))
+        return Entry(int(times[block - before]), offsets[block - before].tolist(), first, last)
+
     def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
         return {**super()._to_keep(blocks), "extent": np.array(self._extent)}
 
     def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
-        width, height = kept["extent"].tolist()
-        self._size = self._size or (width, height)
-        return super()._restored(kept)
+        self._extent = check_sensor_size(kept["extent"].tolist())
+        blocks = super()._restored(kept)
+        self._size = self._size or self._extent
+        return blocks
 
     def _state(self, record: int) -> np.ndarray:
         overflow = int(self.blocks.states[record // self.block, 0]) if record else 0

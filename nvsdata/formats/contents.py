@@ -16,6 +16,7 @@ from nvsdata.kernels.reading import read_samples
 PIECE = 1 << 20  # bytes that are read and decoded at a time
 _ROOMS: list[np.ndarray] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
 HEAD = 1 << 16  # bytes that are read to recognize the format; fewer mean that it is the whole file
+MOST_HEADER = 1 << 22  # bytes of lines at the start; jAER writes some 100 kB of them
 LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends with such a line, whatever follows
 # an AEDAT record may begin with the mark by chance; Prophesee's rarely do, but their headers may be non-ASCII
 _PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
@@ -113,14 +114,22 @@ class Contents:
         return out
 
     def header(self, mark: bytes) -> tuple[list[str], int]:
-        """The lines at the start that begin with `mark` and are printable, and the byte after them."""
+        """The lines at the start that begin with `mark` and are printable, and the byte after them.
+
+        FormatError if they take much more than `MOST_HEADER` bytes, or if the file ends within one.
+        """
         lines, end, torn = header_lines(self.head, mark)
         size = len(self.head)
         while torn and size < self.size:
+            if size >= MOST_HEADER:
+                raise FormatError(self.path, f"a header of more than {MOST_HEADER} bytes", offset=0)
             # jAER puts its preferences into the header, which can then be longer than `head`
             begin, size = end, min(4 * size, self.size)
             more, end, torn = header_lines(self.read(begin, size).tobytes(), mark)
             lines, end = lines + more, begin + end
+        if torn and end < self.size:
+            # the text of half a line would be taken for events
+            raise FormatError(self.path, "cut off within a line of its header", offset=end)
         return lines, end
 
 

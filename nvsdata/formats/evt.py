@@ -17,7 +17,8 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_window
 from nvsdata.data.samples import Triggers
 from nvsdata.formats.contents import Contents
-from nvsdata.formats.records import Blocks, PiecedFile, stated_size
+from nvsdata.formats.indexed import Entry, IndexedFile
+from nvsdata.formats.records import Blocks, stated_size
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.clock import BACK_US, SILENT_US, kept_words
 from nvsdata.kernels.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, UNSEEN
@@ -26,7 +27,7 @@ from nvsdata.kernels.order import is_sorted
 MAX_ADDRESS = 0x7FF
 
 
-class EvtRecording(PiecedFile):
+class EvtRecording(IndexedFile):
     """A file of words of one type and size. Events before the first time word are left out, because they have no time.
 
     A subclass must define `record_size` and
@@ -38,7 +39,6 @@ class EvtRecording(PiecedFile):
     """
 
     block = 4096
-    keeps_index = True
     holds_triggers = True
     low_bits: ClassVar[int]
     high_bits: ClassVar[int]
@@ -52,10 +52,6 @@ class EvtRecording(PiecedFile):
     def _heads(self, raw: np.ndarray) -> np.ndarray:
         """The words of a piece that have a type."""
         return raw
-
-    def _count(self, raw: np.ndarray) -> int:
-        """The largest number of events that a piece can hold."""
-        return raw.size // self.record_size
 
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
         """The bytes of a piece in the order that kernels take."""
@@ -76,6 +72,8 @@ class EvtRecording(PiecedFile):
         walk = self._walk()
         if walk[0][JUMP] >= 0:
             strays = self._strays()
+            if not strays.size:
+                raise FormatError(self.path, "was changed while it was read: open it again")
             if self.strict:
                 reason = "a time that no camera writes: the word is damaged, or the clock was set back"
                 raise FormatError(self.path, reason, offset=self._byte(int(strays[0])))
@@ -92,6 +90,17 @@ class EvtRecording(PiecedFile):
         for raw in self._pieces(0, self.records):
             type(self).walk(raw, self.block, state, seen, states, times)
         return seen, states, times
+
+    def _entry(self, blocks: Blocks, block: int) -> Entry:
+        before = max(block - 1, 0)
+        state, seen = self._parts(self._begun())
+        if before:
+            state[:], seen[LAST] = blocks.states[before], blocks.times[before]
+        states, times = np.empty((2, state.size), np.int64), np.empty(2, np.int64)
+        for raw in self._pieces(before * self.block, min((block + 1) * self.block, self.records)):
+            type(self).walk(raw, self.block, state, seen, states, times)
+        first, last = (int(seen[which]) if seen[which] >= 0 else None for which in (FIRST, LAST))
+        return Entry(int(times[block - before]), states[block - before].tolist(), first, last)
 
     def _strays(self) -> np.ndarray:
         """Indices of the time words that no camera wrote."""
@@ -132,11 +141,6 @@ class EvtRecording(PiecedFile):
         """The kernels' state, and what they have seen."""
         return state[: self.state_size], state[self.state_size :]
 
-    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
-        others = self._pieces(lo + first.size // self.record_size, hi)
-        # one more, because words that are no events are written, too, and then written over
-        return self._count(first) + sum(map(self._count, others)) + 1
-
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         width, height = self._size or (0, 0)
         count, bad = type(self).decode_words(raw, width, height, *self._parts(state), kept, *columns)
@@ -160,6 +164,12 @@ class EvtRecording(PiecedFile):
         state = self._begun()
         parts = [Triggers(*type(self).find_triggers(self._heads(raw), state)) for raw in self._pieces(0, self.records)]
         return Triggers.joined(parts).window(start, stop)
+
+
+def extrapolated(most: int, done: int, total: int) -> int:
+    """The room to make for the events of `total` words if the first `done` hold at most `most`."""
+    # with an eighth to spare, because more room later costs a copy; but the rest may be sparser than the beginning
+    return min(most * total // done * 9 // 8, 2 * most + 4 * (total - done)) if done < total else most
 
 
 def _stated_size(text: str) -> tuple[str, str] | None:

@@ -24,9 +24,6 @@ class Evt2Recording(EvtRecording):
     def _heads(self, raw: np.ndarray) -> np.ndarray:
         return raw.view(np.uint32)
 
-    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
-        return hi - lo
-
 
 def write(pieces: Pieces, path: Path) -> None:
     """Write EVT2. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^51 µs."""

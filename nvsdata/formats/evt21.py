@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.formats.evt import EvtRecording, names_encoding, write_words
+from nvsdata.formats.evt import EvtRecording, extrapolated, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
 from nvsdata.kernels.evt2 import EVT2_TIME, evt2_highs, evt2_triggers
@@ -52,8 +52,11 @@ class Evt21Recording(EvtRecording):
     def _heads(self, raw: np.ndarray) -> np.ndarray:
         return raw.view(np.uint32)[::2]
 
-    def _count(self, raw: np.ndarray) -> int:
+    def _most(self, raw: np.ndarray) -> int:
         return int(evt21_count(raw))
+
+    def _room(self, most: int, done: int, total: int) -> int:
+        return extrapolated(most, done, total)
 
 
 def write(pieces: Pieces, path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.formats.evt import EvtRecording, names_encoding, write_words
+from nvsdata.formats.evt import EvtRecording, extrapolated, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
 from nvsdata.kernels.evt3 import evt3_count, evt3_decode, evt3_encode, evt3_highs, evt3_triggers, evt3_walk
@@ -22,8 +22,12 @@ class Evt3Recording(EvtRecording):
     walk, decode_words = evt3_walk, evt3_decode
     highs, find_triggers = evt3_highs, evt3_triggers
 
-    def _count(self, raw: np.ndarray) -> int:
-        return int(evt3_count(raw))
+    def _most(self, raw: np.ndarray) -> int:
+        # one more, because words that are no events are written, too, and then written over
+        return int(evt3_count(raw)) + 1
+
+    def _room(self, most: int, done: int, total: int) -> int:
+        return extrapolated(most, done, total)
 
 
 def write(pieces: Pieces, path: Path) -> None:

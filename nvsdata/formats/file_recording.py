@@ -23,6 +23,7 @@ from nvsdata.data.events import (
 )
 from nvsdata.data.pieces import in_pieces, in_windows
 from nvsdata.data.recording import Recording, anomalies_of
+from nvsdata.kernels.order import is_sorted
 
 LONG, PART = 1 << 26, 1 << 24  # bytes of files that are handed out in parts, and of a part, if they were equal
 
@@ -104,10 +105,13 @@ class FileRecording(Recording):
         if start is None and stop is None:
             return self._all()
         if self._whole is None:
+            known = self._size is not None
             columns = self.decode_window(EVER[0] if start is None else start, EVER[1] if stop is None else stop)
-            if columns is not None:
-                bounds = bounds_of(start, stop, self._begins, self._ends)
-                return Events.trusted(self._sound(columns), self.sensor_size, *bounds)
+            # if the file was changed since its index was made, a window may be anything
+            if columns is not None and is_sorted(columns.t):
+                columns, size = self._sound(columns), self.sensor_size
+                columns = columns if known else Columns(*self._inside(columns))
+                return Events.trusted(columns, size, *bounds_of(start, stop, self._begins, self._ends))
             self._whole = self._all()
         return self._whole.window(start, stop)
 

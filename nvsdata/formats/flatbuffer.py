@@ -60,7 +60,8 @@ class Rows:
 
     def __init__(self, data: memoryview, first: int, count: int) -> None:
         self.data = np.frombuffer(data, np.uint8)
-        if first + 4 * count > self.data.size:
+        # each has four bytes in the vector and four of its own: if several were the same, they would take more memory
+        if first + 8 * count > self.data.size:
             raise ValueError(f"{count} tables in {self.data.size} bytes")
         slots = first + 4 * np.arange(count)
         self.at = slots + self._read("<u4", slots)
@@ -70,7 +71,9 @@ class Rows:
         size = np.dtype(kind).itemsize
         if places.size and not 0 <= places.min() <= places.max() <= self.data.size - size:
             raise ValueError("an offset that leads out of the buffer")
-        found: np.ndarray = self.data[places[:, None] + np.arange(size)].view(kind)[:, 0]
+        # the number at each byte
+        numbers = np.ndarray((max(self.data.size - size + 1, 0),), kind, self.data, 0, (1,))
+        found: np.ndarray = numbers[places]
         return found
 
     def column(self, field: int, kind: str, inside: int = 0) -> np.ndarray:

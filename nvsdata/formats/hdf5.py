@@ -22,7 +22,7 @@ window is read.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -33,10 +33,20 @@ from nvsdata.data.events import LATEST, Columns
 from nvsdata.data.samples import Frame, Inertial
 from nvsdata.formats.columns import polarity
 from nvsdata.formats.file_recording import FileRecording
+from nvsdata.formats.hdf5_chunks import values_of
 from nvsdata.formats.hdf5_columns import Column, Source, Stored, column_of, narrowed, rises
-from nvsdata.formats.hdf5_file import attribute, check_version, dataset_of, found_in, number_of, opened, text_of
+from nvsdata.formats.hdf5_file import (
+    attribute,
+    check_version,
+    dataset_of,
+    found_in,
+    number_of,
+    opened,
+    text_of,
+)
 from nvsdata.formats.hdf5_samples import about_in, frame_times_in, frames_in, inertial_in
 from nvsdata.formats.hdf5_writer import NAME, VERSION, write
+from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
@@ -98,10 +108,11 @@ class Hdf5Recording(FileRecording):
             raise FormatError(self.path, "HDF5 without /events/{t,x,y,p}, /{t,x,y,p} or /CD/events")
         if found_in(self.path, file.id, "t_offset") is not None:
             self._offset = self._stated_offset(file)
-        return {name: column_of(self._file, f"{home}/{name}".lstrip("/"), found[name]) for name in TYPES}
+        left = Allowance(self._file.size)
+        return {name: column_of(self._file, f"{home}/{name}".lstrip("/"), found[name], left) for name in TYPES}
 
     def _stated_offset(self, file: Any) -> int:
-        value = np.asarray(dataset_of(self.path, file, "t_offset")[()])
+        value = values_of(self.path, dataset_of(self.path, file, "t_offset"))
         if value.size == 1 and value.dtype.kind in "iuf" and abs(value.item()) < LATEST:
             return int(value.item())
         raise FormatError(self.path, f"/t_offset is {value}, not a time in µs below 2^62")
@@ -175,18 +186,22 @@ class Hdf5Recording(FileRecording):
         with Source(self._file) as source:
             return self._edges(source) if self._in_order(source) else None
 
+    def _datasets(self, file: Any) -> Callable[[str], Any]:
+        """What gives the datasets of an open file by name, as long as they don't inflate too far all together."""
+        return partial(dataset_of, self.path, file, left=Allowance(self._file.size))
+
     def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
         with opened(self.path, "damaged /frames") as file:
-            yield from frames_in(self.path, file, partial(dataset_of, self.path, file), start, stop)
+            yield from frames_in(self.path, file, self._datasets(file), start, stop)
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
         with opened(self.path, "damaged /inertial") as file:
-            return inertial_in(self.path, file, partial(dataset_of, self.path, file), start, stop)
+            return inertial_in(self.path, file, self._datasets(file), start, stop)
 
     @property
     def about(self) -> dict[str, Any]:
         with opened(self.path, "damaged HDF5") as file:
-            times = frame_times_in(self.path, file, partial(dataset_of, self.path, file))
+            times = frame_times_in(self.path, file, self._datasets(file))
             return about_in(partial(text_of, file), partial(attribute, file)) | times
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from functools import cache, partial
+from functools import cache
 from types import TracebackType
 from typing import Any
 
@@ -13,7 +13,9 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
+from nvsdata.formats.hdf5_chunks import Chunks
 from nvsdata.formats.hdf5_file import check_stored, dataset_of, opened, places_of
+from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import OnDisk, OpenFile
 from nvsdata.kernels.order import is_sorted
 
@@ -25,7 +27,7 @@ BISECTED = 512  # this many values or fewer are read instead of bisected further
 class Source(OpenFile):
     """A file, open while a block reads its columns; the HDF5 library opens it only for columns that it must decode."""
 
-    __slots__ = ("_dataset", "_library")
+    __slots__ = ("_chunks", "_library")
 
     def __enter__(self) -> Source:
         super().__enter__()
@@ -37,13 +39,14 @@ class Source(OpenFile):
         if self._library is not None:
             self._library.__exit__(kind, error, tb)
 
-    def dataset(self, name: str) -> Any:
-        """A dataset, as h5py's object."""
+    def chunks(self, name: str) -> Chunks:
+        """A dataset's values, which the HDF5 library or this process decodes."""
         if self._library is None:
             self._library = opened(self.file.path, "can't read the events")
-            # an open dataset caches the chunks that it has decompressed
-            self._dataset = cache(partial(dataset_of, self.file.path, self._library.__enter__()))
-        return self._dataset(name)
+            file = self._library.__enter__()
+            # one object per dataset, because it keeps the chunk that it has decompressed
+            self._chunks = cache(lambda name: Chunks(self.file.path, dataset_of(self.file.path, file, name)))
+        return self._chunks(name)
 
 
 class Column(ABC):
@@ -99,17 +102,22 @@ class Stored(Column):
         self._field = field
 
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
-        rows = source.dataset(self.name)[lo : max(lo, hi)]
+        rows = source.chunks(self.name).read(lo, max(lo, hi))
         values = np.asarray(rows if self._field is None else rows[self._field])
+        if values.shape != (max(hi - lo, 0),) or values.dtype.kind not in "iub":
+            raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
         values = values.astype(np.uint8) if values.dtype.kind == "b" else values
         return values.astype(kind, copy=False) if kind is not None and np.can_cast(values.dtype, kind) else values
 
 
-def column_of(file: OnDisk, name: str, dataset: Any) -> Column:
-    """The column of an object of h5py's low-level API; FormatError if it is not a column of integers."""
+def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
+    """The column of an object of h5py's low-level API; FormatError if it is not a column of integers.
+
+    `left`: how far it may inflate together with others.
+    """
     if not isinstance(dataset, h5py.h5d.DatasetID):
         raise FormatError(file.path, f"/{name} is not a dataset")
-    layout, shape = check_stored(file.path, dataset)
+    layout, shape = check_stored(file.path, dataset, left)
     kind = dataset.dtype
     if len(shape) != 1 or kind.kind not in "iub":
         raise FormatError(file.path, f"/{name} is not a column of integers")

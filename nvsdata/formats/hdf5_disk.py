@@ -2,7 +2,7 @@
 
 The HDF5 library notices a full disk too late: h5py only prints errors that occur while a file is closed, and the
 process may crash. So the library writes through `_Disk`, which never fails: after an error of the disk it keeps in
-memory whatever the library still writes, until `check` raises the error.
+memory whatever the library still writes, until `check` raises the error. For the same reason no signal ends it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+
+from nvsdata.common.signals import never_within
 
 # the newer layout has checksums, and texts of fixed length need no heap: the library hangs on some damaged heaps
 _LAYOUT: dict[str, Any] = {"libver": ("v110", "latest")}
@@ -27,7 +29,7 @@ def created(path: Path) -> Iterator[tuple[Any, _Disk]]:
     writing.
     """
     with _Disk(path) as disk:
-        with h5py.File(disk, "w", **_LAYOUT) as file:
+        with never_within(_CALLED_BY_LIBRARY), h5py.File(disk, "w", **_LAYOUT) as file:
             yield file, disk
         disk.check()
 
@@ -109,3 +111,6 @@ class _Disk(io.RawIOBase):
             except OSError as error:
                 self._error = self._error or error
         super().close()
+
+
+_CALLED_BY_LIBRARY = {getattr(_Disk, name).__code__ for name in ("write", "readinto", "seek", "tell", "truncate")}

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.formats.inflation import most_bytes
+from nvsdata.formats.inflation import Allowance, most_bytes
 
 FOLLOW = "NVSDATA_HDF5_LINKS"
 MOST_LINKS = 16  # soft links on the way to one object
@@ -106,12 +106,12 @@ def found_in(path: Any, place: Any, name: str) -> Any:
     return at
 
 
-def dataset_of(path: Any, file: Any, name: str) -> Any:
-    """A dataset of h5py's file; FormatError unless all its values are in that file."""
+def dataset_of(path: Any, file: Any, name: str, left: Allowance | None = None) -> Any:
+    """A dataset of h5py's file; FormatError unless all its values are in that file. `left`: as in `check_stored`."""
     found = found_in(path, file.id, name)
     if not isinstance(found, h5py.h5d.DatasetID):
         raise FormatError(path, f"/{name} is not a dataset" if found is not None else f"there is no /{name}")
-    check_stored(path, found)
+    check_stored(path, found, left)
     return h5py.Dataset(found)
 
 
@@ -121,10 +121,11 @@ def name_of(thing: Any) -> str:
     return name
 
 
-def check_stored(path: Any, dataset: Any) -> tuple[Any, tuple[int, ...]]:
+def check_stored(path: Any, dataset: Any, left: Allowance | None = None) -> tuple[Any, tuple[int, ...]]:
     """Creation properties and shape of a dataset of h5py's low-level API; FormatError if its values aren't in the file.
 
-    HDF5 itself fills in values that were never written, however many, and follows every reference to other files.
+    `left`: how far it may inflate together with others, which is subtracted. HDF5 itself fills in values that were
+    never written, however many, and follows every reference to other files.
     """
     layout = dataset.get_create_plist()
     kind = layout.get_layout()
@@ -153,6 +154,11 @@ def check_stored(path: Any, dataset: Any) -> tuple[Any, tuple[int, ...]]:
     if size * claimed > most:
         what = f"{name_of(dataset)} claims {size * claimed} bytes"
         raise FormatError(path, f"{what}; a file of {room} is taken to hold {most} at most")
+    if kind == h5py.h5d.CHUNKED and left is not None:
+        try:
+            left.take(size * claimed)
+        except ValueError as error:
+            raise FormatError(path, f"{name_of(dataset)} {error}") from None
     _check_filters(path, dataset, layout)
     return layout, shape
 

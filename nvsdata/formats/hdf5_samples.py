@@ -22,6 +22,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Frame, Inertial, Piece
+from nvsdata.formats.hdf5_chunks import Chunks, values_of
 from nvsdata.formats.hdf5_file import found_in
 
 TIMES = ("start", "exposure_start", "exposure_end", "end")
@@ -105,7 +106,7 @@ def inertial_in(path: str, file: Any, dataset: Callable[[str], Any], start: int 
     """Samples of an open file with start <= t < stop; `dataset` gives a checked dataset by its name."""
     if found_in(path, file.id, "inertial") is None:
         return Inertial.empty()
-    found = Inertial(*(np.asarray(dataset(f"inertial/{name}")[()]) for name in Inertial._fields))
+    found = Inertial(*(values_of(path, dataset(f"inertial/{name}")) for name in Inertial._fields))
     count = found.t.size
     shapes = [column.shape for column in found]
     if shapes != [(count,), (count, 3), (count, 3), (count,)] or found.t.dtype.kind not in "iu":
@@ -123,7 +124,7 @@ def frames_in(
     """
     if found_in(path, file.id, "frames") is None:
         return
-    columns = {name: np.asarray(dataset(f"frames/{name}")[()]) for name in (*TIMES, *PLACES)}
+    columns = {name: values_of(path, dataset(f"frames/{name}")) for name in (*TIMES, *PLACES)}
     pixels = dataset("frames/pixels")
     shapes = {column.shape for column in columns.values()}
     if len(shapes) != 1 or any(column.ndim != 1 or column.dtype.kind not in "iu" for column in columns.values()):
@@ -136,9 +137,11 @@ def frames_in(
     begins = columns["exposure_start"].astype(np.int64)
     wanted = np.ones(begins.size, bool) if start is None else begins >= start
     wanted &= True if stop is None else begins < stop
+    stored = Chunks(path, pixels)
     for n in np.flatnonzero(wanted):
         row = {name: int(column[n]) for name, column in columns.items()}
-        picture = pixels[int(ends[n] - sizes[n]) : int(ends[n])].reshape(row.pop("height"), row.pop("width"))
+        picture = stored.read(int(ends[n] - sizes[n]), int(ends[n]))
+        picture = picture.reshape(row.pop("height"), row.pop("width"))
         yield Frame(**row, pixels=picture)
 
 
@@ -146,7 +149,7 @@ def frame_times_in(path: str, file: Any, dataset: Callable[[str], Any]) -> dict[
     """Times of the frames that the events of an open file were emulated from, by the name of the fact."""
     if found_in(path, file.id, FRAME_TIMES) is None:
         return {}
-    times = np.asarray(dataset(FRAME_TIMES)[()])
+    times = values_of(path, dataset(FRAME_TIMES))
     if times.ndim != 1 or times.dtype.kind not in "iu":
         raise FormatError(path, f"/{FRAME_TIMES} is {times.dtype} {list(times.shape)}, not times")
     return {FRAME_TIMES: times.astype(np.int64)}

@@ -20,17 +20,10 @@ from nvsdata.data.events import Columns
 from nvsdata.formats.columns import integers, polarity
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
+from nvsdata.formats.hdf5_chunks import values_of
 from nvsdata.formats.hdf5_file import check_stored, found_in, opened
-from nvsdata.formats.inflation import most_bytes
+from nvsdata.formats.inflation import Allowance, ZlibError, decompressobj, most_bytes
 from nvsdata.formats.registry import Format
-
-try:
-    # needs three quarters of zlib's time, and inflating is most of the time to read a file
-    from isal.isal_zlib import IsalError as ZlibError
-    from isal.isal_zlib import decompressobj
-except ImportError:  # a platform for which isal has no wheel
-    from zlib import decompressobj
-    from zlib import error as ZlibError
 
 NAMES = {"t": ("ts", "t"), "x": ("x",), "y": ("y",), "p": ("pol", "p")}
 HEADER = 128
@@ -143,6 +136,7 @@ class MatlabRecording(FileRecording):
     def _v73(self) -> dict[str, np.ndarray]:
         wanted = {name for names in NAMES.values() for name in names}
         found: dict[str, np.ndarray] = {}
+        left = Allowance(self._contents.size)
         with opened(self.path, "damaged MATLAB v7.3 file") as file:
             root = h5py.h5g.open(file.id, b"/")
             # variables, and fields of structs, which are groups; names with # in front are MATLAB's own
@@ -156,9 +150,9 @@ class MatlabRecording(FileRecording):
                         continue
                     item = found_in(self.path, place, name)
                     if isinstance(item, h5py.h5d.DatasetID):
-                        check_stored(self.path, item)
+                        check_stored(self.path, item, left)
                         if item.dtype.kind in "iufb":
-                            found[name] = h5py.Dataset(item)[()]
+                            found[name] = values_of(self.path, h5py.Dataset(item))
         return found
 
 

@@ -72,7 +72,12 @@ class OpenFile:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        os.close(self.descriptor)
+        try:
+            if kind is None:
+                # written to in the meantime
+                self.file.check(os.fstat(self.descriptor))
+        finally:
+            os.close(self.descriptor)
 
     def fill(self, at: int, target: np.ndarray) -> None:
         """Fill `target`, a contiguous array, with the bytes of the file from `at` on."""

@@ -6,7 +6,7 @@ import os
 import stat
 import warnings
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.formats.contents import HEAD
@@ -21,7 +21,8 @@ def open(path: str | os.PathLike[str], *, sensor_size: tuple[int, int] | None = 
 
     - `path`: the file; its format is recognized by its content, else by its extension
     - `sensor_size`: (width, height) in pixels, in place of what the file states; by default what it states, else the
-      smallest size that holds the events
+      smallest size that holds the events. Some formats state none, such as N-MNIST's: without `sensor_size=(34, 34)`,
+      a file without events in the last row or column gets another size than the others
     - `strict`: whether damage is a FormatError; default True. Otherwise a damaged file is read as far as it makes
       sense: a torn tail is cut off and events outside the sensor are dropped, and the recording's `repairs` counts them
 
@@ -66,14 +67,17 @@ def read(
 
 def _warn_outside(recording: Recording, start: int | None, stop: int | None) -> None:
     """Warn about a window that lies before the first or after the last event."""
-    first, last = recording.span if recording.knows_span else (0, 0)
+    if recording.knows_span and (told := outside(recording, start, stop)):
+        warnings.warn(f"{told}; relative=True counts from the first", stacklevel=3)
+
+
+def outside(recording: Recording, start: int | None, stop: int | None) -> str | None:
+    """A message if a window lies before the first or after the last event of a recording; else None."""
+    first, last = recording.span
     if first < last and ((stop is not None and stop <= first) or (start is not None and start > last)):
         window = f"[{'' if start is None else start}, {'' if stop is None else stop})"
-        warnings.warn(
-            f"{recording.path}: the window {window} holds nothing, its events lie at {first} to {last} µs;"
-            " relative=True counts from the first",
-            stacklevel=3,
-        )
+        return f"{shown(recording.path)}: the window {window} holds nothing, its events lie at {first} to {last} µs"
+    return None
 
 
 def head_of(path: str) -> bytes:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_sensor_size
-from nvsdata.formats import kept_index
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.kernels.order import is_sorted
@@ -40,7 +38,6 @@ class RecordFile(FileRecording):
 
     record_size: int
     block: int  # records per entry of the index
-    keeps_index = False  # whether an index is worth keeping, because it takes a pass over the whole file
 
     def __init__(
         self, contents: Contents, sensor_size: tuple[int, int] | None, strict: bool, header_size: int = 0
@@ -81,40 +78,10 @@ class RecordFile(FileRecording):
 
     @property
     def blocks(self) -> Blocks:
-        """The index: built at its first use, or kept from an earlier one."""
+        """The index, built at its first use."""
         if self._blocks is None:
-            stamp = self.contents.stamp
-            if stamp is not None and stamp[0] >= kept_index.LEAST and self.keeps_index and self.strict:
-                self._blocks = self._kept_or_made(*stamp)
-            else:
-                self._blocks = self._index()
+            self._blocks = self._index()
         return self._blocks
-
-    def _kept_or_made(self, size: int, *stamp: int) -> Blocks:
-        """The index kept beside the file, or a new one, which is kept."""
-        about = {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
-        kept = kept_index.restore(self.path, about)
-        try:
-            if kept is not None:
-                return self._restored(kept)
-        except (KeyError, ValueError, TypeError):
-            pass  # of other arrays than ours: made anew
-        blocks = self._index()
-        kept_index.keep(self.path, about, max(stamp[:2]), self._to_keep(blocks))
-        return blocks
-
-    def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
-        """What is kept of an index."""
-        return {name: np.asarray(value) for name, value in blocks._asdict().items()}
-
-    def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
-        """The index that was kept. KeyError, ValueError or TypeError if it isn't one of this file."""
-        first, last = kept["span"].tolist()
-        times, states = kept["times"], kept["states"]
-        count = -(-self.records // self.block)
-        if times.shape != (count,) or len(states) != count or times.dtype != np.int64 or states.dtype != np.int64:
-            raise ValueError("an index of another file")
-        return Blocks(times, states, bool(kept["ordered"]), (first, last))
 
     @property
     def certainly_rises(self) -> bool:
@@ -148,9 +115,7 @@ class RecordFile(FileRecording):
         times, _, ordered, _ = self.blocks
         if ordered is False or (ordered is None and not is_sorted(times)):
             return None
-        margin = 0 if ordered else 1
-        first = max(int(times.searchsorted(start, "left")) - 1 - margin, 0)
-        last = int(times.searchsorted(stop, "left")) + margin
+        first, last = self._touched(start, stop)
         lo, hi = first * self.block, min(last * self.block, self.records)
         columns = self._between(lo, max(lo, hi))
         t = columns.t
@@ -158,6 +123,13 @@ class RecordFile(FileRecording):
             return None
         a, b = t.searchsorted(start, "left"), t.searchsorted(stop, "left")
         return columns.take(slice(a, b))
+
+    def _touched(self, start: int, stop: int) -> tuple[int, int]:
+        """The first block that a window touches, and the one after the last."""
+        times, _, ordered, _ = self.blocks
+        margin = 0 if ordered else 1
+        first = int(times.searchsorted(start, "left")) - 1 - margin
+        return max(first, 0), int(times.searchsorted(stop, "left")) + margin
 
 
 class PiecedFile(RecordFile):
@@ -177,9 +149,13 @@ class PiecedFile(RecordFile):
     def _check(self, state: np.ndarray) -> None:
         """FormatError if `state` shows damage; called after each piece if `strict`."""
 
-    def _room(self, lo: int, hi: int, first: np.ndarray) -> int:
-        """The largest number of events that records lo..hi can hold; `first` are the bytes of the first of them."""
-        return hi - lo
+    def _most(self, raw: np.ndarray) -> int:
+        """The number of events, from index `kept` on, that `_piece` needs room for."""
+        return raw.size // self.record_size
+
+    def _room(self, most: int, done: int, total: int) -> int:
+        """The room for `total` records, of which the first `done` need room for `most` events; at least `most`."""
+        return total
 
     def _pieces(self, lo: int, hi: int) -> Iterator[np.ndarray]:
         """Bytes of records lo..hi, in pieces of whole blocks."""
@@ -189,11 +165,18 @@ class PiecedFile(RecordFile):
     def _run(self, lo: int, hi: int) -> tuple[Columns, np.ndarray]:
         """Events of records lo..hi, and the state after them; `lo` is the first record of a block."""
         state = self._state(lo)
-        pieces = self._pieces(lo, hi)
-        first = next(pieces, None)
-        columns = Columns.empty(0 if first is None else self._room(lo, hi, first))
+        columns: Columns | None = None
         kept, record = 0, lo
-        for raw in () if first is None else chain((first,), pieces):
+        for raw in self._pieces(lo, hi):
+            # counted on the bytes that are decoded: the file may be changed meanwhile
+            most = kept + self._most(raw)
+            if columns is None:
+                columns = Columns.empty(self._room(most, raw.size // self.record_size, hi - lo))
+            elif most > columns.t.size:
+                size = self._room(most, record - lo + raw.size // self.record_size, hi - lo)
+                # one after the other, so that only one of them is there twice
+                for name in Columns._fields:
+                    columns = columns._replace(**{name: _lengthened(getattr(columns, name), kept, size)})
             count, bad = self._piece(raw, state, kept, columns)
             if self.strict:
                 self._check(state)
@@ -203,10 +186,17 @@ class PiecedFile(RecordFile):
                     raise FormatError(self.path, reason, offset=self._byte(record + bad))
             kept += count
             record += raw.size // self.record_size
-        return columns.first(kept), state
+        return (Columns.empty(0) if columns is None else columns.first(kept)), state
 
     def _between(self, lo: int, hi: int) -> Columns:
         return self._run(lo, hi)[0]
+
+
+def _lengthened(column: np.ndarray, kept: int, size: int) -> np.ndarray:
+    """A column of `size` events that begins with the first `kept` of another one."""
+    longer = np.empty(size, column.dtype)
+    longer[:kept] = column[:kept]
+    return longer
 
 
 def stated_size(path: str, width: str | int, height: str | int) -> tuple[int, int]:

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.common.registry import Registry
 from nvsdata.data.recording import Recording
 from nvsdata.formats.writing import Pieces
@@ -166,7 +166,7 @@ def _seems(one: Format, head: bytes, size: int) -> bool:
 
 
 def _warn(one: Format, error: Exception) -> None:
-    reason = f"{type(error).__name__}: {error}"
+    reason = f"{type(error).__name__}: {shown(error)}"
     warnings.warn(f"the format {one.name!r} can't tell whether a file is one of its own: {reason}", stacklevel=5)
 
 

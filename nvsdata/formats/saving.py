@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from nvsdata.common.errors import FormatError
-from nvsdata.common.files import atomic, named
+from nvsdata.common.files import atomic
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.data.samples import without_samples
@@ -42,7 +42,7 @@ def write(
     if not how.holds_samples:
         given = map(without_samples, given)
     pieces = Pieces(given)
-    with named(path), atomic(path) as temporary:
+    with atomic(path, through_link=True) as temporary:
         assert how.write is not None, "writer_of finds those that write"
         how.write(pieces, temporary)
         _check_written(how, temporary, pieces)

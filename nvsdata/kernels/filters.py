@@ -57,10 +57,13 @@ def within_rate(t, x, y, side, interval, burst, due):
 
 
 @njit
-def in_company(t, x, y, size, window):
-    """Mask of the events up to `window` µs, at most 2^62, after one of the eight pixels around. O(N + pixels)."""
-    # a border of one pixel, so that none is outside
-    last, keep = np.full((size[1] + 2, size[0] + 2), NEVER), np.empty(t.size, np.bool_)
+def in_company(t, x, y, shape, window):
+    """Mask of the events up to `window` µs, at most 2^62, after one of the eight pixels around. O(N + pixels).
+
+    `shape` is (H + 2, W + 2): a border of one pixel, so that none is outside.
+    """
+    # filled here, which takes half the time that numpy takes
+    last, keep = np.full(shape, NEVER), np.empty(t.size, np.bool_)
     one, two = np.uint64(1), np.uint64(2)
     for i in range(np.uint64(t.size)):
         row, column = np.uint64(y[i]), np.uint64(x[i])
@@ -73,12 +76,10 @@ def in_company(t, x, y, size, window):
 
 
 @njit
-def counts(x, y, size):
-    """Number of events of each pixel: int64 [H, W]."""
-    out = np.zeros((size[1], size[0]), np.int64)
+def count_into(x, y, out):
+    """Add the number of events of each pixel to `out` [H, W]."""
     for i in range(np.uint64(x.size)):
         out[np.uint64(y[i]), np.uint64(x[i])] += 1
-    return out
 
 
 @njit

@@ -8,14 +8,13 @@ from nvsdata.kernels.compiling import njit
 
 
 @njit
-def sum_frames(x, y, p, bounds, sensor_size, factor):
-    """Polarity, +1 or -1, summed at each pixel, and its mean over cells: float32 [frames, H, W]. O(N + output).
+def sum_frames(x, y, p, bounds, sensor_size, factor, out):
+    """Put polarity, +1 or -1, summed at each pixel, and its mean over cells, into `out` [frames, H, W]. O(N + output).
 
-    Frame n has the events from `bounds[n]` to `bounds[n + 1]`.
+    Frame n has the events from `bounds[n]` to `bounds[n + 1]`; `out` float32 is 0.
     """
     width, height = sensor_size
-    columns, rows = (width + factor - 1) // factor, (height + factor - 1) // factor
-    out = np.zeros((bounds.size - 1, rows, columns), np.float32)
+    _, rows, columns = out.shape
     for n in range(bounds.size - 1):
         for i in range(np.uint64(bounds[n]), np.uint64(bounds[n + 1])):
             out[n, y[i] // factor, x[i] // factor] += np.float32(2) * p[i] - np.float32(1)
@@ -24,4 +23,3 @@ def sum_frames(x, y, p, bounds, sensor_size, factor):
                 tall = min(factor, height - r * factor)
                 for c in range(columns):
                     out[n, r, c] /= np.float32(tall * min(factor, width - c * factor))
-    return out

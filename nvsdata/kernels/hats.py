@@ -9,17 +9,15 @@ from nvsdata.kernels.surfaces import epoch_of
 
 
 @njit
-def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
-    """Local memory time surfaces, summed over the events of each cell: float64 [cells, 2, side, side], int64 [cells].
+def sum_surfaces(t, x, y, p, cell, radius, window, tau, sums, epochs, members, out, events):
+    """Add the local memory time surfaces of each cell's events to `out` float64 [cells, 2, side, side].
 
-    The second array has the cells' numbers of events. O(N side²), because each pixel keeps the sum of its events'
-    exponentials (see `kernels/surfaces.py` for epochs), which enter it when time goes on and leave it after `window`.
+    `events` int64 [cells] gets the cells' numbers of events; `sums` float64, `epochs` and `members` int64, all
+    [2, H, W], are scratch, 0, like both. O(N side²), because each pixel keeps the sum of its events' exponentials (see
+    `kernels/surfaces.py` for epochs), which enter it when time goes on and leave it after `window`.
     """
-    width, height = size
-    columns, rows, side = (width + cell - 1) // cell, (height + cell - 1) // cell, 2 * radius + 1
-    out, events = np.zeros((rows * columns, 2, side, side)), np.zeros(rows * columns, np.int64)
-    pixels = 2, height, width
-    sums, epochs, members = np.zeros(pixels), np.zeros(pixels, np.int64), np.zeros(pixels, np.int64)
+    _, height, width = sums.shape
+    columns = (width + cell - 1) // cell
     value, epoch = np.empty(t.size), np.empty(t.size, np.int64)
     entered = left = 0
     length = epoch_of(tau)
@@ -46,7 +44,6 @@ def summed_surfaces(t, x, y, p, cell, radius, window, tau, size):
                 # mostly nothing was there
                 if near[r, c]:
                     surface[r, c] += near[r, c] * _faded(epoch[i] - ages[r, c], old) * shrink
-    return out, events
 
 
 @njit(inline="always")

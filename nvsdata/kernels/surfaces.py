@@ -51,12 +51,14 @@ def epoch_of(tau):
 
 @njit
 def event_surfaces(t, x, y, p, tau, radius, grown, epochs, out):
-    """Fill `out` [N, side, side] with the surface of each event's polarity around it, itself included.
+    """Fill `out` [N, 1, side, side] with the surface of each event's polarity around it, itself included.
+
+    With `out` [N, 2, side, side], the surfaces of both polarities, ON first.
 
     `grown` float64 and `epochs` int64, both [2, H + 2 radius, W + 2 radius], are scratch, 0. O(N side²).
     """
     side = np.uint64(2 * radius + 1)
-    length = epoch_of(tau)
+    length, both = epoch_of(tau), out.shape[1] == 2
     old = np.exp(-length / tau)
     for i in range(np.uint64(t.size)):
         # from 1 on, because 0 is that of no event
@@ -66,8 +68,10 @@ def event_surfaces(t, x, y, p, tau, radius, grown, epochs, out):
         middle = np.uint64(radius)
         grown[channel, row + middle, column + middle], epochs[channel, row + middle, column + middle] = value, epoch
         shrink = 1 / value
-        for r in range(side):
-            for c in range(side):
-                age = epoch - epochs[channel, row + r, column + c]
-                factor = shrink if age == 0 else shrink * old if age == 1 else 0.0
-                out[i, r, c] = grown[channel, row + r, column + c] * factor
+        for k in range(np.uint64(out.shape[1])):
+            source = k if both else channel
+            for r in range(side):
+                for c in range(side):
+                    age = epoch - epochs[source, row + r, column + c]
+                    factor = shrink if age == 0 else shrink * old if age == 1 else 0.0
+                    out[i, k, r, c] = grown[source, row + r, column + c] * factor

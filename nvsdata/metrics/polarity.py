@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nvsdata.data.events import Events
+from nvsdata.data.events import Events, check_inside
 from nvsdata.data.frame_edges import frame_bounds
 from nvsdata.kernels.distances import spikes as gather
 from nvsdata.kernels.distances import sum_polarity
@@ -31,7 +31,7 @@ class Spikes(NamedTuple):
 
 def spikes_of_frames(events: Events, origin: int, edges: np.ndarray) -> Iterator[Spikes]:
     """Spikes of each frame; `edges` are its bounds in µs since `origin`."""
-    sums = np.zeros(events.sensor_size[::-1], np.int32)
+    sums = np.zeros(check_inside(events).sensor_size[::-1], np.int32)
     bounds = frame_bounds(events, origin, edges)
     touched = np.empty(int(np.diff(bounds).max(initial=0)), np.int64)
     for lo, hi in pairwise(bounds):

@@ -75,7 +75,7 @@ def save(
     text = json.dumps(header)
     where = _place(path)
     where.parent.mkdir(parents=True, exist_ok=True)
-    put(where, as_safetensors(state, {"nvsdata": text, "sha256": _digest(text, state)}))
+    put(where, as_safetensors(state, {"nvsdata": text, "sha256": _digest(text, state)}), through_link=True)
     return where
 
 

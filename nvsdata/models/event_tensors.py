@@ -13,6 +13,7 @@ from torch.nn import functional as F
 
 from nvsdata.common.validation import whole
 from nvsdata.data.ragged import EventBatch
+from nvsdata.kernels.inside import inside
 from nvsdata.kernels.learned import splat, splat_gradient
 
 SLOPE = 0.1  # of the leaky ReLU below 0
@@ -32,8 +33,8 @@ class EST(nn.Module):
     - `hidden`: units of the hidden layers, each at least 6 (default (30, 30), as in the authors' experiments)
 
     Takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size; gives float32
-    [B, 2 C, H, W], OFF first. ValueError for settings out of range, and for samples of several sensor sizes. There is
-    no gradient with respect to times.
+    [B, 2 C, H, W], OFF first. ValueError for settings out of range, for samples of several sensor sizes, and for events
+    outside theirs. There is no gradient with respect to times.
     """
 
     def __init__(self, bins: int = 9, hidden: Sequence[int] = (30, 30)) -> None:
@@ -130,6 +131,9 @@ class _Splat(torch.autograd.Function):
         named = (events.t, events.x, events.y, events.p, events.offsets)
         ctx.columns = tuple(column.numpy(force=True) for column in named)
         t, x, y, p, offsets = ctx.columns
+        height, width = shape[3:]
+        if not inside(t, x, y, p, width, height) or (np.diff(offsets, prepend=0, append=t.size) < 0).any():
+            raise ValueError(f"the batch has events, or offsets, outside {width}x{height} pixels and {t.size} events")
         out = np.zeros(shape, np.float32)
         splat(t, x, y, p, offsets, ctx.ends, nearby, line.detach().double().numpy(force=True), out)
         return torch.from_numpy(out).to(line.device)

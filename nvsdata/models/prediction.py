@@ -63,7 +63,8 @@ class Trained:
     def predict_proba(self, recordings: One | Iterable[One], *, windows: int = 5) -> torch.Tensor:
         """Class probabilities of a recording, [num_classes], or of N recordings, [N, num_classes].
 
-        - `recordings`: a path, `Recording` or `Events`, or several of them
+        - `recordings`: a path, `Recording` or `Events`, or several of them. A file that doesn't state its sensor is
+          opened by `nvsdata.open(path, sensor_size=...)`
         - `windows`: number of voters (default 5), at places spread evenly over the recording, whose log-probabilities
           are averaged, as at the end of a training
 

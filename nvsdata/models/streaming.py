@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from nvsdata.common.validation import whole
-from nvsdata.data.events import Columns, Events, concatenate
+from nvsdata.data.events import Columns, Events, check_inside, concatenate
 from nvsdata.data.graph import Graph
 from nvsdata.models.live_causal import LiveCausal
 from nvsdata.models.live_network import LiveNetwork, Parts
@@ -87,7 +87,7 @@ class _Follower(ABC):
     def feed(self, events: Events) -> None:
         """Take events, any number, none of them before one that was fed.
 
-        ValueError for events that fall back in time, and those of a sensor larger than the network's.
+        ValueError for events that fall back in time, those of a sensor larger than the network's, and those outside it.
         """
         width, height = self._network.sensor_size
         if events.sensor_size[0] > width or events.sensor_size[1] > height:
@@ -95,6 +95,7 @@ class _Follower(ABC):
             raise ValueError(f"events of a sensor of {given}, but the network is for {width}x{height}")
         if not len(events):
             return
+        check_inside(events)
         first, last = int(events.t[0]), int(events.t[-1])
         if self._last is None:
             self._origin = first

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nvsdata.common.errors import shown
 from nvsdata.plots.drawing import BOTH, FAINT, INK, OFF, ON
 
 if TYPE_CHECKING:
@@ -43,11 +44,16 @@ def chart(size: tuple[int, int], title: str = "", xlabel: str = "", ylabel: str 
     return figure, axes
 
 
+def words(text: str) -> str:
+    """A name as matplotlib writes it: printable, and without formulas, which dollar signs would begin."""
+    return shown(text).replace("$", r"\$")
+
+
 def dress(axes: Axes, title: str = "", xlabel: str = "", ylabel: str = "") -> None:
     """Give axes our colors and their words."""
-    axes.set_title(title, fontsize=10, color=rgb(INK), loc="left")
-    axes.set_xlabel(xlabel, fontsize=9, color=rgb(INK))
-    axes.set_ylabel(ylabel, fontsize=9, color=rgb(INK))
+    axes.set_title(words(title), fontsize=10, color=rgb(INK), loc="left")
+    axes.set_xlabel(words(xlabel), fontsize=9, color=rgb(INK))
+    axes.set_ylabel(words(ylabel), fontsize=9, color=rgb(INK))
     axes.tick_params(labelsize=8, colors=rgb(INK))
     axes.grid(color=rgb(FAINT), linewidth=0.8)
     axes.set_axisbelow(True)

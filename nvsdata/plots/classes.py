@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nvsdata.plots.axes import LINES, drawn, dress, empty
+from nvsdata.common.errors import shown
+from nvsdata.plots.axes import LINES, drawn, dress, empty, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,4 +102,5 @@ def class_bars(
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= LONGEST else name[: LONGEST - 2] + ".."
+    name = shown(name)
+    return words(name if len(name) <= LONGEST else name[: LONGEST - 2] + "..")

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nvsdata.common.files import atomic
+from nvsdata.common.files import put
 
 ON, OFF, BOTH = (60, 60, 220), (220, 120, 40), (150, 60, 150)  # BGR
 INK, FAINT = (60, 60, 60), (225, 225, 225)
@@ -50,6 +50,4 @@ def shortened(text: str, width: int, size: float = 0.45) -> str:
 
 def save(picture: np.ndarray, path: Path) -> None:
     """Write a picture, uint8 [H, W] or [H, W, 3] in BGR, as a PNG; the file appears whole or not at all."""
-    encoded = cv2.imencode(".png", picture)[1]
-    with atomic(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+    put(path, cv2.imencode(".png", picture)[1].tobytes(), through_link=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -119,7 +120,7 @@ def save_gif(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
     frames[0].save(
         buffer, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, disposal=1, optimize=False
     )
-    put(path, buffer.getvalue())
+    put(path, buffer.getvalue(), through_link=True)
 
 
 def _numbers(picture: np.ndarray) -> np.ndarray:
@@ -130,11 +131,21 @@ def _numbers(picture: np.ndarray) -> np.ndarray:
     return numbers
 
 
+def _check_film(name: str, count: int) -> None:
+    """OSError unless the film has so many pictures: OpenCV doesn't report what a disk doesn't take."""
+    film = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
+    found = int(film.get(cv2.CAP_PROP_FRAME_COUNT)) if film.isOpened() else 0
+    film.release()
+    if found != count:
+        raise OSError(errno.EIO, f"holds {found:,} of {count:,} pictures: is the disk of temporary files full?", name)
+
+
 def save_mp4(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
     """Write pictures, uint8 [H, W, 3], BGR, as an MP4 (MPEG-4 part 2); the file appears whole or not at all.
 
-    OSError if OpenCV can't encode it.
+    OSError if OpenCV can't encode it, or if the disk of temporary files is full.
     """
+    count = 0
     with tempfile.TemporaryDirectory() as folder:
         name = str(Path(folder) / "film.mp4")
         writer = None
@@ -146,6 +157,8 @@ def save_mp4(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
                 if not writer.isOpened():
                     raise OSError(f"OpenCV can't write MP4 files of {even.shape[1]}x{even.shape[0]} pixels here")
             writer.write(even)
+            count += 1
         if writer is not None:
             writer.release()
-        put(path, Path(name).read_bytes())
+            _check_film(name, count)
+        put(path, Path(name).read_bytes(), through_link=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import base64
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
+from nvsdata.common.markup import as_html
 from nvsdata.data.events import Events
 from nvsdata.plots.events import event_image, middle
 
@@ -73,13 +73,13 @@ class Shelf:
 
 def gallery(title: str, shelves: Sequence[Shelf], faults: Sequence[str] = ()) -> str:
     """An HTML page in one file: a row per class with its figures and pictures, and what couldn't be read."""
-    rows = [_row(html.escape(shelf.name), shelf) for shelf in shelves]
+    rows = [_row(as_html(shelf.name), shelf) for shelf in shelves]
     if len(shelves) > 1:
         rows.append(_row("<b>all</b>", _joined(shelves)))
     head = "".join(f"<th>{column}</th>" for column in COLUMNS)
-    listed = "".join(f"<li>{html.escape(fault)}</li>" for fault in faults)
+    listed = "".join(f"<li>{as_html(fault)}</li>" for fault in faults)
     wrong = f"<h2>Not read: {len(faults)}</h2><ul>{listed}</ul>" if faults else ""
-    name = html.escape(title)
+    name = as_html(title)
     about = "Events and seconds are medians. Pictures: ON red, OFF blue, both purple."
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{name}</title><style>{STYLE}</style></head>'
@@ -97,7 +97,7 @@ def _row(name: str, shelf: Shelf) -> str:
 def images(shelf: Shelf, style: str = "") -> str:
     """The pictures as HTML."""
     return "".join(
-        f'<img alt="{html.escape(title)}" title="{html.escape(title)}" style="{style}" '
+        f'<img alt="{as_html(title)}" title="{as_html(title)}" style="{style}" '
         f'src="data:image/png;base64,{base64.b64encode(png).decode()}">'
         for title, png in shelf.pictures
     )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
-import json
 import re
 from collections.abc import Iterable
 from importlib.resources import files
@@ -12,6 +10,7 @@ from importlib.resources import files
 import cv2
 import numpy as np
 
+from nvsdata.common.markup import as_html, as_script
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Frame
 from nvsdata.plots.films import WINDOW
@@ -52,7 +51,7 @@ def page(events: Events, title: str, frames: Iterable[Frame] = (), window: int |
     }
     about = f"{len(events):,} events, {span / 1e3:,.1f} ms, {width}x{height} pixels"
     about += f", {events.p.mean():.0%} ON" if len(events) else ""
-    filled = {"__TITLE__": html.escape(title), "__ABOUT__": about, "__DATA__": json.dumps(data)}
+    filled = {"__TITLE__": as_html(title), "__ABOUT__": about, "__DATA__": as_script(data)}
     text = files("nvsdata.plots").joinpath("viewer.html").read_text("utf-8")
     # at once, because a title may hold another's name
     return re.sub("|".join(filled), lambda found: filled[found[0]], text)

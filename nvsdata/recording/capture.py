@@ -116,14 +116,16 @@ def record(
       removed when the file is there, and stays if the file can't be written (default True)
 
     Raises CameraError if the camera can't be configured or started, or doesn't mark the reset of its clock, TypeError
-    for an object that isn't a camera, ValueError for frames in a format that holds none, FileExistsError if there is a
-    journal of that file already, and `Unfinished` if the file can't be written.
+    for an object that isn't a camera, ValueError for frames in a format that holds none, OSError if the disk has less
+    than 64 MB left, FileExistsError if there is a journal of that file already, and `Unfinished` if the file can't be
+    written.
     """
     check_camera(camera)
     report = RecordingReport(None if path is None else Path(path))
     if report.path is not None:
         check_format(report.path, settings)
         check_place(report.path)
+        check_room(report.path)
         check_finished(report.path)
     camera.configure(settings)
     before = camera.dropped()
@@ -167,6 +169,13 @@ def record(
             after = camera.dropped()
             report.dropped = None if after is None or before is None else after - before
     return report
+
+
+def check_room(path: Path) -> None:
+    """OSError if the disk of a file that is to be recorded has less room than is left free at the end."""
+    if (free := shutil.disk_usage(path.parent).free) < RESERVE:
+        told = f"the disk has {free / 1e6:,.1f} MB left, and a recording needs at least {RESERVE / 1e6:.0f} MB"
+        raise OSError(errno.ENOSPC, told, str(path))
 
 
 def check_format(path: Path, settings: Any) -> bool:

@@ -1,4 +1,4 @@
-"""What stands between a program and a camera: libusb, permission, firmware, other programs, a display."""
+"""What a recording needs, and what of it is missing: libusb, permission, firmware, other programs, a display, disk."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from nvsdata.recording.camera import CameraError
+from nvsdata.recording.capture import RESERVE
 from nvsdata.recording.davis.driver import BOARDS, UDEV, VENDOR, Davis, devices
 
 LIBUSB = {
@@ -20,21 +21,33 @@ LIBUSB = {
     "win32": "put libusb-1.0.dll into a folder of PATH (pip install libusb-package brings one)",
 }
 ZADIG = "on Windows, run Zadig, choose the camera, and give it the driver WinUSB"
+USUAL = 1e9  # bytes of disk that a minute may take
 PYGAME = "--live, --monitor and --calibrate need it: pip install 'nvsdata[monitor]'"
 
 
 class Finding(NamedTuple):
-    """What was looked at, what was found, and what to do about it (None: nothing)."""
+    """What was looked at, what was found, and what to do about it (None: nothing).
+
+    A recording such as was asked for is possible without what isn't `needed`.
+    """
 
     what: str
     found: str
     cure: str | None = None
+    needed: bool = True
+
+    @property
+    def missing(self) -> bool:
+        """Whether something must be done before a recording."""
+        return self.needed and self.cure is not None
 
 
-def examine(backend: Any = None) -> Iterator[Finding]:
+def examine(backend: Any = None, *, screen: bool = False, folder: Path | None = None) -> Iterator[Finding]:
     """Look at all that a recording needs.
 
     - `backend`: pyusb's (default: the one that pyusb finds)
+    - `screen`: whether windows or videos are to be shown (default False: what they need is optional)
+    - `folder`: where the recording is to go (default: the current folder)
     """
     try:
         connected = devices(backend)
@@ -44,11 +57,14 @@ def examine(backend: Any = None) -> Iterator[Finding]:
         yield Finding("libusb", "found")
         yield from _cameras(connected)
     if importlib.util.find_spec("pygame") is None:
-        yield Finding("pygame-ce", "isn't installed", PYGAME)
+        yield Finding("pygame-ce", "isn't installed", PYGAME, needed=screen)
     else:
         yield Finding("pygame-ce", "found")
-    free = shutil.disk_usage(".").free
-    yield Finding("disk", f"{free / 1e9:,.1f} GB are free here", None if free > 1e9 else "a minute may take a gigabyte")
+    wanted = (folder or Path()).absolute()
+    place = next(path for path in (wanted, *wanted.parents) if path.exists())
+    free = shutil.disk_usage(place).free
+    cure = "a minute may take 1 GB: free some of it, or record to another disk"
+    yield Finding("disk", f"{free / 1e9:,.1f} GB are free in {place}", None if free > USUAL else cure, free < RESERVE)
 
 
 def _cameras(connected: list[Any]) -> Iterator[Finding]:

@@ -8,6 +8,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from nvsdata.common.errors import shown
+from nvsdata.common.files import named, write_all
 from nvsdata.common.locks import OutputInUse, locked
 
 SUFFIX = ".davis"
@@ -50,9 +52,8 @@ class Journal:
 
     def _put(self, data: bytes) -> None:
         assert self._handle is not None, "the journal is closed"
-        view = memoryview(data)
-        while view:
-            view = view[os.write(self._handle, view) :]
+        with named(self.path):
+            write_all(self._handle, data)
 
     def remove(self) -> None:
         """Delete the journal, because the recording itself is whole."""
@@ -71,7 +72,7 @@ class Journal:
 def told_of(journal: Path) -> str:
     """A line that says what a journal is that was left, and what to do with it."""
     command = shlex.join(("nvsdata", "convert", str(journal), str(journal.with_suffix(""))))
-    return f"{journal} is a recording that wasn't finished: `{command}` finishes it"
+    return f"{shown(journal)} is a recording that wasn't finished: `{shown(command)}` finishes it"
 
 
 def check_finished(path: Path) -> None:

@@ -13,7 +13,8 @@ ROOM = 64 << 20  # bytes that may wait to be kept and decoded
 PIECE = 1 << 20  # bytes handed on at once, if that many wait
 GATHER = 0.03  # s to wait for more, if few bytes wait
 SILENT_END = 1.0  # s without anything at the end: a camera that sends words of its clock has stopped before
-TAIL = 0.3  # s to wait for what is still on its way after the camera was stopped
+TAIL = 0.3  # s to wait for what is still on its way when the time is up
+MOST_TAIL = 5.0  # s for which what comes after the camera was stopped is read: a busy computer reads slowly
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
 
 
@@ -143,7 +144,7 @@ class CameraReader(Thread):
             self.ended = f"the camera sent nothing for the last {now - heard:.1f} s"
 
     def _read_tail(self) -> None:
-        until, silent = time.monotonic() + TAIL, 0
+        until, silent = time.monotonic() + MOST_TAIL, 0
         while silent < 2 and time.monotonic() < until:
             block = self.camera.read(20)
             silent = 0 if block else silent + 1

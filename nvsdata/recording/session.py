@@ -11,10 +11,11 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
+from nvsdata.common.errors import message_of, shown
 from nvsdata.common.files import claimed, creating
 from nvsdata.common.locks import check_place
 from nvsdata.common.progress import bar as progress
-from nvsdata.common.terminal import Terminal, remark, say, tell
+from nvsdata.common.terminal import remark, say, tell
 from nvsdata.data.events import Events
 from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
@@ -23,7 +24,7 @@ from nvsdata.recording.deciding import Deciding
 from nvsdata.recording.doctor import examine
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.rig.batch import DONE, format_of, manifest_of, record_videos, verify
+from nvsdata.recording.rig.batch import DONE, manifest_of, record_videos, status_before
 from nvsdata.recording.rig.calibrate import calibrate
 from nvsdata.recording.rig.calibration import FIGURES, corners_in, write_calibration
 from nvsdata.recording.rig.calibration import summary as calibration_summary
@@ -33,6 +34,7 @@ from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.rig.report import REPORT, write_report
 from nvsdata.recording.rig.status import STATUS
 from nvsdata.recording.rig.status import told as status_of
+from nvsdata.recording.rig.verification import format_of, verify
 from nvsdata.recording.rig.watch import BatchStopped
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.video.folder import videos_in
@@ -91,11 +93,10 @@ def run(
             _check_size((facts.width, facts.height), decider.sensor_size)
         until = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
         remark(f"{facts.name} {facts.serial}, {facts.width}x{facts.height}, {until}")
-        shown: Any = Terminal(sys.stderr)
         deciding = None if decider is None else _deciding(decider, stop, alone=out is None and not live)
         with (
             deciding or nullcontext(),
-            progress(total=seconds, unit="s", file=shown, bar_format="{desc}{bar:20}{r_bar}") as bar,
+            progress(total=seconds, unit="s", bar_format="{desc}{bar:20}{r_bar}") as bar,
         ):
 
             def watch(report: RecordingReport, events: Events) -> None:
@@ -123,7 +124,7 @@ def _deciding(decider: Decider, stop: Event, *, alone: bool) -> Deciding:
     """Decisions as lines of JSON; if they fail, and events are for nothing else (`alone`), the recording ends."""
 
     def ended(error: Exception) -> None:
-        say(f"decisions ended early: {error or type(error).__name__}")
+        say(f"decisions ended early: {message_of(error) or type(error).__name__}")
         if alone:
             stop.set()
 
@@ -196,7 +197,7 @@ def run_calibration(
 
     FileExistsError if there are some already, unless `overwrite` is true.
     """
-    backend, look = simulate.watched() if simulate else (None, None)
+    backend, look = _watched(simulate)
     out.mkdir(parents=True, exist_ok=True)
     with claimed(out):
         if (out / FIGURES).exists() and not overwrite:
@@ -211,7 +212,7 @@ def run_calibration(
             size = (camera.facts.width, camera.facts.height)
         write_calibration(found, replace(settings, region=found.roi), size, out)
     print(calibration_summary(found, size))
-    print(f"figures and pictures are in {out}; record with --settings {out / 'settings.json'}")
+    print(f"figures and pictures are in {shown(out)}; record with --settings {shown(out / 'settings.json')}")
     return 0
 
 
@@ -233,30 +234,28 @@ def run_batch(
     on_alarm: str | None = None,
     note: str | None = None,
     live: bool = False,
+    until_full: bool = False,
     as_json: bool = False,
 ) -> int:
     """Play and record a folder of videos, or `check` what was recorded.
 
-    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1.
+    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1. OSError
+    if the disk is too small, unless `until_full`.
     """
     videos = videos_in(source, out, format_of(out) if check else format)
     check_format(videos[0].target, settings)
     if check:
         found = verify(videos, out, limit)
-        videos = videos[:limit]
-        sound = sum(video.name not in found for video in videos)
-        lines = [f"{name}: {fault}" for name, fault in found.items()]
-        lines.append(f"{sound:,} of {len(videos):,} recordings are sound")
-        tell("\n".join(lines), {"sound": sound, "videos": len(videos), "faults": found}, as_json=as_json)
-        return 1 if found else 0
+        tell("\n".join(map(shown, found.told())), {"sound": found.sound} | asdict(found), as_json=as_json)
+        return 0 if found.well else 1
     videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
     how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm, "live": live}
-    backend, look = simulate.watched() if simulate else (None, None)
+    backend, look = _watched(simulate)
     window = WINDOW if simulate else None
     with (
         Monitor(**screen, window=window, look=look) as monitor,
-        manifest_of(out, settings, format, monitor, resume=resume) as manifest,
+        manifest_of(out, settings, format, monitor, videos, resume=resume) as manifest,
     ):
         _tell_odd(monitor, simulate)
 
@@ -267,30 +266,42 @@ def run_batch(
 
         videos = manifest.as_before(videos)
         left = [video for video in videos if not manifest.has(video, DONE)]
-        remark(estimate(left, list(manifest.videos.values()), out, monitor.refresh))
+        expected = estimate(left, list(manifest.videos.values()), out, monitor.refresh)
+        remark(expected.text)
+        if expected.short and not until_full:
+            reason = f"{expected.text}: free some, choose another disk, or record until it is full by --until-full"
+            status_before(out, videos, manifest).set(state="stopped", reason=reason)
+            raise OSError(reason)
         try:
             result = record_videos(videos, out, manifest, find, monitor, settings, **how)
-        except KeyboardInterrupt:
-            there = sum(manifest.has(video, DONE) for video in videos)
-            say(f"{there:,} of {len(videos):,} are done: --resume goes on with them")
-            raise
         except BatchStopped as error:
-            say(str(error))
+            say(message_of(error))
             return GAVE_UP
         finally:
             # what ended the batch is more important than a page about it
             with suppress(OSError):
-                write_report(manifest, out, note)
+                write_report(list(manifest.videos.values()), manifest.head, out)
     for told in result.told():
         print(told, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
-            print(f"{name}: have a look: {'; '.join(doubts)}", file=sys.stderr)
-    done = f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed"
-    text = f"figures, and what to look at, are in {out / REPORT}\n{done}; {result.events:,} events in {out}"
+            say(shown(f"{name}: have a look: {'; '.join(doubts)}"))
+    done = [line for video in videos if (line := manifest.videos.get(video.name, {})).get("status") in DONE]
+    text = f"figures, and what to look at, are in {shown(out / REPORT)}\n"
+    text += f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed; "
+    events = sum(line["events"] for line in done)
+    text += f"{len(done):,} of {len(videos):,} videos, with {events:,} events, are in {shown(out)}"
     odd = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
     tell(text, asdict(result) | {"look": odd, "out": out}, as_json=as_json)
     return 1 if result.failed else 0
+
+
+def _watched(simulate: Simulation | None) -> tuple[Any, Any]:
+    """What a simulated camera needs to see the monitor, see `Simulation.watched`."""
+    if simulate is None:
+        return None, None
+    remark("preparing the simulated camera; the first time, this may take a minute")
+    return simulate.watched()
 
 
 def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:
@@ -306,19 +317,26 @@ def run_status(out: Path, *, as_json: bool = False) -> int:
     return 0 if well else 1
 
 
-def run_doctor(*, everything: bool, simulated: bool, as_json: bool) -> int:
-    """Print which cameras there are, or all that a recording needs and what lacks; return 1 if anything does."""
-    found = list(examine(Simulation().alone() if simulated else None))
+def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool, folder: Path | None) -> int:
+    """Print which cameras there are, or all that a recording needs; return 1 if something that it needs is missing.
+
+    - `everything`: all that a recording needs, not only cameras
+    - `simulated`: look for a simulated camera
+    - `screen`, `folder`: see `examine`
+    """
+    found = list(examine(Simulation().alone() if simulated else None, screen=screen, folder=folder))
     if not everything:
         found = [one for one in found if one.what == "camera" or (one.what == "libusb" and one.cure)]
     for one in found:
-        tell(f"{one.what}: {one.found}" + (f"\n    {one.cure}" if one.cure else ""), one._asdict(), as_json=as_json)
-    return 1 if any(one.cure for one in found) else 0
+        optional = "" if one.needed or not one.cure else " (optional)"
+        text = f"{one.what}: {shown(one.found)}{optional}" + (f"\n    {one.cure}" if one.cure else "")
+        tell(text, one._asdict(), as_json=as_json)
+    return 1 if any(one.missing for one in found) else 0
 
 
 def summary(report: RecordingReport) -> str:
     """The report in a few lines, with what went wrong."""
-    lines = [f"{report.path or 'not kept'}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
+    lines = [f"{shown(report.path or 'not kept')}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.frames:
         lines.append(f"{report.frames:,} frames")
     if report.lost:

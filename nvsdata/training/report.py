@@ -10,6 +10,7 @@ import numpy as np
 
 from nvsdata import plots
 from nvsdata import transforms as T
+from nvsdata.common.errors import shown
 from nvsdata.common.files import put
 from nvsdata.training.evaluation import Votes
 from nvsdata.training.lengths import accuracy_by_length
@@ -51,7 +52,8 @@ def write_report(
             (trainer.out / name).unlink(missing_ok=True)
         else:
             plots.save(picture, trainer.out / name)
-    trainer.team.print(f"report: {trainer.out / REPORT}, and {sum(p is not None for p in pictures.values())} pictures")
+    count = sum(p is not None for p in pictures.values())
+    trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} pictures")
 
 
 def _pictures(summary: Summary, by_length: dict[int, float], classes: Sequence[str]) -> dict[str, np.ndarray | None]:

@@ -13,9 +13,11 @@ import torch
 from torch.optim import Optimizer
 
 from nvsdata.common.errors import FormatError, line_of
-from nvsdata.common.files import json_line, named, put
+from nvsdata.common.files import append_own, json_line, named, put, write_all
 
 CHECKPOINT, LOG = "checkpoint.pt", "log.jsonl"
+# epochs in the checkpoint of each training of this process, by its folder: what a later run can continue from
+FINISHED: dict[Path, int] = {}
 
 
 @dataclass(frozen=True)
@@ -109,5 +111,5 @@ def write_log(out: Path, lines: list[dict[str, Any]]) -> None:
 
 def add_to_log(out: Path, line: dict[str, Any]) -> None:
     """Add the line of an epoch."""
-    with named(out / LOG), (out / LOG).open("a", encoding="utf-8") as log:
-        log.write(json_line(line))
+    with named(out / LOG), append_own(out / LOG) as log:
+        write_all(log.fileno(), json_line(line).encode())

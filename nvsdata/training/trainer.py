@@ -19,6 +19,7 @@ from torch.nn.functional import cross_entropy
 from torch.nn.parallel import DistributedDataParallel
 
 from nvsdata import models
+from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
 from nvsdata.models.distributed import all_reduce_sum
 from nvsdata.training import runs
@@ -70,9 +71,10 @@ class Trainer:
         out.mkdir(parents=True, exist_ok=True)
         if resume and (out / runs.CHECKPOINT).exists():
             self._restore(runs.Checkpoint.read(out, team.device))
+        runs.FINISHED[out] = self.done
         if team.rank == 0:
             runs.write_log(out, self.lines)
-        team.print(", ".join(f"{name} {value}" for name, value in self.data.items()))
+        team.print(", ".join(f"{name} {shown(value)}" for name, value in self.data.items()))
 
     @property
     def done(self) -> int:
@@ -173,10 +175,12 @@ class Trainer:
         """Write and print an epoch's line, and write its checkpoint."""
         self.lines.append(line)
         if self.team.rank:
+            runs.FINISHED[self.out] = self.done
             return
         runs.add_to_log(self.out, line)
         states = {name: part.state_dict() for name, part in self.parts.items()}
         runs.Checkpoint(epoch=self.done, epochs=self.epochs, data=self.data, log=self.lines, **states).write(self.out)
+        runs.FINISHED[self.out] = self.done
         self.team.print(json.dumps(line))
         for see in self._watchers:
             see(line)

@@ -21,7 +21,7 @@ from nvsdata.data.events import Columns, Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
 from nvsdata.transforms.draws import uniform
-from nvsdata.transforms.together import move_all
+from nvsdata.transforms.together import change_all, move_all
 
 Sample = TypeVar("Sample", Graph, Events, Boxes)
 
@@ -45,7 +45,7 @@ class RandomScale:
 
     def __call__(self, sample: Any) -> Any:
         factor = uniform(self.low, self.high)
-        return move_all(sample, lambda part: scale(part, factor))
+        return move_all(sample, lambda part: scale(part, factor), graphs=True)
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class RandomFlip:
 
     def __call__(self, sample: Any) -> Any:
         if uniform(0, 1) >= self.p:
-            return sample
-        return move_all(sample, lambda part: flip(part, self.axis))
+            return change_all(sample, lambda part: part, graphs=True)
+        return move_all(sample, lambda part: flip(part, self.axis), graphs=True)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class RandomRotate:
 
     def __call__(self, sample: Any) -> Any:
         degrees = uniform(-self.degrees, self.degrees)
-        return move_all(sample, lambda part: rotate(part, degrees))
+        return move_all(sample, lambda part: rotate(part, degrees), graphs=True)
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class RandomTranslate:
 
     def __call__(self, sample: Any) -> Any:
         dx, dy = uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels)
-        return move_all(sample, lambda part: shift(part, dx, dy))
+        return move_all(sample, lambda part: shift(part, dx, dy), graphs=True)
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import EVER, Events
-from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.hats import summed_surfaces
+from nvsdata.data.recording import Recording, events_inside
+from nvsdata.kernels.hats import sum_surfaces
 
 
 @dataclass(frozen=True)
@@ -44,15 +46,14 @@ class HATS:
         positive("tau", self.tau)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
-        sums, counts = summed_surfaces(
-            *events.columns,
-            int(self.cell),
-            int(self.radius),
-            min(int(self.window), EVER[1]),
-            float(self.tau),
-            events.sensor_size,
-        )
+        events = events_inside(sample)
+        size, cell, radius = events.sensor_size, int(self.cell), int(self.radius)
+        # the sums, epochs and numbers of events of pixels
+        scratch = [zeros(size, (2, *size[::-1]), kind) for kind in (np.float64, np.int64, np.int64)]
+        cells, side = math.prod(-(-pixels // cell) for pixels in size), 2 * radius + 1
+        sums, counts = zeros(size, (cells, 2, side, side), np.float64), zeros(size, (cells,), np.int64)
+        settings = cell, radius, min(int(self.window), EVER[1]), float(self.tau)
+        sum_surfaces(*events.columns, *settings, *scratch, sums, counts)
         return torch.from_numpy((sums / np.maximum(counts, 1)[:, None, None, None]).astype(np.float32))
 
 

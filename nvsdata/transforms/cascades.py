@@ -7,16 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import at_least, microseconds, whole
 from nvsdata.data.events import LATEST, Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.latest import latest_ticks
 from nvsdata.transforms.draws import generator
 
 
 @dataclass(frozen=True)
 class FilterCascade:
-    """What a cascade of delayed filters puts out: float32 [2 filters, H, W], 0 or 1 (Amir et al. 2017; thesis 2.3).
+    """What a cascade of delayed filters puts out: float32 [2 filters, H, W], 0 or 1 (Amir et al. 2017; thesis 2.1.2).
 
     Filter k = 1, 2, ... sees the events k ticks late. Its neurons, one per pixel and polarity, are set to 1 by an
     event, leak at a constant rate to 0 within `decay` ticks, and put out an event with this probability: more of them
@@ -40,8 +41,8 @@ class FilterCascade:
         at_least("decay", self.decay, 1)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events, filters, tick = as_events(sample), int(self.filters), min(int(self.tick), LATEST)
-        out = np.zeros((filters, 2, *events.sensor_size[::-1]), np.float32)
+        events, filters, tick = events_inside(sample), int(self.filters), min(int(self.tick), LATEST)
+        out = zeros(events.sensor_size, (filters, 2, *events.sensor_size[::-1]))
         now = (events.end - events.start) // tick + 1
         # what happened before is forgotten
         first = events.start + tick * int(max(now - filters - np.ceil(self.decay), 0))

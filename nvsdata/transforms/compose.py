@@ -42,7 +42,7 @@ class Compose:
 
     - `transforms`: list of callables, each of which takes the result of the one before
 
-    TypeError for anything else. A TypeError or AttributeError in a step gets a note that names the step.
+    TypeError for anything else. A TypeError, AttributeError or MemoryError in a step gets a note that names the step.
     """
 
     transforms: Sequence[Callable[[Any], Any]]
@@ -57,7 +57,7 @@ class Compose:
         for number, transform in enumerate(self.transforms, 1):
             try:
                 sample = transform(sample)
-            except (TypeError, AttributeError) as error:
+            except (TypeError, AttributeError, MemoryError) as error:
                 error.add_note(f"in step {number} of the pipeline, {transform!r}, given {type(sample).__name__}")
                 raise
         return sample

@@ -9,7 +9,7 @@ import numpy as np
 
 from nvsdata.common.validation import whole
 from nvsdata.data.boxes import Boxes
-from nvsdata.data.events import Columns, Events
+from nvsdata.data.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels.filters import in_rectangle
 from nvsdata.transforms.together import move_all
 
@@ -67,14 +67,14 @@ class Downsample:
 
 def crop_events(events: Moving, x: int, y: int, width: int, height: int) -> Moving:
     """The events of a rectangle of the sensor; ValueError if it isn't within. See `Crop`."""
-    if x + width > events.sensor_size[0] or y + height > events.sensor_size[1]:
-        sensor = "{}x{}".format(*events.sensor_size)
-        raise ValueError(f"a sensor of {sensor} has no {width}x{height} pixels from ({x}, {y}) on")
+    whole_width, whole_height = events.sensor_size
+    if not (0 <= x < x + width <= whole_width and 0 <= y < y + height <= whole_height):
+        sensor = f"a sensor of {whole_width}x{whole_height}"
+        raise ValueError(f"{sensor} has no {width}x{height} pixels from ({x}, {y}) on")
     if isinstance(events, Boxes):
         return events.seen(x, y, (1, 1), (width, height))
     t, xs, ys, p = events.columns.take(in_rectangle(events.x, events.y, x, y, width, height))
-    columns = Columns(t, xs - np.int16(x), ys - np.int16(y), p)
-    return Events.trusted(columns, (width, height), events.start, events.stated_end)
+    return events.resized(Columns(t, xs - np.int16(x), ys - np.int16(y), p), (width, height))
 
 
 def downsample(events: Moving, factor: int = 2, step: int = 1) -> Moving:
@@ -88,11 +88,20 @@ def downsample(events: Moving, factor: int = 2, step: int = 1) -> Moving:
     if factor > 1:
         divisor = np.int16(min(factor, 2**15 - 1))
         x, y = x // divisor, y // divisor
-    return Events.trusted(Columns(t, x, y, p), size, events.start, events.stated_end)
+    return events.resized(Columns(t, x, y, p), size)
 
 
 def resize_events(events: Moving, width: int, height: int) -> Moving:
-    """The events at the pixels of a sensor of another size that lie where theirs do, rounded down."""
+    """The events at the pixels of a sensor of another size that lie where theirs do, rounded down.
+
+    ValueError for a size that no sensor has: more than 32,767 pixels along an axis.
+    """
+    if max(width, height) > MAX_COORDINATE + 1:
+        sensor = "{}x{}".format(*events.sensor_size)
+        limit = f"at most {MAX_COORDINATE + 1} along an axis"
+        raise ValueError(
+            f"a sensor of {sensor} can't become {width}x{height} pixels: events have {limit}; resize to less"
+        )
     if isinstance(events, Boxes):
         scale = width / events.sensor_size[0], height / events.sensor_size[1]
         return events.seen(0, 0, scale, (width, height))
@@ -101,4 +110,4 @@ def resize_events(events: Moving, width: int, height: int) -> Moving:
         (column.astype(np.int32) * new // old).astype(np.int16)
         for column, new, old in zip((x, y), (width, height), events.sensor_size, strict=True)
     )
-    return Events.trusted(Columns(t, x, y, p), (width, height), events.start, events.stated_end)
+    return events.resized(Columns(t, x, y, p), (width, height))

@@ -8,10 +8,11 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import count_bounds, duration_bounds, equal_bounds
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.bins import counted, marked
 
 Values = Literal["count", "binary", "sum"]
@@ -52,10 +53,10 @@ class ToFrames:
             raise ValueError(f"values must be one of {get_args(Values)}, not {self.values!r}")
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
         bounds = self._bounds(events)
-        out = np.zeros((bounds.size - 1, 1 if self.values == "sum" else 2, height, width), np.float32)
+        out = zeros(events.sensor_size, (bounds.size - 1, 1 if self.values == "sum" else 2, height, width))
         fill = marked if self.values == "binary" else counted
         fill(events.x, events.y, events.p, bounds, out)
         return torch.from_numpy(out)

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 import torch
 
-from nvsdata.data.events import Events
+from nvsdata.data.events import Events, check_inside
 from nvsdata.data.graph import Graph
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, as_events, events_inside, misplaced
 from nvsdata.kernels.patches import merged_pixels, patch_counts
 from nvsdata.transforms.compose import is_deterministic
 
@@ -40,7 +40,7 @@ class MergePixels:
                 raise ValueError(f"times must be of {get_args(Time)}, not {time!r}")
 
     def __call__(self, sample: Events | Recording) -> Graph:
-        events = as_events(sample)
+        events = events_inside(sample)
         pos, mean, ends, counts = merged_pixels(*events.columns)
         found = {"first": ends[:, 0], "last": ends[:, 1], "mean": mean}
         x = np.concatenate((counts, *(_share(found[time], events)[:, None] for time in self.times)), 1)
@@ -63,6 +63,7 @@ class Age:
 
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
         """float32 [N, 1], from 0 to 1."""
+        _check_given(events, nodes)
         return torch.from_numpy(_share(nodes.t.numpy() + events.start, events)[:, None])
 
 
@@ -164,8 +165,16 @@ def _check_size(size: int) -> None:
 
 
 def _counts(events: Events, nodes: Graph, size: int) -> np.ndarray:
-    _, x, y, p = events.columns
+    _check_given(events, nodes)
+    _, x, y, p = check_inside(events).columns
     return np.asarray(patch_counts(x, y, p, nodes.pos.numpy(), int(size)))
+
+
+def _check_given(events: Events, nodes: Graph) -> None:
+    """TypeError unless a feature is given what it is of."""
+    for kind, given in ((Events, events), (Graph, nodes)):
+        if not isinstance(given, kind):
+            raise misplaced("Events and their Graph, as NodeFeatures gives them", given)
 
 
 def _share(t: np.ndarray, events: Events) -> np.ndarray:

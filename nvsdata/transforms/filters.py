@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
+from nvsdata.common.memory import allocated, zeros
 from nvsdata.common.validation import microseconds, positive
-from nvsdata.data.events import LATEST, Events
+from nvsdata.data.events import LATEST, Events, check_inside
 from nvsdata.kernels import filters as kernel
 from nvsdata.transforms.together import change_all
 
@@ -53,12 +56,16 @@ class HotPixels:
 
 def background_activity(events: Events, window: int = 10_000) -> Events:
     """Events with company; see `BackgroundActivity`."""
-    t, x, y, _ = events.columns
-    return events.of(events.columns.take(kernel.in_company(t, x, y, events.sensor_size, min(int(window), LATEST))))
+    t, x, y, _ = check_inside(events).columns
+    shape = events.sensor_size[1] + 2, events.sensor_size[0] + 2
+    settings = shape, min(int(window), LATEST)
+    kept = allocated(events.sensor_size, shape, np.int64, lambda: kernel.in_company(t, x, y, *settings))
+    return events.of(events.columns.take(kept))
 
 
 def drop_hot_pixels(events: Events, rate: float = 1000) -> Events:
     """Events of pixels that aren't hot; see `HotPixels`."""
+    counts = zeros(check_inside(events).sensor_size, events.sensor_size[::-1], np.int64)
+    kernel.count_into(events.x, events.y, counts)
     most = rate * max(events.end - events.start, 1) / 1e6
-    hot = kernel.counts(events.x, events.y, events.sensor_size) > most
-    return events.of(events.columns.take(~hot[events.y, events.x]))
+    return events.of(events.columns.take(counts[events.y, events.x] <= most))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.latest import counts_and_times
 
 
@@ -29,8 +29,8 @@ class FourChannels:
 
 def four_channels(sample: Events | Recording) -> torch.Tensor:
     """Counts and latest times; see `FourChannels`."""
-    events = as_events(sample)
+    events = events_inside(sample)
     width, height = events.sensor_size
-    out = np.zeros((4, height, width), np.float32)
+    out = zeros(events.sensor_size, (4, height, width))
     counts_and_times(*events.columns, events.start, max(events.end - events.start, 1), out)
     return torch.from_numpy(out)

@@ -8,14 +8,15 @@ from typing import ClassVar
 import torch
 from torch.nn import functional as F
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_bounds, frame_edges
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.frames import sum_frames as kernel
 from nvsdata.transforms.crops import downsample
 from nvsdata.transforms.draws import place
-from nvsdata.transforms.image import center_crop, crop
+from nvsdata.transforms.image import as_image, center_crop, crop
 from nvsdata.transforms.together import follow, stay
 
 
@@ -61,6 +62,7 @@ class RandomTemporalCrop:
         whole("length", self.length, 1)
 
     def __call__(self, frames: torch.Tensor) -> torch.Tensor:
+        as_image(frames, 1)
         return volume(frames, place(max(frames.shape[0] - int(self.length), 0) + 1), int(self.length))
 
 
@@ -141,10 +143,13 @@ class MedianDenoise:
 
 def sum_frames(sample: Events | Recording, fps: float = 30.0, factor: int = 1) -> torch.Tensor:
     """Frames of summed polarity; see `SumFrames`."""
-    events = as_events(sample)
+    events = events_inside(sample)
     edges = frame_edges(events.end - events.start, fps)
     bounds = frame_bounds(events, events.start, edges)
-    return torch.from_numpy(kernel(events.x, events.y, events.p, bounds, events.sensor_size, factor))
+    width, height = events.sensor_size
+    out = zeros(events.sensor_size, (bounds.size - 1, -(-height // factor), -(-width // factor)))
+    kernel(events.x, events.y, events.p, bounds, events.sensor_size, factor, out)
+    return torch.from_numpy(out)
 
 
 def volume(frames: torch.Tensor, start: int, length: int) -> torch.Tensor:
@@ -155,7 +160,7 @@ def volume(frames: torch.Tensor, start: int, length: int) -> torch.Tensor:
 
 def stacks(frames: torch.Tensor, length: int = 3) -> torch.Tensor:
     """Every `length` consecutive frames; ValueError if there are fewer. See `Stacks`."""
-    if frames.shape[0] < length:
+    if as_image(frames, 1).shape[0] < length:
         raise ValueError(f"{frames.shape[0]} frames make no stack of {length}")
     return frames.unfold(0, length, 1).movedim(-1, 1)
 
@@ -182,6 +187,7 @@ def four_crops(frames: torch.Tensor, size: int = 24) -> torch.Tensor:
 
 def median_denoise(frames: torch.Tensor) -> torch.Tensor:
     """Median of 2 x 2 pixels; see `MedianDenoise`."""
+    as_image(frames, floats=True)
     right = torch.cat((frames[..., 1:], frames[..., -1:]), -1)
     pairs = torch.stack((frames, right))
     four = torch.cat((pairs, torch.cat((pairs[..., 1:, :], pairs[..., -1:, :]), -2)))
@@ -189,5 +195,5 @@ def median_denoise(frames: torch.Tensor) -> torch.Tensor:
 
 
 def _fits(frames: torch.Tensor, size: int) -> None:
-    if min(frames.shape[-2:]) < size:
+    if min(as_image(frames).shape[-2:]) < size:
         raise ValueError(f"frames of {frames.shape[-1]}x{frames.shape[-2]} hold no square of {size}")

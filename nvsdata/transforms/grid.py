@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import torch
 
+from nvsdata.common.memory import check_memory
 from nvsdata.data.graph import Graph, GraphBatch, sequence_of
 from nvsdata.data.grid import check_cluster, grid_shape, to_grid
 
@@ -40,4 +41,5 @@ def graph2grid(graphs: Graph | Sequence[Graph], cluster: tuple[int, int] = (1, 1
     if batch.sensor_size is None:
         raise ValueError("a graph without sensor_size has no grid")
     grid = grid_shape(batch.sensor_size, cluster)
+    check_memory(batch.sensor_size, (batch.x.shape[1], len(sequence), grid[1], grid[0]))
     return to_grid(batch.x, batch.pos, batch.batch, len(sequence), len(sequence), cluster, grid)[0]

@@ -8,10 +8,11 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import check_count, share_bounds
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.bins import counted
 
 
@@ -37,9 +38,9 @@ class StackedHistogram:
         whole("most", self.most, 1)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events, bins = as_events(sample), int(self.bins)
+        events, bins = events_inside(sample), int(self.bins)
         check_count(bins)
-        out = np.zeros((2, bins, *events.sensor_size[::-1]), np.float32)
+        out = zeros(events.sensor_size, (2, bins, *events.sensor_size[::-1]))
         if len(events):
             bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]), [(n, bins) for n in range(bins)])
             # the kernel has ON first, and polarities within times
@@ -73,13 +74,13 @@ class MixedDensityStack:
             whole("most", self.most, 1)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events, bins = as_events(sample), int(self.bins)
-        out = np.zeros((bins, 1, *events.sensor_size[::-1]), np.float32)
+        events, bins = events_inside(sample), int(self.bins)
+        out = zeros(events.sensor_size, (bins, 1, *events.sensor_size[::-1]))
         if len(events):
             shares = [(0, 1), *((1, 1 << (bins - b)) for b in range(1, bins))]
             bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]), shares)
             counted(events.x, events.y, events.p, bounds, out)
-        summed = torch.from_numpy(out[:, 0]).cumsum(0)
+        summed = torch.from_numpy(out[:, 0]).cumsum_(0)
         return summed if self.most is None else summed.clamp_(-self.most, self.most)
 
 

@@ -6,17 +6,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
 import torch
 from torch.nn.functional import interpolate
 
+from nvsdata.common.memory import check_memory, zeros
 from nvsdata.common.validation import positive, probability, whole
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording
+from nvsdata.data.recording import Recording, events_inside, misplaced
+from nvsdata.kernels.bins import counted
 from nvsdata.transforms.augment import flip
 from nvsdata.transforms.crops import crop_events, resize_events
 from nvsdata.transforms.draws import randint, uniform
-from nvsdata.transforms.event_frames import to_frames
 from nvsdata.transforms.together import change_all, follow
 
 Image = TypeVar("Image", torch.Tensor, Events, Boxes)
@@ -42,7 +44,8 @@ class Resize:
 
     - `size`: pixels of the smaller side (default 256, as in the thesis)
 
-    Takes `Events`, a `Recording` or a list of them, too, and gives `Events` at the pixels of such a sensor.
+    Takes `Events`, a `Recording` or a list of them, too, and gives `Events` at the pixels of such a sensor. ValueError
+    for a sensor that would have more than 32,767 pixels along an axis.
     """
 
     size: int = 256
@@ -79,6 +82,8 @@ class RandomCrop:
 
     def __call__(self, image: Any) -> Any:
         side = max(1, round(self.size * self.scales[randint(len(self.scales))]))
+        if isinstance(image, list | tuple) and not image:
+            return []
         height, width = _holds(image[0] if isinstance(image, list | tuple) else image, side)
         x, y = randint(width - side + 1), randint(height - side + 1)
 
@@ -111,7 +116,7 @@ class CenterCrop:
 
 @dataclass(frozen=True)
 class RandomHorizontalFlip:
-    """Swap left and right of images [..., H, W] with a probability.
+    """Swap left and right of images [..., H, W] with a probability; `RandomFlip` does so with events.
 
     - `p`: probability (default 0.5)
     """
@@ -122,6 +127,7 @@ class RandomHorizontalFlip:
         probability("p", self.p)
 
     def __call__(self, image: torch.Tensor) -> torch.Tensor:
+        as_image(image)
         if uniform(0, 1) >= self.p:
             return image
         follow(image, lambda boxes: flip(boxes, 0))
@@ -148,18 +154,24 @@ def event_image(sample: Events | Recording | Sequence[Events]) -> torch.Tensor:
         if not images or any(image.shape != images[0].shape for image in images):
             raise ValueError(f"can't stack images of {sorted({tuple(image.shape) for image in images})}")
         return torch.stack(images, 1)
-    return to_frames(sample, 1)[0]  # type: ignore[arg-type]
+    events = events_inside(sample)
+    width, height = events.sensor_size
+    out = zeros(events.sensor_size, (1, 2, height, width))
+    counted(events.x, events.y, events.p, np.array([0, len(events)]), out)
+    return torch.from_numpy(out[0])
 
 
 def resize(image: Image, size: int) -> Image:
     """Scale the smaller side to `size`; see `Resize`."""
     height, width = _shape(image)
     smaller = min(height, width)
-    shape = round(height * size / smaller), round(width * size / smaller)
+    tall, wide = round(height * size / smaller), round(width * size / smaller)
     if isinstance(image, Events | Boxes):
-        return resize_events(image, shape[1], shape[0])
-    scaled = interpolate(image.reshape(1, -1, height, width), shape, mode="bilinear", antialias=True)
-    return scaled.view(*image.shape[:-2], *shape)
+        return resize_events(image, wide, tall)
+    as_image(image, floats=image.dtype != torch.uint8)
+    check_memory((wide, tall), (*image.shape[:-2], tall, wide))
+    scaled = interpolate(image.reshape(1, -1, height, width), (tall, wide), mode="bilinear", antialias=True)
+    return scaled.view(*image.shape[:-2], tall, wide)
 
 
 def crop(image: Image, x: int, y: int, size: int) -> Image:
@@ -177,18 +189,42 @@ def center_crop(image: Image, size: int) -> Image:
 
 def normalize(image: torch.Tensor) -> torch.Tensor:
     """Mean 0 and standard deviation 1 over all values; see `Normalize`."""
+    as_image(image, 0, floats=True)
     centered = image - image.mean()
     deviation = centered.square().mean().sqrt()
     return centered / deviation if deviation > 0 else centered
 
 
+def as_image(image: Any, axes: int = 2, *, floats: bool = False) -> torch.Tensor:
+    """The image, or frames, as they are; TypeError unless it's a tensor of at least `axes` axes, or of other numbers
+    than `floats`.
+    """
+    if not isinstance(image, torch.Tensor) or image.ndim < axes:
+        raise misplaced("a tensor [..., H, W], such as EventImage or ToFrames gives", image)
+    if floats and not image.is_floating_point():
+        raise TypeError(f"it takes a tensor of floating-point numbers, not of {image.dtype}: convert it by .float()")
+    return image
+
+
 def _each(image: Any, change: Callable[[Any], Any]) -> Any:
     """`change` of an image, or of events, or of each of a list of them; boxes follow."""
+    _check_kind(image)
     follow(image, change)
     return change(image) if isinstance(image, torch.Tensor) else change_all(image, change)
 
 
+def _check_kind(image: Any) -> None:
+    """TypeError for anything but an image, or events, or a list of them."""
+    events = all(
+        isinstance(part, Events | Recording) for part in (image if isinstance(image, list | tuple) else [image])
+    )
+    if not events and not (isinstance(image, torch.Tensor) and image.ndim >= 2):
+        raise misplaced("a tensor [..., H, W], Events, a Recording or a list of Events", image)
+
+
 def _holds(image: Any, side: int) -> tuple[int, int]:
+    if not isinstance(image, Boxes):
+        _check_kind(image)
     height, width = _shape(image)
     if min(height, width) < side:
         raise ValueError(f"an image of {width}x{height} holds no square of {side}")

@@ -8,9 +8,10 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import not_negative, whole
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.latest import logarithms, logarithms_of_ages
 from nvsdata.transforms.states import LatestState
 
@@ -41,11 +42,13 @@ class TORE:
             raise ValueError(f"longest must be at least shortest, not {self.longest} < {self.shortest}")
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         size = events.sensor_size[::-1]
         least, most = np.log1p(float(self.shortest)), np.log1p(float(self.longest))
-        out = np.full((2, int(self.k), *size), np.float32(most - least))
-        logarithms_of_ages(*events.columns, events.end, least, most, np.zeros((2, *size), np.int32), out)
+        out = zeros(events.sensor_size, (2, int(self.k), *size), fill=most - least)
+        logarithms_of_ages(
+            *events.columns, events.end, least, most, zeros(events.sensor_size, (2, *size), np.int32), out
+        )
         return torch.from_numpy(out).flatten(0, 1)
 
     def state(self, sensor_size: tuple[int, int]) -> LatestState:

@@ -9,15 +9,16 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import positive, whole
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.log_polar import around_events
 
 
 @dataclass(frozen=True)
 class DART:
-    """Where the recent events lie around each event: float32 [N, rings wedges] (Ramesh et al. 2019; thesis 2.3).
+    """Where the recent events lie around each event: float32 [N, rings wedges] (Ramesh et al. 2019; thesis 2.1.1).
 
     The `queue` latest events up to the event, itself included, are counted on a log-polar grid around it: rings lie at
     equal distances in the logarithm of the radius from `nearest` to `furthest`, wedges at equal angles from the x axis
@@ -50,12 +51,12 @@ class DART:
             raise ValueError(f"furthest must be more than nearest, not {self.furthest} <= {self.nearest}")
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
         dx, dy, weights = _weights(int(self.rings), int(self.wedges), float(self.nearest), float(self.furthest))
         margin = 2 * int(dx.max())
         out = np.zeros((len(events), weights.shape[1]), np.float32)
-        count = np.zeros((height + margin, width + margin), np.int32)
+        count = zeros(events.sensor_size, (height + margin, width + margin), np.int32)
         around_events(events.x, events.y, min(int(self.queue), len(events) + 1), dx, dy, weights, count, out)
         return torch.from_numpy(out)
 

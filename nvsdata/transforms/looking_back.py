@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, positive, whole
-from nvsdata.data.events import LATEST, Events
+from nvsdata.data.events import LATEST, Events, check_inside
 from nvsdata.kernels.filters import NEVER, after_pause, first_of_boxes, within_rate
 from nvsdata.transforms.together import change_all
 
@@ -32,11 +33,14 @@ class LookingBack(ABC):
         """What gives the mask of events to keep, of t, x and y, and remembers them."""
 
     def begin(self, sensor_size: tuple[int, int]) -> Sieve:
-        """A function that takes the next events of a stream and gives those that are kept."""
+        """A function that takes the next events of a stream and gives those that are kept.
+
+        ValueError, from that function, for events outside the sensor.
+        """
         chosen = self._places(*sensor_size)
 
         def sieve(events: Events) -> Events:
-            t, x, y, _ = events.columns
+            t, x, y, _ = check_inside(events, sensor_size).columns
             return events.of(events.columns.take(chosen(t, x, y)))
 
         return sieve
@@ -61,7 +65,7 @@ class RefractoryPeriod(LookingBack):
         microseconds("period", self.period)
 
     def _places(self, width: int, height: int) -> Callable[..., np.ndarray]:
-        last, period = np.full((height, width), NEVER), min(int(self.period), LATEST)
+        last, period = zeros((width, height), (height, width), np.int64, NEVER), min(int(self.period), LATEST)
         return lambda t, x, y: after_pause(t, x, y, period, last)
 
 
@@ -89,7 +93,7 @@ class FirstOfBoxes(LookingBack):
 
     def _places(self, width: int, height: int) -> Callable[..., np.ndarray]:
         shape = -(-height // self.side), -(-width // self.side)
-        box, count = np.full(shape, NEVER), np.zeros(shape, np.int64)
+        box, count = zeros((width, height), shape, np.int64, NEVER), zeros((width, height), shape, np.int64)
         limits = int(self.side), min(int(self.duration), LATEST), int(self.k)
         return lambda t, x, y: first_of_boxes(t, x, y, *limits, box, count)
 
@@ -120,7 +124,8 @@ class RateLimit(LookingBack):
         whole("burst", self.burst, 1)
 
     def _places(self, width: int, height: int) -> Callable[..., np.ndarray]:
-        due = np.full((-(-height // self.side), -(-width // self.side)), NEVER)
+        shape = -(-height // self.side), -(-width // self.side)
+        due = zeros((width, height), shape, np.int64, NEVER)
         # whole numbers, so that any cut gives the same
         interval = min(round(1e6 / self.rate), LATEST // (2 * self.burst))
         return lambda t, x, y: within_rate(t, x, y, int(self.side), interval, int(self.burst), due)

@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels import measures as kernel
 from nvsdata.kernels.measures import COUNT, MAX, MEAN, POLARITY, SUM, TIME, VARIANCE
 
@@ -47,10 +48,10 @@ class ERGO12:
     deterministic: ClassVar[bool] = True
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         size = events.sensor_size[::-1]
-        out = np.zeros((len(CHANNELS), *size), np.float32)
-        scratch = np.empty((3, *size))
+        out = zeros(events.sensor_size, (len(CHANNELS), *size))
+        scratch = zeros(events.sensor_size, (3, *size), np.float64)
         if len(events):
             (t, x, y, p), start, span = events.columns, int(events.t[0]), events.duration
             windows = _windows(len(events))

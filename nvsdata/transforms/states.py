@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from nvsdata.data.events import LATEST, Events, check_sensor_size
+from nvsdata.common.memory import check_memory, zeros
+from nvsdata.data.events import LATEST, Events, check_inside, check_sensor_size
 from nvsdata.kernels.latest import ages_of_bins, leak_into, queue_bins, remember
 
 Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -31,6 +32,7 @@ class _State:
             raise ValueError(
                 "events of {}x{} pixels, but the state has {}x{}".format(*events.sensor_size, *self.sensor_size)
             )
+        check_inside(events)
         if self.latest is not None and len(events) and events.t[0] < self.latest:
             raise ValueError(f"events at {events.t[0]} µs come after a state at {self.latest} µs")
         # an empty piece that states no time says nothing
@@ -53,7 +55,9 @@ class LatestState(_State):
     ) -> None:
         super().__init__(sensor_size)
         self._show = show
-        self._times, self._counts = np.zeros((2, k, *self.shape), np.int64), np.zeros((2, *self.shape), np.int64)
+        check_memory(sensor_size, (2, k + 1, *self.shape), np.int64)
+        self._times = zeros(sensor_size, (2, k, *self.shape), np.int64)
+        self._counts = zeros(sensor_size, (2, *self.shape), np.int64)
 
     def update(self, events: Events) -> None:
         """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
@@ -76,7 +80,10 @@ class LeakyState(_State):
     def __init__(self, sensor_size: tuple[int, int], leak: float, increment: float) -> None:
         super().__init__(sensor_size)
         self._leak, self._increment = float(leak), float(increment)
-        self._value, self._since = np.zeros(self.shape), np.full(self.shape, -LATEST)
+        # the state, and what `tensor` needs to work out the values
+        check_memory(sensor_size, (6, *self.shape), np.int64)
+        self._value = zeros(sensor_size, self.shape, np.float64)
+        self._since = zeros(sensor_size, self.shape, np.int64, -LATEST)
 
     def update(self, events: Events) -> None:
         """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
@@ -98,7 +105,9 @@ class FocusState(_State):
         self._duration = duration
         self._origin: int | None = None
         slots = 2, *self.shape, depth
-        self._kept = np.zeros(slots, np.int64), np.zeros((*slots, 2)), np.zeros(slots[:3], np.int64)
+        check_memory(sensor_size, (3, *slots), np.int64)
+        bins, within = zeros(sensor_size, slots, np.int64), zeros(sensor_size, (*slots, 2), np.float64)
+        self._kept = bins, within, zeros(sensor_size, slots[:3], np.int64)
 
     def update(self, events: Events) -> None:
         """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
@@ -111,6 +120,6 @@ class FocusState(_State):
     def tensor(self, at: int | None = None) -> torch.Tensor:
         """The representation at `at` (µs; default: the end of the last events' time); ValueError for a time before."""
         depth, since = self._kept[0].shape[3], self._moment(at) - (self._origin or 0)
-        out = np.zeros((depth, 2, *self.shape), np.float32)
+        out = zeros(self.sensor_size, (depth, 2, *self.shape))
         ages_of_bins(since, self._duration, *self._kept, out)
         return torch.from_numpy(out).flatten(0, 1)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 import torch
 
+from nvsdata.common.memory import check_memory, zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import EVER, Events
 from nvsdata.data.frame_edges import duration_bounds
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels import surfaces as kernel
 from nvsdata.transforms.states import LatestState
+
+Polarity = Literal["own", "both"]
 
 
 @dataclass(frozen=True)
@@ -38,15 +41,18 @@ class TimeSurface:
             microseconds("every", self.every)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
         bounds = np.array([0, len(events)]) if self.every is None else duration_bounds(events, self.every)
         count = bounds.size - 1
         times = np.full(count, events.end)
         if self.every is not None:
             times[:-1] = events.start + np.arange(1, count) * min(int(self.every), EVER[1])
+        # the surfaces, and float64 [2, H, W]
+        check_memory(events.sensor_size, (count + 2, 2, height, width))
         out = np.empty((count, 2, height, width), np.float32)
-        kernel.surfaces(*events.columns, times, bounds, float(self.tau), np.zeros(out.shape[1:]), out)
+        grown = zeros(events.sensor_size, out.shape[1:], np.float64)
+        kernel.surfaces(*events.columns, times, bounds, float(self.tau), grown, out)
         return torch.from_numpy(out if self.every is not None else out[0])
 
     def state(self, sensor_size: tuple[int, int]) -> LatestState:
@@ -60,35 +66,40 @@ class TimeSurface:
 
 @dataclass(frozen=True)
 class EventSurfaces:
-    """The time surface around each event: float32 [N, 2 radius + 1, 2 radius + 1] (HOTS, Lagorce et al. 2017, eq. 3).
+    """The time surface around each event: float32 [N, 2 radius + 1, 2 radius + 1], of the event's own polarity.
 
-    exp(-(t_i - t) / tau), t being the time of the last event of the same polarity at each pixel up to event i, whose
-    own value in the middle is 1. 0 where there was none, and beyond the sensor.
+    exp(-(t_i - t) / tau), t being the time of the last event of a polarity at each pixel up to event i, whose own value
+    in the middle is 1. 0 where there was none, and beyond the sensor. HOTS (Lagorce et al. 2017, eq. 2 and 3) has a
+    surface for each polarity: `polarity="both"`.
 
     - `radius`: R, pixels around the event (default 2)
     - `tau`: time constant in µs (default 50,000)
+    - `polarity`: "own" (default), that of the event; "both" gives [N, 2, 2 radius + 1, 2 radius + 1], ON first
 
     Takes `Events` or a `Recording`. ValueError for settings out of range.
     """
 
     radius: int = 2
     tau: float = 50_000
+    polarity: Polarity = "own"
     deterministic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         whole("radius", self.radius)
         positive("tau", self.tau)
+        if self.polarity not in get_args(Polarity):
+            raise ValueError(f"polarity must be one of {get_args(Polarity)}, not {self.polarity!r}")
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
         radius, side = int(self.radius), 2 * int(self.radius) + 1
         padded = 2, height + side - 1, width + side - 1
-        out = np.empty((len(events), side, side), np.float32)
-        kernel.event_surfaces(
-            *events.columns, float(self.tau), radius, np.zeros(padded), np.zeros(padded, np.int64), out
-        )
-        return torch.from_numpy(out)
+        grown, epochs = (zeros(events.sensor_size, padded, kind) for kind in (np.float64, np.int64))
+        both = self.polarity == "both"
+        out = np.empty((len(events), 1 + both, side, side), np.float32)
+        kernel.event_surfaces(*events.columns, float(self.tau), radius, grown, epochs, out)
+        return torch.from_numpy(out if both else out[:, 0])
 
 
 def time_surface(sample: Events | Recording, tau: float = 50_000, *, every: int | None = None) -> torch.Tensor:
@@ -96,6 +107,8 @@ def time_surface(sample: Events | Recording, tau: float = 50_000, *, every: int 
     return TimeSurface(tau, every)(sample)
 
 
-def event_surfaces(sample: Events | Recording, radius: int = 2, tau: float = 50_000) -> torch.Tensor:
+def event_surfaces(
+    sample: Events | Recording, radius: int = 2, tau: float = 50_000, *, polarity: Polarity = "own"
+) -> torch.Tensor:
     """The time surface around each event; see `EventSurfaces`."""
-    return EventSurfaces(radius, tau)(sample)
+    return EventSurfaces(radius, tau, polarity)(sample)

@@ -12,7 +12,7 @@ import torch
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
-from nvsdata.data.recording import as_events
+from nvsdata.data.recording import Recording, as_events, misplaced
 
 
 class _Following:
@@ -64,10 +64,10 @@ def size_of(sample: Any) -> tuple[int, int] | None:
     return size
 
 
-def move_all(sample: Any, change: Callable[[Any], Any]) -> Any:
+def move_all(sample: Any, change: Callable[[Any], Any], *, graphs: bool = False) -> Any:
     """`change_all` for a change of place, which boxes follow: it takes `Boxes`, too."""
     follow(sample, change)
-    return change_all(sample, change)
+    return change_all(sample, change, graphs=graphs)
 
 
 def each(change: Callable[[Any], Any], parts: Iterable[Any]) -> list[Any]:
@@ -96,14 +96,19 @@ def no_boxes(what: str) -> ValueError:
     return ValueError(f"boxes can't follow {what}, which moves parts of a sample apart")
 
 
-def change_all(sample: Any, change: Callable[[Any], Any]) -> Any:
-    """`change` applied to a graph, `Events` or a `Recording`, or to each of a list, such as `Volumes` gives.
+def change_all(sample: Any, change: Callable[[Any], Any], *, graphs: bool = False) -> Any:
+    """`change` applied to `Events`, a `Recording` or, with `graphs`, a `Graph`, or to each of a list of them, such as
+    `Volumes` gives.
 
     A recording is decoded. TypeError for anything else.
     """
     if isinstance(sample, list | tuple):
-        return [change_all(part, change) for part in sample]
-    return change(sample if isinstance(sample, Graph) else as_events(sample))
+        return [change_all(part, change, graphs=graphs) for part in sample]
+    if graphs and isinstance(sample, Graph):
+        return change(sample)
+    if not isinstance(sample, Events | Recording):
+        raise misplaced(f"{'a Graph, ' if graphs else ''}Events, a Recording or a list of them", sample)
+    return change(as_events(sample))
 
 
 def decoded(sample: Any) -> tuple[Any, list[Events]]:

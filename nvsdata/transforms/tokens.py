@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import check_count, share_bounds
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.measures import tokens
 
 
@@ -42,9 +42,9 @@ class GroupTokens:
         check_count(int(self.groups))
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events, parts, patch = as_events(sample), int(self.groups) // 2, int(self.patch)
+        events, parts, patch = events_inside(sample), int(self.groups) // 2, int(self.patch)
         width, height = (-(-side // patch) for side in events.sensor_size)
-        out = np.zeros((parts, 2, 2, patch * patch, height, width), np.float32)
+        out = zeros(events.sensor_size, (parts, 2, 2, patch * patch, height, width))
         if len(events):
             # the last event is in the last part
             bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]) + 1, [(n, parts) for n in range(parts)])

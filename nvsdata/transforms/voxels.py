@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
-import numpy as np
 import torch
 
+from nvsdata.common.memory import zeros
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
-from nvsdata.data.recording import Recording, as_events
+from nvsdata.data.recording import Recording, events_inside
 from nvsdata.kernels.bins import spread
 
 Interpolation = Literal["linear", "nearest"]
@@ -41,9 +41,9 @@ class VoxelGrid:
             raise ValueError(f"interpolation must be one of {get_args(Interpolation)}, not {self.interpolation!r}")
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        events = as_events(sample)
+        events = events_inside(sample)
         width, height = events.sensor_size
-        out = np.zeros((int(self.bins), height, width), np.float32)
+        out = zeros(events.sensor_size, (int(self.bins), height, width))
         if len(events):
             spread(*events.columns, self.interpolation == "linear", out)
         return torch.from_numpy(out)

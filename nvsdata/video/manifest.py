@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import os
 import platform
+import stat
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,8 +20,10 @@ import h5py
 import numpy as np
 
 from nvsdata._version import __version__
+from nvsdata.common.errors import shown
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
+from nvsdata.common.terminal import say
 from nvsdata.video.decoder_errors import DecoderErrors
 from nvsdata.video.folder import Video, fatal, sha256
 
@@ -30,13 +34,15 @@ log = logging.getLogger(__name__)
 class Manifest(Journal):
     """`out/manifest.jsonl`, open for adding lines.
 
-    The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, and the versions
-    of the software. Each further line has a video's name, status, size, time and sha256, and what came of it. A video
-    that was tried twice has two lines; the last one counts.
+    The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, the versions of
+    the software, and the names of the last run's videos, so that it is known what is missing if that run ends early.
+    Each further line has a video's name, status, size, time and sha256, and what came of it: the size and sha256 of its
+    recording, or why it failed. A video that was tried twice has two lines; the last one counts.
 
     - `out`: the folder of recordings
     - `kind`: of the folder; the first key of the first line
     - `made`: settings that all recordings in the folder must share
+    - `videos`: names of the run's videos
     - `told`: what the first line also has, and may differ from run to run (default: nothing)
     - `name`: of the file (default "manifest.jsonl")
 
@@ -44,7 +50,13 @@ class Manifest(Journal):
     """
 
     def __init__(
-        self, out: Path, kind: str, made: dict[str, Any], told: dict[str, Any] | None = None, name: str = NAME
+        self,
+        out: Path,
+        kind: str,
+        made: dict[str, Any],
+        videos: Sequence[str],
+        told: dict[str, Any] | None = None,
+        name: str = NAME,
     ) -> None:
         # as the file would give it back
         made = json.loads(json.dumps(made))
@@ -61,18 +73,22 @@ class Manifest(Journal):
             was, now = _flat({key: self.head.get(key) for key in made}), _flat(made)
             differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
             raise ValueError(f"{out} holds recordings made with {differs}: choose another folder")
+        if self.head.get("videos") != list(videos):
+            self.head["videos"], self._torn = list(videos), True
         self.videos = {line["video"]: line for line in self.lines}
         self.replaced: dict[str, Path] = {}  # recordings that a run which overwrites them found
 
-    def has(self, video: Video, statuses: tuple[str, ...]) -> bool:
-        """Whether the video, unchanged since, has one of these statuses, and its recording is there."""
+    def has(self, video: Video, statuses: tuple[str, ...], *, check: bool = False) -> bool:
+        """Whether the video, unchanged since, has one of these statuses, and its recording is there.
+
+        The size of the recording is compared and, to `check` it, also its sha256.
+        """
         line = self.videos.get(video.name)
         return (
             line is not None
             and line["status"] in statuses
             and _is_same(video.path, line)
-            and video.target.exists()
-            and video.target.stat().st_size == line["recording"]
+            and not fault_of(video.target, line, check=check)
         )
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
@@ -84,13 +100,45 @@ class Manifest(Journal):
         self.videos[line["video"]] = line
 
 
+def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
+    """Return how a recording differs from its line of the manifest: in size or, to `check`, in sha256; empty if not."""
+    try:
+        status = recording.stat()
+        if not stat.S_ISREG(status.st_mode):
+            return "isn't a file"
+        size = status.st_size
+        if size != line["recording"]:
+            stated = line["recording"]
+            stated = f"{stated:,}" if isinstance(stated, int) else repr(stated)
+            return f"has {size:,} bytes, not the {stated} of its manifest"
+        if check and "recording_sha256" not in line:
+            return "can't be compared: its manifest has no sha256 of it"
+        if check and sha256(recording) != line["recording_sha256"]:
+            return "was changed since it was made: its sha256 is another than in its manifest"
+    except (FileNotFoundError, NotADirectoryError):
+        return "is missing"
+    except (OSError, ValueError) as error:
+        # such as a name that no file can have
+        return f"can't be read: {error}"
+    return ""
+
+
+def files_of(lines: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
+    """Return the recording of each video, by the videos' names. ValueError for one outside the folder `out`."""
+    found = {line["video"]: out / line["file"] for line in lines if "file" in line}
+    for video, path in found.items():
+        if not Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out)):
+            raise ValueError(f"the manifest of {out} names a recording of {video} outside the folder: {path}")
+    return found
+
+
 def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
     """The videos, each with the recording in `out` that lines of the manifest name: a video that was added since, such
     as a.mp4 beside a.avi, would give others new names.
 
     ValueError if two would have the same recording.
     """
-    known = {line["video"]: out / line["file"] for line in lines if "file" in line}
+    known = files_of(lines, out)
     found = [video._replace(target=known.get(video.name, video.target)) for video in videos]
     whose: dict[Path, str] = {}
     for video in found:
@@ -110,6 +158,7 @@ class FolderReport:
     - `failed`: why videos failed, by their names
     - `damaged`: errors that FFmpeg found in videos whose recordings were made all the same, by their names
     - `without_preview`: why films that were asked for can't be made, by the videos' names
+    - `kept_events`: in the recordings that were there already
     """
 
     done: int = 0
@@ -118,6 +167,7 @@ class FolderReport:
     failed: dict[str, str] = field(default_factory=dict)
     damaged: dict[str, int] = field(default_factory=dict)
     without_preview: dict[str, str] = field(default_factory=dict)
+    kept_events: int = 0
 
     def count(self, line: dict[str, Any], good: tuple[str, ...]) -> None:
         """Count a line of the manifest, whose recording was made if its status is one of the `good`."""
@@ -128,13 +178,18 @@ class FolderReport:
         elif "decoder_errors" in line:
             self.damaged[line["video"]] = line["decoder_errors"]
 
+    @property
+    def total(self) -> str:
+        """All recordings of the run's videos, in words."""
+        return f"{self.done + self.kept:,} recordings with {self.events + self.kept_events:,} events"
+
     def told(self) -> list[str]:
         """A line for each video that failed, is damaged, or has no preview."""
         damaged = "its stream is damaged, pictures may be smeared: {:,} errors of the decoder"
         return [
-            *(f"{name}: {reason}" for name, reason in self.failed.items()),
-            *(f"{name}: {damaged.format(count)}" for name, count in self.damaged.items()),
-            *(f"{name}: no preview: {reason}" for name, reason in self.without_preview.items()),
+            *(shown(f"{name}: {reason}") for name, reason in self.failed.items()),
+            *(shown(f"{name}: {damaged.format(count)}") for name, count in self.damaged.items()),
+            *(shown(f"{name}: no preview: {reason}") for name, reason in self.without_preview.items()),
         ]
 
 
@@ -145,14 +200,30 @@ class FolderRun:
     - `videos`: all of the folder
     - `done`: statuses of lines whose recordings were made
     - `what`: is being done, for the progress bar
+    - `resume`: what the user does after a run that ended early (default: runs the same command)
+    - `check`: whether the recordings that are there are compared with their sha256 (default False)
 
-    `waiting` are the videos that the manifest doesn't call done, `report` counts.
+    `waiting` are the videos that the manifest doesn't call done, `report` counts. If the block raises, a line on
+    stderr says how many videos are done.
     """
 
-    def __init__(self, manifest: Manifest, videos: Sequence[Video], done: tuple[str, ...], what: str) -> None:
-        self._manifest, self._done = manifest, done
-        self.waiting = [video for video in videos if not manifest.has(video, done)]
-        self.report = FolderReport(kept=len(videos) - len(self.waiting))
+    def __init__(
+        self,
+        manifest: Manifest,
+        videos: Sequence[Video],
+        done: tuple[str, ...],
+        what: str,
+        *,
+        resume: str = "the same command resumes",
+        check: bool = False,
+    ) -> None:
+        self._manifest, self._done, self._resume, self._total = manifest, done, resume, len(videos)
+        looked_at = bar(videos, "checking", shown=check, leave=False)
+        kept = [video for video in looked_at if manifest.has(video, done, check=check)]
+        there = set(kept)
+        self.waiting = [video for video in videos if video not in there]
+        events = sum(manifest.videos[video.name].get("events", 0) for video in kept)
+        self.report = FolderReport(kept=len(kept), kept_events=events)
         self.bar = bar(None, what, total=len(self.waiting), unit="video")
         self._started, self._count = time.monotonic(), 0
         self._targets = {video.target for video in videos}
@@ -172,12 +243,17 @@ class FolderRun:
         self._count += 1
         self.bar.update(self._count - self.bar.n)
         told = f"{line.get('events', 0):,} events" if "reason" not in line else line["reason"]
-        log.info("%s: %s, %s", line["video"], line["status"], told)
+        log.info("%s: %s, %s", shown(line["video"]), shown(line["status"]), shown(told))
         return str(line["file"])
 
     def within(self, share: float) -> None:
         """So much of the present video is done, from 0 to 1."""
         self.bar.update(round(self._count + min(share, 0.99), 2) - self.bar.n)
+
+    def doing(self, what: str) -> None:
+        """Show what is being done, and the time."""
+        self.bar.set_postfix_str(what, refresh=False)
+        self.bar.refresh()
 
     def again(self, video: Video) -> None:
         """A video that failed isn't done yet after all."""
@@ -188,8 +264,10 @@ class FolderRun:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.bar.close()
+        if kind is not None:
+            say(f"{self.report.done + self.report.kept:,} of {self._total:,} videos are done: {self._resume}")
 
 
 def file_facts(video: Video) -> dict[str, Any]:

@@ -25,10 +25,11 @@ from nvsdata.kernels.davis_stream_encode import encode
 from nvsdata.recording.capture import record
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.stream import Decoder
-from nvsdata.recording.simulated.camera import FIFO, SimulatedDavis
+from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.usb_backend import Backend
 
 PERIOD = 1 << 15  # µs between wraps of the camera's clock
+FIFO = 1 << 22  # bytes that may wait to be read
 Row = dict[str, Any]
 
 

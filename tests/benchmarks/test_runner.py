@@ -205,3 +205,12 @@ def test_a_process_of_its_own_ends_with_its_connection(tmp_path):
         assert one.ask("drop") == {}
         process = one._process
     assert process.exitcode == 0
+
+
+def test_a_worker_ends_quietly_if_nobody_waits_for_its_answer(monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    monkeypatch.setattr(worker, "end_with_parent", lambda: None)
+    ours, other = Pipe()
+    ours.send(("drop",))
+    ours.close()
+    worker.serve(other, "metrics", Options(tmp_path, quick=True), "nvsdata")

@@ -14,7 +14,7 @@ from processes_of_others import dead_owner
 
 import nvsdata
 from nvsdata import Events
-from nvsdata.cli import CODES, COMMANDS, main
+from nvsdata.cli import CODES, COMMANDS, _parser, main
 from nvsdata.commands import demo_training
 from nvsdata.commands.emulation_settings import HELP
 from nvsdata.commands.options import Help
@@ -355,7 +355,7 @@ def test_verify_gives_a_fault_a_line_whatever_the_name(tmp_path, terminal):
     assert code == 1
     assert out[0] == f"{name}/{name}.bin: 2 bytes of a torn record, cut off"
     assert out[1].startswith(f"{name}/{name}.h5: {tmp_path}/{name}/{name}.h5: ")
-    assert out[2:] == ["2 faults"]
+    assert out[2:] == ["3 recordings opened: 2 faults"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="shells as POSIX has them")
@@ -365,3 +365,46 @@ def test_streams_that_are_closed(tmp_path, closed):
     command = f"{sys.executable} -m nvsdata record --simulate --seconds 0.2 --out {tmp_path / 'a.h5'} {closed}"
     assert subprocess.run(["sh", "-c", command]).returncode == 0
     assert len(nvsdata.read(tmp_path / "a.h5")) > 1_000
+
+
+ORDERS = {  # arguments, and an option with the value that it may have
+    "info": (["a.h5", "b.h5"], ["--json"]),
+    "view": (["a.h5", "b.png"], ["--fps", "10"]),
+    "gallery": (["root", "b.html"], ["--dataset", "n-mnist"]),
+    "download": (["n-mnist"], ["--root", "a"]),
+    "pack": (["root"], ["--dataset", "n-mnist", "--out", "a.h5"]),
+    "convert": (["a.h5", "b.raw"], ["--format", "evt2"]),
+    "convert-videos": (["a"], ["--fps", "10"]),
+    "compare": (["a.h5", "b.h5"], ["--fps", "10"]),
+    "bench": (["decode", "load"], ["--only", "a"]),
+    "verify": (["root"], ["--dataset", "n-mnist"]),
+    "cache": (["info", "a", "b"], ["--kernels"]),
+}
+
+
+def test_every_command_with_arguments_has_its_orders():
+    commands = {name: _parser(name)._subparsers._group_actions[0].choices[name] for name in COMMANDS}
+    takes = [name for name, one in commands.items() if any(not action.option_strings for action in one._actions)]
+    assert sorted(takes) == sorted(ORDERS)
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_options_stand_before_between_and_after_arguments(name):
+    given, option = ORDERS[name]
+    found = [
+        vars(_parser(name).parse_args([name, *given[:place], *option, *given[place:]]))
+        for place in range(len(given) + 1)
+    ]
+    for one in found:
+        del one["parser"]
+        assert one == found[0]
+
+
+def test_a_file_may_begin_with_a_dash(file, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    file.rename("-a.h5")
+    assert main(["info", "--json", "--", "-a.h5"]) == 0
+    assert main(["view", "--", "-a.h5", "-b.png"]) == 0
+    with pytest.raises(SystemExit):
+        main(["view", "a.h5", "--nothing", "x"])
+    assert "unrecognized arguments: --nothing x" in capsys.readouterr().err

@@ -85,6 +85,7 @@ def test_calibrations_and_folders_are_asked_for(session):
         "strict": False,
         "accept_quiet": False,
         "on_alarm": None,
+        "until_full": False,
         "note": None,
         "as_json": False,
         "live": False,
@@ -159,17 +160,18 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
 
     def convert_videos(source, out, settings, **options):
         asked.append((source, out, settings, options))
-        return FolderReport(done=1_200, kept=3_400, events=5_600_000, failed=failed)
+        return FolderReport(done=1_200, kept=3_400, events=5_600_000, kept_events=100, failed=failed)
 
     monkeypatch.setattr(convert, "convert_videos", convert_videos)
     monkeypatch.setattr(sys, "setswitchinterval", asked.append)
     failed = {}
     assert main(["convert-videos", "in"]) == 0
-    told = "1,200 converted, 3,400 were there, {} failed; 5,600,000 events in {}\n"
+    told = "1,200 converted, 3,400 were there, {} failed; 5,600,000 events converted, "
+    told += "4,600 recordings with 5,600,100 events in {}\n"
     assert capsys.readouterr() == (told.format(0, convert.default_out(Path("in"))), "")
     failed = {"a.avi": "cut off", "b.avi": "empty"}
     words = ["--out", "out", "--size", "40x30", "--fps", "25", "--limit", "7", "--jobs", "2", "--scheduler", "here"]
-    words += ["--overwrite", "--preview", "--start", "1.5", "--stop", "4", "--fit", "crop"]
+    words += ["--overwrite", "--check", "--preview", "--start", "1.5", "--stop", "4", "--fit", "crop"]
     words += ["--crop", "1", "2", "30", "20"]
     assert main(["convert-videos", "in", *words]) == 1
     assert capsys.readouterr() == (
@@ -177,9 +179,9 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
         f"a.avi: cut off\nb.avi: empty\npreviews are in {Path('out/.previews')}\n",
     )
     plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
-    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "preview": False, "view": View()}
+    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "check": False, "preview": False, "view": View()}
     chosen = {"size": (40, 30), "fps": 25.0, "limit": 7, "jobs": 2, "scheduler": "here"}
-    chosen |= {"overwrite": True, "preview": True, "view": View(1.5, 4.0, (1, 2, 30, 20), "crop")}
+    chosen |= {"overwrite": True, "check": True, "preview": True, "view": View(1.5, 4.0, (1, 2, 30, 20), "crop")}
     assert asked[1] == (Path("in"), None, PIX2NVS(), plain)
     assert asked[3] == (Path("in"), Path("out"), PIX2NVS(), plain | chosen)
     # less than a frame's time
@@ -215,10 +217,15 @@ def test_what_was_packed_is_counted(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_faults_are_counted(monkeypatch, capsys, count):
     found = [(f"{n}\n.bin", "cut off") for n in range(count)]
-    monkeypatch.setattr("nvsdata.datasets.verification.problems", lambda root, kind: found)
+    monkeypatch.setattr(
+        "nvsdata.datasets.verification.problems", lambda root, kind, counts: counts.update(opened=7) or found
+    )
     assert main(["verify", "in"]) == min(count, 1)
     lines = [f"{n}\\n.bin: cut off" for n in range(count)]
-    assert capsys.readouterr().out.splitlines() == [*lines, f"{count} faults" if count else "all sound"]
+    assert capsys.readouterr().out.splitlines() == [
+        *lines,
+        f"7 recordings opened: {f'{count} faults' if count else 'all sound'}",
+    ]
 
 
 def test_a_download_tells_its_folders(monkeypatch, capsys):
@@ -342,10 +349,10 @@ def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
     given = []
     monkeypatch.setattr("nvsdata.recording.session.run_batch", lambda *args, **how: given.append(how) or 3)
     words = ["--calibration", "c", "--strict", "--accept-quiet", "--on-alarm", "mail me"]
-    words += ["--note", "dark", "--live"]
+    words += ["--note", "dark", "--live", "--until-full"]
     assert main(["record", "--monitor", "in", "--out", "b", *words]) == 3
     how = {"calibration": Path("c"), "strict": True, "accept_quiet": True, "on_alarm": "mail me"}
-    how |= {"note": "dark", "live": True}
+    how |= {"note": "dark", "live": True, "until_full": True}
     assert given[0].items() >= how.items()
 
 

@@ -114,6 +114,24 @@ def test_cameras_and_what_lacks(said, capsys, monkeypatch):
     assert capsys.readouterr().out.startswith("libusb: isn't installed\n    ")
 
 
+@pytest.mark.parametrize(("asked", "code"), [([], 0), (["--live"], 1), (["--monitor", "in"], 1), (["--calibrate"], 1)])
+def test_only_what_is_needed_for_what_was_asked_is_a_failure(capsys, monkeypatch, tmp_path, asked, code):
+    from types import SimpleNamespace
+
+    from nvsdata.recording import doctor
+
+    monkeypatch.setattr(doctor.importlib.util, "find_spec", lambda name: None)
+    how = ["record", "--doctor", "--simulate", "--out", str(tmp_path / "none/a.h5"), *asked]
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: SimpleNamespace(free=doctor.RESERVE))
+    assert main(how) == code
+    out = capsys.readouterr().out
+    assert ("pygame-ce: isn't installed (optional)\n" in out) is not bool(code)
+    assert ("pygame-ce: isn't installed\n    --live, --monitor and --calibrate need it" in out) is bool(code)
+    assert f"disk: 0.1 GB are free in {tmp_path} (optional)\n    a minute may take 1 GB" in out
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: SimpleNamespace(free=doctor.RESERVE - 1))
+    assert main(how) == 1
+
+
 def no_backend(**_):
     import usb.core
 
@@ -276,9 +294,11 @@ def test_the_shell_is_told_how_a_line_goes_on(monkeypatch):
 
 def test_kernels_of_others_stay(monkeypatch, tmp_path):
     from nvsdata.datasets.cache_folders import kernels
+    from nvsdata.kernels.order import is_sorted
 
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    for name in ("other_0/f.g-1.py311.nbi", "kernels_5a/order.is_sorted-9.py311.nbi", "other_0/order.f-3.py311.nbc"):
+    # where numba keeps those of one installation, and those of others, of the same names
+    monkeypatch.setattr(type(is_sorted._cache), "cache_path", property(lambda _: str(tmp_path / "kernels_5a")))
+    for name in ("other_0/f.g-1.py311.nbi", "kernels_5a/order.is_sorted-9.py311.nbi", "kernels_6b/order.f-3.py311.nbc"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"")
     assert [path.name for path in kernels().files] == ["order.is_sorted-9.py311.nbi"]

@@ -145,3 +145,26 @@ def test_a_gallery_draws_from_all_and_shows_six(classes, capsys):
     assert shown != {str(i) for i in range(6)}
     assert main(["gallery", "pets", "again.HTML"]) == 0
     assert set(re.findall(r"cat/(\d+)\.bin", (classes.parent / "again.HTML").read_text("utf-8"))) == shown
+
+
+def test_a_window_without_the_recording_writes_nothing_and_says_why(file, tmp_path, capsys):
+    before, after = ["--stop", "2000000"], ["--start", str(10**12 + 299_001)]
+    for window in (before, after, [*before, "--relative", "--start", "299001"]):
+        assert main(["view", str(file), *window]) == 1
+        err = capsys.readouterr().err
+        assert f"{file}: the window [" in err
+        assert "its events lie at 1000000000000 to 1000000299000 µs" in err
+        assert ("--relative counts from the first" in err) is ("--relative" not in window)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+    assert main(["view", str(file), "a.png", "--relative", "--start", "10000", "--stop", "30000"]) == 0
+    assert "20 events in a.png" in capsys.readouterr().out
+    # between two events there may be none
+    assert main(["view", str(file), "b.png", "--relative", "--start", "10001", "--stop", "11000"]) == 0
+    assert "0 events in b.png" in capsys.readouterr().out
+
+
+def test_a_recording_of_unknown_span_is_asked_for_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.bin").write_bytes(trees.atis(trees.some(1, first=1_000_000)))
+    assert main(["view", "a.bin", "--stop", "5"]) == 1
+    assert "a.bin: the window [, 5) holds nothing" in capsys.readouterr().err

@@ -9,7 +9,18 @@ import pytest
 from processes_of_others import dead_owner
 
 from nvsdata.common import files
-from nvsdata.common.files import Journal, atomic, creating, flushed_early, named, parsed_line, put, sweep
+from nvsdata.common.files import (
+    Journal,
+    append_own,
+    atomic,
+    creating,
+    flushed_early,
+    named,
+    parsed_line,
+    put,
+    read_own,
+    sweep,
+)
 from nvsdata.common.locks import OutputInUse, locked, owner
 
 
@@ -91,11 +102,18 @@ def test_links_stay_links_and_permissions_as_they_were(tmp_path):
     (tmp_path / "a").write_text("old")
     os.chmod(tmp_path / "a", 0o600)
     (tmp_path / "link").symlink_to(tmp_path / "a")
-    with atomic(tmp_path / "link") as temporary:
+    with atomic(tmp_path / "link", through_link=True) as temporary:
         temporary.write_text("new")
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "a").read_text() == "new"
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o600
+    # a name that the user didn't choose: the link itself is replaced, and what it leads to stays
+    with atomic(tmp_path / "link") as temporary:
+        temporary.write_text("other")
+    assert not (tmp_path / "link").is_symlink()
+    assert (tmp_path / "a").read_text() == "new"
+    (tmp_path / "link").unlink()
+    (tmp_path / "link").symlink_to(tmp_path / "a")
     (tmp_path / "a").unlink()
     with pytest.raises(FileExistsError), creating(tmp_path / "link", overwrite=False):
         pass
@@ -228,3 +246,52 @@ def test_lines_that_say_nothing():
     assert parsed_line(b'{"a": 1}') == {"a": 1}
     for torn in ('{"a":', "[1]", "", b"\xff", "5"):
         assert parsed_line(torn) is None
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder", "huge"])
+def test_a_file_of_our_own_is_a_regular_one_of_bounded_size(tmp_path, kind):
+    path = tmp_path / "own"
+    if kind == "link":
+        (tmp_path / "a").write_bytes(b"secret")
+        path.symlink_to(tmp_path / "a")
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.write_bytes(b"x" * 11)
+    with pytest.raises(OSError, match="own"):
+        read_own(path, 10)
+    if kind != "huge":
+        with pytest.raises(OSError, match="own"):
+            append_own(path)
+    else:
+        assert read_own(path, 11) == b"x" * 11
+    if kind == "link":
+        assert (tmp_path / "a").read_bytes() == b"secret"
+
+
+def test_a_journal_is_not_kept_through_a_link(tmp_path):
+    (tmp_path / "a").write_text("a text")
+    (tmp_path / "j.jsonl").symlink_to(tmp_path / "a")
+    with pytest.raises(OSError, match=r"j\.jsonl.*is a link|is a link.*j\.jsonl"):
+        Journal(tmp_path / "j.jsonl", {"a": 1})
+    assert (tmp_path / "a").read_text() == "a text"
+
+
+def test_a_full_disk_is_an_error_of_the_file_also_of_journals(tmp_path):
+    from disks import file_limit
+
+    def fills(journal):
+        journal.add({"b": "x" * 100})
+
+    with Journal(tmp_path / "j.jsonl", {"a": 1}):
+        pass
+    with file_limit(40):
+        with pytest.raises(OSError, match="large") as refused, atomic(tmp_path / "a") as temporary:
+            temporary.write_bytes(bytes(100))
+        assert refused.value.filename == str(tmp_path / "a")
+        # closing writes again what wasn't taken
+        with pytest.raises(OSError, match="large") as refused, Journal(tmp_path / "j.jsonl", {}) as journal:
+            fills(journal)
+        assert refused.value.filename == str(tmp_path / "j.jsonl")

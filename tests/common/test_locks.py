@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from processes_of_others import another_process, dead_owner
@@ -173,3 +174,30 @@ def test_a_missing_folder_and_a_name_as_long_as_the_system_allows(tmp_path):
         pass
     with locked(tmp_path / ("n" * 252 + ".h5")), pytest.raises(OutputInUse), locked(tmp_path / ("n" * 252 + ".h5")):
         pass
+
+
+def test_a_full_disk_leaves_a_lock_unsigned_but_locked(tmp_path):
+    from disks import file_limit
+
+    with file_limit(0), locked(tmp_path / "a"):
+        assert (tmp_path / ".a.lock").read_bytes() == b""
+        with pytest.raises(OutputInUse), locked(tmp_path / "a"):
+            pass
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes as POSIX has them")
+@pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir, lambda place: place.symlink_to(place)])
+def test_what_is_no_lock_is_not_waited_for(output, make):
+    make(lock_path(output))
+    assert not is_locked(output)
+    with pytest.raises(FileExistsError, match="is not a lock of nvsdata's"), locked(output):
+        pass
+
+
+@pytest.mark.parametrize("content", [b'{"owner": ' + b"[" * 50_000, b'{"owner": ' + b" " * (1 << 20)])
+def test_a_lock_of_deep_or_long_content_is_taken_over(output, content):
+    lock_path(output).write_bytes(content)
+    assert not is_locked(output)
+    with locked(output):
+        assert is_locked(output)

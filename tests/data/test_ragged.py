@@ -70,11 +70,31 @@ def test_a_loader_of_unequal_frames_and_of_events(workers):
     assert events.to("cpu").t.equal(events.t)
 
 
+def test_files_that_do_not_state_their_sensor_are_named_as_a_cause(tmp_path):
+    """As N-MNIST's: of one without events in the last column, another size follows."""
+    for name, x in (("whole", 33), ("narrow", 32)):
+        ev = Events([1, 2], [0, x], [0, 33], [0, 1], (34, 34))
+        nvsdata.write(ev, tmp_path / f"{name}.bin")
+    read = [nvsdata.read(tmp_path / f"{name}.bin") for name in ("whole", "narrow")]
+    assert [ev.sensor_size for ev in read] == [(34, 34), (33, 34)]
+    cure = (
+        r"have several sensor sizes, 33x34, 34x34: .* state it, sensor_size=\(34, 34\), in nvsdata.read, nvsdata.open"
+    )
+    for sample in (T.EventImage(), T.ToFrames(3), T.VoxelGrid(2)):
+        with pytest.raises(ValueError, match=cure):
+            nvsdata.collate([(sample(ev), 0) for ev in read])
+    with pytest.raises(ValueError, match=cure):
+        _ = nvsdata.collate([(ev, 0) for ev in read], events="columns").inputs.sensor_size
+    stated = [nvsdata.read(tmp_path / f"{name}.bin", sensor_size=(34, 34)) for name in ("whole", "narrow")]
+    assert nvsdata.collate([(T.EventImage()(ev), 0) for ev in stated]).inputs.shape == (2, 2, 34, 34)
+
+
 def test_samples_that_do_not_fit_are_named():
     frames = [(torch.zeros(3, 2), 0), (torch.zeros(3, 2), 0), (torch.zeros(4, 2), 0)]
     expected = r"sample 0 has the shape \(3, 2\), sample 2 \(4, 2\): .* pad=True.*T.Resize.*batch_size=1"
-    with pytest.raises(ValueError, match=expected):
+    with pytest.raises(ValueError, match=expected) as raised:
         nvsdata.collate(frames)
+    assert "sensor" not in str(raised.value)
     with pytest.raises(ValueError, match=r"sample 1 \(3,\): they don't fit into one batch"):
         nvsdata.collate([(torch.zeros(3, 2), 0), (torch.zeros(3), 0)], pad=True)
     with pytest.raises(ValueError, match="events must be 'list' or 'columns', not 'offsets'"):
@@ -97,7 +117,7 @@ def test_sensors_of_one_size_have_it():
     assert EventBatch.of([make([1], (9, 3)), make([2], (9, 3))]).sensor_size == (9, 3)
     several = EventBatch.of([make([1], (9, 3)), make([2], (4, 5)), make([2], (9, 3))])
     assert several.sensor_sizes == ((9, 3), (4, 5), (9, 3))
-    with pytest.raises(ValueError, match=r"several sensor sizes: \[\(4, 5\), \(9, 3\)\]; crop or resize them$"):
+    with pytest.raises(ValueError, match=r"several sensor sizes, 4x5, 9x3: .* crop or resize them$"):
         _ = several.sensor_size
 
 

@@ -107,14 +107,43 @@ class Harmful:
 
 def test_a_file_of_a_cache_runs_no_code(digits, tmp_path):
     cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100)), tmp_path / "cache")
-    cached[0]
-    out = io.BytesIO()
-    torch.save({"stamps": cached._stamps(0), "parts": [["value", Harmful(tmp_path / "made")]]}, out)
-    data = out.getvalue()
-    (cached.folder / "0/0.pt").write_bytes(zlib.crc32(data).to_bytes(4, "little") + data)
-    with pytest.raises(pickle.UnpicklingError):
-        cached[0]
+    expected = cached[0]
+    harmful = {"stamps": cached._stamps(0), "parts": [["value", Harmful(tmp_path / "made")]]}
+    # and in the older kind of file, which torch before 2.6 reads less safely
+    for content, is_zip in ((harmful, True), (harmful, False), ({"stamps": cached._stamps(0), "parts": 3}, True)):
+        out = io.BytesIO()
+        torch.save(content, out, _use_new_zipfile_serialization=is_zip)
+        data = out.getvalue()
+        (cached.folder / "0/0.pt").write_bytes(zlib.crc32(data).to_bytes(4, "little") + data)
+        assert cached[0] == expected
     assert not (tmp_path / "made").exists()
+
+
+def keep(cached, data):
+    """Put other bytes in the place of the first sample's, with a right checksum."""
+    (cached.folder / "0/0.pt").write_bytes(zlib.crc32(data).to_bytes(4, "little") + data)
+
+
+@pytest.mark.parametrize("change", ["no parts", "none", "outside", "falls", "short", "no zip"])
+def test_what_is_no_sample_of_ours_is_made_again(digits, tmp_path, change):
+    cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100_000)), tmp_path / "cache")
+    expected = cached[0]
+    content = torch.load(io.BytesIO((cached.folder / "0/0.pt").read_bytes()[4:]), weights_only=True)
+    columns = content["parts"][0][1]
+    if change == "no parts":
+        del content["parts"]
+    elif change == "none":
+        content["parts"] = []
+    elif change == "outside":
+        columns["x"][3] = -30_000
+    elif change == "falls":
+        columns["t"][0] = 2**62
+    elif change == "short":
+        columns["p"] = columns["p"][:-1]
+    out = io.BytesIO()
+    torch.save(content, out)
+    keep(cached, b"no zip" if change == "no zip" else out.getvalue())
+    assert cached[0] == expected
 
 
 class Speaks:

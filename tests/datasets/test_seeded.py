@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import gc
+import itertools
 
 import numpy as np
 import pytest
 import torch
 import trees
+from torch.utils.data import DataLoader
 
+import nvsdata
 from nvsdata import NMNIST
+from nvsdata import transforms as T
 from nvsdata.datasets import SeededBatches, SeededDataset
-from nvsdata.datasets.seeded import Passes, seeded
+from nvsdata.datasets.seeded import seeded
 from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.splits import split_hash, stratified
 
@@ -41,19 +45,100 @@ def test_an_outer_block_stays_in_force_to_its_end():
     assert drawn(4, 5, 6) != drawn(3, 0, 0)
 
 
-def test_passes_count_each_sample_by_itself():
-    passes = Passes(3)
-    assert [passes.next(index) for index in (1, 1, 0, 1, 2, 0)] == [0, 1, 0, 2, 0, 1]
+def random_number(_):
+    return torch.randint(1_000_000, ()).item()
 
 
-def test_epochs_of_a_dataset_are_numbered_from_0(home):
-    dataset = NMNIST(home(trees.nmnist()), transform=lambda _: torch.randint(1_000_000, ()).item(), seed=5)
-    assert [dataset[2][0], dataset[-28][0], dataset[2][0], dataset[3][0]] == [
-        drawn(5, epoch, index) for epoch, index in ((0, 2), (1, 2), (2, 2), (0, 3))
+@pytest.fixture
+def numbers(home):
+    """Makes datasets of 30 samples, each a random number and its label."""
+    root = home(trees.nmnist())
+    return lambda: NMNIST(root, transform=random_number, seed=5)
+
+
+def epoch_of(*indices, epoch):
+    return [drawn(5, epoch, index) for index in indices]
+
+
+def one_pass(dataset, order=range(30), batches=None, **options):
+    """The numbers of a pass over samples in this order, left after some batches of four."""
+    loader = DataLoader(dataset, 4, sampler=list(order), **options)
+    return torch.cat([batch for batch, _ in itertools.islice(loader, batches)]).tolist()
+
+
+def test_epochs_of_a_dataset_are_numbered_from_0(numbers):
+    dataset = numbers()
+    # a sample that comes again begins the next epoch
+    assert [dataset[index][0] for index in (2, -27, -28, 3, 2)] == [
+        drawn(5, epoch, index) for epoch, index in ((0, 2), (0, 3), (1, 2), (1, 3), (2, 2))
     ]
     by_key = SeededDataset(NMNIST(dataset.root, transform=dataset.transform))
     assert by_key[4, 7][0] == drawn(0, 4, 7)
     assert len(by_key) == 30
+
+
+@pytest.mark.parametrize("workers", [0, 1, 2])
+def test_each_pass_is_an_epoch_in_any_order(numbers, workers):
+    dataset = numbers()
+    for epoch in range(3):
+        order = np.random.default_rng(epoch).permutation(30).tolist()
+        assert one_pass(dataset, order, num_workers=workers) == epoch_of(*order, epoch=epoch)
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_a_pass_that_was_left_early_is_an_epoch_of_workers(numbers, context):
+    dataset = numbers()
+    options = {"num_workers": 2, "multiprocessing_context": context}
+    for epoch, batches in enumerate((2, 1, None)):
+        order = range(30)[:: 1 if epoch % 2 else -1]
+        found = one_pass(dataset, order, batches, **options)
+        assert found == epoch_of(*order, epoch=epoch)[: len(found)]
+
+
+def test_samples_that_a_pass_leaves_out_are_drawn_for_the_next_one(numbers):
+    dataset = numbers()
+    assert one_pass(dataset, range(20), num_workers=2) == epoch_of(*range(20), epoch=0)
+    assert one_pass(dataset, range(10, 30), num_workers=2) == epoch_of(*range(10, 30), epoch=1)
+
+
+def test_persistent_workers_count_complete_passes_and_hear_of_set_epoch(numbers):
+    dataset = numbers()
+    loader = DataLoader(dataset, 4, num_workers=2, persistent_workers=True)
+    for epoch in (0, 1):
+        assert torch.cat([batch for batch, _ in loader]).tolist() == epoch_of(*range(30), epoch=epoch)
+    for epoch in (7, 3, 3):
+        dataset.set_epoch(epoch)
+        assert torch.cat([batch for batch, _ in loader]).tolist() == epoch_of(*range(30), epoch=epoch)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_restart_continues_at_the_epoch_that_is_set(numbers, workers):
+    dataset = numbers()
+    # left early, and samples that come twice: nothing is counted
+    for epoch, batches in ((3, 2), (4, None)):
+        dataset.set_epoch(epoch)
+        order = [*range(30), 1, 1]
+        found = one_pass(dataset, order, batches, num_workers=workers)
+        assert found == epoch_of(*order, epoch=epoch)[: len(found)]
+
+
+def test_two_loaders_read_at_once_have_an_epoch_each(numbers):
+    dataset = numbers()
+    both = [DataLoader(dataset, 4, num_workers=1), DataLoader(dataset, 4, num_workers=1)]
+    pairs = list(zip(*both, strict=True))
+    found = [torch.cat([batch for batch, _ in side]).tolist() for side in zip(*pairs, strict=True)]
+    assert sorted(found) == sorted(epoch_of(*range(30), epoch=epoch) for epoch in (0, 1))
+
+
+def test_an_epoch_is_set_for_a_cache_too_and_is_no_negative_number(numbers, tmp_path):
+    dataset = numbers()
+    dataset.transform = T.Compose([T.Window(0, 10), random_number])
+    cached = nvsdata.cache(dataset, tmp_path)
+    cached.set_epoch(9)
+    assert cached[4][0] == cached[4][0] == drawn(5, 9, 4)
+    with pytest.raises(ValueError, match="epoch must be at least 0, not -1"):
+        dataset.set_epoch(-1)
+    NMNIST(dataset.root).set_epoch(3)
 
 
 def test_orders_of_epochs_are_written_down():

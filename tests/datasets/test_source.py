@@ -1,4 +1,3 @@
-import json
 import os
 import sys
 
@@ -7,7 +6,7 @@ import trees
 
 from nvsdata.common.locks import owner
 from nvsdata.datasets import source
-from nvsdata.datasets.source import CACHE_TAG, INDEX, Folder, recordings_in
+from nvsdata.datasets.source import CACHE_TAG, INDEX, Folder, keep, recordings_in, restored
 
 
 @pytest.fixture
@@ -61,9 +60,60 @@ def test_what_a_killed_process_left_of_an_index_is_swept(tree):
     assert not left.exists()
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", json.dumps({"version": 0}), json.dumps({"version": 1})])
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}\n{}", "[2, 0]\n{}", "\0" * 50, "[" * 100_000, "[2, 1e999]\n{}"])
 def test_a_damaged_index_is_made_anew(tree, content):
     (tree / INDEX).write_text(content)
+    assert Folder(tree).listing() == EXPECTED
+
+
+def altered(tree, change):
+    """The index changed by somebody who knows how it is kept, checksum and all."""
+    Folder(tree).listing()
+    index = restored(tree / INDEX)
+    change(index)
+    keep(tree / INDEX, index)
+    os.utime(tree, ns=(10**18, 10**18))
+
+
+ALTERED = {
+    "no times": lambda index: index["times"].clear(),
+    "nothing": lambda index: index.clear(),
+    "files elsewhere": lambda index: index["files"]["a"].append("../../secret.h5"),
+    "a folder elsewhere": lambda index: (index["files"] | index["times"], index["files"].update({"a/../..": ["x.h5"]})),
+    "an absolute folder": lambda index: (index["files"].update({"/etc": ["x"]}), index["times"].update({"/etc": 1})),
+    "a hidden recording": lambda index: index["files"]["a"].pop(),
+    "a hidden folder": lambda index: (index["files"].pop("b"), index["times"].pop("b")),
+    "a recording that isn't there": lambda index: index["files"]["b"].append("9.bin"),
+    "names that are no text": lambda index: index["files"].update({"a": [1, 2]}),
+    "no list of names": lambda index: index["files"].update({"a": None}),
+    "a list of folders": lambda index: index.update(files=[], times=[]),
+    "times that are no numbers": lambda index: index["times"].update({"a": None}),
+    "made at no time": lambda index: index.update(made=None),
+}
+
+
+@pytest.mark.parametrize("how", ALTERED)
+def test_an_index_altered_with_its_checksum_is_found_out(tree, how):
+    altered(tree, ALTERED[how])
+    assert Folder(tree).listing() == EXPECTED
+
+
+def test_what_is_in_the_place_of_an_index_is_neither_followed_nor_waited_for(tree):
+    secret = tree.parent / "secret.txt"
+    Folder(tree).listing()
+    for content in (b"a secret", (tree / INDEX).read_bytes()):
+        secret.write_bytes(content)
+        (tree / INDEX).unlink()
+        (tree / INDEX).symlink_to(secret)
+        assert Folder(tree).listing() == EXPECTED
+        assert secret.read_bytes() == content
+    (tree / INDEX).unlink()
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tree / INDEX)
+        assert Folder(tree).listing() == EXPECTED
+        (tree / INDEX).unlink()
+    with (tree / INDEX).open("wb") as file:
+        file.truncate(source.MOST_BYTES + 1)
     assert Folder(tree).listing() == EXPECTED
 
 
@@ -99,21 +149,25 @@ def test_2000_files_are_worth_an_index(tmp_path):
     ("folder", "version", "made", "trusted"),
     [
         # of ns since 1970: an index counts if it was made more than 2 s after the last change
-        ("a", 1, 10**18 + 2 * 10**9, True),
-        ("a", 1, 10**18 + 2 * 10**9 - 1, False),
-        ("a", 0, 10**18 + 10**10, False),
-        ("a", 2, 10**18 + 10**10, False),
-        ("gone", 1, 10**18 + 10**10, False),
+        ("a", 2, 10**18 + 2 * 10**9, True),
+        ("a", 2, 10**18 + 2 * 10**9 - 1, False),
+        ("a", 1, 10**18 + 10**10, False),
+        ("a", 3, 10**18 + 10**10, False),
+        ("gone", 2, 10**18 + 10**10, False),
     ],
 )
-def test_which_index_is_trusted(tmp_path, folder, version, made, trusted):
+def test_which_index_is_trusted(tmp_path, monkeypatch, folder, version, made, trusted):
     trees.put(tmp_path, {"a/1.bin": b""})
-    files = {".": [], folder: ["of the index.bin"]}
-    index = {"version": version, "made": made, "times": {".": 10**18, folder: 10**18}, "files": files}
-    (tmp_path / INDEX).write_text(json.dumps(index))
+    files = {".": [], folder: ["1.bin"]}
+    with monkeypatch.context() as patch:
+        patch.setattr(source, "VERSION", version)
+        keep(tmp_path / INDEX, {"made": made, "times": {".": 10**18, folder: 10**18}, "files": files})
     for path in (tmp_path / "a", tmp_path):
         os.utime(path, ns=(10**18, 10**18))
-    assert Folder(tmp_path).listing() == (files if trusted else {".": [], "a": ["1.bin"]})
+    walked = []
+    monkeypatch.setattr(os, "walk", lambda *given, real=os.walk, **how: walked.append(1) or real(*given, **how))
+    assert Folder(tmp_path).listing() == {".": [], "a": ["1.bin"]}
+    assert (walked == []) == trusted
 
 
 def test_an_index_that_can_not_be_written_is_no_fault(tree):

@@ -38,11 +38,23 @@ def test_a_split_by_name_or_by_train(digits, how, named, name):
 
 
 @pytest.mark.parametrize(
-    ("how", "named"), [(("test",), {"train": True}), ((True,), {"train": False}), (("all",), {"train": True})]
+    ("how", "named"),
+    [
+        (("train",), {"train": False}),
+        (("test",), {"train": True}),
+        ((True,), {"train": False}),
+        ((False,), {"train": True}),
+        (("all",), {"train": True}),
+    ],
 )
 def test_splits_that_contradict_each_other(digits, how, named):
     with pytest.raises(ValueError, match="contradict each other: give one of them"):
         NMNIST(digits, *how, **named)
+
+
+def test_train_is_true_or_false(digits):
+    with pytest.raises(ValueError, match="train must be True, False or None, not 'test'"):
+        NMNIST(digits, train="test")
 
 
 def test_train_of_a_folder_whose_usual_split_is_all(tmp_path):
@@ -53,6 +65,8 @@ def test_train_of_a_folder_whose_usual_split_is_all(tmp_path):
     assert len(EventFolder(tmp_path)) == 4
     assert EventFolder(tmp_path, train=True).recording_names() == EventFolder(tmp_path, "train").recording_names()
     assert len(EventFolder(tmp_path, train=False)) == 2
+    with pytest.raises(ValueError, match="split='all' and train=True contradict"):
+        EventFolder(tmp_path, "all", train=True)
 
 
 def test_transforms_in_the_order_that_torchvision_has(digits):

@@ -83,13 +83,13 @@ def test_a_complete_folder_is_sound_and_an_incomplete_one_is_not(scenes, tmp_pat
     assert main(["verify", str(scenes), "--dataset", "yupenn-dvs"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[-6].startswith("yupenn-dvs: 419 recordings, 420 expected (the set of videos; no source describes")
-    assert (lines[-5], lines[-1]) == ("ocean: 1 of 30 recordings are missing", "2 faults")
+    assert (lines[-5], lines[-1]) == ("ocean: 1 of 30 recordings are missing", "419 recordings opened: 2 faults")
     splits = {name: YUPENNDVS(scenes, name).split_hash for name in YUPENNDVS.splits}
     assert lines[-4:-1] == [f"split {name}: {digest}" for name, digest in splits.items()]
     assert main(["verify", str(scenes), "--dataset", "yupenn-dvs", "--json"]) == 1
     fault, _, summary = map(json.loads, capsys.readouterr().out.splitlines())
     assert fault["name"] == "yupenn-dvs"
-    assert summary == {"faults": 2, "splits": splits}
+    assert summary == {"faults": 2, "splits": splits, "opened": 419, "compared": 0}
     # a store knows which dataset it is of
     pack(YUPENNDVS(scenes, "all"), tmp_path / "a.h5")
     assert dict(problems(tmp_path / "a.h5"))["ocean"] == "1 of 30 recordings are missing"

@@ -13,6 +13,8 @@ from torch.utils.data import DataLoader
 import nvsdata
 from nvsdata import EventFolder, Events
 from nvsdata import transforms as T
+from nvsdata.datasets import source
+from nvsdata.datasets import windows as windows_module
 from nvsdata.datasets.windows import windows
 from nvsdata.formats.file_recording import FileRecording
 
@@ -92,6 +94,8 @@ def test_the_second_time_nothing_is_decoded(root, way, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(FileRecording, "read", None)
         patched.setattr(FileRecording, "decode_span", None)
+        # but for some recordings, with which the index is compared
+        patched.setattr(windows_module, "LOOKED_AT", 0)
         assert windows(EventFolder(root), **way).samples == first
     # a file that has changed is looked at again
     name = next(path for path in (root / "a").iterdir() if path.stem == "two")
@@ -106,10 +110,15 @@ def test_the_second_time_nothing_is_decoded(root, way, monkeypatch):
 def test_an_index_that_is_damaged_or_can_not_be_written(root):
     first = windows(EventFolder(root), 1_000).samples
     index = next(root.glob(".nvsdata-windows-*"))
-    for content in (b"", b"[]", b'{"version": 99, "places": {}}', index.read_bytes()[:-9]):
+    sound = index.read_bytes()
+    head, _, text = sound.partition(b"\n")
+    other_version = json.dumps([source.VERSION + 1, json.loads(head)[1]]).encode() + b"\n" + text
+    changed = sound.replace(b'"end": ', b'"end": 1')
+    deep = b"[" * 100_000
+    for content in (b"", b"[]", b"\0" * 99, head, sound[:-9], other_version, changed, deep):
         index.write_bytes(content)
         assert windows(EventFolder(root), 1_000).samples == first
-        assert json.loads(index.read_bytes())["version"] == 1
+        assert index.read_bytes() == sound
     index.unlink()
     index.mkdir()
     assert windows(EventFolder(root), 1_000).samples == first
@@ -211,18 +220,46 @@ def test_windows_of_time_are_found_without_decoding(root, monkeypatch):
     assert read == []
 
 
-def test_only_an_index_of_this_version_is_believed_and_it_is_written_once(tmp_path):
+ALTERED = {
+    "another end": {"end": 10},
+    "another beginning": {"begins": [[2, 0]]},
+    "no windows": {"begins": []},
+    "too many windows": {"begins": [[5, 0], [6, 0], [7, 0]]},
+    "not in order": {"begins": [[9, 0], [5, 0]]},
+    "text": {"end": "10"},
+    "huge": {"end": 10**30},
+    "a fraction": {"begins": [[5.5, 0]]},
+    "negative": {"begins": [[5, -1]]},
+    "nothing": {"begins": None},
+}
+
+
+@pytest.mark.parametrize("how", ALTERED)
+def test_an_index_altered_with_its_checksum_is_found_out_and_made_again(tmp_path, how):
     expected = cut_of(tmp_path, [5, 15], duration=10)
     (path,) = tmp_path.glob(".nvsdata-windows-*")
-    kept = json.loads(path.read_bytes())
-    kept["places"]["a/one.npy"]["end"] = 10
-    dataset = EventFolder(tmp_path)
-    for version, believed in ((1, True), (0, False), (2, False)):
-        path.write_text(json.dumps(kept | {"version": version}))
-        before = path.stat().st_ino
-        found = [(sample.window, sample.events) for sample in windows(dataset, 10).samples]
-        assert found == ([((5, 10), None)] if believed else expected)
-        assert (path.stat().st_ino == before) == believed
+    sound = path.read_bytes()
+    known = source.restored(path)
+    known["a/one.npy"] |= ALTERED[how]
+    source.keep(path, known)
+    found = [(sample.window, sample.events) for sample in windows(EventFolder(tmp_path), 10).samples]
+    assert found == expected
+    assert path.read_bytes() == sound
+    # and a sound one isn't written again
+    before = path.stat().st_ino
+    windows(EventFolder(tmp_path), 10)
+    assert path.stat().st_ino == before
+
+
+def test_a_link_in_the_place_of_an_index_of_windows(tmp_path):
+    expected = cut_of(tmp_path, [5, 15], duration=10)
+    (path,) = tmp_path.glob(".nvsdata-windows-*")
+    mine = tmp_path / "mine.txt"
+    mine.write_text("a text")
+    path.unlink()
+    path.symlink_to(mine)
+    assert [(sample.window, sample.events) for sample in windows(EventFolder(tmp_path), 10).samples] == expected
+    assert mine.read_text() == "a text"
 
 
 def test_repaired_recordings_have_an_index_of_their_own(tmp_path):

@@ -18,7 +18,7 @@ from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.protocol import settings_of
 from nvsdata.emulation.run import brightness
-from nvsdata.video.folder import Video
+from nvsdata.video.folder import Video, sha256
 from nvsdata.video.frames import Frame
 
 GRAY, LIGHT = np.full((6, 8), 100, np.uint8), np.full((6, 8), 200, np.uint8)
@@ -150,6 +150,7 @@ def test_a_line_of_the_manifest_says_what_was_made(tmp_path, monkeypatch):
     line = convert(Job(Video("a.avi", path, tmp_path / "out/a.h5"), PIX2NVS(), None, None))
     events = nvsdata.read(tmp_path / "out/a.h5")
     assert line.pop("sha256")
+    assert line.pop("recording_sha256") == sha256(tmp_path / "out/a.h5")
     assert line == {
         "video": "a.avi",
         "status": "converted",

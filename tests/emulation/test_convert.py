@@ -17,7 +17,8 @@ from processes_of_others import dead_owner
 import nvsdata
 from nvsdata import EventFolder
 from nvsdata.cli import main
-from nvsdata.emulation import PIX2NVS, convert, preview
+from nvsdata.common.locks import OutputInUse, locked
+from nvsdata.emulation import PIX2NVS, cluster, convert, preview
 from nvsdata.emulation.convert import convert_videos, plan
 from nvsdata.emulation.estimate import estimate
 from nvsdata.formats import hdf5
@@ -262,6 +263,51 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
     assert not list((tmp_path / "many").rglob(".*.part"))
 
 
+@pytest.mark.parametrize("lost", ["the workers", "the scheduler"])
+def test_a_cluster_without_workers_ends_the_run_which_resumes(videos, tmp_path, monkeypatch, capsys, lost):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "LOOK_S", 0.1)
+    monkeypatch.setattr(cluster, "PATIENCE_S", 0.5)
+    there = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**there) as local:
+        seen = []
+        real = convert._results
+
+        def loses(*arguments):
+            for found in real(*arguments):
+                if not seen and lost == "the workers":
+                    local.scale(0)
+                elif not seen:
+                    local.sync(local.scheduler.close)
+                seen.append(found)
+                yield found
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(convert, "_results", loses)
+            many = videos / "many"
+            for i in range(6):
+                write_video(many / f"{i}.avi", moving_square(40, (160, 120), i))
+            command = [
+                "convert-videos",
+                str(many),
+                "--out",
+                str(tmp_path / "out"),
+                "--scheduler",
+                local.scheduler_address,
+            ]
+            assert main(command) == 1
+    err = capsys.readouterr().err
+    if lost == "the workers":
+        assert f"no worker at {local.scheduler_address}: waiting for one, at most 0 s\n" in err
+        assert f"nvsdata convert-videos: no worker at {local.scheduler_address} for 0 s\n" in err
+    else:
+        assert f"nvsdata convert-videos: the scheduler at {local.scheduler_address} is gone\n" in err
+    assert "of 6 videos are done: the same command resumes\n" in err
+    done = len(lines(tmp_path / "out")) - 1
+    report = convert_videos(videos / "many", tmp_path / "out")
+    assert (report.done, report.kept) == (6 - done, done)
+
+
 def test_ctrl_c_ends_all_processes_at_once(videos, tmp_path):
     """As a terminal sends it: to the whole group. What is in hand is given up, not half-written."""
     write_video(videos / "long/0.avi", moving_square(1200, (320, 240)))
@@ -296,7 +342,9 @@ def die(job):
 def test_a_process_that_is_killed_ends_the_run_with_a_word(videos, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(convert, "convert", die)
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 1
-    assert "was killed (out of memory?); run again to go on" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "0 of 4 videos are done: the same command resumes" in err
+    assert "was killed (out of memory?)" in err
     monkeypatch.undo()
     assert convert_videos(videos, tmp_path / "out").done == 4
 
@@ -358,13 +406,59 @@ def test_shards_of_other_settings_are_refused_and_nothing_is_joined(videos, tmp_
     assert (out / "manifest-1-of-2.jsonl").exists()
     with pytest.raises(ValueError, match="what a shard overwrites"):
         convert_videos(videos, out, shard=(1, 2), overwrite=True)
-    # more shards than videos
-    report = convert_videos(videos, out, shard=(7, 9))
-    assert (report.done, report.kept) == (0, 0)
     report = convert_videos(videos, out)
     assert (report.done, report.kept) == (2, 2)
     with pytest.raises(ValueError, match="other settings"):
         convert_videos(videos, out, PIX2NVS(threshold=0.5), shard=(1, 2))
+
+
+def test_more_shards_than_videos(videos, tmp_path):
+    report = convert_videos(videos, tmp_path / "out", shard=(7, 9))
+    assert (report.done, report.kept) == (0, 0)
+
+
+def test_shards_that_overlap_are_refused(videos, tmp_path):
+    out = tmp_path / "out"
+    convert_videos(videos, out, shard=(1, 2))
+    before = sorted(path.name for path in out.rglob("*"))
+    with pytest.raises(
+        ValueError, match="has the recordings of shard 1/2, which overlaps with 1/3: use the same N, or"
+    ):
+        convert_videos(videos, out, shard=(1, 3))
+    assert sorted(path.name for path in out.rglob("*")) == before
+    (out / "manifest-1-of-2.jsonl").rename(out / "manifest.jsonl")
+    # while it runs
+    with (
+        locked(out / "manifest-2-of-2.jsonl"),
+        pytest.raises(OutputInUse, match="is being written by shard 2/2, which overlaps with 1/3: use the same N"),
+    ):
+        convert_videos(videos, out, shard=(1, 3))
+    # after a run without shards, any number of shards continues
+    report = convert_videos(videos, out, shard=(1, 3))
+    assert (report.done, report.kept) == (1, 1)
+
+
+def test_an_altered_recording_of_the_same_size_is_found_by_check(videos, tmp_path, capsys):
+    out = tmp_path / "out"
+    command = ["convert-videos", str(videos), "--out", str(out)]
+    assert main(command) == 0
+    victim = out / "run/a.h5"
+    sound = victim.read_bytes()
+    victim.write_bytes(sound[:-1] + bytes([sound[-1] ^ 1]))
+    capsys.readouterr()
+    assert main(command) == 0
+    assert capsys.readouterr().out.startswith("0 converted, 4 were there, 0 failed; 0 events converted, 4 recordings")
+    assert main([*command, "--check"]) == 0
+    assert capsys.readouterr().out.startswith("1 converted, 3 were there, 0 failed")
+    assert nvsdata.read(victim) == PIX2NVS().emulate(videos / "run/a.avi")
+    # what is shorter or gone is converted again in any case
+    victim.write_bytes(sound[:-1])
+    (out / "run/b.h5").unlink()
+    report = convert_videos(videos, out)
+    assert (report.done, report.kept, report.kept_events > 0) == (2, 2, True)
+    # shards compare, too
+    victim.write_bytes(sound[:-1] + bytes([sound[-1] ^ 1]))
+    assert convert_videos(videos, out, shard=(1, 2), check=True).done == 1
 
 
 def test_what_is_overwritten_leaves_no_old_recording(videos, tmp_path):
@@ -555,3 +649,16 @@ def test_a_line_says_how_many_events_each_imperfection_added_and_left_out(videos
         assert dead["imperfections"] | {"refractory": 0} == counts
         assert dead["events"] == noisy["events"] - dead["imperfections"]["refractory"] < noisy["events"]
         assert nvsdata.open(tmp_path / "2" / dead["file"]).about["imperfections"] == dead["imperfections"]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_manifest_can_not_have_files_outside_its_folder_written_or_removed(videos, tmp_path, overwrite):
+    out = tmp_path / "out"
+    convert_videos(videos, out)
+    mine = tmp_path / "mine.h5"
+    mine.write_text("a thesis")
+    head, first, *rest = (out / "manifest.jsonl").read_text().splitlines()
+    (out / "manifest.jsonl").write_text("\n".join([head, first.replace("run/a.h5", "../mine.h5"), *rest, ""]))
+    with pytest.raises(ValueError, match=r"names a recording of run/a\.avi outside the folder"):
+        convert_videos(videos, out, overwrite=overwrite)
+    assert mine.read_text() == "a thesis"

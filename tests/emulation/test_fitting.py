@@ -95,7 +95,7 @@ def test_what_a_pair_does_not_tell_is_said():
     rising = events.select(events.p == 1) if hasattr(events, "select") else events[events.p == 1]
     found = fit(frames, rising, delay=0, base=DVS(off=0.77))
     assert found.settings.off == 0.77
-    assert found.untold["off"] == "1 events of this polarity, at least 100 are needed"
+    assert found.untold["off"] == "0 events of this polarity, at least 100 are needed"
     assert "on" not in found.untold
     moving = [replace_pixels(frame, 64) for frame in frames]
     cut = events[events.y < 64]
@@ -115,10 +115,19 @@ def replace_pixels(frame, rows):
 
 def test_thresholds_that_no_setting_gives_are_said():
     frames, events = seen(DVS(on=0.2, off=0.2))
-    storm = Events(*(np.repeat(column, 60) for column in events.columns), events.sensor_size)
-    found = fit(frames, storm, delay=0, noise=False)
+    storm = [np.repeat(column, 60) for column in events[events.p == 1].columns]
+    both = Events(
+        *(np.concatenate((a, b)) for a, b in zip(storm, events[events.p == 0].columns, strict=True)), (128, 96)
+    )
+    found = fit(frames, both, delay=0, noise=False)
     assert "no threshold from 0.01 to 3.0 gives" in found.untold["on"]
     assert found.settings.on == DVS().on
+    # if it is so of both, there is nothing to return
+    storm = Events(*(np.repeat(column, 60) for column in events.columns), events.sensor_size)
+    with pytest.raises(
+        ValueError, match=r"neither threshold \(off: no threshold from 0.01 to 3.0 gives .* emulated for"
+    ):
+        fit(frames, storm, delay=0, noise=False)
 
 
 def test_pairs_that_cannot_be_fitted():
@@ -142,3 +151,76 @@ def test_a_fit_is_the_same_for_arrays_and_times():
     found = fit([frame.pixels for frame in frames], events, times=times)
     assert found.settings == fit(frames, events).settings
     assert found.settings == replace(found.settings)
+
+
+def still(noise=0.0, dark=1):
+    """A still scene, whose frames may have noise of their own."""
+    rng = np.random.default_rng(0)
+    pixels = scene(0) // dark
+    noisy = [np.clip(pixels + rng.normal(0, noise, pixels.shape), 0, 255).astype(np.uint8) for _ in range(FRAMES)]
+    return [Frame(1_000 * STEP * n, frame) for n, frame in enumerate(noisy)]
+
+
+def anywhere(count):
+    """Events at random places and times."""
+    rng = np.random.default_rng(1)
+    t = np.sort(rng.integers(0, 240_000, count))
+    return Events(t, rng.integers(0, 128, count), rng.integers(0, 96, count), rng.integers(0, 2, count), (128, 96))
+
+
+def test_a_still_scene_shows_no_thresholds():
+    with pytest.raises(
+        ValueError, match=r"^nothing moves in these frames: light changes by less than 5% at each pixel"
+    ):
+        fit(still(), anywhere(1_795))
+    # its leak and noise give as many events as there are
+    found = fit(still(), anywhere(1_795), delay=0)
+    assert {"off", "on", "dark"} <= found.untold.keys()
+    assert abs(len(found.settings.emulate(still())) / 1_795 - 1) < 0.1
+    with pytest.raises(ValueError, match=r"neither threshold .* 0 events are emulated for 1795"):
+        fit(still(), anywhere(1_795), delay=0, noise=False)
+    # frames change by their own noise only, which is no light
+    for noise, dark in ((1, 20), (2, 20), (5, 1)):
+        frames = still(noise, dark)
+        for given in ({}, {"delay": 0}, {"delay": 0, "noise": False}):
+            with pytest.raises(ValueError, match=r"events don't follow the frames|neither threshold"):
+                fit(frames, anywhere(1_795), **given)
+
+
+def test_events_that_do_not_follow_the_light_fit_no_thresholds():
+    frames, _ = seen(DVS(on=0.2, off=0.2))
+    with pytest.raises(ValueError, match=r"neither threshold .* events are emulated for 1795"):
+        fit(frames, anywhere(1_795), delay=0)
+    with pytest.raises(ValueError, match=r"their correlation is -?0.0. with a delay of 0 µs"):
+        fit(frames, anywhere(1_795), delay=0, noise=False)
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        DVS(on=0.2, off=0.3),
+        DVS(on=1.0, off=0.9),  # events become fewer ten times as fast as such thresholds rise
+        DVS(on=0.2, off=0.25, leak=20.0, seed=3),  # memories that fall delay OFF events
+        DVS(on=0.2, off=0.25, noise_rate=30.0, seed=3),
+        DVS(on=0.05, off=0.05, refractory=3_000),
+        DVS(on=0.2, off=0.2, hot_pixels=0.01),
+    ],
+    ids=repr,
+)
+def test_what_is_found_gives_as_many_events_as_the_sensor(sensor):
+    frames, events = seen(sensor)
+    found = fit(frames, events, delay=0)
+    assert not {"on", "off"} & found.untold.keys()
+    ours = found.settings.emulate(frames)
+    for p in (0, 1):
+        assert abs((ours.p == p).sum() / (events.p == p).sum() - 1) < 0.02
+
+
+def test_few_events_are_enough():
+    frames, events = seen(DVS(on=0.2, off=0.2))
+    found = fit(frames, events[::100], delay=0)
+    assert abs(len(found.settings.emulate(frames)) / (len(events) / 100) - 1) < 0.02
+    with pytest.raises(
+        ValueError, match=r"off: \d\d events of this polarity, at least 100 are needed; on: \d\d events"
+    ):
+        fit(frames, events[::400], delay=0)

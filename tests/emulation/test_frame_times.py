@@ -78,3 +78,24 @@ def test_times_that_are_none_are_told(converted):
         file["frame_times"] = [[0.5]]
     with pytest.raises(FormatError, match=r"/frame_times is float64 \[1, 1\], not times"):
         recording.frame_times  # noqa: B018
+
+
+@pytest.mark.parametrize("emulator", [PIX2NVS(threshold=0.3), PIX2NVS(hue=True), DVS(), DVS(upsample=3)], ids=repr)
+def test_a_whole_video_takes_times_as_a_stream_does(emulator):
+    frames = list(moving_square(6))
+    times = [7_000, 9_000, 40_000, 41_000, 90_000, 10**9]
+    events = emulator.emulate(frames, times=iter(times))
+    pieces = list(emulator.stream(frames, times=times))
+    assert events == nvsdata.data.events.together(pieces)
+    assert (events.start, events.end) == (7_000, 10**9)
+    assert len(events)
+    assert emulator.emulate(frames, times=[20_000 * n for n in range(6)]) == emulator.emulate(frames, fps=50)
+    small = emulator.emulate(frames, times=times, size=(9, 7))
+    assert small.sensor_size == (9, 7)
+    for wrong, said in (
+        ({"times": times, "fps": 5}, "fps or times, not both"),
+        ({"times": times[:3]}, "frame 3 has no time"),
+        ({"times": times[::-1]}, "times must rise"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            emulator.emulate(frames, **wrong)

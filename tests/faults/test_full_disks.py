@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -12,6 +13,7 @@ from disks import PAGE, file_limit, small_disk
 
 import nvsdata
 from nvsdata import Events
+from nvsdata.cli import main
 from nvsdata.common.files import Journal, atomic
 
 SUFFIXES = (".h5", ".txt", ".aedat1", ".aedat", ".aedat3", ".npy", ".bin", ".dat")
@@ -132,6 +134,54 @@ def test_the_process_ends_as_it_should(tmp_path, events):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.aedat"]
 
 
+COMMANDS = {
+    "convert": ["convert", "{0}/a.h5", "{1}/b.aedat4"],
+    "view": ["view", "{0}/a.h5", "{1}/b.html"],
+    "view an image": ["view", "{0}/a.h5", "{1}/b.png"],
+    "view a film": ["view", "{0}/a.h5", "{1}/b.mp4"],
+    "gallery": ["gallery", "{0}/in", "{1}/b.html"],
+    "pack": ["pack", "{0}/in", "--dataset", "folder", "--out", "{1}/b.h5"],
+    "convert-videos": ["convert-videos", "{0}/videos", "--out", "{1}/out"],
+    "record": ["record", "--simulate", "--seconds", "0.2", "--out", "{1}/b.h5"],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_names_the_file_that_has_no_room(tmp_path, events, name, capsys):
+    nvsdata.write(events, tmp_path / "a.h5")
+    (tmp_path / "in/a").mkdir(parents=True)
+    nvsdata.write(events, tmp_path / "in/a/0.h5")
+    write_video(tmp_path / "videos/0.avi", moving_square(4))
+    with small_disk(tmp_path / "disk") as resize:
+        resize(PAGE)
+        (tmp_path / "disk/full").write_bytes(b"x" * PAGE)
+        assert main([word.format(tmp_path, tmp_path / "disk") for word in COMMANDS[name]]) == 1
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith(f"nvsdata {COMMANDS[name][0]}: [Errno 28]")
+        assert str(tmp_path / "disk") in error
+        assert not [path for path in (tmp_path / "disk").iterdir() if path.suffix and path.suffix != ".part"]
+
+
+def test_an_interrupted_batch_says_how_much_is_done_and_how_to_resume(tmp_path, events, capsys):
+    for i in range(3):
+        (tmp_path / "in/a").mkdir(parents=True, exist_ok=True)
+        nvsdata.write(events, tmp_path / f"in/a/{i}.h5")
+        write_video(tmp_path / f"videos/{i}.avi", moving_square(8, seed=i))
+    with small_disk(tmp_path / "disk") as resize:
+        packing = ["pack", str(tmp_path / "in"), "--dataset", "folder", "--out", str(tmp_path / "disk/b.h5")]
+        converting = ["convert-videos", str(tmp_path / "videos"), "--out", str(tmp_path / "disk/out")]
+        for command, word, pages in ((packing, "recordings are in", 24), (converting, "videos are done", 12)):
+            (tmp_path / "disk/b.h5").unlink(missing_ok=True)
+            resize(pages * PAGE)
+            assert main(command) == 1
+            told = capsys.readouterr().err.splitlines()
+            (line,) = [line for line in told if word in line]
+            assert line.endswith("the same command resumes")
+            resize(200 * PAGE)
+            assert main(command) == 0
+            capsys.readouterr()
+
+
 def test_a_folder_of_videos_goes_on_where_the_disk_was_full(tmp_path):
     from nvsdata.emulation.convert import convert_videos
 
@@ -150,3 +200,60 @@ def test_a_folder_of_videos_goes_on_where_the_disk_was_full(tmp_path):
         for path in sorted(out.rglob("*.h5")):
             assert len(nvsdata.read(path)) > 0
         assert not list(out.rglob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("view a.h5 disk/v.html", "'disk/v.html'"),
+        ("view a.h5 disk/v.png", "'disk/v.png'"),
+        ("view a.h5 disk/v.gif", "'disk/v.gif'"),
+        ("gallery data disk/g.html", "'disk/g.html'"),
+        ("compare a.h5 data/b/b.h5 --picture disk/c.png", "'disk/c.png'"),
+        ("convert a.h5 disk/c.aedat", "'disk/c.aedat'"),
+        ("pack data --dataset folder --out disk/p.h5", "'disk/p.h5'"),
+        ("convert-videos videos --out disk/cv", "'disk/cv/manifest.jsonl'"),
+        ("record --simulate --seconds 0.1 --out disk/r.h5", "disk/r.h5"),
+    ],
+)
+def test_commands_name_the_file_that_a_full_disk_did_not_take(tmp_path, events, words, named, monkeypatch, capsys):
+    from nvsdata.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data/b").mkdir(parents=True)
+    nvsdata.write(events, "a.h5")
+    nvsdata.write(events, "data/b/b.h5")
+    write_video(tmp_path / "videos/run/a.avi", moving_square())
+    with small_disk(tmp_path / "disk"):
+        (tmp_path / "disk/fill").write_bytes(bytes(16 * PAGE))
+        assert main(words.split()) == 1
+        last = capsys.readouterr().err.splitlines()[-1]
+        assert last.startswith(f"nvsdata {words.split()[0]}: ")
+        assert "No space left on device" in last or "the disk has 0.0 MB left" in last
+        assert named in last
+
+
+def test_an_error_that_names_no_file_gets_the_paths_that_were_given(tmp_path, monkeypatch, capsys):
+    from nvsdata.cli import main
+    from nvsdata.commands import compare
+
+    def broken(args):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(compare, "run", broken)
+    assert main(["compare", "a.h5", "b.h5"]) == 1
+    assert capsys.readouterr().err.startswith("nvsdata compare: [Errno 5] Input/output error (one of: a.h5, b.h5, ")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device that is always full")
+def test_results_that_find_no_room_are_an_error(tmp_path, events):
+    nvsdata.write(events, tmp_path / "a.h5")
+    for command in (["info", tmp_path / "a.h5"], ["datasets"]):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [sys.executable, "-m", "nvsdata", *command], stdout=full, stderr=subprocess.PIPE, text=True
+            )
+        assert (done.returncode, done.stderr) == (
+            1,
+            f"nvsdata {command[0]}: [Errno 28] No space left on device: 'standard output'\n",
+        )

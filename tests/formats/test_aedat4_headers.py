@@ -213,15 +213,18 @@ def test_times_of_a_frame_that_lacks_some(tmp_path, times, expected):
     assert (one.start, one.exposure_start, one.exposure_end, one.end) == expected
 
 
-def test_packets_of_zstandard_up_to_the_bound(monkeypatch):
+def test_packets_of_zstandard_up_to_the_bound():
     zstandard = pytest.importorskip("zstandard")
-    monkeypatch.setattr(aedat4_packets, "MAX_INFLATED", 1_000)
     for compression in (3, 4):
         inflate = aedat4_packets.inflater("a.aedat4", compression)
         compress = zstandard.ZstdCompressor().compress
-        assert inflate(compress(b"x" * 1_000)) == b"x" * 1_000
-        with pytest.raises(ValueError, match="a packet that inflates to 1001 bytes"):
-            inflate(compress(b"x" * 1_001))
+        assert inflate(compress(b"x" * 1_000), 1_000) == b"x" * 1_000
+        with pytest.raises(OverflowError, match="a packet that inflates to 1001 bytes"):
+            inflate(compress(b"x" * 1_001), 1_000)
         # of unknown size
-        stream = zstandard.ZstdCompressor(write_content_size=False).compress(b"x" * 500)
-        assert inflate(stream) == b"x" * 500
+        stream = zstandard.ZstdCompressor(write_content_size=False).compress(b"x" * 1_000)
+        assert inflate(stream, 1_000) == b"x" * 1_000
+        with pytest.raises(OverflowError, match="a packet that inflates to more than 999 bytes"):
+            inflate(stream, 999)
+        with pytest.raises(zstandard.ZstdError):
+            inflate(stream[:-3], 1_000)

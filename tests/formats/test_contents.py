@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import trees
 
+import nvsdata
 from nvsdata import FormatError
 from nvsdata.formats import contents
 from nvsdata.formats.contents import HEAD, Contents, header_lines
@@ -116,3 +118,27 @@ def test_headers_longer_than_what_is_read_first(tmp_path, length, after):
     (tmp_path / "a").write_bytes(raw)
     lines, end, _ = slow_lines(raw, b"#", ASCII)
     assert Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#") == (lines, end)
+
+
+def test_a_header_without_end_is_refused(tmp_path, monkeypatch):
+    """Each line takes more memory than it has bytes, and time."""
+    monkeypatch.setattr(contents, "MOST_HEADER", 2 * HEAD)
+    raw = b"#\n" * 4 * HEAD
+    (tmp_path / "a").write_bytes(raw)
+    with pytest.raises(FormatError, match=f"a header of more than {2 * HEAD} bytes"):
+        Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#")
+    raw = b"#\n" * HEAD + b"events"
+    (tmp_path / "a").write_bytes(raw)
+    assert Contents(str(tmp_path / "a"), raw[:HEAD]).header(b"#")[1] == 2 * HEAD
+
+
+@pytest.mark.parametrize("kind", [".aedat", ".aedat1", ".dat", ".evt3.raw"])
+@pytest.mark.parametrize("strict", [True, False])
+def test_text_of_a_header_that_is_cut_off_is_no_event(tmp_path, kind, strict):
+    path = tmp_path / f"a{kind}"
+    nvsdata.write(trees.some(0, 60, (128, 128)), path)
+    raw = path.read_bytes()
+    # within the second line
+    path.write_bytes(raw[: raw.index(b"\n") + 14])
+    with pytest.raises(FormatError, match="cut off within a line of its header"):
+        nvsdata.read(path, strict=strict)

@@ -92,10 +92,11 @@ def test_rows_that_are_cut_are_broken():
 
 
 def test_more_tables_than_fit_are_named():
-    data = memoryview(bytes(40))
-    with pytest.raises(ValueError, match="8 tables in 40 bytes"):
+    # each takes four bytes in the vector and at least four of its own
+    data = memoryview(bytes(12 + 8 * 7))
+    with pytest.raises(ValueError, match="8 tables in 68 bytes"):
         Rows(data, 12, 8)
     with pytest.raises(ValueError, match="an offset that leads out of the buffer"):
-        Rows(memoryview(np.full(40, 255, np.uint8)), 12, 7)
+        Rows(memoryview(np.full(68, 255, np.uint8)), 12, 7)
     # each of the tables is its own slot
     assert Rows(data, 12, 7).at.tolist() == [12, 16, 20, 24, 28, 32, 36]

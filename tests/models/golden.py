@@ -2,7 +2,8 @@
 
     python tests/models/golden.py
 
-computes golden.json anew and prints what changed. Whoever changes it on purpose says in the commit why.
+computes golden.json again and prints what changed. Whoever changes it on purpose says in the commit why.
+Processors differ in the last digits of a score: what is within the tolerance stays as it was kept.
 Weights and inputs are made of PCG64's raw numbers, whose stream numpy guarantees, and depend on nothing else.
 """
 
@@ -26,6 +27,7 @@ from nvsdata.models.distributed import Dropout
 
 PATH = Path(__file__).with_suffix(".json")
 KEPT = 5  # scores of a sample
+TOLERANCE = 1e-5  # of the largest score: those of other instruction sets differ by up to 1.6e-6 of it
 
 
 def uniform(name: str, *shape: int) -> np.ndarray:
@@ -226,9 +228,20 @@ def record(case: Case) -> dict[str, Any]:
     return kept
 
 
+def agree(before: dict[str, Any] | None, now: dict[str, Any]) -> bool:
+    """Whether a case is as it was, its scores within the tolerance."""
+    if before is None or before.keys() != now.keys():
+        return False
+    if any(before[key] != now[key] for key in now if key != "scores"):
+        return False
+    was, found = (np.array(one.get("scores", [[0.0]])) for one in (before, now))
+    return was.shape == found.shape and bool(np.abs(was - found).max() <= TOLERANCE * np.abs(was).max())
+
+
 def main() -> None:
     before = json.loads(PATH.read_text()) if PATH.exists() else {}
     now = {name: record(case) for name, case in CASES.items()}
+    now = {name: before[name] if agree(before.get(name), found) else found for name, found in now.items()}
     for name in before | now:
         if before.get(name) != now.get(name):
             print(f"{name}:\n  was {before.get(name)}\n  is  {now.get(name)}")

@@ -110,7 +110,7 @@ def test_wrong_settings_and_samples():
         (lambda: EST(hidden=(5,)), "hidden must be a whole number of at least 6"),
         (
             lambda: EST()(EventBatch.of([Events.empty((4, 3)), Events.empty((5, 3))])),
-            r"several sensor sizes: \[\(4, 3\), \(5, 3\)\]",
+            r"several sensor sizes, 4x3, 5x3",
         ),
     ):
         with pytest.raises(ValueError, match=reason):

@@ -36,7 +36,9 @@ def test_scores_are_as_before(name):
     # neither dead nor the same for any input
     assert (kept[0] - kept[1]).abs().max() > 0.01 * size
     assert kept[:, -1].min() > 0.01 * size
-    torch.testing.assert_close(torch.tensor(golden.summary(scores)).double(), kept, rtol=0, atol=1e-5 * size.item())
+    torch.testing.assert_close(
+        torch.tensor(golden.summary(scores)).double(), kept, rtol=0, atol=golden.TOLERANCE * size.item()
+    )
 
 
 def test_the_builders_by_name_build_the_configurations():
@@ -60,3 +62,27 @@ def test_the_script_tells_what_changed(tmp_path, monkeypatch, capsys):
     assert "vgg:\n  was {" in told
     assert "lstm:" not in told
     assert json.loads(path.read_text()) == {name: KEPT[name] for name in golden.CASES}
+
+
+def test_another_processors_digits_are_no_change(tmp_path, monkeypatch, capsys):
+    (tmp_path / "golden.json").write_text(golden.PATH.read_text())
+    monkeypatch.setattr(golden, "PATH", tmp_path / "golden.json")
+    monkeypatch.setattr(golden, "CASES", {"lstm": golden.CASES["lstm"]})
+    kept = KEPT["lstm"]
+    size = max(abs(value) for one in kept["scores"] for value in one)
+    for share, changed in ((0.9, False), (-0.9, False), (1.1, True)):
+        scores = [[value + share * golden.TOLERANCE * size for value in one] for one in kept["scores"]]
+        monkeypatch.setattr(golden, "record", lambda _, scores=scores: kept | {"scores": scores})
+        golden.main()
+        assert ("lstm:" in capsys.readouterr().out) is changed
+        assert json.loads(golden.PATH.read_text())["lstm"]["scores"] == (scores if changed else kept["scores"])
+        golden.PATH.write_text(json.dumps(KEPT))
+    for other in (
+        {"parameters": 1},
+        {"hash": ""},
+        {"scores": kept["scores"][:1]},
+        {"scores": [[float("nan")] * 7] * 2},
+    ):
+        assert not golden.agree(kept, kept | other)
+    assert not golden.agree(None, kept)
+    assert not golden.agree(kept, {key: value for key, value in kept.items() if key != "scores"})

@@ -1,6 +1,9 @@
+import tempfile
+
 import cv2
 import numpy as np
 import pytest
+from disks import PAGE, small_disk
 from PIL import Image
 
 from nvsdata import Events, plots
@@ -69,6 +72,17 @@ def test_an_mp4_has_the_pictures_of_the_events(tmp_path):
         assert shown.shape == wanted.shape
         # lossy
         assert abs(shown.astype(int) - wanted).mean() < 6
+
+
+def test_a_film_that_the_temporary_disk_did_not_take_is_an_error(tmp_path, monkeypatch):
+    with small_disk(tmp_path / "disk") as resize:
+        resize(16 * PAGE)
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "disk"))
+        noise = np.random.default_rng(0).integers(0, 255, (20, 240, 320, 3), np.uint8)
+        with pytest.raises(OSError, match="of 20 pictures: is the disk of temporary files full") as refused:
+            save_mp4(noise, tmp_path / "a.mp4", 30)
+        assert refused.value.filename.startswith(str(tmp_path / "disk"))
+        assert not (tmp_path / "a.mp4").exists()
 
 
 def test_a_sheet_has_moments_from_beginning_to_end():

@@ -13,6 +13,7 @@ from nvsdata import Events
 from nvsdata.recording import capture, pipeline
 from nvsdata.recording.capture import record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
+from nvsdata.recording.simulated import camera as camera_module
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
@@ -37,6 +38,26 @@ def test_a_recording_is_what_the_camera_saw(tmp_path, suffix):
     assert (np.diff(events.t) >= 0).all()
     assert not any(report.error_counts.values())
     assert report.dropped == 0
+
+
+@pytest.mark.parametrize(("room", "whole"), [(None, True), (1 << 22, False)])
+def test_a_busy_computer_loses_nothing_of_a_simulated_camera(tmp_path, monkeypatch, room, whole):
+    """25 s pass between two reads; only a camera that keeps no more than a real one drops events."""
+    away, real = [0.0], camera_module.host_time
+    monkeypatch.setattr(camera_module, "host_time", lambda: real() + away[0])
+
+    def busy(camera, call):
+        if call == "read" and camera._time > 100_000:
+            away[0] = 25e6
+
+    with opened(SimulatedDavis(room=room), busy) as davis:
+        report = record(davis, tmp_path / "a.h5", seconds=0.4)
+    assert report.whole is whole
+    assert (report.dropped == 0) is whole
+    if whole:
+        t = nvsdata.read(tmp_path / "a.h5").t
+        # 220,000 events/s, until the end
+        assert np.histogram(t, 8, (0, 400_000))[0].min() > 9_000
 
 
 class Dark:

@@ -127,6 +127,28 @@ def test_event_surfaces_surround_each_event(ev, tau, radius):
     assert found.equal(T.event_surfaces(moved(ev, LATE), radius, tau))
 
 
+@given(ev=few, tau=taus, radius=st.integers(0, 3))
+def test_event_surfaces_of_both_polarities_are_those_of_hots(ev, tau, radius):
+    """Lagorce et al. 2017, eq. 2 and 3: T(u, p) is the time of the last event of each polarity p at an offset u."""
+    last, expected = {}, []
+    for t, x, y, p in rows(ev):
+        last[x, y, p] = t
+        offsets = range(-radius, radius + 1)
+        expected.append(
+            [
+                [[math.exp(-(t - last.get((x + c, y + r, q), -math.inf)) / tau) for c in offsets] for r in offsets]
+                for q in (1, 0)
+            ]
+        )
+    found = T.EventSurfaces(radius, tau, "both")(ev)
+    side = 2 * radius + 1
+    assert found.shape == (len(ev), 2, side, side)
+    np.testing.assert_allclose(found, np.reshape(expected, found.shape), rtol=1e-6, atol=1e-37)
+    own = found[np.arange(len(ev)), 1 - ev.p.astype(int)]
+    assert own.equal(T.event_surfaces(ev, radius, tau))
+    assert found.equal(T.event_surfaces(moved(ev, LATE), radius, tau, polarity="both"))
+
+
 @given(ev=few, tau=taus, cell=st.integers(1, 8), radius=st.integers(0, 3), window=st.sampled_from((1, 3_000, 10**6)))
 def test_hats_are_those_of_the_paper(ev, tau, cell, radius, window):
     columns, lines = -(-ev.sensor_size[0] // cell), -(-ev.sensor_size[1] // cell)
@@ -304,6 +326,7 @@ def test_a_stated_time_decides_about_frames():
         (lambda: T.TimeSurface(0), "tau must be positive"),
         (lambda: T.TimeSurface(every=0), "every must be positive"),
         (lambda: T.EventSurfaces(-1), "radius must be"),
+        (lambda: T.EventSurfaces(polarity="other"), "polarity must be one of"),
         (lambda: T.EventSurfaces(tau=-1), "tau must be positive"),
         (lambda: T.HATS(0), "cell must be"),
         (lambda: T.HATS(window=0), "window must be positive"),

@@ -81,7 +81,7 @@ def line(**changed):
 
 
 def opened(folder, made=None, kind="things", told=None):
-    return Manifest(folder, kind, {"format": "hdf5"} if made is None else made, told)
+    return Manifest(folder, kind, {"format": "hdf5"} if made is None else made, ["a.avi"], told)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_a_manifest_s_first_line_and_which_others_fit(tmp_path):
         pass
     text = (tmp_path / "manifest.jsonl").read_text()
     head = json.loads(text)
-    assert list(head) == ["things", "format", "settings", "monitor", "settings_sha256", "versions"]
+    assert list(head) == ["things", "format", "settings", "monitor", "settings_sha256", "versions", "videos"]
     same = json.dumps({"format": "hdf5", "settings": {"a": 3, "b": [1, 2]}})
     assert (head["things"], head["monitor"]) == (1, 5)
     assert head["settings_sha256"] == hashlib.sha256(same.encode()).hexdigest()

@@ -9,12 +9,12 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from nvsdata.common.errors import DownloadError
-from nvsdata.common.files import claimed
+from nvsdata.common.errors import DownloadError, message_of, shown
+from nvsdata.common.files import claimed, remove_link
 from nvsdata.common.locks import lock_path, locked
 from nvsdata.datasets.archives.arrival_check import fault_of
 from nvsdata.datasets.archives.transfer import MIRROR, fetch
-from nvsdata.datasets.archives.unpack import unpack
+from nvsdata.datasets.archives.unpack import difference, unpack
 from nvsdata.datasets.facts import Archive, Info
 
 WORK = ".nvsdata-download"  # folder in the root for unfinished work; it contains no files of the user
@@ -29,8 +29,9 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
 
     - `info`: facts about the dataset, including its archives
     - `root`: the folder, made if needed
-    - `keep`: whether archives stay in `root` beside what was unpacked; if not, each is deleted once it is unpacked, and
-      so is one that lies beside its folder, if its hash is known and right (default True)
+    - `keep`: whether archives stay in `root` (default True). If not, each is deleted once it is unpacked. One whose
+      folder was there before is deleted if its hash is known and right, and all of it is in the folder, byte for byte;
+      otherwise a warning says what is missing
 
     Environment variable NVSDATA_MIRROR: a folder of archives, or its address (https://...), which is tried
     before the addresses known here: first `info.name/ARCHIVE`, then `ARCHIVE`.
@@ -41,9 +42,10 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
     if not info.archives:
         raise DownloadError(f"{info.name} can't be downloaded by a program: see {info.page}")
     work = root / WORK
+    remove_link(work)
     missing = [archive for archive in info.archives if not _is_there(root / archive.folder)]
     for archive in [archive for archive in missing if archive.optional and not _can_be_had(archive, root)]:
-        warnings.warn(f"without {archive.folder}: put {archive.name} from {info.page} into {root}", stacklevel=2)
+        warnings.warn(f"without {archive.folder}: put {archive.name} from {info.page} into {shown(root)}", stacklevel=2)
         missing.remove(archive)
     if missing or work.exists():
         root.mkdir(parents=True, exist_ok=True)
@@ -58,8 +60,28 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
             for archive in info.archives:
                 for path in unneeded([archive], root):
                     if archive.hash and not fault_of(path, archive.hash) and not _is_of_mirror(path):
-                        path.unlink()
+                        _delete_if_unpacked(archive, path, root)
     return [root / archive.folder for archive in info.archives if _is_there(root / archive.folder)]
+
+
+def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
+    """Delete an archive that an earlier run, or somebody else, unpacked: only if all of it is in its folder."""
+    work = root / WORK
+    work.mkdir(exist_ok=True)
+    try:
+        # the archive may contain the folder itself or only its content
+        missing = difference(path, root / archive.folder, work) and difference(path, root, work)
+    except DownloadError as error:
+        missing = str(error)
+    finally:
+        # the rest of a transfer stays
+        with suppress(OSError):
+            work.rmdir()
+    if missing:
+        reason = f"it isn't all in {shown(root / archive.folder)} ({shown(missing)})"
+        warnings.warn(f"{shown(path)} is kept: {reason}", stacklevel=3)
+    else:
+        path.unlink()
 
 
 def unneeded(archives: Iterable[Archive], root: Path) -> list[Path]:
@@ -94,7 +116,7 @@ def _get(archives: list[Archive], root: Path, work: Path, info: Info, keep: bool
                 if not archive.optional:
                     raise
                 failed = True
-                warnings.warn(f"without {archive.folder}: {error}", stacklevel=3)
+                warnings.warn(f"without {archive.folder}: {message_of(error)}", stacklevel=3)
         if not failed:
             shutil.rmtree(work, ignore_errors=True)
     finally:
@@ -123,5 +145,5 @@ def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> P
 def _is_there(folder: Path) -> bool:
     """Whether the folder exists and isn't empty. DownloadError for a file with that name."""
     if folder.exists() and not folder.is_dir():
-        raise DownloadError(f"{folder} is a file, where a folder is to be unpacked: move it away and try again")
+        raise DownloadError(f"{shown(folder)} is a file, where a folder is to be unpacked: move it away and try again")
     return folder.is_dir() and any(folder.iterdir())

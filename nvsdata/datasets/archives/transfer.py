@@ -18,13 +18,15 @@ from urllib.parse import quote
 import requests
 import urllib3
 
-from nvsdata.common.errors import DownloadError
+from nvsdata.common.errors import DownloadError, shown
+from nvsdata.common.files import append_own, read_own, remove_link, write_all
 from nvsdata.common.progress import bar as progress
 from nvsdata.datasets.archives.arrival_check import QUOTA, fault_of, kind_of, page_of
 from nvsdata.datasets.archives.unpack import take_out
 from nvsdata.datasets.facts import Archive, Info
 
 MIRROR = "NVSDATA_MIRROR"
+MOST_NOTE = 1 << 20  # bytes of a note on an unfinished transfer
 TRIES = 3  # in a row without a new byte, before the next place is tried
 PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s before the next try; each is twice as long as the one before
 MUCH = 16 << 20  # bytes received before a connection broke, after which pauses start again from the shortest
@@ -81,7 +83,7 @@ def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
             else:
                 _download(place, part, archive)
         except _NotHere as refused:
-            faults.append(f"{place.name if isinstance(place, Archive) else place}: {refused}")
+            faults.append(shown(f"{place.name if isinstance(place, Archive) else place}: {refused}"))
         except DownloadError:
             raise
         except OSError as error:
@@ -125,7 +127,7 @@ def _by_hand(archive: Archive, root: Path, info: Info, faults: str) -> str:
     facts = [f"about {archive.size / 1e9:.1f} GB"] if archive.size else []
     facts += [f"{kind_of(archive.hash)} {archive.hash}"] if archive.hash else []
     known = f" ({', '.join(facts)})" if facts else ""
-    words = f"can't download {archive.name}: get it with a browser from {info.page}, put it into {root}{known}"
+    words = f"can't download {archive.name}: get it with a browser from {info.page}, put it into {shown(root)}{known}"
     return f"{words} and try again" + (f". What went wrong:\n  {faults}" if faults else "")
 
 
@@ -144,14 +146,15 @@ class _Part:
 
     @property
     def note(self) -> dict[str, Any]:
-        with contextlib.suppress(OSError, ValueError):
-            found = json.loads(self._note.read_text(encoding="utf-8"))
+        with contextlib.suppress(OSError, ValueError, RecursionError):
+            found = json.loads(read_own(self._note, MOST_NOTE))
             if isinstance(found, dict):
                 return found
         return {}
 
     @note.setter
     def note(self, note: dict[str, Any]) -> None:
+        remove_link(self._note)
         self._note.write_text(json.dumps(note), encoding="utf-8")
 
 
@@ -241,11 +244,10 @@ def asked(url: str) -> tuple[str, int | None]:
 
 def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, name: str) -> None:
     shown: dict[str, Any] = {"initial": begin, "total": total, "desc": name, "unit": "B", "unit_scale": True}
-    with path.open("ab") as file, progress(**shown) as bar:
+    with append_own(path) as file, progress(**shown) as bar:
         for chunk in chunks:
-            file.write(chunk)
+            write_all(file.fileno(), chunk)
             bar.update(len(chunk))
-        file.flush()
         os.fsync(file.fileno())
 
 

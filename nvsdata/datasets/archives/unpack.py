@@ -9,6 +9,7 @@ import shutil
 import stat
 import struct
 import tarfile
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from nvsdata.common.errors import DownloadError
+from nvsdata.common.errors import DownloadError, shown
 
 MOST_BYTES = 100 << 30  # that an archive may unpack to, including the archives within it
 MOST_FILES = 1_000_000
@@ -55,24 +56,66 @@ def unpack(path: Path, folder: Path) -> None:
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
-        raise DownloadError(f"{path}: not unpacked, because {folder} is there already") from None
+        raise DownloadError(f"{shown(path)}: not unpacked, because {shown(folder)} is there already") from None
     try:
         room = _Room(min(MOST_BYTES, max(SMALL, MOST_TIMES * path.stat().st_size)), MOST_FILES)
-        _unpack(path, str(path), folder, room, DEEPEST)
+        _unpack(path, shown(path), folder, room, DEEPEST)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
+def difference(path: Path, folder: Path, work: Path) -> str:
+    """Return what of an archive isn't in the folder that it was unpacked into, byte for byte; empty if nothing.
+
+    Args:
+        path: the archive.
+        folder: where its entries are; zips in it are compared with folders of their names.
+        work: a folder for temporary files.
+
+    Returns:
+        The first difference, in words.
+
+    Raises:
+        DownloadError: the archive can't be read.
+    """
+    with _told(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
+        for entry in list(_entries(archive, str(path), folder, _Room(MOST_BYTES, MOST_FILES))):
+            target = folder.joinpath(*_parts(entry.name, str(path)))
+            if entry.is_folder:
+                if not target.is_dir():
+                    return f"{target} is missing"
+            elif _is_inner(target.name):
+                with tempfile.TemporaryDirectory(dir=work) as there:
+                    _write(archive, entry, Path(there, target.name))
+                    if found := difference(Path(there, target.name), target.with_name(_stem(target.name)), work):
+                        return found
+            elif not target.is_file():
+                return f"{target} is missing"
+            elif not _is_copy(archive, entry, target):
+                return f"{target} is different"
+    return ""
+
+
+def _is_copy(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: Path) -> bool:
+    if target.stat().st_size != entry.size:
+        return False
+    with _content(archive, entry) as one, target.open("rb") as other:
+        while piece := one.read(1 << 20):
+            if piece != other.read(len(piece)):
+                return False
+    return True
+
+
 def take_out(path: Path, file: str, target: Path) -> None:
     """Write the entry of an archive named `file`, in any folder, to `target`. DownloadError if that fails."""
-    with _told(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
-        entries = list(_entries(archive, str(path), target.parent, _Room(MOST_BYTES, MOST_FILES)))
+    with _told(f"{shown(path)}: damaged archive"), _opened(path, shown(path)) as archive:
+        entries = list(_entries(archive, shown(path), target.parent, _Room(MOST_BYTES, MOST_FILES)))
         found = [entry for entry in entries if entry.name.rsplit("/", 1)[-1] == file]
         if not found:
-            raise DownloadError(f"{path}: {file!r} is not in it")
-        _check_disk(target.parent, found[0].size, str(path))
-        with _told(f"{path}: can't unpack {file!r}"):
+            raise DownloadError(f"{shown(path)}: {file!r} is not in it")
+        _check_disk(target.parent, found[0].size, shown(path))
+        with _told(f"{shown(path)}: can't unpack {file!r}"):
             _write(archive, found[0], target)
 
 
@@ -144,6 +187,13 @@ def _write(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: Pa
     (target if entry.is_folder else target.parent).mkdir(parents=True, exist_ok=True)
     if entry.is_folder:
         return
+    # x: doesn't overwrite another entry with that name (on some systems: in another case)
+    with _content(archive, entry) as file, target.open("xb") as out:
+        shutil.copyfileobj(file, out, 1 << 20)
+
+
+def _content(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry) -> IO[bytes]:
+    """The bytes of a file."""
     file: IO[bytes] | None
     if isinstance(archive, zipfile.ZipFile):
         assert isinstance(entry.member, zipfile.ZipInfo)
@@ -152,9 +202,7 @@ def _write(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: Pa
         assert isinstance(entry.member, tarfile.TarInfo)
         file = archive.extractfile(entry.member)
     assert file is not None, "what is not a folder is a file"
-    # x: doesn't overwrite another entry with that name (on some systems: in another case)
-    with file, target.open("xb") as out:
-        shutil.copyfileobj(file, out, 1 << 20)
+    return file
 
 
 def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path, room: _Room) -> Iterator[_Entry]:

@@ -10,9 +10,11 @@ from typing import IO, Any, Self
 
 import numpy as np
 
-from nvsdata.common.files import json_line, parsed_line
+from nvsdata.common.files import MOST_LINES, append_own, json_line, parsed_line, read_own, remove_link, write_all
+from nvsdata.data.events import EVER, LATEST, check_sensor_size
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.store.reader import COLUMNS, VERSION, crc_of
+from nvsdata.kernels.order import is_sorted
 
 JOURNAL = "journal.jsonl"
 
@@ -45,9 +47,10 @@ class Part:
             "kinds": [kind.str for kind in self.kinds.values()],
             "opened_with": list(dataset.opened_with or ()),
         }
+        remove_link(folder)
         folder.mkdir(parents=True, exist_ok=True)
         for name in self.kinds:
-            (folder / name).touch()
+            append_own(folder / name).close()
         self._resume(set(names))
 
     @property
@@ -62,7 +65,7 @@ class Part:
 
     def _resume(self, names: set[str]) -> None:
         journal = self.folder / JOURNAL
-        lines = journal.read_bytes().splitlines(keepends=True) if journal.exists() else []
+        lines = read_own(journal, MOST_LINES).splitlines(keepends=True) if journal.exists() else []
         whole = 0
         # a line without its end was torn
         lines = [line for line in lines if line.endswith(b"\n")]
@@ -72,16 +75,17 @@ class Part:
                 columns = [stack.enter_context((self.folder / name).open("rb")) for name in self.kinds]
                 for line in lines[1:]:
                     facts = parsed_line(line)
-                    if facts is None or facts.get("name") not in names or not self._holds(facts, columns):
+                    if facts is None or not _is_sound(facts, names) or not self._holds(facts, columns):
                         break
                     whole += len(line)
                     # recordings left out are tried again, because they may have been repaired
                     if "skipped" not in facts:
                         self._note(facts)
-        with journal.open("ab") as file:
+                        names.remove(facts["name"])
+        with append_own(journal) as file:
             file.truncate(whole)
             if not whole:
-                file.write(json_line(self._head).encode())
+                write_all(file.fileno(), json_line(self._head).encode())
         for name, kind in self.kinds.items():
             os.truncate(self.folder / name, self.events * kind.itemsize)
 
@@ -90,18 +94,24 @@ class Part:
         if "skipped" in facts:
             return True
         try:
-            same = list(self._source.stamp(facts["name"])) == facts["stamp"]
-            return bool(same and self._crc(facts, columns) == facts["crc"])
+            if list(self._source.stamp(facts["name"])) != facts["stamp"]:
+                return False
+            t, x, y, p = found = self._next(facts["events"], columns)
         except OSError:
             return False
+        width, height = facts["size"]
+        possible = x.max() < width and y.max() < height and p.max() <= 1 and t[0] == 0 and is_sorted(t)
+        return bool(possible and facts["base"] + int(t[-1]) < LATEST and crc_of(found) == facts["crc"])
 
-    def _crc(self, facts: dict[str, Any], columns: Sequence[IO[bytes]]) -> int:
-        """Checksum of the next recording's events in the raw files."""
+    def _next(self, count: int, columns: Sequence[IO[bytes]]) -> list[np.ndarray]:
+        """Return the next `count` events in the raw files; OSError if there are fewer."""
         found = []
         for file, kind in zip(columns, self.kinds.values(), strict=True):
+            if os.fstat(file.fileno()).st_size < (self.events + count) * kind.itemsize:
+                raise OSError(f"{file.name} is shorter than its journal says")
             file.seek(self.events * kind.itemsize)
-            found.append(np.frombuffer(file.read(facts["events"] * kind.itemsize), np.uint8))
-        return crc_of(found)
+            found.append(np.frombuffer(file.read(count * kind.itemsize), kind))
+        return found
 
     def _note(self, line: dict[str, Any]) -> None:
         if "skipped" in line:
@@ -112,8 +122,8 @@ class Part:
 
     def __enter__(self) -> Self:
         # unbuffered, so that errors of the disk show at once
-        self._columns = {name: (self.folder / name).open("ab", buffering=0) for name in COLUMNS}
-        self._journal = (self.folder / JOURNAL).open("ab", buffering=0)
+        self._columns = {name: append_own(self.folder / name) for name in COLUMNS}
+        self._journal = append_own(self.folder / JOURNAL)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -135,6 +145,27 @@ class Part:
             line = facts | {"crc": crc_of(stored)}
         _write(self._journal, json_line(line).encode())
         self._note(line)
+
+
+def _is_sound(facts: dict[str, Any], names: set[str]) -> bool:
+    """Whether a line says of one of these recordings what a line can say."""
+    if not isinstance(facts.get("name"), str) or facts["name"] not in names:
+        return False
+    if "skipped" in facts:
+        return isinstance(facts["skipped"], str)
+    try:
+        check_sensor_size(facts["size"])
+        whole = [*facts["size"], *facts["stamp"], *facts["time"], *(facts[name] for name in ("events", "bytes", "crc"))]
+        return (
+            all(type(number) is int and EVER[0] <= number <= EVER[1] for number in (*whole, facts["base"]))
+            and -LATEST < facts["base"] < LATEST
+            and facts["events"] > 0
+            and facts["bytes"] >= 0
+            and len(facts["time"]) == 2
+            and isinstance(facts["format"], str)
+        )
+    except (KeyError, TypeError, ValueError):
+        return False
 
 
 def _write(file: Any, data: Any) -> None:

@@ -11,12 +11,23 @@ import numpy as np
 
 from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.data.events import EVER, MAX_COORDINATE, Columns, Events, bounds_of, check_window
+from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
+from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5 import STORE
-from nvsdata.formats.hdf5_file import check_version, dataset_of, links_are_followed, number_of, opened, text_of
+from nvsdata.formats.hdf5_chunks import Chunks, values_of
+from nvsdata.formats.hdf5_file import (
+    check_version,
+    dataset_of,
+    links_are_followed,
+    number_of,
+    opened,
+    text_of,
+)
+from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import read_into
+from nvsdata.kernels.order import is_sorted
 from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 2
@@ -39,8 +50,14 @@ INDEX = (
     "file_offset",
     "file_data",
 )
+TYPES: dict[str, tuple[str, ...]] = dict.fromkeys(
+    ("offset", "base", "duration", "time", "bytes", "file_offset"), ("i8",)
+)
+TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # texts and bytes are uint8
+TYPES |= {"t": ("u4", "i8"), "x": ("u1", "u2"), "y": ("u1", "u2"), "p": ("u1",)}  # of the events
 UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
 MARKED = 256  # the index has the time of every 256th event
+CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
 
 
 class Store:
@@ -52,6 +69,8 @@ class Store:
     - `left_out`: recordings that couldn't be packed, name to reason
 
     Pickling is cheap: only the path is sent to workers, and each process opens the file itself.
+    The first read of a recording verifies its checksum, unless the environment variable `NVSDATA_STORE_CHECK` is 0 or
+    only a window of more than 4 MiB of events is read: FormatError if it fails.
     Raises FormatError for a file that is not a store, is truncated, is of another version, or whose
     index fails its checksum.
     """
@@ -66,11 +85,17 @@ class Store:
                 raise FormatError(path, f"a store older than version {VERSION}: pack it again")
             self.dataset, self.split = text_of(file, "dataset"), text_of(file, "split")
             self.fold = number_of(path, file, "fold")
-            index = {name: np.asarray(dataset_of(path, file, f"index/{name}")[()]) for name in INDEX}
+            left = Allowance(path.stat().st_size)
+            index = {name: values_of(path, dataset_of(path, file, f"index/{name}", left)) for name in INDEX}
             if checksum(index) != number_of(path, file, "checksum"):
                 raise FormatError(path, "its index fails its checksum: pack it again")
+            if not _has_types(index):
+                raise FormatError(path, "its index has arrays of other types or shapes: pack it again")
             columns = [dataset_of(path, file, f"events/{name}") for name in COLUMNS]
+            if not all(column.dtype in TYPES[name] for name, column in zip(COLUMNS, columns, strict=True)):
+                raise FormatError(path, "its events are of other types than a store's: pack it again")
             places = [_place(path, column) for column in columns]
+            self._event_size = sum(column.dtype.itemsize for column in columns)
             shapes = {column.shape for column in columns}
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
         # lists, because taking a number out of an array costs as much as the rest of a look-up
@@ -78,12 +103,14 @@ class Store:
         self._first_mark = first_mark.tolist()
         self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
         self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
-        self.names = unpacked(index["name"])
-        self.formats = unpacked(index["format"])
-        self._folders = unpacked(index["folder"])
-        self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+        try:
+            texts = {name: unpacked(index[name]) for name in ("name", "format", "folder", "file_name")}
+            self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+        except ValueError as error:
+            raise FormatError(path, f"its index has no valid names: {error}") from None
+        self.names, self.formats, self._folders = texts["name"], texts["format"], texts["folder"]
         self._number = {name: i for i, name in enumerate(self.names)}
-        self._files = {name: i for i, name in enumerate(unpacked(index["file_name"]))}
+        self._files = {name: i for i, name in enumerate(texts["file_name"])}
         self._file_offset, self._file_data = index["file_offset"], index["file_data"]
         self._marks = index["mark"]
         if not (self._is_sound(index) and shapes == {(self._offset[-1],)} and first_mark[-1] == len(self._marks)):
@@ -93,6 +120,9 @@ class Store:
         # arguments for `read_window`, if it can read the columns
         begins, like = [begin for *_, begin in self._places], [np.empty(0, kind) for kind, *_ in self._places]
         self._direct = (*begins, *like) if len(like) == len(COLUMNS) and hasattr(os, "pread") else ()
+        # which recordings are verified; forked workers share it
+        self._verified = Shared(len(self.names), np.bool_)
+        self._verified.values[:] = os.environ.get("NVSDATA_STORE_CHECK") == "0"
         self._file = path.open("rb", buffering=0)
         self._handle = self._file.fileno()
 
@@ -103,9 +133,15 @@ class Store:
         """Whether all arrays have the same number of recordings, in sequence, with possible sensor sizes."""
         counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
         counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
+        sizes, base, files = index["size"], index["base"], index["file_offset"]
         in_line = self._offset[:1] == [0] and not (np.diff(index["offset"]) < 0).any()
-        sizes = index["size"]
-        return len(counts) == 1 and in_line and bool(((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
+        # texts end with a zero each
+        if not (len(counts) == 1 and in_line and len(files) == np.count_nonzero(index["file_name"] == 0) + 1):
+            return False
+        if files[0] != 0 or files[-1] != len(index["file_data"]) or (np.diff(files) < 0).any():
+            return False
+        times = (base > -LATEST) & (base < LATEST) & (index["duration"] >= 0) & (index["duration"] < LATEST - base)
+        return bool(times.all() and ((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
 
     def listing(self) -> Listing:
         """The packed folders and recordings, including those left out, and the side files."""
@@ -144,6 +180,10 @@ class Store:
     def read(self, number: int, start: int, stop: int) -> Columns:
         """Events of a recording with start <= t < stop: bisects the index, then reads that part of each column."""
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
+        verified = self._verified.values[number]
+        if not verified and (raw := self._verify(number, start, stop)):
+            columns = Columns.empty(hi - lo)
+            return columns.first(stored_window(*columns, base, start, stop, *raw))
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         first, last = marked_range(marks, base, start, stop)
         lo, hi = lo + first * MARKED, min(lo + last * MARKED, hi)
@@ -154,7 +194,39 @@ class Store:
         if count < 0:
             # or get the error that says why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
-        return columns.first(count)
+        columns = columns.first(count)
+        if not verified:
+            self.check_inside(number, columns.x, columns.y, columns.p, self.sensor_size(number))
+        if not is_sorted(columns.t):
+            raise FormatError(self.root, f"events of {shown(self.names[number])} are out of order: pack it again")
+        return columns
+
+    def _verify(self, number: int, start: int, stop: int) -> list[np.ndarray] | None:
+        """All events of a recording as they are stored, verified; None where that costs much more than the window."""
+        lo, hi = self._offset[number], self._offset[number + 1]
+        first, last = self.span(number)
+        if (hi - lo) * self._event_size > CHECKED and (start > first or stop <= last):
+            return None
+        raw = self._raw(lo, hi)
+        if crc_of(raw) != int(self._crc[number]):
+            reason = "its events fail their checksum: the store is damaged, pack the recording again"
+            _, size, begin = self._places[0] if self._places else (None, 0, 0)
+            raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
+        marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
+        ends = (raw[0][0], raw[0][-1]) if hi > lo else (0, self._duration[number])
+        if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
+            raise FormatError(self.root, f"its index has other times than {shown(self.names[number])}: pack it again")
+        self.check_inside(number, raw[1], raw[2], raw[3], self.sensor_size(number))
+        self._verified.values[number] = True
+        return raw
+
+    def check_inside(self, number: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]) -> None:
+        """FormatError unless events of a recording are on a sensor of this size and have polarities."""
+        # int16 below 0 are the highest uint16
+        x, y = (column.view(np.uint16) if column.dtype == np.int16 else column for column in (x, y))
+        if x.size and (x.max() >= size[0] or y.max() >= size[1] or p.max() > 1):
+            reason = f"coordinates outside the sensor of {size[0]}x{size[1]}, or polarities other than 0 and 1"
+            raise FormatError(f"{self.path}:{self.names[number]}", reason)
 
     def span(self, number: int) -> tuple[int, int]:
         """Times of the first and the last event of a recording."""
@@ -178,7 +250,12 @@ class Store:
         if len(self._places) == len(COLUMNS):
             return [self._column(lo, hi, *place) for place in self._places]
         with opened(self.root, f"can't read events {lo} to {hi}") as file:
-            return [np.asarray(dataset_of(self.root, file, f"events/{name}")[lo:hi]) for name in COLUMNS]
+            columns = [
+                Chunks(self.root, dataset_of(self.root, file, f"events/{name}")).read(lo, hi) for name in COLUMNS
+            ]
+        if any(column.shape != (hi - lo,) for column in columns):
+            raise FormatError(self.root, "was changed while it was read: open it again")
+        return columns
 
     def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
         """Items lo..hi of a column, `begin` being the byte of its first one."""
@@ -186,10 +263,17 @@ class Store:
         read_into(self._handle, self.path, begin + lo * size, items)
         return items
 
-    def damaged(self, name: str) -> bool:
-        """Whether the events of a recording fail their checksum."""
+    def fault(self, name: str) -> str:
+        """Why the events of a recording can't be read, or that they fail their checksum; empty if they are sound."""
         number = self._number[name]
-        return crc_of(self._raw(self._offset[number], self._offset[number + 1])) != int(self._crc[number])
+        try:
+            raw = self._raw(self._offset[number], self._offset[number + 1])
+        except FormatError as error:
+            return error.reason
+        if crc_of(raw) != int(self._crc[number]):
+            return "its events fail their checksum"
+        self._verified.values[number] = True
+        return ""
 
 
 class StoredRecording(Recording):
@@ -197,7 +281,9 @@ class StoredRecording(Recording):
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
         self._store, self._number = store, number
-        self._size = store.sensor_size(number) if sensor_size is None else sensor_size
+        packed_size = store.sensor_size(number)
+        self._size = packed_size if sensor_size is None else sensor_size
+        self._fits = self._size[0] >= packed_size[0] and self._size[1] >= packed_size[1]
         self._time = store.time(number)
         self.repairs = {}
 
@@ -231,6 +317,8 @@ class StoredRecording(Recording):
         check_window(start, stop)
         first, last = EVER[0] if start is None else start, EVER[1] if stop is None else stop
         columns = self._store.read(self._number, first, last)
+        if not self._fits:
+            self._store.check_inside(self._number, columns.x, columns.y, columns.p, self._size)
         return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
@@ -262,6 +350,13 @@ def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
         raise FormatError(path, f"cut short within {dataset.name}", offset=offset)
     return dataset.dtype, dataset.dtype.itemsize, offset or 0
+
+
+def _has_types(index: dict[str, np.ndarray]) -> bool:
+    """Whether the arrays of an index have the types and the number of axes that `docs/store.md` states."""
+    shapes = {"time": (-1, 2), "size": (-1, 2)}
+    fits = all(array.shape[1:] == shapes.get(name, (-1,))[1:] and array.ndim >= 1 for name, array in index.items())
+    return fits and all(array.dtype in TYPES.get(name, ("u1",)) for name, array in index.items())
 
 
 def packed(texts: Iterable[str]) -> np.ndarray:

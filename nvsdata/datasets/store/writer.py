@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from nvsdata.common.errors import shown
 from nvsdata.common.files import atomic, creating, named
 from nvsdata.common.processes import pool
 from nvsdata.common.progress import bar
+from nvsdata.common.terminal import say
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source, joined
 from nvsdata.datasets.store.part import Part
@@ -74,14 +76,23 @@ def pack(
             done = part.done
             todo = [name for name in names if name not in done]
             what, begun = f"packing {dataset.info.name}", len(names) - len(todo)
-            with bar(None, what, total=len(names), initial=begun, unit="rec") as progress:
-                for name, result in _decoded(dataset, todo, jobs):
-                    part.add(name, result)
-                    progress.update()
+            try:
+                with bar(None, what, total=len(names), initial=begun, unit="rec") as progress:
+                    for name, result in _decoded(dataset, todo, jobs):
+                        part.add(name, result)
+                        progress.update()
+            except BaseException:
+                there = f"{len(part.done):,} of {len(names):,} recordings"
+                say(f"{there} are in {shown(part.folder)}: the same command resumes")
+                raise
         if not part.facts:
             raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
-        with atomic(target) as temporary:
-            _assemble(part, dataset, temporary, compress)
+        try:
+            with atomic(target, through_link=True) as temporary:
+                _assemble(part, dataset, temporary, compress)
+        except BaseException:
+            say(f"all recordings are in {shown(part.folder)}: the same command resumes")
+            raise
         shutil.rmtree(part.folder)
     return PackReport(len(part.facts), part.events, part.skipped)
 
@@ -198,7 +209,7 @@ def _read_back(path: Path) -> None:
     """OSError unless the file is a store whose index and events match their checksums."""
     store = Store(path)
     for name in store.names:
-        if store.damaged(name):
+        if store.fault(name):
             raise OSError(f"{path}: the events of {name} can't be read back as they were written")
 
 

@@ -18,6 +18,7 @@ from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.registry import Format, starts_with
+from nvsdata.kernels.order import is_sorted
 from nvsdata.recording.davis.stream import Decoder
 
 MARK = b"#!DAVIS-STREAM1 "
@@ -64,6 +65,8 @@ class StreamRecording(FileRecording):
         others = [value for name, value in self._how.items() if name not in ("width", "height", "frame_size")]
         if not all(isinstance(value, int) and 0 <= value < 1 << 15 for value in others):
             raise ValueError(f"settings {others}")
+        if not self._how["steady"]:
+            raise ValueError("a decoder that isn't steady, whose times may fall")
 
     def _decoder(self) -> Decoder:
         return Decoder(**self._how)
@@ -76,16 +79,23 @@ class StreamRecording(FileRecording):
         """As `Recording.pieces`, in constant memory."""
         decoder = self._decoder()
         yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=self._about)
-        for piece, _ in decoder.decoded(self._blocks(), self._last):
-            yield piece
+        yield from self._in_order(decoder, self._last)
         if not decoder.begun:
             # nothing marks the clock's reset: all of it counts, in the camera's own time
             decoder = self._decoder()
             decoder.begun = True
-            for piece, _ in decoder.decoded(self._blocks(), None):
-                yield piece
+            yield from self._in_order(decoder, None)
         for name, count in decoder.error_counts.items():
             self._repair(name, count)
+
+    def _in_order(self, decoder: Decoder, last: int | None) -> Iterator[Piece]:
+        """What a decoder finds. FormatError if times fall: it met a reset that wasn't there in an earlier pass."""
+        latest = 0
+        for piece, _ in decoder.decoded(self._blocks(), last):
+            if len(piece) and (int(piece.t[0]) < latest or not is_sorted(piece.t)):
+                raise FormatError(self.path, "was changed while it was read: open it again")
+            latest = int(piece.t[-1]) if len(piece) else latest
+            yield piece
 
     def _blocks(self) -> Iterator[bytes]:
         with open(self.path, "rb", buffering=0) as file:

@@ -13,6 +13,7 @@ import numpy as np
 
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.samples import Frame, Inertial, Piece, within
+from nvsdata.formats.inflation import most_bytes
 from nvsdata.kernels import davis_stream as kernel
 
 ROOM = 1024  # special events and samples that a call of the kernel has room for
@@ -141,6 +142,8 @@ class Decoder:
         rows: list[np.ndarray] = []
         self.frames, self.frame_words = [], []
         at = count = 0
+        # frames may lack pixels, so a few words could claim many large ones
+        room = most_bytes(words.nbytes)
         while at < words.size:
             at, events, specials, samples, whole = kernel.decode(
                 words,
@@ -158,7 +161,10 @@ class Decoder:
                 notes.append(self._specials[:specials].copy())
             if samples:
                 rows.append(self._samples[:samples].copy())
-            if whole:
+            room -= self._frame_size if whole else 0
+            if whole and room < 0:
+                self._counts[kernel.BROKEN_FRAMES] += 1
+            elif whole:
                 self.frames.append(self._frame())
                 self.frame_words.append(self.words + at - 1)
             count += events
@@ -173,8 +179,11 @@ class Decoder:
         """What blocks of whole words hold, and the times (µs, int64) of pulses and rising edges at the external input.
 
         Times count from the first reset of the camera's clock, and what came before it is left out; so is what comes
-        from `last` (µs) on. Where the blocks are cut doesn't change the whole result. The decoder must be `steady`.
+        from `last` (µs) on. Where the blocks are cut doesn't change the whole result. ValueError unless the decoder is
+        `steady`: events of others may be out of order.
         """
+        if not self.steady:
+            raise ValueError("only a steady decoder gives events in order: Decoder(steady=True)")
         size = (self.width, self.height)
         for block in blocks:
             events = self.feed(block)
@@ -216,6 +225,11 @@ class Decoder:
         slope, zero = (333.87, 21) if self.inertial == 2 else (340, 35)
         kernel.measure(rows, self.inertial_flips, np.float32(slope), np.float32(zero), *measures)
         return Inertial(rows[:, 1], *measures)
+
+    @property
+    def _frame_size(self) -> int:
+        """Bytes of the pixels of a frame of the region that is in force."""
+        return 2 * int(self._state[kernel.SIZE_X]) * int(self._state[kernel.SIZE_Y])
 
     def _frame(self) -> Frame:
         state = self._state

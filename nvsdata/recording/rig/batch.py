@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -10,30 +9,30 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import cv2
 
-from nvsdata import formats
 from nvsdata.common.clock import host_time
-from nvsdata.common.files import Journal, claimed
-from nvsdata.common.locks import locked
-from nvsdata.common.progress import bar, say_beside
+from nvsdata.common.errors import line_of
+from nvsdata.common.files import append_own, claimed, json_line, write_all
+from nvsdata.common.progress import say_beside
 from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.rig.contact_sheets import Sheets
 from nvsdata.recording.rig.content import Inspector
 from nvsdata.recording.rig.monitor import Monitor, MonitorError
 from nvsdata.recording.rig.playback import BRIGHT, DIM, STEP
-from nvsdata.recording.rig.report import REPORT
-from nvsdata.recording.rig.status import STATUS, Status
+from nvsdata.recording.rig.status import Status
 from nvsdata.recording.rig.sync import TakeRejected
 from nvsdata.recording.rig.take import cut_take, record_take
 from nvsdata.recording.rig.watch import Watch, prune
-from nvsdata.video.folder import Video, fatal, sha256
-from nvsdata.video.manifest import NAME, FolderReport, FolderRun, Manifest, as_before, file_facts, noted
+from nvsdata.video.folder import Video, fatal
+from nvsdata.video.manifest import FolderReport, FolderRun, Manifest, file_facts, noted
 
 TAKES = 3  # takes of a video before it counts as failed
+SHOWN_EVERY = 1.0  # s after which the progress bar is drawn again
 RETRY = 1_000_000  # µs between attempts to find a camera that is gone
 MISSED = 60_000_000  # µs after which somebody is told
 KIND = "nvsdata-recordings"
@@ -43,8 +42,10 @@ HIDDEN = ".takes"  # in the folder of recordings: takes that aren't cut yet, or 
 
 
 @contextmanager
-def manifest_of(out: Path, settings: Settings, format: str, monitor: Monitor, *, resume: bool) -> Iterator[Manifest]:
-    """The manifest of a folder of recordings, created if there is none.
+def manifest_of(
+    out: Path, settings: Settings, format: str, monitor: Monitor, videos: list[Video], *, resume: bool
+) -> Iterator[Manifest]:
+    """The manifest of a folder of recordings, created if there is none, for a run with these `videos`.
 
     FileExistsError for a folder that holds recordings, unless `resume` is true; ValueError for a folder whose
     recordings were made with other settings.
@@ -61,13 +62,15 @@ def manifest_of(out: Path, settings: Settings, format: str, monitor: Monitor, *,
         },
         "flashes": {"dim": DIM, "bright": BRIGHT, "refreshes": STEP},
     }
-    with claimed(out), Manifest(out, KIND, made, told) as manifest:
-        if manifest.lines and not resume:
+    with claimed(out):
+        manifest = Manifest(out, KIND, made, [video.name for video in videos], told)
+        if manifest.videos and not resume:
             raise FileExistsError(f"{out} holds recordings: --resume goes on with them")
-        try:
-            yield manifest
-        finally:
-            _clear(out)
+        with manifest:
+            try:
+                yield manifest
+            finally:
+                _clear(out)
 
 
 def record_videos(
@@ -112,10 +115,11 @@ def record_videos(
     with (
         _Cameras(find, monitor, settings) as cameras,
         Sheets(out, videos, manifest) as sheets,
-        FolderRun(manifest, videos, DONE, "recording") as run,
-        _status(out, len(run.waiting)) as status,
+        FolderRun(manifest, videos, DONE, "recording", resume="--resume continues with the others") as run,
+        ended_status(status_before(out, videos, manifest)) as status,
+        _shown(run, status) as show,
     ):
-        how = (monitor, settings, inspector, live)
+        how = (monitor, settings, inspector, live, show)
         watch = Watch(
             status, on_alarm, cameras.drop, monitor.wait, lambda: _probed(videos, out, manifest, cameras.get(), *how)
         )
@@ -127,6 +131,7 @@ def record_videos(
             takes[video.name] += 1
             camera = cameras.get()
             status.set(video=video.name, state="recording")
+            show("playing")
             line = _line(video, camera)
             try:
                 with noted(video, line, (OSError,)):
@@ -156,24 +161,64 @@ def record_videos(
                 watch.succeeded()
                 given_up.clear()
             run.add(line | {"takes": takes[video.name]})
-            bad = "reason" in line
-            status.set(done=status.done + (not bad), failed=status.failed + bad, look=status.look + ("look" in line))
+            now = {"look": status.look + ("look" in line)}
+            if "reason" in line:
+                status.set(failed=status.failed + 1, **now)
+            else:
+                status.success(video.name, done=status.done + 1, **now)
+            show("drawing contact sheets")
             sheets.add(video)
     return run.report
 
 
+def status_before(out: Path, videos: list[Video], manifest: Manifest) -> Status:
+    """The status of a batch as a run of it begins: with what was recorded before."""
+    done = [video for video in videos if manifest.has(video, DONE)]
+    look = sum("look" in manifest.videos[video.name] for video in done)
+    return Status(out, len(videos), done=len(done), look=look)
+
+
 @contextmanager
-def _status(out: Path, total: int) -> Iterator[Status]:
-    """The status of a run, which says at its end how it ended."""
-    status = Status(out, total)
+def ended_status(status: Status) -> Iterator[Status]:
+    """Write the status, and at the end of the block how it ended, and why."""
     status.set()
     try:
         yield status
     except BaseException as error:
+        by_user = isinstance(error, KeyboardInterrupt)
         with suppress(OSError):
-            status.set(state="interrupted" if isinstance(error, KeyboardInterrupt) else "stopped")
+            status.set(state="interrupted" if by_user else "stopped", reason=None if by_user else line_of(error))
         raise
     status.set(state="done", video=None)
+
+
+@contextmanager
+def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
+    """Show what the batch does in the progress bar, and the time, each second.
+
+    Yields what is called with what happens to the present video. A thread draws: a terminal that is slow or stopped
+    must not make pictures late.
+    """
+    over, phase = Event(), ""
+
+    def show(what: str) -> None:
+        nonlocal phase
+        phase = what
+
+    def draw() -> None:
+        while not over.wait(SHOWN_EVERY):
+            # the end of a long name says more than its beginning
+            run.doing(
+                f"{status.video[-30:]}: {phase}" if status.state == "recording" and status.video else status.state
+            )
+
+    thread = Thread(target=draw, name="nvsdata-progress", daemon=True)
+    thread.start()
+    try:
+        yield show
+    finally:
+        over.set()
+        thread.join(SHOWN_EVERY)
 
 
 def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, *how: Any) -> bool:
@@ -205,13 +250,22 @@ def _ends_all(reason: Exception, video: Video) -> bool:
 def _line(video: Video, camera: Camera) -> dict[str, Any]:
     """What the manifest says about a video in any case."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    return {"video": video.name, "status": "recorded", "when": now, "camera": camera.facts.serial}
+    note = getattr(camera, "note", None)
+    line = {"video": video.name, "status": "recorded", "when": now, "camera": camera.facts.serial}
+    return line | ({"note": note} if note else {})
 
 
 def _recorded(
-    video: Video, out: Path, camera: Camera, monitor: Monitor, settings: Settings, inspector: Inspector, live: bool
+    video: Video,
+    out: Path,
+    camera: Camera,
+    monitor: Monitor,
+    settings: Settings,
+    inspector: Inspector,
+    live: bool,
+    show: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Play and record a video, and return its part of the manifest's line."""
+    """Play and record a video, and return its part of the manifest's line; `show` is called with what is done."""
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -221,8 +275,9 @@ def _recorded(
     except BaseException:
         raw.unlink(missing_ok=True)
         raise
-    with (out / PLAYED).open("a", encoding="utf-8") as file:
-        file.write(json.dumps({"video": video.name, **take.performance.log()}) + "\n")
+    show("cutting and judging")
+    with append_own(out / PLAYED) as file:
+        write_all(file.fileno(), json_line({"video": video.name, **take.performance.log()}).encode())
     try:
         line = cut_take(take, video, inspector)
     except (ValueError, cv2.error, MemoryError) as error:
@@ -284,77 +339,6 @@ class _Cameras:
 
     def __exit__(self, *_: object) -> None:
         self.drop()
-
-
-def format_of(out: Path) -> str:
-    """The format of the recordings in a folder, by its manifest.
-
-    FileNotFoundError if it has none, ValueError if that isn't one of recordings.
-    """
-    path = out / NAME
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file, so nothing was recorded there")
-    head = Journal(path, {}).head
-    if KIND not in head:
-        raise ValueError(f"{path} is not a manifest of {KIND}")
-    return str(head["format"])
-
-
-def verify(videos: list[Video], out: Path, limit: int | None = None) -> dict[str, str]:
-    """Compare the recordings of the first `limit` videos in `out` with its manifest, and with the videos.
-
-    Returns what is wrong, by name: of a video, or of a file in `out` that is none of theirs. What is wrong with
-    recordings is noted in the manifest, so that the next run records them again. FileNotFoundError if the folder has no
-    manifest.
-    """
-    path = out / NAME
-    format_of(out)
-    found = {}
-    with locked(out), Journal(path, {}) as journal:
-        lines = {line["video"]: line for line in journal.lines}
-        videos = as_before(videos, journal.lines, out)
-        for video in bar(videos[:limit], "verifying", unit="video"):
-            line = lines.get(video.name)
-            fault = _fault(video, line)
-            if fault is not None:
-                found[video.name] = fault
-                if line is not None and line["status"] in DONE:
-                    journal.add(line | {"status": "failed", "reason": fault})
-    return found | dict.fromkeys(_strays(videos, out), "isn't a recording of any of the videos")
-
-
-def _strays(videos: list[Video], out: Path) -> list[str]:
-    """Files in the folder of recordings that are neither recordings of these videos nor written by a batch."""
-    ours = {video.target for video in videos}
-    found = []
-    for path in sorted(out.rglob("*")):
-        name = path.relative_to(out)
-        hidden = any(part.startswith(".") for part in name.parts)
-        told = len(name.parts) == 1 and (
-            path.name in (NAME, PLAYED, STATUS, REPORT) or path.match("contact-sheet-*.png")
-        )
-        if path.is_file() and path not in ours and not hidden and not told:
-            found.append(name.as_posix())
-    return found
-
-
-def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
-    """How a recording differs from what the manifest says about it; None if it doesn't."""
-    if line is None or line["status"] not in DONE:
-        return "isn't recorded" if line is None else f"isn't recorded: {line['reason']}"
-    if video.path.stat().st_size != line["bytes"] or sha256(video.path) != line["sha256"]:
-        return f"{video.path}: isn't the video any more that was recorded"
-    try:
-        events = formats.read(video.target)
-    except (OSError, ValueError) as error:
-        return str(error)
-    if len(events) != line["events"]:
-        return f"{video.target}: holds {len(events)} events, not the {line['events']} that were recorded"
-    if len(events) and not (events.t[0] >= 0 and events.t[-1] < line["duration"]):
-        return f"{video.target}: has times outside the video's {line['duration']} µs"
-    if "recording_sha256" in line and sha256(video.target) != line["recording_sha256"]:
-        return f"{video.target}: was changed since it was recorded"
-    return None
 
 
 def _clear(out: Path) -> None:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.common.files import atomic
+from nvsdata.common.files import put
 from nvsdata.data.events import Events
 from nvsdata.plots import curves, save
 from nvsdata.plots.drawing import OFF, ON
@@ -217,8 +217,7 @@ def write_calibration(found: Calibration, settings: Settings, size: tuple[int, i
         "flicker": found.flicker,
     }
     for name, value in ((FIGURES, figures), ("settings.json", asdict(settings))):
-        with atomic(out / name) as temporary:
-            temporary.write_text(json.dumps(value, indent=1) + "\n")
+        put(out / name, f"{json.dumps(value, indent=1)}\n".encode())
     save(_picture(found), out / "corners.png")
     shown = (found.frequencies >= SLOWEST) & (found.frequencies <= HIGHEST)
     spectrum = found.spectrum[shown]

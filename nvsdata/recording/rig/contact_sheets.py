@@ -20,6 +20,7 @@ from nvsdata.video.manifest import Manifest
 COLUMNS, ROWS = 4, 10
 TILE = (160, 120)
 CAPTION = 18
+LONGEST = 30  # characters of a name
 SPAN = 40_000  # µs of events in a picture
 
 
@@ -89,9 +90,15 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
             events = formats.read(video.target, max(half - SPAN // 2, 0), half + SPAN // 2)
             tile[CAPTION:, TILE[0] :] = _fitted(event_image(events))
             rate = f"{line['events'] * 1e3 / max(line['duration'], 1):,.0f} k/s"
-    caption = f"{Path(video.name).stem[:26]}  {rate}"
+    caption = f"{_short(video.name)}  {rate}"
     cv2.putText(tile, caption, (2, CAPTION - 5), FONT, 0.4, INK, 1, cv2.LINE_AA)
     return tile
+
+
+def _short(name: str) -> str:
+    """A video's name with its folder, without the extension; the end of a long one, which tells videos apart."""
+    text = Path(name).with_suffix("").as_posix()
+    return text if len(text) <= LONGEST else f"..{text[2 - LONGEST :]}"
 
 
 def _middle(path: Path) -> np.ndarray:

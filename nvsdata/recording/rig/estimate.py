@@ -5,10 +5,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from nvsdata.recording.capture import RESERVE
 from nvsdata.recording.rig.clock_fit import flashes
 from nvsdata.recording.rig.playback import FADE, SETTLE, STEP, STILL
 from nvsdata.video.folder import Video
@@ -19,8 +20,15 @@ BESIDE = 2_000_000  # µs per take for starting, cutting and judging
 USUAL = 2_000_000  # bytes per second of video, if nothing was recorded yet: 250,000 events/s
 
 
-def estimate(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> str:
-    """The time and the disk that videos will need, in words.
+class Estimate(NamedTuple):
+    """What a batch will need, in words, and whether the disk is too small for it."""
+
+    text: str
+    short: bool
+
+
+def estimate(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> Estimate:
+    """The time and the disk that videos will need.
 
     - `lines`: of the manifest, whose recordings say how much a second of video takes
     - `refresh`: µs from one picture of the screen to the next
@@ -36,4 +44,5 @@ def estimate(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path
     hours, minutes = divmod(round(seconds / 60), 60)
     text = f"{len(videos):,} videos: about {hours} h {minutes:02} min and {needed / 1e9:,.1f} GB"
     text += f"; {free / 1e9:,.1f} GB of disk are free"
-    return text if needed < free else f"{text}, which is too little"
+    short = bool(videos) and needed + RESERVE > free
+    return Estimate(f"{text}, which is too little" if short else text, short)

@@ -10,13 +10,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from nvsdata.common.errors import FormatError
+from nvsdata.common.errors import FormatError, shown
 from nvsdata.common.files import put
 from nvsdata.common.locks import is_locked
 
 STATUS = "status.json"
-RECENT = 5  # reasons that are kept
-ENDED = ("done", "interrupted", "stopped")
+RECENT = 5  # videos whose last reason is kept
+GOING = ("recording", "waiting for the camera", "paused")
+ENDED = ("done", "verified", "interrupted", "stopped")
 
 
 @dataclass
@@ -24,24 +25,30 @@ class Status:
     """The state of a batch; each change of it is written to `out/status.json`.
 
     - `out`: the folder of recordings
-    - `total`: videos of this run
-    - `state`: "recording", "waiting for the camera", "paused", "done", "interrupted" or "stopped" (after alarms)
+    - `total`: videos of the batch
+    - `state`: one of `GOING`, or one of `ENDED`: "done", "verified" (by `--verify`), "interrupted", "stopped" (by an
+      error, a disk that is too small, or after alarms)
+    - `reason`: why it ended, or what is wrong; None if nothing is
     - `video`: what is being played
-    - `done`, `failed`: videos of this run; `look`: how many of them are odd
+    - `done`, `failed`: videos of the batch, in this run and in those before; `look`: how many of them are flagged
     - `in_a_row`: takes that failed, one after another
-    - `recent`: why the last takes failed, newest first
+    - `recent`: why the last takes of videos failed that have no good one yet, by video, newest first
     """
 
     out: Path
     total: int
     state: str = "recording"
+    reason: str | None = None
     video: str | None = None
     done: int = 0
     failed: int = 0
     look: int = 0
     in_a_row: int = 0
-    recent: list[str] = field(default_factory=list)
+    recent: dict[str, str] = field(default_factory=dict)
     _began: float = field(default_factory=time.time)
+
+    def __post_init__(self) -> None:
+        self._before = self.done
 
     def set(self, **changed: Any) -> None:
         """Change the state, and write it."""
@@ -49,20 +56,39 @@ class Status:
             setattr(self, name, value)
         told = {k: v for k, v in asdict(self).items() if k not in ("out", "_began")}
         now = time.time()
-        each = (now - self._began) / max(self.done + self.failed, 1)
-        left = self.total - self.done - self.failed
+        left, tried = self.total - self.done - self.failed, self.done + self.failed - self._before
+        each = (now - self._began) / max(tried, 1)
         told |= {
+            "recent": [f"{name}: {reason}" for name, reason in self.recent.items()],
             "left": left,
-            "seconds_left": round(each * left) if self.done + self.failed else None,
+            "seconds_left": round(each * left) if tried > 0 and self.state in GOING else None,
             "disk_free": shutil.disk_usage(self.out).free,
             "began": _iso(self._began),
             "updated": _iso(now),
         }
-        put(self.out / STATUS, json.dumps(told, indent=1).encode())
+        _write(self.out / STATUS, json.dumps(told, indent=1).encode())
 
     def failure(self, name: str, reason: str) -> None:
         """Note a take that failed."""
-        self.set(in_a_row=self.in_a_row + 1, recent=[f"{name}: {reason}", *self.recent][:RECENT])
+        others = [(other, why) for other, why in self.recent.items() if other != name]
+        self.set(in_a_row=self.in_a_row + 1, recent=dict([(name, reason), *others][:RECENT]))
+
+    def success(self, name: str, **changed: Any) -> None:
+        """Note a recording that is good: takes of it that failed before don't count any more."""
+        self.set(recent={other: why for other, why in self.recent.items() if other != name}, **changed)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Replace the file; on a full disk, write in its place, which takes no more room than it has."""
+    try:
+        put(path, content)
+    except OSError as error:
+        try:
+            with path.open("r+b", buffering=0) as file:
+                file.write(content)
+                file.truncate()
+        except OSError:
+            raise error from None
 
 
 def _iso(moment: float) -> str:
@@ -79,20 +105,36 @@ def told(out: Path) -> tuple[str, bool]:
         raise FileNotFoundError(f"{path}: no such file, so no batch has recorded there")
     try:
         status = json.loads(path.read_text(encoding="utf-8"))
-        state = status["state"]
-        counts = f"{status['done']:,} of {status['total']:,} recorded, {status['failed']:,} failed"
-        lines = [f"{state} since {status['began']}, last seen {status['updated']}", counts]
-        lines[1] += f", {status['look']:,} to look at" if status["look"] else ""
-        if status["seconds_left"] is not None and state not in ENDED:
-            hours, minutes = divmod(status["seconds_left"] // 60, 60)
-            lines.append(f"about {hours} h {minutes:02} min left; {status['disk_free'] / 1e9:,.1f} GB of disk are free")
-        lines += [f"playing {status['video']}"] if status["video"] and state == "recording" else []
-        lines += [f"failed: {reason}" for reason in status["recent"]]
+        lines = [_headline(status), *_counts(status)]
+        state, reason = status["state"], status.get("reason")
+        good = reason is None and status["done"] == status["total"]
     except (ValueError, KeyError, TypeError) as error:
         raise FormatError(path, f"isn't the status of a batch: {error!r}") from None
     if state not in ENDED and not is_locked(out):
         lines[0] = f"gone: its process ended without a word after {status['updated']}; --resume goes on"
-        return "\n".join(lines), False
-    return "\n".join(lines), state in ("recording", "waiting for the camera") or (
-        state == "done" and not status["failed"]
+        return "\n".join(map(shown, lines)), False
+    return "\n".join(map(shown, lines)), state in ("recording", "waiting for the camera") or (
+        state in ("done", "verified") and good
     )
+
+
+def _headline(status: dict[str, Any]) -> str:
+    """The state, and since or until when; with the reason, if there is one."""
+    state, began, updated = status["state"], status["began"], status["updated"]
+    if state not in ENDED:
+        return f"{state}: began {began}, last seen {updated}"
+    when = updated if began == updated else f"{updated}, began {began}"
+    reason = status.get("reason")
+    return f"{state} at {when}" + (f": {reason}" if reason else "")
+
+
+def _counts(status: dict[str, Any]) -> list[str]:
+    counts = f"{status['done']:,} of {status['total']:,} recorded, {status['failed']:,} failed"
+    lines = [counts + (f", {status['look']:,} to look at" if status["look"] else "")]
+    going = status["state"] not in ENDED
+    if status["seconds_left"] is not None and going:
+        hours, minutes = divmod(status["seconds_left"] // 60, 60)
+        lines.append(f"about {hours} h {minutes:02} min left; {status['disk_free'] / 1e9:,.1f} GB of disk are free")
+    lines += [f"playing {status['video']}"] if status["video"] and status["state"] == "recording" else []
+    what = "failed" if status["state"] in ("done", "verified") else "last take failed"
+    return lines + [f"{what}: {reason}" for reason in status["recent"]]

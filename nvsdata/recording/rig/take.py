@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
+from nvsdata.common.files import remove_link
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.pieces import cut
@@ -109,6 +110,7 @@ def cut_take(take: Take, video: Video, inspector: Inspector) -> dict[str, Any]:
     content = inspector.judged(Span(take, recording, line, *span), video.path, tally.events)
     target = video.target
     target.parent.mkdir(parents=True, exist_ok=True)
+    remove_link(target)
     formats.write(cut(recording, *span, every=PIECE), target, format=video.format)
     return {
         "recording": target.stat().st_size,

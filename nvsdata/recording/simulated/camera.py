@@ -31,7 +31,8 @@ SAMPLE_WORDS = [
 FRAME_START, COLUMN_OF_RESET, COLUMN_OF_SIGNAL, COLUMN_END = 0x0008, 0x000B, 0x000C, 0x000D
 EXPOSURE_START, EXPOSURE_END, FRAME_END = 0x000E, 0x000F, 0x000A
 DARK_SAMPLE = 500  # the converter's value of a pixel without light; a DAVIS240's converter has one bit less
-FIFO = 1 << 22  # bytes that may wait to be read; beyond that the camera drops events
+SLICE = 20_000  # µs that it catches up on at once, if it was not read for long
+MOST_BEHIND = 30_000_000  # µs that it catches up on: of what came earlier events are dropped
 
 # what a DAVIS240C answers, by register
 DAVIS240C: dict[tuple[int, int], int] = {
@@ -83,6 +84,8 @@ class SimulatedDavis:
     - `refusal`: an errno with which it refuses whatever is asked
     - `stalled`: makes it send no more
     - `lossy`: share of what it should send that it drops, and counts as dropped (default 0)
+    - `room`: bytes that may wait to be read; beyond that it drops events, as a real camera does. None, the default: it
+      sends everything, as fast as it is read, so that a busy computer loses nothing
     """
 
     scene: Scene = field(default_factory=Outlines)
@@ -97,6 +100,7 @@ class SimulatedDavis:
     refusal: int | None = None  # errno of any first use
     stalled: bool = False
     lossy: float = 0.0
+    room: int | None = None
 
     def __post_init__(self) -> None:
         self._lock = Lock()
@@ -137,7 +141,9 @@ class SimulatedDavis:
         return len(sent)
 
     def _write(self, module: int, parameter: int, number: int) -> None:
-        self._see()
+        while self._see():
+            # what was seen until now is sent as its registers were
+            pass
         self.registers[module, parameter] = number
         if (module, parameter) == (MUX, 2) and number:
             # a real camera's memory holds next to nothing that is older than the reset
@@ -162,29 +168,50 @@ class SimulatedDavis:
         """Move the camera's time on."""
         self._extra += microseconds
 
-    def _see(self, least: int = 1) -> None:
-        """Put what the pixels saw since the last call into the FIFO, if at least `least` µs have passed."""
+    def _see(self, least: int = 1) -> bool:
+        """Put what the pixels saw since the last call into the FIFO, if at least `least` µs have passed.
+
+        Without a limited `room` it is at most `SLICE`; returns whether more is left for the next call.
+        """
         if self._began is None or self.stalled:
-            return
+            return False
         rate = self.speed or 1.0
         now = int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
         if now < self._time + least:
-            return
+            return False
+        behind = False
+        if self.room is None:
+            self._skip(now - MOST_BEHIND - self._time)
+            behind = now > self._time + SLICE
+            now = min(now, self._time + SLICE)
         start, stop = (int(self._began + time / rate) for time in (self._time, now))
         start_own, self._time = self._time, now
         if not self.registers.get((DVS, 3)):
-            return
+            return behind
         seen = self.scene.events(start, stop)
         t = np.clip(((seen.t - self._began) * rate).astype(np.int64), start_own, now)
         pulses = [int((time - self._began) * rate) for time in self.scene.pulses(start, stop)]
         pulses = pulses if self.registers.get((EXTERNAL, 0)) else []
-        if 8 * len(seen) > FIFO - len(self._fifo) or self._random.random() < self.lossy:
+        full = self.room is not None and 8 * len(seen) > self.room - len(self._fifo)
+        if full or self._random.random() < self.lossy:
             # events are dropped, the clock's words are not
-            dropped = self.registers.get((MUX, 84), 0) + len(seen)
-            self.registers[MUX, 84] = dropped & 0xFFFFFFFF
+            self._drop(len(seen))
             t, seen = t[:0], seen[:0]
         first, last = self._frame(now)
         self._fifo += first + self._words(t, seen, pulses, now).tobytes() + last
+        return behind
+
+    def _skip(self, span: int) -> None:
+        """Leave out the next `span` µs if that is more than nothing: the process was suspended for long."""
+        if span > 0 and self._began is not None:
+            start = int(self._began + self._time / (self.speed or 1.0))
+            # how many there were isn't known, because looking would take as long
+            self._drop(len(self.scene.events(start, start + SLICE)) * -(-span // SLICE))
+            self._time += span
+
+    def _drop(self, count: int) -> None:
+        """Count events as dropped."""
+        self.registers[MUX, 84] = (self.registers.get((MUX, 84), 0) + count) & 0xFFFFFFFF
 
     def _frame(self, now: int) -> tuple[bytes, bytes]:
         """The two readings of a frame if it is time for one; its exposure lasts from one to the other."""
@@ -228,7 +255,8 @@ class SimulatedDavis:
             # a reader that never pauses would keep the lock to itself
             time.sleep(1e-4)
         with self._lock:
-            self._see(GLANCE)
+            if not self._fifo:
+                self._see(GLANCE)
             count = min(len(buffer), len(self._fifo)) // 2 * 2
             if count:
                 memoryview(buffer)[:count] = bytes(self._fifo[:count])

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import multiprocessing
 import os
 import random
+import re
 import shutil
 import signal
 import time
+import zipfile
 from dataclasses import replace
 
 import pytest
@@ -111,6 +114,35 @@ def test_what_was_neither_unpacked_nor_is_the_archive_stays(host, root, monkeypa
     download(info, root, keep=False)
     assert left(root) == ["Train", "Train.zip"]
     monkeypatch.delenv("NVSDATA_MIRROR")
+    download(info, root, keep=False)
+    assert left(root) == ["Train"]
+
+
+@pytest.mark.parametrize("how", ["gone", "changed", "cut", "a zip within"])
+def test_an_archive_stays_unless_all_of_it_is_in_its_folder(host, root, how):
+    info = dataset(archive(host.serve("/whole", CONTENT)))
+    content = CONTENT
+    if how == "a zip within":
+        inner, outer = io.BytesIO(), io.BytesIO()
+        with zipfile.ZipFile(inner, "w") as made:
+            made.writestr("a.txt", "a")
+        with zipfile.ZipFile(outer, "w") as made:
+            made.writestr("Train/more.zip", inner.getvalue())
+        content = outer.getvalue()
+        info = dataset(archive(host.serve("/within", content), content))
+    download(info, root)
+    (root / "Train.zip").write_bytes(content)
+    victim = next(path for path in sorted((root / "Train").rglob("*")) if path.is_file())
+    before = victim.read_bytes()
+    if how == "gone":
+        victim.unlink()
+        (root / "Train/other.txt").write_text("so that the folder isn't empty")
+    else:
+        victim.write_bytes(before[:-1] if how == "cut" else bytes([before[0] ^ 1]) + before[1:])
+    with pytest.warns(UserWarning, match=rf"Train\.zip is kept: .*{re.escape(str(victim))} is (missing|different)"):
+        download(info, root, keep=False)
+    assert left(root) == ["Train", "Train.zip"]
+    victim.write_bytes(before)
     download(info, root, keep=False)
     assert left(root) == ["Train"]
 

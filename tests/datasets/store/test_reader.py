@@ -216,10 +216,10 @@ def test_a_store_of_another_dataset_is_named(store):
 
 def test_damaged_events_show_in_their_checksum(store):
     names = Store(store).names
-    assert not any(Store(store).damaged(name) for name in names)
+    assert not any(Store(store).fault(name) for name in names)
     with h5py.File(store, "r+") as file:
         file["events/x"][5] ^= 1
-    assert [name for name in names if Store(store).damaged(name)] == names[:1]
+    assert [name for name in names if Store(store).fault(name)] == names[:1]
 
 
 def test_a_file_that_is_no_store_is_refused(tmp_path):

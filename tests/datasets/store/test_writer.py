@@ -193,7 +193,7 @@ def test_events_lost_between_packing_and_assembling_are_noticed(digits, tmp_path
 
 
 def test_what_cannot_be_read_back_is_not_put_in_place(digits, tmp_path, monkeypatch):
-    monkeypatch.setattr(Store, "damaged", lambda self, name: name == "Test/3/00002.bin")
+    monkeypatch.setattr(Store, "fault", lambda self, name: "torn" if name == "Test/3/00002.bin" else "")
     with pytest.raises(OSError, match=r"Test/3/00002\.bin can't be read back"):
         pack(NMNIST(digits, "all"), tmp_path / "a.h5")
     assert [path.name for path in tmp_path.glob("*a.h5*")] == [".a.h5.part"]
@@ -209,7 +209,7 @@ def tried(dataset, out, whole, compress=False):
         gc.collect()  # an error's traceback holds on to the parts, which takes room
         return False
     assert Store(out).names == whole.names
-    assert not any(Store(out).damaged(name) for name in whole.names)
+    assert not any(Store(out).fault(name) for name in whole.names)
     assert not list(out.parent.glob(".*"))
     out.unlink()
     return True

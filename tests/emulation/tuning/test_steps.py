@@ -24,7 +24,7 @@ class Place:
     b: float = 0.5
     events: Events | None = None
 
-    def emulate(self, video, *, fps=None, size=None):
+    def emulate(self, video, *, fps=None, times=None, size=None):
         return self.events
 
 

@@ -228,7 +228,7 @@ class Noted(Outlines):
 
 
 def test_the_stream_of_a_simulated_camera_is_what_it_saw():
-    one = camera(scene=Noted())
+    one = camera(scene=Noted(), room=1 << 22)
     with Davis.find(backend=Backend(one)) as davis:
         davis.configure(Settings())
         davis.start()

@@ -40,7 +40,7 @@ HAPPENS = {
     "kill": (4, None, None),
     "killcut": (4, None, None),
     "interrupt": (2, "KeyboardInterrupt", None),
-    "full": (2, "No space left", None),
+    "full": (2, "the disk has 0.0 MB left", None),
     "fullcut": (2, "File too large", None),
     "quiet": (9, None, None),
     "cut": (4, None, None),
@@ -206,5 +206,5 @@ def judged(folder, kinds):
     found = main(["record", "--monitor", str(folder / "in"), "--out", str(out), "--verify"])
     assert found == (1 if failed else 0)
     assert not [path for path in out.rglob("*") if path.suffix in (".part", ".davis")]
-    assert json.loads((out / "status.json").read_text())["state"] == "done"
+    assert json.loads((out / "status.json").read_text())["state"] == "verified"
     return figures

@@ -17,7 +17,7 @@ from nvsdata.cli import main
 from nvsdata.recording import capture
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.rig import batch, take
+from nvsdata.recording.rig import batch, take, verification
 from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.simulated.camera import SimulatedDavis, picture
 from nvsdata.recording.simulated.scenes import Watched
@@ -33,7 +33,7 @@ def recorded(source, out, camera, *, before=lambda camera, call: None, resume=Fa
     backend = Backend(camera, before=before)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
-        batch.manifest_of(out, Settings(), format, monitor, resume=resume) as manifest,
+        batch.manifest_of(out, Settings(), format, monitor, videos, resume=resume) as manifest,
     ):
         return batch.record_videos(videos, out, manifest, lambda: Davis.find(backend=backend), monitor, Settings())
 
@@ -158,7 +158,7 @@ def test_a_camera_that_is_unplugged_is_waited_for(tmp_path, capsys):
     head = json.loads((tmp_path / "out/manifest.jsonl").read_text().splitlines()[0])
     (tmp_path / "out/manifest.jsonl").write_text(json.dumps({"nvsdata-videos": 1} | head).replace(batch.KIND, "x"))
     with pytest.raises(ValueError, match="is not a manifest of nvsdata-recordings"):
-        batch.format_of(tmp_path / "out")
+        verification.format_of(tmp_path / "out")
 
 
 def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypatch):
@@ -174,7 +174,7 @@ def test_takes_that_fail_are_done_again_and_the_last_is_kept(tmp_path, monkeypat
 def test_a_full_disk_ends_the_batch(tmp_path, monkeypatch):
     make_video(tmp_path / "in/run/a.avi")
     monkeypatch.setattr(capture.shutil, "disk_usage", lambda place: type("", (), {"free": 0}))
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match=r"the disk has 0\.0 MB left"):
         recorded(tmp_path / "in", tmp_path / "out", SimulatedDavis(scene=Watched()))
     assert len(lines(tmp_path / "out")) == 1
 
@@ -202,10 +202,28 @@ def test_a_signal_keeps_what_is_done(tmp_path, number):
     process.send_signal(number)
     _, error = process.communicate(timeout=30)
     assert process.returncode == 128 + number
-    assert "1 of 2 are done: --resume goes on" in error
+    assert "1 of 2 videos are done: --resume continues" in error
     assert len(nvsdata.read(tmp_path / "out/run/a.h5")) == lines(tmp_path / "out")[-1]["events"]
     assert sorted(os.listdir(tmp_path / "out/run")) == ["a.h5"]
     assert not any(name.endswith((".part", ".davis", ".lock")) for name in os.listdir(tmp_path / "out"))
+
+
+def test_a_disk_that_is_too_small_is_refused_with_figures(tmp_path, monkeypatch, capsys):
+    make_video(tmp_path / "in/run/a.avi")
+    real = capture.shutil.disk_usage
+    monkeypatch.setattr(capture.shutil, "disk_usage", lambda place: real(place)._replace(free=capture.RESERVE))
+    how = ["record", "--simulate", "--monitor", str(tmp_path / "in"), "--out", str(tmp_path / "out")]
+    assert main(how) == 1
+    reason = "0.1 GB of disk are free, which is too little: free some, choose another disk, or record until it is full"
+    assert reason in capsys.readouterr().err.splitlines()[-1]
+    assert not (tmp_path / "out/run").exists()
+    assert main(["record", "--status", str(tmp_path / "out")]) == 1
+    out = capsys.readouterr().out
+    assert out.startswith("stopped at 20")
+    assert reason in out.splitlines()[0]
+    assert out.splitlines()[1] == "0 of 1 recorded, 0 failed"
+    # the folder isn't in the way
+    assert main([*how, "--until-full"]) == 0
 
 
 def test_frames_and_samples_are_cut_with_their_video(tmp_path):
@@ -215,7 +233,7 @@ def test_frames_and_samples_are_cut_with_their_video(tmp_path):
     backend, settings = Backend(camera), Settings(frames=True)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
-        batch.manifest_of(tmp_path / "out", settings, "hdf5", monitor, resume=False) as manifest,
+        batch.manifest_of(tmp_path / "out", settings, "hdf5", monitor, videos, resume=False) as manifest,
     ):
         result = batch.record_videos(
             videos, tmp_path / "out", manifest, lambda: Davis.find(backend=backend), monitor, settings

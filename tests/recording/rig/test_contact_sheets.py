@@ -94,15 +94,16 @@ def test_a_sheet_has_a_place_for_each_video_row_by_row(tmp_path, count, shape):
     ("events", "duration", "rate"),
     [(5_000, 1_000_000, "5 k/s"), (2_000_000, 500_000, "4,000 k/s"), (3, 0, "3,000 k/s")],
 )
-def test_a_caption_has_the_beginning_of_the_name_and_the_rate(tmp_path, monkeypatch, events, duration, rate):
+def test_a_caption_has_the_name_with_its_class_and_the_rate(tmp_path, monkeypatch, events, duration, rate):
     captions = []
     monkeypatch.setattr(contact_sheets.cv2, "putText", lambda picture, caption, *how: captions.append(caption))
-    video = Video("run/abcdefghijklmnopqrstuvwxyz0.avi", tmp_path / "a.avi", tmp_path / "a.h5")
+    video = Video("run/abcdefghijklmnopqrstuvwxyz0123.4.avi", tmp_path / "a.avi", tmp_path / "a.h5")
     line = {"events": events, "duration": duration}
     _page([(video, line), (video, None)])
     nvsdata.write(Events([0], [0], [0], [1], (160, 120)), video.target)
     _page([(video, line), (video, {"status": "failed"})])
-    name = "abcdefghijklmnopqrstuvwxyz"
+    name = "..efghijklmnopqrstuvwxyz0123.4"
+    assert len(name) == contact_sheets.LONGEST
     assert captions == [f"{name}  -", f"{name}  -", f"{name}  {rate}", f"{name}  -"]
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import json
+from threading import Event
 from types import SimpleNamespace
 
 import cv2
@@ -13,7 +14,7 @@ import nvsdata
 from nvsdata import Events
 from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.rig import batch, watch
+from nvsdata.recording.rig import batch, status, verification, watch
 from nvsdata.recording.rig.take import TakeRejected
 from nvsdata.video.folder import Video, sha256, videos_in
 
@@ -57,8 +58,9 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
     monkeypatch.setattr(batch, "record_take", taken)
     monkeypatch.setattr(batch, "cut_take", cut)
     camera = SimpleNamespace(facts=SimpleNamespace(serial="x"), configure=lambda _: None, close=lambda: None)
-    with batch.manifest_of(out, Settings(), "hdf5", MONITOR, resume=resume) as manifest:
-        return batch.record_videos(videos_in(folder / "in", out), out, manifest, lambda: camera, MONITOR, Settings())
+    videos = videos_in(folder / "in", out)
+    with batch.manifest_of(out, Settings(), "hdf5", MONITOR, videos, resume=resume) as manifest:
+        return batch.record_videos(videos, out, manifest, lambda: camera, MONITOR, Settings())
 
 
 def lines(folder):
@@ -67,7 +69,7 @@ def lines(folder):
 
 
 def verified(folder):
-    return batch.verify(videos_in(folder / "in", folder / "out"), folder / "out")
+    return verification.verify(videos_in(folder / "in", folder / "out"), folder / "out").faults
 
 
 @pytest.mark.parametrize("error", [TakeRejected("no flash"), CameraError("unplugged")])
@@ -95,6 +97,88 @@ def test_a_video_that_failed_in_an_earlier_run_and_succeeds_in_this_one(folder, 
     # of two lines of a video the later counts
     assert [line["status"] for line in lines(folder) if line["video"] == "run/a.avi"] == ["failed", "recorded"]
     assert recorded(folder, monkeypatch, [rejected], resume=True).kept == 3
+
+
+def state(folder):
+    return json.loads((folder / "out/status.json").read_text())
+
+
+def test_the_status_counts_the_batch_and_only_the_last_take_of_a_video(folder, monkeypatch):
+    rejected = TakeRejected("no flash")
+    with pytest.raises(OSError, match="No space left"):
+        recorded(
+            folder, monkeypatch, [rejected, None, OSError(errno.ENOSPC, "No space left on device", "out/run/c.h5")]
+        )
+    text, well = status.told(folder / "out")
+    first, *others = text.splitlines()
+    # with the reason
+    assert first.startswith("stopped at 20")
+    assert first.endswith("[Errno 28] No space left on device: 'out/run/c.h5'")
+    assert others == ["1 of 3 recorded, 0 failed", "last take failed: run/a.avi: no flash"]
+    assert not well
+    recorded(folder, monkeypatch, [rejected], resume=True)
+    text, well = status.told(folder / "out")
+    assert text.splitlines()[1:] == ["3 of 3 recorded, 0 failed"]
+    assert well
+    assert (state(folder)["total"], state(folder)["left"], state(folder)["reason"]) == (3, 0, None)
+    # a moment isn't stated twice
+    assert ", began" not in text or text.count(state(folder)["updated"]) == 1
+    recorded(folder, monkeypatch, resume=True)
+    assert status.told(folder / "out")[0].splitlines()[1:] == ["3 of 3 recorded, 0 failed"]
+
+
+def test_verification_updates_status_and_report(folder, monkeypatch):
+    recorded(folder, monkeypatch)
+    (folder / "out/run/b.h5").unlink()
+    missing = f"{folder / 'out/run/b.h5'}: is missing"
+    # the second time, too
+    for _ in range(2):
+        assert verified(folder) == {"run/b.avi": missing}
+        text, well = status.told(folder / "out")
+        assert text.startswith("verified at 20")
+        assert text.splitlines()[1:] == ["2 of 3 recorded, 1 failed", f"failed: run/b.avi: {missing}"]
+        assert not well
+        assert "To record again: 1</h2>" in (folder / "out/report.html").read_text()
+        assert "is missing" in (folder / "out/report.html").read_text()
+    recorded(folder, monkeypatch, resume=True)
+    assert verified(folder) == {}
+    assert status.told(folder / "out")[1]
+    assert "To record again" not in (folder / "out/report.html").read_text()
+
+
+def test_a_status_is_written_in_place_on_a_full_disk(folder, monkeypatch):
+    recorded(folder, monkeypatch)
+
+    def full(path, content):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(status, "put", full)
+    with pytest.raises(OSError, match="No space left"):
+        status.Status(folder / "in", 3).set()
+    with pytest.raises(ValueError, match="odd"), batch.ended_status(status.Status(folder / "out", 3)):
+        raise ValueError("odd")
+    assert (state(folder)["state"], state(folder)["reason"]) == ("stopped", "odd")
+
+
+def test_progress_is_drawn_each_second_with_what_is_done(monkeypatch):
+    drawn, enough = [], Event()
+
+    class Bar:
+        def doing(self, what):
+            drawn.append(what)
+            if len(set(drawn)) == 3:
+                enough.set()
+
+    monkeypatch.setattr(batch, "SHOWN_EVERY", 0.001)
+    one = SimpleNamespace(state="recording", video="x" * 40 + "/a.avi")
+    with batch._shown(Bar(), one) as show:
+        for what, going in (("playing", "recording"), ("judging", "recording"), ("judging", "paused")):
+            show(what)
+            one.state = going
+            count = len(drawn)
+            while len(drawn) < count + 2:
+                enough.wait(0.01)
+    assert list(dict.fromkeys(drawn))[-3:] == ["x" * 24 + "/a.avi: playing", "x" * 24 + "/a.avi: judging", "paused"]
 
 
 def moved(t):
@@ -164,9 +248,26 @@ def test_verify_sees_stray_files(folder, monkeypatch):
     (folder / "out/run/.hidden").write_bytes(b"")
     (folder / "out/contact-sheet-001.png").write_bytes(b"")
     (folder / "in/run/a.avi").unlink()
-    stray = "isn't a recording of any of the videos"
-    assert verified(folder) == {"run/a.h5": stray, "run/copy of b.h5": stray}
-    assert list(batch.verify(videos_in(folder / "in", folder / "out"), folder / "out", 1)) == list(verified(folder))
+    (folder / "out/notes.md").write_bytes(b"")
+    others = {
+        "notes.md": "isn't a recording of any of the videos",
+        "run/a.h5": "is a recording of run/a.avi, and that video is gone",
+        "run/copy of b.h5": "isn't a recording of any of the videos",
+    }
+    for limit in (None, 1):
+        found = verification.verify(videos_in(folder / "in", folder / "out"), folder / "out", limit)
+        assert (found.faults, found.others, found.well) == ({}, others, False)
+        assert found.told()[-1].endswith(
+            "recordings are sound, but datasets would read other files in the folder as recordings: 2; move them away"
+        )
+    assert status.told(folder / "out")[1] is False
+    assert "move them away" in status.told(folder / "out")[0]
+    for name in ("a.h5", "copy of b.h5"):
+        (folder / "out/run" / name).unlink()
+    found = verification.verify(videos_in(folder / "in", folder / "out"), folder / "out")
+    assert (list(found.others), found.well) == (["notes.md"], True)
+    assert found.told()[-1] == "2 of 2 recordings are sound; other files, which datasets don't read: 1"
+    assert status.told(folder / "out")[1] is True
     # and it changes nothing about the recordings
     assert all(line["status"] == "recorded" for line in lines(folder))
 

@@ -127,14 +127,21 @@ def test_how_a_batch_is_going(lab, capsys):
         # four were done in four hours
         assert "about 8 h 00 min left" in text
         assert "playing x.avi" in text
-        assert "failed: y.avi: too dark" in text
+        assert "last take failed: y.avi: too dark" in text
         assert main(["record", "--status", str(lab.out)]) == 0
-    assert capsys.readouterr().out.startswith("recording since")
+    assert capsys.readouterr().out.startswith("recording: began 20")
     # nobody holds the folder
     assert main(["record", "--status", str(lab.out)]) == 1
     assert "its process ended without a word" in capsys.readouterr().out
-    for state, failed, code in (("done", 0, 0), ("done", 1, 1), ("interrupted", 0, 1), ("stopped", 0, 1)):
-        lab.status.set(state=state, failed=failed)
+    for state, done, failed, code in (
+        ("done", 12, 0, 0),
+        ("verified", 12, 0, 0),
+        ("verified", 11, 0, 1),
+        ("done", 11, 1, 1),
+        ("interrupted", 3, 0, 1),
+        ("stopped", 3, 0, 1),
+    ):
+        lab.status.set(state=state, done=done, failed=failed)
         assert main(["record", "--status", str(lab.out)]) == code
     with locked(lab.out):
         lab.status.set(state="paused")

@@ -2,6 +2,7 @@
 
 import array
 import errno
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import usb.core
 from nvsdata import Events
 from nvsdata.recording.davis.stream import SPECIALS, Decoder
 from nvsdata.recording.simulated import camera as module
-from nvsdata.recording.simulated.camera import FIFO, SimulatedDavis, picture
+from nvsdata.recording.simulated.camera import SimulatedDavis, picture
+from nvsdata.recording.simulated.scenes import Outlines
 
 READ, WRITE, REGISTER, SEVERAL = 0xC0, 0x40, 0xBF, 0xC2
 MUX, DVS, APS, IMU, EXTERNAL, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
@@ -52,13 +54,16 @@ def running(scene, *off, on=(), **how):
     return camera
 
 
-def sent(camera, size=1 << 20):
-    """What waits, as bytes."""
-    buffer = array.array("B", bytes(size))
-    try:
-        return bytes(buffer[: camera.bulk(buffer)])
-    except usb.core.USBTimeoutError:
-        return None
+def sent(camera, size=1 << 20, reads=None):
+    """What waits, as bytes; None if nothing does. `reads` limits how often it is read (default: to the end)."""
+    buffer, found = array.array("B", bytes(size)), None
+    while reads != 0:
+        try:
+            found = (found or b"") + bytes(buffer[: camera.bulk(buffer)])
+        except usb.core.USBTimeoutError:
+            break
+        reads = reads and reads - 1
+    return found
 
 
 def decoded(data):
@@ -94,7 +99,8 @@ def test_events_pulses_and_the_clock_in_the_order_of_their_times(host):
     camera.scene.rows = [(100_000, 1, 1, 1), (131_072, 2, 2, 0)]
     camera.advance(50_000)
     assert [(t, x) for t, x, _, _ in decoded_after(ours, sent(camera))] == [(100_000, 1), (131_072, 2)]
-    assert camera.scene.asked == [(0, 100_000), (100_000, 150_000)]
+    # what it caught up on at once is as long as a slice
+    assert camera.scene.asked == list(pairwise((*range(0, 150_000, 20_000), 150_000)))
 
 
 def decoded_after(decoder, data):
@@ -186,10 +192,38 @@ def test_frames_come_as_often_as_they_are_asked_for(host):
     assert picture([10, 20, 12, 23]).tolist() == [[60, 62, 64], [62, 64, 66], [64, 66, 68], [66, 68, 70]]
 
 
-def test_what_finds_no_room_is_dropped_and_counted(host, monkeypatch):
-    assert FIFO == 4_194_304
-    monkeypatch.setattr(module, "FIFO", 80)
-    camera = running(Told([(n, n, 1, 1) for n in range(10)]))
+def test_a_busy_computer_loses_nothing(host):
+    """Ten seconds pass between two reads, at 200,000 events/s: more than a real camera could keep."""
+    scene = Outlines(noise=0)
+    camera = running(scene, speed=1)
+    host[0] += 10e6
+    ours, count, least = Decoder(240, 180), 0, []
+    while block := sent(camera, reads=1):
+        least.append(len(block))
+        count += len(ours.feed(block))
+    began = 1_000_000
+    slices = range(began, began + 10_000_000, module.SLICE)
+    assert count == sum(len(scene.events(start, start + module.SLICE)) for start in slices) > 1_900_000
+    assert camera.registers[MUX, 84] == 0
+    # it never keeps more than a slice
+    assert max(least) < 8 * 0.03 * 200_000
+    # and what it was switched off for isn't missing
+    host[0] += 1e6
+    write(camera, (DVS, 3), 0)
+    for place in ((MUX, 0), (MUX, 1), (USB, 0), (MUX, 3)):
+        write(camera, place, 0)
+    assert len(ours.feed(sent(camera))) == pytest.approx(200_000, rel=0.02)
+
+
+def test_an_hour_s_pause_is_not_caught_up_on(host):
+    camera = running(Outlines(noise=0), speed=1)
+    host[0] += 3_600e6
+    assert len(decoded(sent(camera))[0]) == pytest.approx(30 * 200_000, rel=0.02)
+    assert camera.registers[MUX, 84] == pytest.approx(3_570 * 200_000, rel=0.1)
+
+
+def test_what_finds_no_room_is_dropped_and_counted(host):
+    camera = running(Told([(n, n, 1, 1) for n in range(10)]), room=80)
     camera.advance(20_000)
     assert len(decoded(sent(camera))[0]) == 10
     camera.scene.rows = [(20_000 + n, n, 1, 1) for n in range(11)]
@@ -212,7 +246,7 @@ def test_what_finds_no_room_is_dropped_and_counted(host, monkeypatch):
 def test_words_are_read_whole(host):
     camera = running(Told([(5, 7, 3, 1)]))
     camera.advance(20_000)
-    whole = [sent(camera, 5), sent(camera, 3), sent(camera, 3), sent(camera, 2)]
+    whole = [sent(camera, size, reads=1) for size in (5, 3, 3, 2)]
     assert [part and len(part) for part in whole] == [4, 2, None, None]
     assert whole[0] + whole[1] == np.array([0x8005, 0x1003, 0x3007], "<u2").tobytes()
 

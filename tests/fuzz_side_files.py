@@ -1,0 +1,421 @@
+"""Damage to the files that nvsdata keeps and reads back, for `fuzz.py`: each kind prepares a folder and a round on it.
+
+A round restores the sound files, damages one of those that nvsdata wrote, uses it, and says what went wrong: a result
+that isn't the one without the file, another exception than those that are documented, or a file touched outside.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+import trees
+from damage import KINDS, file_of
+from fuzz import at_random, valid
+from lookalikes import aedat4_bytes
+from side_damage import OLD, array_changed, choice, json_changed, put_back, replaced
+from structures import hdf5
+
+import nvsdata
+from nvsdata import EventFolder, FormatError
+from nvsdata import transforms as T
+from nvsdata.common.checksum import crc32
+from nvsdata.common.files import Journal
+from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
+from nvsdata.datasets import source
+from nvsdata.datasets.store.reader import INDEX, Store, checksum
+from nvsdata.datasets.verification import problems
+from nvsdata.formats import contents, kept_index, reading
+from nvsdata.kernels.davis_stream_encode import encode
+from nvsdata.recording.davis.file import MARK, header
+from nvsdata.recording.davis.stream import Decoder
+from nvsdata.video.folder import sha256
+
+Rng = np.random.Generator
+SECRET = b"a file that nothing may read or change\n" * 9
+INDEXED = ("evt2", "evt3", "atis")
+
+
+# indexes next to files
+
+
+@contextmanager
+def small_heads() -> Iterator[None]:
+    """So that indexes are kept of files of more than a kB."""
+    before = contents.HEAD
+    contents.HEAD = reading.HEAD = 1_000
+    try:
+        yield
+    finally:
+        contents.HEAD = reading.HEAD = before
+
+
+def indexed(kind: str) -> Callable[[Rng, Path], str]:
+    """A round on the index of a file of a kind."""
+
+    @small_heads()
+    def round_of(rng: Rng, home: Path) -> str:
+        if kind == "aedat4":
+            suffix, block = ".aedat4", None
+            raw = aedat4_bytes(trees.some(int(rng.integers(0, 99)), 200, (128, 128)), int(rng.integers(0, 2)))
+        else:
+            head, body = file_of(kind, int(rng.integers(2, 600)), rng)
+            suffix, block, raw = KINDS[kind][0], int(rng.choice((16, 64))), head + bytes(body)
+        folder = home / "indexed"
+        put_back(folder, {f"a{suffix}": raw})
+        path = folder / f"a{suffix}"
+        index = kept_index.path_of(str(path))
+
+        def opened() -> nvsdata.Recording:
+            recording = nvsdata.open(path, sensor_size=(128, 128))
+            if block is not None:
+                recording.block = block  # type: ignore[attr-defined]
+            return recording
+
+        try:
+            whole = opened().read()
+        except FormatError:
+            return ""
+        opened().read(0, 10)
+        if not index.exists():
+            return "no index was kept" if len(raw) > 1_100 and kind != "aedat4" else ""
+        if not replaced(index, rng, home):
+            index.write_bytes(_index_changed(index.read_bytes(), rng))
+        os.utime(path, ns=(OLD, OLD))
+        recording = opened()
+        for _ in range(6):
+            edges = rng.choice(whole.t, 2) if len(whole) else np.array([0, 10])
+            a, b = np.sort(edges + rng.integers(-2, 60, 2)).tolist()
+            if recording.read(a, b) != whole.window(a, b):
+                return f"the window [{a}, {b}) differs: {recording.read(a, b)}, {whole.window(a, b)}"
+        span = (int(whole.t[0]), int(whole.t[-1])) if len(whole) else (0, 0)
+        if opened().span != span:
+            return f"span {opened().span}, not {span}"
+        falls = recording.certainly_rises and np.any(np.diff(recording.decode().t) < 0)  # type: ignore[attr-defined]
+        return "the whole differs, or falls" if falls or opened().read() != whole else ""
+
+    return round_of
+
+
+def _index_changed(raw: bytes, rng: Rng) -> bytes:
+    if rng.random() < 0.3:
+        return at_random(bytearray(raw), rng)
+    with np.load(io.BytesIO(raw)) as kept:
+        arrays = {name: kept[name] for name in kept.files}
+    about, crc = arrays.pop("about"), arrays.pop("crc")
+    for _ in range(int(rng.integers(1, 3))):
+        name = choice(rng, list(arrays))
+        if rng.random() < 0.1:
+            arrays[choice(rng, (*arrays, "more"))] = arrays.pop(name)
+        elif name != "ordered":
+            # that a file is in order can't be compared without reading it
+            arrays[name] = array_changed(arrays[name], rng)
+    if rng.random() < 0.8:
+        crc = np.array(kept_index._checksum(arrays))
+    if rng.random() < 0.1:
+        about = array_changed(about, rng)
+    out = io.BytesIO()
+    (np.savez if rng.random() < 0.9 else np.savez_compressed)(out, about=about, crc=crc, **arrays)
+    return out.getvalue()
+
+
+# a dataset's folder, its windows, cached samples
+
+
+def _with_crc(content: Any) -> bytes:
+    text = json.dumps(content)
+    return (json.dumps([source.VERSION, crc32(text.encode())]) + "\n" + text).encode()
+
+
+def _json_file_changed(path: Path, rng: Rng) -> None:
+    raw = path.read_bytes()
+    if rng.random() < 0.3:
+        path.write_bytes(at_random(bytearray(raw), rng))
+    else:
+        content = json.loads(raw.partition(b"\n")[2])
+        for _ in range(int(rng.integers(1, 3))):
+            content = json_changed(content, rng)
+        path.write_bytes(_with_crc(content))
+
+
+RECORDINGS = {f"{c}/{i}.bin": trees.atis(trees.some(10 * k + i, 80)) for k, c in enumerate("ab") for i in range(1 + k)}
+
+
+def listing(rng: Rng, home: Path) -> str:
+    """A round on the index of a dataset's folder."""
+    folder = home / "listed"
+    put_back(folder, RECORDINGS | {"list.txt": b"x", "0.bin": b""})
+    expected = source.Folder(folder).listing()
+    index = folder / source.INDEX
+    if not index.exists():
+        return "no index was kept"
+    if not replaced(index, rng, home):
+        _json_file_changed(index, rng)
+    os.utime(folder, ns=(OLD, OLD))
+    found = source.Folder(folder).listing()
+    return "" if found == expected else f"{found}"
+
+
+def windows(rng: Rng, home: Path) -> str:
+    """A round on the index of windows."""
+    folder = home / "windows"
+    put_back(folder, RECORDINGS)
+    how = choice(rng, ({"duration": 9_000}, {"events": 17}, {"events": 20, "step": 7}))
+    data = EventFolder(folder, sensor_size=(34, 34))
+    expected = nvsdata.windows(data, **how).samples
+    (index,) = folder.glob(source.INDEX.replace("-index.json", "-windows-*.json"))
+    if not replaced(index, rng, home):
+        _json_file_changed(index, rng)
+    found = nvsdata.windows(data, **how)
+    return "" if found.samples == expected else f"{how}: {len(found.samples)} windows, not {len(expected)}"
+
+
+def cached(rng: Rng, home: Path) -> str:
+    """A round on the cache of samples."""
+    folder, place = home / "cached", home / "cache"
+    if not folder.exists():
+        put_back(folder, RECORDINGS)
+    shutil.rmtree(place, ignore_errors=True)
+    transform = choice(rng, (T.Window(0, 100_000), T.Compose([T.Window(0, 100_000), T.VoxelGrid(3)])))
+    data = nvsdata.cache(EventFolder(folder, transform=transform, sensor_size=(34, 34)), place)
+    expected = data[0]
+    (file,) = place.rglob("*.pt")
+    sound = file.read_bytes()
+    if not replaced(file, rng, home):
+        file.write_bytes(at_random(bytearray(sound), rng) if rng.random() < 0.4 else _sample_changed(sound, rng))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = data[0]
+    trusted = file.is_file() and file.stat().st_size < 1 << 20 and _has_checksum(file.read_bytes())
+    if isinstance(found[0], nvsdata.Events):
+        valid(found[0])
+    if trusted:
+        return ""
+    same = found[0] == expected[0]
+    return "" if bool(same if isinstance(same, bool) else same.all()) else f"{found}, not {expected}"
+
+
+def _has_checksum(raw: bytes) -> bool:
+    return len(raw) > 4 and int.from_bytes(raw[:4], "little") == crc32(raw[4:])
+
+
+def _sample_changed(raw: bytes, rng: Rng) -> bytes:
+    """Other content, with a right checksum."""
+    content = torch.load(io.BytesIO(raw[4:]), weights_only=True)
+
+    def other(value: Any) -> Any:
+        if isinstance(value, torch.Tensor):
+            return torch.from_numpy(array_changed(value.numpy(), rng))
+        if isinstance(value, dict) and value:
+            key = choice(rng, list(value))
+            return value | {key: other(value[key])}
+        if isinstance(value, (list, tuple)) and value and rng.random() < 0.9:
+            at = int(rng.integers(0, len(value)))
+            return type(value)([*value[:at], other(value[at]), *value[at + 1 :]])
+        return json_changed(value, rng)
+
+    out = io.BytesIO()
+    try:
+        torch.save(other(content), out)
+    except (TypeError, ValueError, UnicodeError, RuntimeError):
+        return raw
+    if rng.random() < 0.2:
+        out = io.BytesIO(at_random(bytearray(out.getvalue()), rng))
+    data = out.getvalue()
+    return crc32(data).to_bytes(4, "little") + data
+
+
+# packed stores
+
+
+def store(rng: Rng, home: Path) -> str:
+    """A round on a packed store: the same events, or a FormatError."""
+    folder = home / "stored"
+    if not folder.exists():
+        put_back(folder / "in", RECORDINGS | {"list.txt": b"x"})
+        for name, compress in (("a.h5", False), ("b.h5", True)):
+            nvsdata.pack(EventFolder(folder / "in", sensor_size=(34, 34)), folder / name, compress=compress)
+    path = home / "store.h5"
+    raw = (folder / choice(rng, ("a.h5", "b.h5"))).read_bytes()
+    kind = rng.integers(0, 4)
+    if kind == 0:
+        raw = at_random(bytearray(raw), rng)
+    elif kind == 1:
+        raw = hdf5(raw, rng, home)
+    else:
+        raw = _store_changed(raw, rng)
+    path.unlink(missing_ok=True)
+    path.write_bytes(raw)
+    try:
+        found = Store(path)
+        listing = found.listing()
+        for name in found.names[:4]:
+            recording = found.open(name, None)
+            whole = recording.read()
+            valid(whole)
+            _ = recording.span, recording.start, recording.end, recording.format, found.damaged(name), found.size(name)
+            a, b = sorted(rng.integers(-10, 300_000, 2).tolist())
+            if recording.read(a, b) != whole.window(a, b):
+                return f"the window [{a}, {b}) of {name} differs"
+            if kind < 2 and name in RECORDINGS:
+                sound = nvsdata.read(folder / "in" / name, sensor_size=(34, 34))
+                if not all(map(np.array_equal, sound.columns, whole.columns)):
+                    return f"{name} differs"
+        for name in listing.get(".", [])[:3]:
+            if name in found._files:
+                found.data(name)
+    except FormatError:
+        pass
+    return ""
+
+
+def _store_changed(raw: bytes, rng: Rng) -> bytes:
+    """Arrays of the index changed, with a right checksum."""
+    file = io.BytesIO(raw)
+    with h5py.File(file, "r+") as opened:
+        for _ in range(int(rng.integers(1, 3))):
+            name = f"index/{choice(rng, INDEX)}"
+            array = array_changed(opened[name][()], rng)
+            attributes = dict(opened[name].attrs)
+            del opened[name]
+            opened.create_dataset(name, data=array).attrs.update(attributes)
+        index = {name: opened[f"index/{name}"][()] for name in INDEX}
+        opened.attrs["checksum"] = checksum(index)
+    return file.getvalue()
+
+
+# manifests, journals, locks
+
+
+def manifest(rng: Rng, home: Path) -> str:
+    """A round on a folder's manifest: `nvsdata verify` reports faults, and raises nothing."""
+    folder = home / "made"
+    put_back(folder, RECORDINGS)
+    lines: list[Any] = [{"nvsdata-videos": 1, "settings_sha256": "0", "videos": [f"{n}.avi" for n in RECORDINGS]}]
+    lines += [
+        {"video": f"{n}.avi", "file": n, "status": "done", "recording": len(c), "recording_sha256": sha256(folder / n)}
+        for n, c in RECORDINGS.items()
+    ]
+    path = folder / "manifest.jsonl"
+    sound_raw = "".join(json.dumps(line) + "\n" for line in lines).encode()
+    for _ in range(int(rng.integers(0, 3))):
+        at = int(rng.integers(0, len(lines)))
+        lines[at] = json_changed(lines[at], rng)
+    raw = "".join(json.dumps(line) + "\n" for line in lines).encode()
+    path.write_bytes(at_random(bytearray(raw), rng) if rng.random() < 0.3 else raw)
+    replaced(path, rng, home)
+    broken = choice(rng, list(RECORDINGS))
+    sound = (folder / broken).read_bytes()
+    (folder / broken).write_bytes(sound[:-5] + b"\1\2\3\4\5")
+    faults = [(str(name), str(fault)) for name, fault in problems(folder, counts=Counter())]
+    lied = path.is_symlink() or not path.is_file() or path.read_bytes()[: 1 << 20] != sound_raw
+    return "a changed recording isn't reported" if not (faults or lied) else ""
+
+
+def journal(rng: Rng, home: Path) -> str:
+    """A round on a journal of lines that is read and added to again."""
+    path = home / "journal.jsonl"
+    if path.is_dir() and not path.is_symlink():
+        path.rmdir()
+    path.unlink(missing_ok=True)
+    lines = [{"head": 1}, {"video": "a", "n": [1, 2]}, {"video": "b"}]
+    raw = "".join(json.dumps(line) + "\n" for line in lines).encode()
+    path.write_bytes(at_random(bytearray(raw), rng))
+    replaced(path, rng, home)
+    try:
+        with Journal(path, {"head": 1}) as opened:
+            before = list(opened.lines)
+            opened.add({"video": "c"})
+        again = Journal(path, {})
+    except OSError as error:
+        return "" if path.is_symlink() or not path.is_file() or path.stat().st_size > 1 << 30 else f"{error}"
+    return "" if again.lines == [*before, {"video": "c"}] or not before else f"{again.lines}, not {before} and c"
+
+
+def davis(rng: Rng, home: Path) -> str:
+    """A round on what `nvsdata record` keeps of a camera's stream."""
+    ev = trees.some(int(rng.integers(0, 99)), int(rng.integers(1, 300)), (240, 180), gap=int(rng.choice((30, 9_000))))
+    words = np.zeros(8 * len(ev) + 4_000, np.uint16)
+    count = encode(*ev.columns, np.array([0, -1, -1]), words[1:])
+    words[0] = 1
+    head = header(Decoder(240, 180, steady=True), choice(rng, (None, 10**6)), {"camera": "DAVIS240C"})
+    if rng.random() < 0.4:
+        told = json_changed(json.loads(head[len(MARK) :]), rng)
+        head = MARK + json.dumps(told).encode() + b"\n"
+    body = words[: count + 1].copy()
+    some = rng.integers(0, len(body), int(rng.integers(0, 6)))
+    body[some] = rng.integers(0, 1 << 16, some.size) if rng.random() < 0.5 else rng.integers(0, 20, some.size)
+    raw = head + body.tobytes()
+    path = home / "a.davis"
+    path.write_bytes(at_random(bytearray(raw), rng) if rng.random() < 0.4 else raw)
+    for strict in (True, False):
+        try:
+            recording = nvsdata.open(path, strict=strict)
+            whole = recording.read()
+            valid(whole)
+            a, b = sorted(rng.integers(-10, 300_000, 2).tolist())
+            if nvsdata.read(path, a, b, strict=strict) != whole.window(a, b):
+                return f"strict={strict}: the window [{a}, {b}) differs"
+            _ = recording.end, [frame.t for frame in recording.frames()], recording.inertial()
+        except FormatError:
+            continue
+    return ""
+
+
+def lock(rng: Rng, home: Path) -> str:
+    """A round on a lock file that is there already."""
+    output = home / "output.h5"
+    place = lock_path(output)
+    if place.is_dir() and not place.is_symlink():
+        place.rmdir()
+    place.unlink(missing_ok=True)
+    entry = {"owner": f"abcdef-{rng.integers(1, 9)}", "host": "a", "pid": 1, "command": "c", "since": "s"}
+    raw = json.dumps(json_changed(entry, rng)).encode()
+    place.write_bytes(at_random(bytearray(raw), rng) if rng.random() < 0.5 else raw)
+    replaced(place, rng, home)
+    try:
+        is_locked(output)
+        with locked(output):
+            if not is_locked(output):
+                return "isn't locked while it is"
+    except (OutputInUse, FileExistsError):
+        pass
+    except OSError as error:
+        return "" if place.is_symlink() else f"{type(error).__name__}: {error}"
+    return ""
+
+
+_ROUNDS: dict[str, Callable[[Rng, Path], str]] = {f"index of {kind}": indexed(kind) for kind in (*INDEXED, "aedat4")}
+_ROUNDS |= {"index of a folder": listing, "index of windows": windows, "cache": cached, "store": store}
+_ROUNDS |= {"manifest": manifest, "journal": journal, ".davis": davis, "lock": lock}
+ROUNDS = {f"side file: {name}": how for name, how in _ROUNDS.items()}
+
+
+def prepare(home: Path) -> None:
+    """What nothing may touch; indexes are kept of small files that were changed just now."""
+    (home / "secret").write_bytes(SECRET)
+    kept_index.LEAST, kept_index.SETTLED_NS = 0, 0
+    source.REMEMBERED = 2
+
+
+def attempt(number: int, name: str, home: Path) -> str:
+    """A round of that kind; what went wrong, if anything."""
+    try:
+        fault = ROUNDS[name](np.random.default_rng(number), home)
+    except Exception as error:
+        fault = f"{type(error).__name__}: {error}"
+    if (home / "secret").read_bytes() != SECRET:
+        (home / "secret").write_bytes(SECRET)
+        fault += " and a file outside was changed"
+    return fault
