@@ -1,5 +1,13 @@
-// The compiled module: each source file defines its own functions.
+// The compiled module: each source file defines its own functions, and one line here names its `define_...`.
+#include <utility>
+
 #include "bind.h"
+
+#ifdef NVSDATA_BOUNDS
+#define NVSDATA_CHECKS true
+#else
+#define NVSDATA_CHECKS false
+#endif
 
 namespace nvsdata {
 
@@ -9,6 +17,11 @@ void define_neighbors(nb::module_& module);
 }  // namespace nvsdata
 
 NB_MODULE(_native, module) {
+    // of a build that checks and counts every index: the elements touched by this thread's kernels since the last call
+    module.attr("checks_bounds") = NVSDATA_CHECKS;
+#ifdef NVSDATA_BOUNDS
+    module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
+#endif
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
 }
