@@ -283,8 +283,8 @@ class Journal:
 
 
 def write_all(handle: int, data: bytes | memoryview) -> None:
-    """Write all of `data` to an open file, or raise OSError."""
-    view = memoryview(data)
+    """Write all of `data` to an open file, or raise OSError: a nearly full disk takes only a part at first."""
+    view = memoryview(data).cast("B")
     while view:
         view = view[os.write(handle, view) :]
 
