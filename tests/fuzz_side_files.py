@@ -261,7 +261,7 @@ def store(rng: Rng, home: Path) -> str:
             recording = found.open(name, None)
             whole = recording.read()
             valid(whole)
-            _ = recording.span, recording.start, recording.end, recording.format, found.damaged(name), found.size(name)
+            _ = recording.span, recording.start, recording.end, recording.format, found.fault(name), found.size(name)
             a, b = sorted(rng.integers(-10, 300_000, 2).tolist())
             if recording.read(a, b) != whole.window(a, b):
                 return f"the window [{a}, {b}) of {name} differs"
@@ -316,7 +316,8 @@ def manifest(rng: Rng, home: Path) -> str:
     sound = (folder / broken).read_bytes()
     (folder / broken).write_bytes(sound[:-5] + b"\1\2\3\4\5")
     faults = [(str(name), str(fault)) for name, fault in problems(folder, counts=Counter())]
-    lied = path.is_symlink() or not path.is_file() or path.read_bytes()[: 1 << 20] != sound_raw
+    lied = path.is_symlink() or not path.is_file() or path.stat().st_size != len(sound_raw)
+    lied = lied or path.read_bytes() != sound_raw
     return "a changed recording isn't reported" if not (faults or lied) else ""
 
 
