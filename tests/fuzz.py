@@ -86,7 +86,7 @@ def main() -> int:
         if judging is not None:
             kinds = [name for name in samples if name.endswith(judging.suffixes)]
         counts = dict.fromkeys(kinds, 0)
-        number, failed = args.seed if args.only is None else args.only, 0
+        number, failed, most = args.seed if args.only is None else args.only, 0, 0
         last = args.seed + args.rounds if args.only is None else args.only + 1
         while number < last and time.monotonic() < end:
             in_hand.write_text(str(number))
@@ -96,6 +96,10 @@ def main() -> int:
                 fault = attempt(number, name, samples[name], Path(home))
             else:
                 fault = side_files.attempt(number, name, Path(home))
+            used, most = most_memory() - most, most_memory()
+            # the first rounds load modules
+            if used > MEMORY and sum(counts.values()) > WARM:
+                fault = fault or f"took {used >> 20} MiB"
             if not fault and judging is not None:
                 fault = judging.fault(Path(home, name))
             counts[name] += 1
@@ -196,9 +200,7 @@ def attempt(number: int, name: str, sample: bytes, home: Path) -> str:
         return fault
     if time.monotonic() - start > SLOW_S:
         return f"took {time.monotonic() - start:.1f} s"
-    used, _most[0] = most_memory() - _most[0], most_memory()
-    _rounds[0] += 1
-    return f"took {used >> 20} MiB" if used > MEMORY and _rounds[0] > WARM else ""
+    return ""
 
 
 def sizes_changed(header: bytes, rng: np.random.Generator) -> bytes:
@@ -289,9 +291,6 @@ def valid(ev: nvsdata.Events) -> None:
 
 def most_memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-
-
-_most, _rounds = [most_memory()], [0]  # before the round
 
 
 if __name__ == "__main__":

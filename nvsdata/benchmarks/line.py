@@ -86,7 +86,7 @@ def read_lines(path: Path) -> list[Line]:
             raise ValueError(f"its format is {content['format']!r}")
         known = {one.name for one in fields(Line)}
         return [Line(**{name: value for name, value in line.items() if name in known}) for line in content["lines"]]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"{shown(path)}: not a file of `nvsdata bench --json`: {error}") from None
 
 

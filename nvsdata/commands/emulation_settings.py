@@ -120,7 +120,7 @@ def read_settings(path: Path) -> Emulator:
             if version is not None:
                 raise ValueError("of another version")
         raise ValueError("of no emulator")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"{shown(path)}: not the settings that `nvsdata tune` writes: {error}") from None
 
 

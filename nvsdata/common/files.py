@@ -13,12 +13,14 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any, Self
 
+from nvsdata.common.checksum import crc32
 from nvsdata.common.locks import check_place, is_dead, locked, owner
 
 FLUSH_EVERY = 0.03  # s
 PART = ".part"  # suffix of unfinished files
 MOST = 1 << 30  # bytes of a file of our own that are read
 MOST_LINES = 1 << 28  # bytes of a journal, of which a line takes about 250
+_SEAL = len(b"nvsdata %08x %014x\n" % (0, 0))  # bytes
 _BLOCK = 1 << 20  # bytes that are read back
 _LONGEST = 100  # characters of a file's name that its temporary file's name contains
 
@@ -188,6 +190,26 @@ def read_own(path: str | os.PathLike[str], most: int = MOST) -> bytes:
     return content
 
 
+def sealed(content: bytes) -> bytes:
+    """Return what precedes `content` in a file, for `unsealed`: its checksum and length."""
+    return b"nvsdata %08x %014x\n" % (crc32(content), len(content))
+
+
+def unsealed(path: str | os.PathLike[str], most: int = MOST) -> memoryview | None:
+    """Return what follows the seal in a file of our own; None if there is none, it is damaged or over `most` bytes."""
+    try:
+        with open(path, "rb", buffering=0, opener=_open_own) as file:
+            size = os.fstat(file.fileno()).st_size - _SEAL
+            seal = file.read(_SEAL) or b""
+            # before the rest is read, which may be long
+            if not (0 <= size <= most and seal.endswith(b" %014x\n" % size)):
+                return None
+            content = file.read(size) or b""
+    except OSError:
+        return None
+    return memoryview(content) if seal == sealed(content) else None
+
+
 def append_own(path: str | os.PathLike[str]) -> IO[bytes]:
     """Open a file of nvsdata's own for appending, unbuffered; OSError for anything but a regular file."""
     return open(path, "ab", buffering=0, opener=_open_own)
@@ -261,8 +283,8 @@ class Journal:
 
 
 def write_all(handle: int, data: bytes | memoryview) -> None:
-    """Write all of `data` to an open file, or raise OSError."""
-    view = memoryview(data)
+    """Write all of `data` to an open file, or raise OSError: a nearly full disk takes only a part at first."""
+    view = memoryview(data).cast("B")
     while view:
         view = view[os.write(handle, view) :]
 

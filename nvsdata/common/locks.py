@@ -100,6 +100,13 @@ def is_dead_lock(path: Path) -> bool:
         return False
 
 
+def remove_dead_lock(path: Path) -> None:
+    """Remove the lock of a process that has ended, unless another one has taken it over in the meantime."""
+    with suppress(OSError), open(os.open(path, os.O_RDWR | _UNFOLLOWED), "r+", encoding="utf-8") as file:
+        if _try_lock(file) is not False and is_dead(str(_holder(file).get("owner"))) and _is_still(file, path):
+            path.unlink()
+
+
 def lock_path(output: str | os.PathLike[str]) -> Path:
     """The path of an output's lock file."""
     target = Path(output)

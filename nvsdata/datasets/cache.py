@@ -8,28 +8,24 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch.utils.data import Dataset, Subset
 
 from nvsdata._version import __version__
-from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import shown
-from nvsdata.common.files import atomic, put, read_own, sweep
+from nvsdata.common.files import atomic, put, remove_link, sealed, sweep, unsealed
 from nvsdata.data.recording import as_events
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.cache_files import kept, restored
+from nvsdata.datasets.cache_files import packed, unpacked
 from nvsdata.datasets.cache_identity import described
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.transforms.compose import Compose
 
 TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# made by nvsdata.cache; what is here can be made again\n"
 SHARD = 1000  # samples per folder
-ZIP = b"PK"  # begins what torch saves; it reads older files less safely
-CHECKSUM = 4  # bytes, CRC-32 of all that follows
+MOST = 1 << 30  # bytes of a sample; longer ones are made each time
 # attributes of a dataset that don't change the head's output
 INDIFFERENT = (
     "transform",
@@ -102,7 +98,7 @@ class Cached(Dataset[tuple[Any, Any]]):
     def _keep(self, parts: list[Any], stamps: list[list[int]], file: Path) -> None:
         try:
             tag = self.folder.parent / CACHE_TAG
-            if not tag.exists():
+            if not os.path.lexists(tag):
                 tag.parent.mkdir(parents=True, exist_ok=True)
                 put(tag, TAG)
             _save(parts, stamps, file)
@@ -171,28 +167,25 @@ def _identity(dataset: EventDataset) -> Sequence[str]:
 
 
 def _save(parts: list[Any], stamps: list[list[int]], file: Path) -> None:
-    content = BytesIO()
-    torch.save({"stamps": stamps, "parts": [kept(part) for part in parts]}, content)
+    content = packed([stamps, parts])
+    if len(content) > MOST:
+        return
+    for folder in (file.parent.parent, file.parent):
+        remove_link(folder)
     file.parent.mkdir(parents=True, exist_ok=True)
-    with content.getbuffer() as data, atomic(file) as temporary, temporary.open("wb") as out:
-        out.write(crc32(data).to_bytes(CHECKSUM, "little"))
-        out.write(data)
+    with atomic(file) as temporary, temporary.open("wb") as out:
+        out.write(sealed(content))
+        out.write(content)
 
 
 def _load(file: Path, stamps: list[list[int]]) -> list[Any] | None:
-    """The stored parts if they belong to these stamps; None if they don't, are missing or can't be read."""
-    try:
-        data = read_own(file)
-    except OSError:
-        return None
-    if not data or int.from_bytes(data[:CHECKSUM], "little") != crc32(memoryview(data)[CHECKSUM:]):
-        return None  # damaged: it is made again
-    if data[CHECKSUM:][:2] != ZIP:
+    """The stored parts if they belong to these stamps; None if they don't, are missing or aren't what is kept."""
+    content = unsealed(file, MOST)
+    if content is None:
         return None
     try:
-        found = torch.load(BytesIO(memoryview(data)[CHECKSUM:]), weights_only=True)
-        parts = [restored(part) for part in found["parts"]]
-        # a part for each file, or two of one file
-        return parts if found["stamps"] == stamps and len(parts) >= len(stamps) else None
-    except Exception:  # content that isn't ours, with a right checksum, raises anything
-        return None
+        found, parts = unpacked(content)
+    except (ValueError, TypeError):
+        return None  # made again
+    # a part for each file, or two of one file
+    return parts if found == stamps and isinstance(parts, list) and len(parts) >= len(stamps) else None

@@ -1,8 +1,14 @@
-"""Samples as they are stored on disk: as tensors, numbers, strings, lists and dicts, which are safe to load."""
+"""Samples as bytes: a line of JSON that says what they are made of, then the numbers of their tensors and arrays.
+
+Nothing in such bytes is believed: other types, shapes that the numbers don't fill, Events that can't be and edges
+between nodes that aren't there raise ValueError. So no code of the file is run, and no kernel gets what it can't take.
+"""
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -10,56 +16,155 @@ import torch
 
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
+from nvsdata.kernels.order import is_sorted
 
-VALUES = (type(None), bool, int, float, complex, str, bytes)
+PLAIN = (type(None), bool, int, float, str)
+ALIGNED = 16  # each tensor's numbers begin at a multiple of so many bytes
+KINDS = {
+    str(kind).removeprefix("torch."): kind
+    for kind in vars(torch).values()
+    if isinstance(kind, torch.dtype) and not str(kind).startswith(("torch.q", "torch.bits"))
+}
 
 
-def kept(sample: Any) -> list[Any]:
-    """A sample as its kind and its content. TypeError if `restored` couldn't give back the same type."""
+def packed(sample: Any) -> bytes:
+    """The bytes of a sample. TypeError if `unpacked` couldn't give back the same type."""
+    numbers: list[bytes] = []
+    head = json.dumps(_described(sample, numbers)).encode() + b"\n"
+    parts = [head, bytes(-len(head) % ALIGNED)]
+    for one in numbers:
+        parts += one, bytes(-len(one) % ALIGNED)
+    return b"".join(parts)
+
+
+def _described(sample: Any, numbers: list[bytes]) -> list[Any]:
+    """A sample as its kind and its content, whose numbers are added to `numbers`."""
     kind = type(sample)
-    if kind in VALUES:
+    if kind in PLAIN:
         return ["value", sample]
+    if kind is complex:
+        return ["complex", sample.real, sample.imag]
+    if kind is bytes:
+        return ["bytes", sample.hex()]
     if kind is Events:
-        return ["events", sample.torch(), sample.sensor_size, sample.start, sample.stated_end]
+        columns = [_of_tensor(torch.from_numpy(np.ascontiguousarray(c)), numbers) for c in sample.columns]
+        times = [None if time is None else int(time) for time in (sample.start, sample.stated_end)]
+        return ["events", columns, [int(side) for side in sample.sensor_size], *times]
     if kind is Graph:
-        return ["graph", {field.name: kept(getattr(sample, field.name)) for field in fields(sample)}]
-    if kind is list:
-        return ["list", [kept(item) for item in sample]]
-    if kind is tuple:
-        return ["tuple", [kept(item) for item in sample]]
+        return ["graph", {field.name: _described(getattr(sample, field.name), numbers) for field in fields(sample)}]
+    if kind in (list, tuple):
+        return [kind.__name__, [_described(item, numbers) for item in sample]]
     if kind is dict:
-        return ["dict", [[kept(key), kept(value)] for key, value in sample.items()]]
-    if kind is torch.Tensor:
-        # cloned, because a view would be stored with the whole tensor behind it
-        return ["tensor", sample.detach().clone()]
+        return ["dict", [[_described(key, numbers), _described(value, numbers)] for key, value in sample.items()]]
+    if kind is torch.Tensor and sample.layout == torch.strided and not sample.is_quantized:
+        return ["tensor", _of_tensor(sample.detach(), numbers)]
     if kind is np.ndarray or isinstance(sample, np.generic):
         try:
             tensor = torch.from_numpy(np.array(sample, order="C"))
         except TypeError:
             raise TypeError(f"a cache can't keep arrays of {sample.dtype}") from None
-        return ["array" if kind is np.ndarray else "number", tensor]
+        return ["array" if kind is np.ndarray else "number", _of_tensor(tensor, numbers)]
     raise TypeError(
-        "a cache keeps Events, graphs, tensors, arrays, numbers, strings, and tuples, lists and dicts of them, "
+        "a cache keeps Events, graphs, dense tensors, arrays, numbers, strings, and tuples, lists and dicts of them, "
         f"not {kind.__module__}.{kind.__qualname__}: the last deterministic transform must return one of these"
     )
 
 
-def restored(given: list[Any]) -> Any:
-    """The sample that `kept` was given."""
-    kind, value, *more = given
+def _of_tensor(tensor: torch.Tensor, numbers: list[bytes]) -> list[Any]:
+    """Type, shape and device of a tensor."""
+    plain = tensor.resolve_conj().resolve_neg().contiguous().cpu()
+    numbers.append(plain.view(-1).view(torch.uint8).numpy().tobytes())
+    return [str(tensor.dtype).removeprefix("torch."), list(tensor.shape), str(tensor.device)]
+
+
+def unpacked(content: memoryview) -> Any:
+    """The sample that `packed` was given. ValueError for bytes that it didn't make."""
+    end = bytes(content[: 1 << 16]).find(b"\n") + 1 or bytes(content).find(b"\n") + 1
+    numbers = _Numbers(content, end + -end % ALIGNED)
+    try:
+        sample = _restored(json.loads(bytes(content[:end])), numbers)
+    except ValueError:
+        raise
+    except Exception as error:  # of torch and numpy, and of lists that are something else
+        raise ValueError(f"not a sample: {error}") from None
+    if numbers.at != len(content):
+        raise ValueError("not a sample: more numbers than it speaks of")
+    return sample
+
+
+class _Numbers:
+    """The numbers of tensors, in their order; `at`: the first byte of the next one's."""
+
+    def __init__(self, content: memoryview, at: int) -> None:
+        self.content, self.at = content, at
+
+    def tensor(self, stated: list[Any]) -> torch.Tensor:
+        name, shape, device = stated
+        kind = KINDS[name]
+        if not all(type(side) is int and side >= 0 for side in shape):
+            raise ValueError(f"not a shape: {shape}")
+        size = prod(shape) * kind.itemsize
+        # before memory is made
+        if size > len(self.content) - self.at:
+            raise ValueError(f"fewer numbers than {shape}")
+        # a copy, because it may be written to
+        numbers = np.frombuffer(self.content[self.at : self.at + size], np.uint8).copy()
+        self.at += size + -size % ALIGNED
+        if kind is torch.bool and size and numbers.max() > 1:
+            raise ValueError("a truth value that is neither 0 nor 1")
+        tensor = torch.from_numpy(numbers).view(kind).reshape(shape)
+        return tensor if device == "cpu" else tensor.to(torch.device(device))
+
+
+def _restored(stated: Any, numbers: _Numbers) -> Any:
+    kind, value, *more = stated
+    if kind == "value" and type(value) in PLAIN:
+        return value
+    if kind == "complex":
+        return complex(value, *more)
+    if kind == "bytes":
+        return bytes.fromhex(value)
     if kind == "events":
-        # checked: transforms rely on it that coordinates are inside the sensor
-        size, start, end = more
-        t, x, y, p = (value[name].numpy() for name in ("t", "x", "y", "p"))
-        return Events(t, x, y, p, size, start=start, end=end)
+        return _events([numbers.tensor(one) for one in value], *more)
     if kind == "graph":
-        return Graph(**{name: restored(part) for name, part in value.items()})
+        return _checked(Graph(**{name: _restored(part, numbers) for name, part in value.items()}))
     if kind in ("list", "tuple"):
-        items = [restored(item) for item in value]
+        items = [_restored(item, numbers) for item in value]
         return items if kind == "list" else tuple(items)
     if kind == "dict":
-        return {restored(key): restored(item) for key, item in value}
+        return {_restored(key, numbers): _restored(item, numbers) for key, item in value}
+    if kind == "tensor":
+        return numbers.tensor(value)
     if kind in ("array", "number"):
-        array = value.numpy()
+        array = numbers.tensor(value).numpy()
         return array if kind == "array" else array[()]
-    return value
+    raise ValueError(f"not a kind of sample: {kind!r:.40}")
+
+
+def _events(tensors: list[torch.Tensor], size: list[int], start: int | None, end: int | None) -> Events:
+    t, x, y, p = (tensor.numpy() for tensor in tensors)
+    if [t.dtype, x.dtype, y.dtype, p.dtype] != [np.int64, np.int16, np.int16, np.uint8] or not is_sorted(t):
+        raise ValueError("not events as nvsdata keeps them")
+    # it checks lengths, times, pixels and polarities
+    width, height = size
+    return Events(t, x, y, p, (width, height), start=start, end=end)
+
+
+def _checked(graph: Graph) -> Graph:
+    """The graph; ValueError if it can't be one."""
+    nodes, edges = graph.x.shape[0], graph.edge_index
+    kinds = [graph.x.dtype, graph.pos.dtype, graph.t.dtype, edges.dtype, graph.edge_attr.dtype]
+    shapes = [graph.x.ndim, *graph.pos.shape, *graph.t.shape, edges.shape[0], edges.ndim, *graph.edge_attr.shape]
+    if not (
+        all(kind.is_floating_point for kind in (kinds[0], kinds[1], kinds[4]))
+        and kinds[2] == kinds[3] == torch.int64
+        and shapes == [2, nodes, 2, nodes, 2, 2, edges.shape[1], len(graph.reach)]
+        and graph.pseudo in ("abs", "signed", "signed-time")
+    ):
+        raise ValueError("not a graph as nvsdata keeps it")
+    if edges.numel():
+        target = edges[1]
+        lowest, highest = torch.aminmax(edges)
+        if lowest < 0 or highest >= nodes or bool((target[1:] < target[:-1]).any()):
+            raise ValueError("edges between nodes that aren't there, or that aren't grouped by target")
+    return graph

@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from nvsdata.common.files import PART, is_left_over
-from nvsdata.common.locks import is_dead_lock, is_locked
+from nvsdata.common.files import PART, is_left_over, read_own
+from nvsdata.common.locks import OutputInUse, is_dead_lock, is_locked, locked, remove_dead_lock
 from nvsdata.datasets.archives.download import WORK
 from nvsdata.datasets.cache import TAG
 from nvsdata.datasets.source import CACHE_TAG, INDEX
@@ -73,15 +73,21 @@ def _is_index(name: str) -> bool:
 
 def _is_unfinished(folder: Path) -> bool:
     """Whether a folder is that of a packing or a download that ended, and that nothing else is in it."""
+    output = _output_of(folder)
+    return output is not None and not is_locked(output)
+
+
+def _output_of(folder: Path) -> Path | None:
+    """What an unfinished store or download, in this folder, is to become; None if the folder is neither."""
     if folder.is_symlink():
-        return False
+        return None
     if folder.name == WORK:
-        return not is_locked(folder.parent)
+        return folder.parent
     if not (folder.name.startswith(".") and folder.name.endswith(PART)):
-        return False
-    names = {path.name for path in folder.iterdir()}
+        return None
     # one that was killed while it made or removed the folder has left some of them
-    return names <= {*COLUMNS, JOURNAL} and not is_locked(folder.with_name(folder.name[1 : -len(PART)]))
+    ours = {path.name for path in folder.iterdir()} <= {*COLUMNS, JOURNAL}
+    return folder.with_name(folder.name[1 : -len(PART)]) if ours else None
 
 
 def kernels() -> Kept:
@@ -96,9 +102,24 @@ def kernels() -> Kept:
 
 
 def remove(kept: Kept) -> None:
-    """Delete the files, and the folders of a cache of samples that are empty then."""
+    """Delete the files, and the folders of a cache, store or download that are empty then.
+
+    What a process has taken over in the meantime stays.
+    """
+    output = _output_of(kept.path) if kept.kind == "unfinished" else None
+    if output is None:
+        _remove(kept)
+        return
+    with suppress(OutputInUse), locked(output):
+        _remove(kept)
+
+
+def _remove(kept: Kept) -> None:
     for path in kept.files:
-        path.unlink(missing_ok=True)
+        if kept.kind == "leftover" and path.suffix == ".lock":
+            remove_dead_lock(path)
+        else:
+            path.unlink(missing_ok=True)
     if kept.kind in ("samples", "unfinished"):
         within = {folder for path in kept.files for folder in path.parents if kept.path in folder.parents}
         for folder in (*sorted(within, key=lambda folder: -len(folder.parts)), kept.path):
@@ -109,7 +130,7 @@ def remove(kept: Kept) -> None:
 
 def _is_ours(tag: Path) -> bool:
     with suppress(OSError):
-        return tag.read_bytes() == TAG
+        return read_own(tag, len(TAG)) == TAG
     return False
 
 
@@ -117,5 +138,5 @@ def _kept(kind: str, path: Path, files: list[Path]) -> Kept:
     size = 0
     for file in files:
         with suppress(OSError):
-            size += file.stat().st_size
+            size += file.lstat().st_size
     return Kept(kind, path, files, size)

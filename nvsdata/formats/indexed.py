@@ -39,25 +39,39 @@ class IndexedFile(PiecedFile):
     def blocks(self) -> Blocks:
         """The index: built at its first use, or kept from an earlier one."""
         if self._blocks is None:
-            stamp = self.contents.stamp
-            large = stamp is not None and stamp[0] >= kept_index.LEAST
-            self._blocks = self._kept_or_made(*stamp) if stamp and large and self.strict else self._index()
+            self._blocks = self._kept() or self._made()
         return self._blocks
 
-    def _kept_or_made(self, size: int, *stamp: int) -> Blocks:
-        """The index kept next to the file, or a new one, which is kept."""
-        about = {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
+    def _kept(self) -> Blocks | None:
+        """The index kept next to the file; None if there is none of this file."""
+        if not self._keeps:
+            return None
         # an entry of an index takes less than the records that it stands for
-        kept = kept_index.restore(self.path, about, size)
+        kept = kept_index.restore(self.path, self._about, self.contents.size)
         try:
-            if kept is not None:
-                return self._compared(self._restored(kept))
+            return None if kept is None else self._compared(self._restored(kept))
         except (KeyError, ValueError, TypeError, OverflowError):
-            pass  # not an index of this file: it is made again
+            return None
+
+    def _made(self) -> Blocks:
+        """A new index, which is kept next to the file."""
         self._unproven = None
         blocks = self._index()
-        kept_index.keep(self.path, about, max(stamp[:2]), self._to_keep(blocks))
+        stamp = self.contents.stamp
+        if self._keeps and stamp is not None:
+            kept_index.keep(self.path, self._about, max(stamp[1:3]), self._to_keep(blocks))
         return blocks
+
+    @property
+    def _keeps(self) -> bool:
+        stamp = self.contents.stamp
+        return self.strict and stamp is not None and stamp[0] >= kept_index.LEAST
+
+    @property
+    def _about(self) -> dict[str, object]:
+        """What a kept index says of the file that it belongs to."""
+        size, *stamp = self.contents.stamp or ()
+        return {"format": self.format, "block": self.block, "size": size, "stamp": stamp}
 
     def _to_keep(self, blocks: Blocks) -> dict[str, np.ndarray]:
         """What is kept of an index."""
@@ -105,5 +119,5 @@ class IndexedFile(PiecedFile):
                 for block in self._touched(start, stop):
                     self._compare(self.blocks, block)
             except ValueError:
-                self._unproven, self._blocks = None, self._index()
+                self._blocks = self._made()
         return super().decode_window(start, stop)

@@ -1,7 +1,7 @@
 """Prophesee `.dat` (N-CARS): lines that begin with `% `, two bytes, then eight bytes per event.
 
 The header may state Version, Width and Height. A record is a little-endian uint32 time in µs
-(it wraps at 2^32) and a uint32 address: version 2 has x in bits 0-13, y in 14-27, polarity in 28;
+(it wraps at 2^32) and a uint32 address: version 2 has x in bits 0-13, y in 14-27, polarity (0 or 1) in 28-31;
 version 1 has x in bits 0-8, y in 9-16, polarity in 17.
 """
 

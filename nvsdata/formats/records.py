@@ -143,7 +143,7 @@ class PiecedFile(RecordFile):
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
         """Decode the bytes of some records into the columns from index `kept` on; `state` is read and updated.
 
-        Returns the number of events, and the index of the first record outside the sensor, or -1.
+        Returns the number of events, and the index of the first record outside the sensor or of no polarity, or -1.
         """
 
     def _check(self, state: np.ndarray) -> None:
@@ -182,7 +182,7 @@ class PiecedFile(RecordFile):
                 self._check(state)
                 if bad >= 0:
                     width, height = self._limits
-                    reason = f"coordinates outside the sensor of {width}x{height}"
+                    reason = f"coordinates outside the sensor of {width}x{height}, or a polarity other than 0 and 1"
                     raise FormatError(self.path, reason, offset=self._byte(record + bad))
             kept += count
             record += raw.size // self.record_size

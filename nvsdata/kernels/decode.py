@@ -199,7 +199,8 @@ def atis_encode(t, x, y, p, offset):
 def dat_decode(raw, block, version, width, height, state, kept, t, x, y, p):
     """Decode Prophesee .dat records. O(N).
 
-    `state` is that of `kernels.clock`, and `block` the number of records in a block.
+    `state` is that of `kernels.clock`, and `block` the number of records in a block. Returns the number of events, and
+    the index of the first outside the sensor, if `width` isn't 0, or of a polarity that is neither 0 nor 1; or -1.
     """
     words = raw.view(np.uint32)
     size = words.size // 2
@@ -222,12 +223,12 @@ def dat_decode(raw, block, version, width, height, state, kept, t, x, y, p):
         if version >= 2:
             column = address & 0x3FFF
             row = address >> 14 & 0x3FFF
-            p[i] = (address >> 28) & 1
+            p[i] = address >> 28
         else:
             column = address & 0x1FF
             row = address >> 9 & 0xFF
             p[i] = address >> 17 & 1
-        if width > 0 and (column >= width or row >= height) and bad < 0:
+        if bad < 0 and (p[i] > 1 or (width > 0 and (column >= width or row >= height))):
             bad = i
         t[i] = words[2 * i]
         x[i] = column
@@ -245,9 +246,10 @@ def _dat_odd(words, before, offset, right, bottom, t, x, y, p):
         time, address = words[_U(2) * i], words[_U(2) * i + _U(1)]
         column = np.int32(address & np.uint32(0x3FFF))
         row = np.int32(address >> np.uint32(14) & np.uint32(0x3FFF))
-        odd += (column >= right) | (row >= bottom) | (time < before[_U(2) * i])
+        polarity = np.uint8(address >> np.uint32(28))
+        odd += (column >= right) | (row >= bottom) | (polarity > 1) | (time < before[_U(2) * i])
         t[i] = np.int64(time) + offset
         x[i] = column
         y[i] = row
-        p[i] = address >> np.uint32(28) & np.uint32(1)
+        p[i] = polarity
     return odd

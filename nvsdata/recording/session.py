@@ -370,7 +370,7 @@ def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> Setti
                     read[name] = tuple(read[name])
             masked = tuple(tuple(pixel) for pixel in read.pop("masked", ()))
             settings = Settings(biases=pairs, masked=masked, **read)
-        except (ValueError, TypeError, AttributeError) as error:
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
             raise ValueError(f"{file}: {error}") from None
     numbers = dict(settings.biases)
     for text in biases:

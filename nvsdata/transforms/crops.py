@@ -98,7 +98,7 @@ def resize_events(events: Moving, width: int, height: int) -> Moving:
     """
     if max(width, height) > MAX_COORDINATE + 1:
         sensor = "{}x{}".format(*events.sensor_size)
-        limit = f"at most {MAX_COORDINATE + 1} along an axis"
+        limit = f"at most {MAX_COORDINATE + 1} pixels along an axis"
         raise ValueError(
             f"a sensor of {sensor} can't become {width}x{height} pixels: events have {limit}; resize to less"
         )

@@ -244,7 +244,7 @@ def test_a_journal_goes_on_after_a_torn_line(tmp_path, text, head, lines, repair
 
 def test_lines_that_say_nothing():
     assert parsed_line(b'{"a": 1}') == {"a": 1}
-    for torn in ('{"a":', "[1]", "", b"\xff", "5"):
+    for torn in ('{"a":', "[1]", "", b"\xff", "5", "[" * 100_000, '{"a": ' * 100_000):
         assert parsed_line(torn) is None
 
 

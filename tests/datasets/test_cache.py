@@ -19,7 +19,7 @@ from nvsdata import Events, FormatError
 from nvsdata import transforms as T
 from nvsdata.data.views import Slice
 from nvsdata.datasets import ASLANDVS, NMNIST
-from nvsdata.datasets.cache_files import kept, restored
+from nvsdata.datasets.cache_files import packed, unpacked
 from nvsdata.datasets.cache_identity import described
 from nvsdata.datasets.store.writer import pack
 
@@ -302,7 +302,7 @@ def equal(a, b):
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_the_same_type_cold_and_warm(digits, tmp_path, sample):
-    assert equal(restored(kept(sample)), sample)
+    assert equal(unpacked(memoryview(packed(sample))), sample)
     for _ in range(2):
         cached = nvsdata.cache(dataset(digits, Gives(sample)), tmp_path / "cache")
         assert equal(cached[3][0], sample)
@@ -311,9 +311,9 @@ def test_the_same_type_cold_and_warm(digits, tmp_path, sample):
 
 def test_when_events_begin_and_end_is_kept():
     ev = nvsdata.Events([5], [1], [1], [1], start=0, end=9)
-    again = restored(kept(ev))
+    again = unpacked(memoryview(packed(ev)))
     assert (again, again.start, again.stated_end) == (ev, 0, 9)
-    again = restored(kept(nvsdata.Events([5], [1], [1], [1])))
+    again = unpacked(memoryview(packed(nvsdata.Events([5], [1], [1], [1]))))
     assert again.stated_end is None
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import pickle
 import re
-import zlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 import trees
@@ -17,6 +18,7 @@ from torch import nn
 import nvsdata
 from nvsdata import NMNIST
 from nvsdata import transforms as T
+from nvsdata.common.files import sealed, unsealed
 from nvsdata.datasets.cache_identity import described
 
 
@@ -45,8 +47,7 @@ def test_a_thousand_samples_share_a_folder(digits, tmp_path):
         with pytest.raises(IndexError):
             cached[index]
     for path in cached.folder.rglob("*.pt"):
-        data = path.read_bytes()
-        assert int.from_bytes(data[:4], "little") == zlib.crc32(data[4:])
+        assert unsealed(path) is not None
     assert (tmp_path / "cache/CACHEDIR.TAG").read_bytes().startswith(b"Signature: 8a477f597d28d172789f06886806bc55\n")
 
 
@@ -107,43 +108,152 @@ class Harmful:
 
 def test_a_file_of_a_cache_runs_no_code(digits, tmp_path):
     cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100)), tmp_path / "cache")
-    expected = cached[0]
-    harmful = {"stamps": cached._stamps(0), "parts": [["value", Harmful(tmp_path / "made")]]}
-    # and in the older kind of file, which torch before 2.6 reads less safely
-    for content, is_zip in ((harmful, True), (harmful, False), ({"stamps": cached._stamps(0), "parts": 3}, True)):
-        out = io.BytesIO()
-        torch.save(content, out, _use_new_zipfile_serialization=is_zip)
-        data = out.getvalue()
-        (cached.folder / "0/0.pt").write_bytes(zlib.crc32(data).to_bytes(4, "little") + data)
-        assert cached[0] == expected
+    cached[0]
+    out = io.BytesIO()
+    torch.save({"stamps": cached._stamps(0), "parts": [["value", Harmful(tmp_path / "made")]]}, out)
+    (cached.folder / "0/0.pt").write_bytes(sealed(out.getvalue()) + out.getvalue())
+    assert cached[0] == cached.dataset[0]
     assert not (tmp_path / "made").exists()
 
 
-def keep(cached, data):
-    """Put other bytes in the place of the first sample's, with a right checksum."""
-    (cached.folder / "0/0.pt").write_bytes(zlib.crc32(data).to_bytes(4, "little") + data)
+def rewritten(path, change):
+    """Put in the place of a sample's file what `change` makes of its JSON and its numbers, soundly sealed."""
+    line, rest = bytes(unsealed(path)).split(b"\n", 1)
+    numbers = bytearray(rest[-(len(line) + 1) % 16 :])
+    stated = json.loads(line)
+    stated = change(stated, numbers) or stated
+    line = (stated if isinstance(stated, str) else json.dumps(stated)).encode() + b"\n"
+    content = line + bytes(-len(line) % 16) + numbers
+    path.write_bytes(sealed(content) + content)
 
 
-@pytest.mark.parametrize("change", ["no parts", "none", "outside", "falls", "short", "no zip"])
-def test_what_is_no_sample_of_ours_is_made_again(digits, tmp_path, change):
+def put_first(kind, value):
+    """A change of the first number of a type."""
+
+    def change(stated, numbers):
+        view = np.frombuffer(numbers, kind)
+        view[0] = value
+
+    return change
+
+
+def at(value, *place):
+    """A change of the JSON of the first part at a place."""
+
+    def change(stated, numbers):
+        part = stated[1][1][1][0]
+        for step in place[:-1]:
+            part = part[step]
+        part[place[-1]] = value
+
+    return change
+
+
+def dropped(stated, numbers):
+    del numbers[-16:]
+
+
+HOSTILE = {
+    "unsorted times": put_first(np.int64, 2**61),
+    "times beyond 2^62": put_first(np.int64, -(2**63)),
+    "a small sensor": at([1, 1], 2),
+    "no sensor": at([0, -5], 2),
+    "a wide sensor": at([10**9, 34], 2),
+    "strings": at("34", 2),
+    "a time as text": at("now", 3),
+    "an end before the start": at(-(10**6), 4),
+    "float times": at("float64", 1, 0, 0),
+    "a type that is none": at("Tensor", 1, 0, 0),
+    "another length": at([1], 1, 0, 1),
+    "10^30 events": at([10**30], 1, 0, 1),
+    "-1 events": at([-1], 1, 0, 1),
+    "a device that is none": at("abacus", 1, 0, 2),
+    "columns missing": at([], 1),
+    "fewer numbers": dropped,
+    "deep JSON": lambda stated, numbers: "[" * 100_000,
+    "numbers of many digits": lambda stated, numbers: '["value", ' + "9" * 10_000 + "]",
+    "no JSON": lambda stated, numbers: "\0" * 40,
+    "no sample": lambda stated, numbers: "{}",
+    "other kinds": lambda stated, numbers: [*stated[:1], ["list", [["system", "rm"]]]],
+    "stamps of another file": lambda stated, numbers: [stated[0], ["list", [["value", 1], stated[1][1][1]]]],
+}
+
+
+@pytest.mark.parametrize("change", HOSTILE.values(), ids=HOSTILE)
+def test_events_that_somebody_altered_are_made_again(digits, tmp_path, change):
     cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100_000)), tmp_path / "cache")
     expected = cached[0]
-    content = torch.load(io.BytesIO((cached.folder / "0/0.pt").read_bytes()[4:]), weights_only=True)
-    columns = content["parts"][0][1]
-    if change == "no parts":
-        del content["parts"]
-    elif change == "none":
-        content["parts"] = []
-    elif change == "outside":
-        columns["x"][3] = -30_000
-    elif change == "falls":
-        columns["t"][0] = 2**62
-    elif change == "short":
-        columns["p"] = columns["p"][:-1]
-    out = io.BytesIO()
-    torch.save(content, out)
-    keep(cached, b"no zip" if change == "no zip" else out.getvalue())
+    path = cached.folder / "0/0.pt"
+    whole = path.read_bytes()
+    rewritten(path, change)
+    assert path.read_bytes() != whole
     assert cached[0] == expected
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("edge_index", -1), ("edge_index", 10**6), ("pos", None), ("t", None), ("edge_attr", None)]
+)
+def test_a_graph_that_somebody_altered_is_made_again(digits, tmp_path, name, value):
+    def change(stated, numbers):
+        fields, place = stated[1][1][1][0][1], 0
+        for field in ("x", "pos", "t", "edge_index", "edge_attr"):
+            kind, shape, _ = fields[field][1]
+            if field == name and value is None:
+                # as many numbers, but other nodes
+                fields[field][1][1] = [int(np.prod(shape))]
+            elif field == name:
+                numbers[place : place + 8] = value.to_bytes(8, "little", signed=True)
+            size = int(np.prod(shape)) * getattr(torch, kind).itemsize
+            place += size + -size % 16
+
+    transform = T.Compose([T.Window(0, 100_000), T.RadiusGraph(radius=20)])
+    cached = nvsdata.cache(NMNIST(digits, transform=transform), tmp_path / "cache")
+    expected = cached[0][0]
+    assert expected.num_edges
+    path = cached.folder / "0/0.pt"
+    rewritten(path, change)
+    assert torch.equal(cached[0][0].edge_index, expected.edge_index)
+    assert cached[0][0].pos.shape == expected.pos.shape
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and pipes as POSIX has them")
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder", "1 GiB", "1 GiB with a seal"])
+def test_what_has_the_name_of_a_sample(digits, tmp_path, kind):
+    cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100)), tmp_path / "cache")
+    expected = cached[0]
+    path, target = cached.folder / "0/0.pt", tmp_path / "thesis.tex"
+    target.write_bytes(path.read_bytes() if kind == "link" else b"a year's work")
+    before = target.read_bytes()
+    if kind.startswith("1 GiB"):
+        if kind == "1 GiB":
+            path.write_bytes(b"")
+        os.truncate(path, 1 << 30)
+    else:
+        path.unlink()
+        {"link": lambda: path.symlink_to(target), "pipe": lambda: os.mkfifo(path), "folder": path.mkdir}[kind]()
+    if kind == "folder":
+        with pytest.warns(UserWarning, match="can't be written to"):
+            assert cached[0] == expected
+        return
+    assert cached[0] == expected
+    assert target.read_bytes() == before
+    assert path.is_file()
+    assert not path.is_symlink()
+    assert path.stat().st_size < 1 << 20
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and pipes as POSIX has them")
+@pytest.mark.parametrize("name", ["", "0"])
+def test_a_folder_that_is_a_link_is_not_written_to(digits, tmp_path, name):
+    cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100)), tmp_path / "cache")
+    (tmp_path / "home").mkdir()
+    place = cached.folder / name
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.symlink_to(tmp_path / "home")
+    assert cached[0] == cached.dataset[0]
+    assert not [*(tmp_path / "home").iterdir()]
+    assert made(cached) == ["0/0.pt"]
 
 
 class Speaks:

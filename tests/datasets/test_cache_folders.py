@@ -120,3 +120,26 @@ def test_a_clearing_of_samples_that_was_killed_can_be_continued(tmp_path):
         kept.files[count - 1].unlink()
         (left,) = [one for one in caches_below(tmp_path) if one.kind == "samples"]
         assert sorted(left.files) == sorted(kept.files[count:])
+
+
+def test_what_a_process_takes_over_in_the_meantime_stays(stopped):
+    lock = lock_path(stopped / "a.h5")
+    lock.write_text(json.dumps({"owner": dead_owner(), "host": "here", "pid": 1, "command": "pack", "since": "then"}))
+    found = list(caches_below(stopped))
+    assert sorted(one.kind for one in found) == ["leftover", "unfinished"]
+    with locked(stopped / "a.h5"), locked(stopped / "digits.h5"):
+        for one in found:
+            remove(one)
+        assert lock.exists()
+        assert len(list((stopped / ".digits.h5.part").iterdir())) == 5
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes as POSIX has them")
+def test_pipes_and_links_in_the_place_of_locks_and_tags(tmp_path):
+    (tmp_path / WORK).mkdir()
+    (tmp_path / WORK / "Train.zip.part").write_bytes(b"half")
+    os.mkfifo(tmp_path / ".nvsdata.lock")
+    (tmp_path / "cache").mkdir()
+    os.mkfifo(tmp_path / "cache" / "CACHEDIR.TAG")
+    (tmp_path / ".a.h5.lock").symlink_to(tmp_path / ".nvsdata.lock")
+    assert kinds(tmp_path) == [("unfinished", WORK)]

@@ -71,6 +71,20 @@ def test_an_altered_index_changes_nothing(tmp_path, kind, change, seed):
     assert recording.sensor_size == (240, 180)
 
 
+@every
+def test_an_index_that_a_window_finds_altered_is_replaced(tmp_path, monkeypatch, kind):
+    path, ev = made(kind, tmp_path)
+    nvsdata.read(path, 0, 10)
+    whole = kept_index.path_of(str(path)).read_bytes()
+    altered(path, one_state)
+    # of the entries that are compared at random, none
+    monkeypatch.setattr(kept_index, "some_of", lambda count: np.arange(0))
+    times = nvsdata.open(path).blocks.times
+    start = int(times[len(times) // 2]) + 1
+    assert nvsdata.read(path, start, start + 30_000) == ev.window(start, start + 30_000)
+    assert kept_index.path_of(str(path)).read_bytes() == whole
+
+
 def hide_packets(arrays):
     arrays["packets"] = arrays["packets"][:, ::2].copy()
 

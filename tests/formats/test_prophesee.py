@@ -28,6 +28,18 @@ def test_version_1_fields(tmp_path):
     assert (ev.x.tolist(), ev.y.tolist(), ev.p.tolist()) == ([3, 300], [9, 200], [1, 0])
 
 
+@pytest.mark.parametrize("size", [None, (304, 240)])
+def test_a_polarity_of_four_bits_is_damage(tmp_path, size):
+    path = tmp_path / "a.dat"
+    path.write_bytes(dat([5, 6, 7], [3 | 1 << 28, 4 | 8 << 28, 5]))
+    with pytest.raises(FormatError, match=r"polarity other than 0 and 1") as found:
+        nvsdata.read(path, sensor_size=size)
+    assert found.value.offset == len(HEADER) + 2 + 8
+    recording = nvsdata.open(path, sensor_size=size, strict=False)
+    assert recording.read().x.tolist() == [3, 5]
+    assert sum(recording.repairs.values()) == 1
+
+
 @given(events(max_size=3_000, gap=30))
 def test_times_beyond_32_bits_go_round(tmp_path, ev):
     first = 2**32 - 20_000

@@ -141,9 +141,9 @@ class Part:
                 np.ascontiguousarray(values, kind) for values, kind in zip(columns, self.kinds.values(), strict=True)
             ]
             for file, values in zip(self._columns.values(), stored, strict=True):
-                _write(file, values.data)
+                write_all(file.fileno(), values.data)
             line = facts | {"crc": crc_of(stored)}
-        _write(self._journal, json_line(line).encode())
+        write_all(self._journal.fileno(), json_line(line).encode())
         self._note(line)
 
 
@@ -166,10 +166,3 @@ def _is_sound(facts: dict[str, Any], names: set[str]) -> bool:
         )
     except (KeyError, TypeError, ValueError):
         return False
-
-
-def _write(file: Any, data: Any) -> None:
-    """Write all of it, in several steps because a nearly full disk accepts only a part and then raises."""
-    left = memoryview(data).cast("B")
-    while left:
-        left = left[file.write(left) :]

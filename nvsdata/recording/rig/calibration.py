@@ -232,7 +232,7 @@ def corners_in(folder: Path) -> list[list[float]]:
     path = folder / FIGURES
     try:
         corners: list[list[float]] = np.array(json.loads(path.read_text())["corners"], float).reshape(4, 2).tolist()
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FormatError(path, f"isn't what --calibrate writes: {error}") from None
     return corners
 

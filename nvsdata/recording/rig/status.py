@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.common.files import put
+from nvsdata.common.files import put, read_own
 from nvsdata.common.locks import is_locked
 
 STATUS = "status.json"
+MOST_STATUS = 1 << 20  # bytes of it; it has about 600
 RECENT = 5  # videos whose last reason is kept
 GOING = ("recording", "waiting for the camera", "paused")
 ENDED = ("done", "verified", "interrupted", "stopped")
@@ -104,11 +105,11 @@ def told(out: Path) -> tuple[str, bool]:
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file, so no batch has recorded there")
     try:
-        status = json.loads(path.read_text(encoding="utf-8"))
+        status = json.loads(read_own(path, MOST_STATUS))
         lines = [_headline(status), *_counts(status)]
         state, reason = status["state"], status.get("reason")
         good = reason is None and status["done"] == status["total"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FormatError(path, f"isn't the status of a batch: {error!r}") from None
     if state not in ENDED and not is_locked(out):
         lines[0] = f"gone: its process ended without a word after {status['updated']}; --resume goes on"
