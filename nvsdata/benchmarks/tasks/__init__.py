@@ -8,6 +8,7 @@ from nvsdata.benchmarks.case import Case, Options
 
 # a module of this package each, and what `nvsdata bench --help` says of it
 TASKS = {
+    "start": "new processes to their first result, and their memory",
     "decode": "files of events, whole and in windows, and what they take on disk",
     "load": "samples through a DataLoader, from files and from a packed store",
     "graph": "events to graphs",
