@@ -30,7 +30,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
-from torch.nn.functional import cross_entropy
 from torch.utils.data import ConcatDataset
 
 from nvsdata import models, plots
@@ -149,7 +148,6 @@ def trained(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict
     here = Team(torch.device("cpu"))
     protocol = replace(Objects(DATASET), **changes)
     halves = TrainTestSplit(DATASET, root)
-    warm_up(protocol, halves)
     torch.manual_seed(seed)
     train_set = halves.train(protocol.pipeline(training=True))
     known = {"sensor_size": halves.sensor_size, "classes": len(halves.classes), "data": halves.data}
@@ -172,12 +170,6 @@ def trained(root: Path, epochs: int, changes: dict[str, Any], seed: int) -> dict
         "window_ms": round(window_ms(trainer.model, halves.test(protocol.pipeline(training=False))), 3),
         "loss": round(last["loss"], 4),
     }
-
-
-def warm_up(protocol: Objects, halves: TrainTestSplit) -> None:
-    """Compile the kernels, which isn't a training's cost."""
-    batch, targets = collate([halves.train(protocol.pipeline(training=True))[0]] * 2)
-    cross_entropy(protocol.build(halves.sensor_size, len(halves.classes))(batch), targets).backward()
 
 
 def core_seconds() -> float:

@@ -22,7 +22,7 @@ def machine() -> str:
     with suppress(ValueError, OSError, AttributeError):
         parts.append(f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.0f} GiB")
     parts += [f"{platform.system()} {platform.release()}", f"Python {platform.python_version()}"]
-    parts += [f"{name} {version(name)}" for name in ("torch", "numpy", "numba")]
+    parts += [f"{name} {version(name)}" for name in ("torch", "numpy")]
     return ", ".join(parts)
 
 

@@ -17,17 +17,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("action", choices=("info", "clear"), help="say what there is, or remove it: it is made again when it is needed")
     kinds = "folders to look through: caches of samples, indexes, what killed processes left (default .)"
     add("folders", nargs="*", type=path, metavar="FOLDER", help=kinds)
-    add("--kernels", action="store_true", help="compiled kernels of this installation, too")
     add_json(add, "a line of JSON per cache, and one at the end")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print what there is; with "clear", remove it."""
-    from nvsdata.datasets.cache_folders import caches_below, kernels, remove
+    from nvsdata.datasets.cache_folders import caches_below, remove
 
     found = [one for folder in args.folders or [Path()] for one in caches_below(folder)]
-    if args.kernels:
-        found.append(kernels())
     clear = args.action == "clear"
     for one in found:
         if args.json:

@@ -28,7 +28,7 @@ def cores() -> int:
 def pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
     """`count` processes, each of which calls `prepare` first. They end when this process does, even if it is killed.
 
-    Forking a process that has threads (torch's, numba's) may hang. So they are forked from a process that has only
+    Forking a process that has threads (such as torch's) may hang. So they are forked from a process that has only
     imported `module`, which takes a second once; where the system can't do that, each process imports `module` itself.
     """
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"

@@ -25,8 +25,7 @@ SAMPLE = re.compile(r"[0-9a-f]{16}/\d+/(\d+\.pt|\.\d+\.pt\..*\.part)")
 class Kept(NamedTuple):
     """Files of one kind in one place.
 
-    - `kind`: "samples", "index", "leftover", "unfinished" (a store or a download, which the same command resumes) or
-      "kernels"
+    - `kind`: "samples", "index", "leftover" or "unfinished" (a store or a download, which the same command resumes)
     - `path`: the place
     - `files`: all of them
     - `bytes`: that they take
@@ -88,17 +87,6 @@ def _output_of(folder: Path) -> Path | None:
     # one that was killed while it made or removed the folder has left some of them
     ours = {path.name for path in folder.iterdir()} <= {*COLUMNS, JOURNAL}
     return folder.with_name(folder.name[1 : -len(PART)]) if ours else None
-
-
-def kernels() -> Kept:
-    """Compiled kernels of this installation."""
-    from nvsdata.kernels.order import is_sorted
-
-    # a folder for the modules of this installation's folder of kernels, wherever numba has put it
-    place = Path(
-        getattr(getattr(is_sorted, "_cache", None), "cache_path", None) or Path(__file__).parents[1] / "kernels"
-    )
-    return _kept("kernels", place, [path for kind in ("nbi", "nbc") for path in place.glob(f"*.{kind}")])
 
 
 def remove(kept: Kept) -> None:

@@ -51,11 +51,8 @@ def estimate(jobs: Sequence[Job], out: Path) -> Estimate:
     lengths = [count for job in _some(jobs, LISTED) if (count := _length(job))]
     frames = round(float(np.mean(lengths)) * len(jobs)) if lengths else 0
     done, took, size = 0, 0.0, 0
-    for number, job in enumerate(_some(jobs, LOOKED_AT)):
+    for job in _some(jobs, LOOKED_AT):
         try:
-            if number == 0:
-                # kernels are compiled, or loaded, once
-                _piece(job, 3)
             began = time.monotonic()
             count, written = _piece(job, FRAMES)
         except (OSError, ValueError):

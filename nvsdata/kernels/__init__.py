@@ -1,19 +1,14 @@
-"""Numba loops: arrays in, arrays out; no classes, no files, no torch."""
+"""Compiled loops by subject, C++ with its Python face: arrays in, arrays out; no files, no torch.
 
-import os
+`native/` has what they share, and `_native` is the extension module that they become.
+"""
 
+try:
+    from nvsdata.kernels import _native
+except ImportError as error:
+    raise ImportError(
+        f"nvsdata's compiled kernels can't be loaded ({error}): they are missing, or were built for another Python or "
+        "processor. `pip install .` in the folder of nvsdata's sources builds them, `pip install nvsdata` fetches them"
+    ) from error
 
-def _load_numba() -> None:
-    """Load what numba loads at a process's first call, so that forked workers needn't, each for itself.
-
-    That's a second of a DataLoader's start on a busy core, at every epoch unless its workers persist.
-    """
-    import numpy as np
-
-    from nvsdata.kernels.order import is_sorted
-
-    is_sorted(np.zeros(1, np.int64))
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_load_numba)
+__all__ = ["_native"]

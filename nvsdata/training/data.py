@@ -35,7 +35,6 @@ def loader(
     - `shuffle`: whether each epoch has an order of its own (default False)
     """
     seeded = SeededDataset(dataset, seed)
-    seeded[0, 0]  # compiles the kernels once, before workers are forked
     part = team.rank, team.count
     batches = SeededBatches(len(dataset), batch, first=first, last=last, shuffle=shuffle, seed=seed, part=part)
     return DataLoader(

@@ -16,8 +16,8 @@ from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.pseudo import Pseudo, Reach, axes, check_pseudo, pseudo
 from nvsdata.data.recording import Recording, as_events, misplaced
 from nvsdata.kernels.graph.edges import event_graph
-from nvsdata.kernels.live_neighbors import Metric, Window, earlier_edges
 from nvsdata.kernels.graph.neighbors import near_edges
+from nvsdata.kernels.live_neighbors import Metric, Window, earlier_edges
 from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
 
 MOST = 2**31 - 1  # neighbors; a kernel takes no larger number, and no graph has more

@@ -1,8 +1,7 @@
 """How many errors FFmpeg's decoders tell: of a damaged stream they make smeared pictures, and OpenCV says nothing.
 
 FFmpeg tells what it finds to a function of its caller's. OpenCV prints the lines, without a video's name; here they are
-counted. The function is called by FFmpeg's threads some five times per frame, so it must not wait for Python's lock: it
-is three instructions, made by the compiler that numba brings.
+counted by a compiled function, because FFmpeg's threads call it some five times per frame.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from typing import ClassVar, Self
 
 import cv2
 
+from nvsdata.kernels import _native
 from nvsdata.video.decoder import quiet
 
-ERROR = 16  # FFmpeg's level of errors; those of worse ones are smaller
 # of OpenCV's wheels for Linux and macOS; the one for Windows has FFmpeg within another library, without this function
 LIBRARIES = "../opencv*.libs/libavutil*", ".dylibs/libavutil*"
 
@@ -53,49 +52,23 @@ class DecoderErrors:
 
 def decoder_errors() -> int:
     """The errors that decoders of this process told since this was first called; always 0 where they can't be had."""
-    found = _counter()
-    return 0 if found is None else int(found.value)
+    return _native.counted_errors() if _counts() else 0
 
 
 @cache
-def _counter() -> ctypes.c_int64 | None:
-    """The number that FFmpeg counts up; None if its library isn't where OpenCV's wheels have it, or the user wants to
-    see its lines.
+def _counts() -> bool:
+    """Make FFmpeg call a function that counts; False if its library isn't where OpenCV's wheels have it, or the user
+    wants to see its lines.
     """
     home = Path(cv2.__file__).parent
     libraries = [path for pattern in LIBRARIES for path in home.glob(pattern)]
     if not libraries or os.environ.get("OPENCV_FFMPEG_LOGLEVEL") != "-8":
-        return None
+        return False
     with quiet():
         # OpenCV sets its own function with the first video
         cv2.VideoCapture("", cv2.CAP_FFMPEG).release()
-    told, count = _compiled()
     try:
-        ctypes.CDLL(str(libraries[0])).av_log_set_callback(ctypes.c_void_p(told))
+        ctypes.CDLL(str(libraries[0])).av_log_set_callback(ctypes.c_void_p(_native.error_counter()))
     except (OSError, AttributeError):
-        return None
-    return ctypes.c_int64.from_address(count)
-
-
-def _compiled() -> tuple[int, int]:
-    """Addresses of told(context, level, text, values), which counts errors, and of the count."""
-    from llvmlite import binding, ir
-
-    wide, level = ir.IntType(64), ir.IntType(32)
-    module = ir.Module()
-    count = ir.GlobalVariable(module, wide, "count")
-    count.initializer = wide(0)
-    told = ir.Function(module, ir.FunctionType(ir.VoidType(), [wide, level, wide, wide]), "told")
-    builder = ir.IRBuilder(told.append_basic_block())
-    with builder.if_then(builder.icmp_signed("<=", told.args[1], level(ERROR))):
-        builder.atomic_rmw("add", count, wide(1), "monotonic")
-    builder.ret_void()
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
-    machine = binding.Target.from_default_triple().create_target_machine()
-    engine = binding.create_mcjit_compiler(binding.parse_assembly(str(module)), machine)
-    engine.finalize_object()
-    found = engine.get_function_address("told"), engine.get_global_value_address("count")
-    # FFmpeg may call it as long as the process lasts
-    engine.detach()
-    return found
+        return False
+    return True

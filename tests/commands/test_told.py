@@ -166,10 +166,10 @@ def test_the_facts_written_beforehand_are_those_of_the_datasets():
     assert json.loads(datasets.FACTS.read_text("utf-8")) == json.loads(json.dumps(datasets.registered()))
 
 
-def test_the_table_imports_neither_torch_nor_numba():
+def test_the_table_imports_neither_torch_nor_numpy():
     code = (
         "import sys\nfrom nvsdata.cli import main\nmain(['datasets'])\n"
-        "sys.exit(any(name in sys.modules for name in ('torch', 'numba', 'numpy')))"
+        "sys.exit(any(name in sys.modules for name in ('torch', 'numpy', 'nvsdata.kernels._native')))"
     )
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False).returncode == 0
 

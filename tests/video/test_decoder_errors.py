@@ -14,7 +14,7 @@ from nvsdata.video import decoder_errors as module
 from nvsdata.video.decoder_errors import DecoderErrors, decoder_errors
 from nvsdata.video.frames import frames_of
 
-pytestmark = pytest.mark.skipif(module._counter() is None, reason="this OpenCV has no library of FFmpeg to ask")
+pytestmark = pytest.mark.skipif(not module._counts(), reason="this OpenCV has no library of FFmpeg to ask")
 FRAMES = 24
 
 
@@ -84,11 +84,11 @@ next(left)
 
 def test_users_who_want_ffmpegs_lines_see_them(monkeypatch):
     monkeypatch.setenv("OPENCV_FFMPEG_LOGLEVEL", "16")
-    assert module._counter.__wrapped__() is None
+    assert not module._counts.__wrapped__()
 
 
 def test_without_the_library_there_is_nothing_to_count(monkeypatch):
     monkeypatch.setattr(module, "LIBRARIES", ("none*",))
-    assert module._counter.__wrapped__() is None
-    monkeypatch.setattr(module, "_counter", lambda: None)
+    assert not module._counts.__wrapped__()
+    monkeypatch.setattr(module, "_counts", lambda: False)
     assert decoder_errors() == 0

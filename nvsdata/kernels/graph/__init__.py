@@ -1,0 +1,1 @@
+"""Graphs of events: neighbors, edges, convolutions and pooling."""

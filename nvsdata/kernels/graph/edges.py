@@ -23,7 +23,7 @@ def event_graph(
     reach: tuple[float, ...],
     signed: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the arrays of a graph of events: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges, pseudo-coordinates.
+    """Return the arrays of a graph: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges and pseudo-coordinates.
 
     See `near_sources` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
     """

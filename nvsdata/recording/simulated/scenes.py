@@ -99,19 +99,6 @@ class Watched:
         self._flaws: Imperfections | None = None
         self._time = 0
         self._waiting = Events.empty(SIZE, 0)
-        self._warm_up()
-
-    def _warm_up(self) -> None:
-        """Compile all loops before a camera waits for them."""
-        levels = (BLACK, 200, 90)
-        first, *others = (
-            Frame(n * 1_000, np.full((*SIZE[::-1], 3), level, np.uint8), True) for n, level in enumerate(levels)
-        )
-        emulator, flaws = Emulator(self.pixels, first), Imperfections.of(self.pixels, SIZE)
-        for frame in others:
-            events = emulator.step(frame).events()
-            if flaws is not None:
-                flaws.apply(events, frame.time - 1_000, frame.time)
 
     def look(self, time: float, picture: np.ndarray) -> None:
         """The screen shows `picture` (uint8 [H, W, 3], red first) from `time` on."""
