@@ -120,6 +120,8 @@ def _send(batch: Batch) -> tuple[Any, ...]:
     tensors = {name: value for name, value in given.items() if isinstance(value, torch.Tensor)}
     if any(tensor.device.type != "cpu" or tensor.requires_grad for tensor in tensors.values()):
         return Batch, tuple(batch)
+    # a node's number takes 4 bytes on the way, and 8 where torch's kernels read it
+    tensors["edge_index"] = graphs.edge_index.int()
     # the widest elements first, so that all are aligned
     names = sorted(tensors, key=lambda name: -tensors[name].element_size())
     piece = torch.cat([tensors[name].contiguous().view(-1).view(torch.uint8) for name in names])
@@ -135,8 +137,8 @@ def _receive(piece: Any, layout: list[tuple[str, torch.dtype, torch.Size]], give
         stop = start + shape.numel() * dtype.itemsize
         given[name] = flat[start:stop].view(dtype).view(shape)
         start = stop
-    targets = given.pop("targets")
-    return Batch(GraphBatch(**given), targets)
+    targets, edge_index = given.pop("targets"), given.pop("edge_index").long()
+    return Batch(GraphBatch(edge_index=edge_index, **given), targets)
 
 
 ForkingPickler.register(Batch, _send)

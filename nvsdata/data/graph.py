@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import accumulate
 from operator import index as whole_number
 from typing import TYPE_CHECKING, Any, Self
 
@@ -124,33 +125,35 @@ class GraphBatch(Graph):
 
     @classmethod
     def from_graphs(cls, graphs: Sequence[Graph], *, volumes: int = 1) -> GraphBatch:
-        """Concatenate graphs. ValueError if there are none, or if their `reach` or `pseudo` differs."""
+        """Concatenate graphs; a single one isn't copied.
+
+        ValueError if there are none, or if their `reach` or `pseudo` differs.
+        """
         if not graphs:
             raise ValueError("a batch needs at least one graph")
         for name in ("reach", "pseudo"):
             if len(found := {getattr(graph, name) for graph in graphs}) > 1:
                 raise ValueError(f"graphs of different {name} in one batch: {sorted(found)}")
-        counts = torch.tensor([graph.x.shape[0] for graph in graphs])
-        ptr = torch.zeros(len(graphs) + 1, dtype=torch.int64)
-        torch.cumsum(counts, 0, out=ptr[1:])
-        edges = torch.tensor([graph.edge_index.shape[1] for graph in graphs])
-        edge_index = torch.cat([graph.edge_index for graph in graphs], 1)
-        edge_index += torch.repeat_interleave(ptr[:-1], edges)
-        sizes = [graph.sensor_size for graph in graphs if graph.sensor_size is not None]
         targets = [graph.y for graph in graphs]
+        y = None if any(y is None for y in targets) else torch.as_tensor(targets)
+        sizes = [graph.sensor_size for graph in graphs if graph.sensor_size is not None]
+        size = (max(w for w, _ in sizes), max(h for _, h in sizes)) if sizes else None
+        parts = {name: [getattr(graph, name) for graph in graphs] for name in ("x", "pos", "t", "edge_attr")}
+        edges = [graph.edge_index for graph in graphs]
+        counts = [graph.num_nodes for graph in graphs]
+        ptr = torch.tensor([0, *accumulate(counts)])
+        if len(graphs) == 1:
+            # nothing to copy
+            whole: dict[str, Any] = {name: part for name, (part,) in parts.items()}
+            edge_index, batch = edges[0], ptr.new_zeros(counts[0])
+        else:
+            whole = {name: torch.cat(part) for name, part in parts.items()}
+            edge_index = torch.cat(edges, 1)
+            edge_index += torch.repeat_interleave(ptr[:-1], torch.tensor([part.shape[1] for part in edges]))
+            batch = torch.repeat_interleave(torch.arange(len(graphs)), torch.tensor(counts))
+        shared = {"reach": graphs[0].reach, "pseudo": graphs[0].pseudo}
         return cls(
-            x=torch.cat([graph.x for graph in graphs]),
-            pos=torch.cat([graph.pos for graph in graphs]),
-            t=torch.cat([graph.t for graph in graphs]),
-            edge_index=edge_index,
-            edge_attr=torch.cat([graph.edge_attr for graph in graphs]),
-            y=None if any(y is None for y in targets) else torch.as_tensor(targets),
-            sensor_size=(max(w for w, _ in sizes), max(h for _, h in sizes)) if sizes else None,
-            reach=graphs[0].reach,
-            pseudo=graphs[0].pseudo,
-            batch=torch.repeat_interleave(torch.arange(len(graphs)), counts),
-            ptr=ptr,
-            volumes=volumes,
+            **whole, **shared, edge_index=edge_index, y=y, sensor_size=size, batch=batch, ptr=ptr, volumes=volumes
         )
 
     @classmethod
