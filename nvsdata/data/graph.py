@@ -151,9 +151,16 @@ class GraphBatch(Graph):
             edge_index = torch.cat(edges, 1)
             edge_index += torch.repeat_interleave(ptr[:-1], torch.tensor([part.shape[1] for part in edges]))
             batch = torch.repeat_interleave(torch.arange(len(graphs)), torch.tensor(counts))
-        shared = {"reach": graphs[0].reach, "pseudo": graphs[0].pseudo}
         return cls(
-            **whole, **shared, edge_index=edge_index, y=y, sensor_size=size, batch=batch, ptr=ptr, volumes=volumes
+            **whole,
+            edge_index=edge_index,
+            y=y,
+            sensor_size=size,
+            reach=graphs[0].reach,
+            pseudo=graphs[0].pseudo,
+            batch=batch,
+            ptr=ptr,
+            volumes=volumes,
         )
 
     @classmethod
