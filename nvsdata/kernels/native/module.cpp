@@ -11,7 +11,9 @@
 
 namespace nvsdata {
 
+void define_atis(nb::module_& module);
 void define_clock(nb::module_& module);
+void define_dat(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
 
@@ -23,7 +25,9 @@ NB_MODULE(_native, module) {
 #ifdef NVSDATA_BOUNDS
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
+    nvsdata::define_atis(module);
     nvsdata::define_clock(module);
+    nvsdata::define_dat(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
 }
