@@ -11,6 +11,8 @@
 
 namespace nvsdata {
 
+void define_aedat2(nb::module_& module);
+void define_aedat3(nb::module_& module);
 void define_atis(nb::module_& module);
 void define_clock(nb::module_& module);
 void define_dat(nb::module_& module);
@@ -25,6 +27,8 @@ NB_MODULE(_native, module) {
 #ifdef NVSDATA_BOUNDS
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
+    nvsdata::define_aedat2(module);
+    nvsdata::define_aedat3(module);
     nvsdata::define_atis(module);
     nvsdata::define_clock(module);
     nvsdata::define_dat(module);
