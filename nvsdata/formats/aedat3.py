@@ -24,7 +24,7 @@ from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
-from nvsdata.kernels.aedat import (
+from nvsdata.kernels.decode.aedat3 import (
     ADDED,
     CUT,
     DISORDER_US,
@@ -40,7 +40,7 @@ from nvsdata.kernels.aedat import (
     aedat3_decode,
     aedat3_packets,
 )
-from nvsdata.kernels.clock import kept_words
+from nvsdata.kernels.decode.clock import kept_words
 
 CAN_SEEK = hasattr(os, "pread")  # without it, the packet index is built from the whole file in memory
 FAULTS = {TORN: "truncated within a packet", NONSENSE: "no packet begins here", CUT: "truncated while it was read"}

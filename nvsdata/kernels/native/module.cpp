@@ -12,6 +12,11 @@
 namespace nvsdata {
 
 void define_decoder_errors(nb::module_& module);
+void define_aedat2(nb::module_& module);
+void define_aedat3(nb::module_& module);
+void define_atis(nb::module_& module);
+void define_clock(nb::module_& module);
+void define_dat(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
 
@@ -24,6 +29,11 @@ NB_MODULE(_native, module) {
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
     nvsdata::define_decoder_errors(module);
+    nvsdata::define_aedat2(module);
+    nvsdata::define_aedat3(module);
+    nvsdata::define_atis(module);
+    nvsdata::define_clock(module);
+    nvsdata::define_dat(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
 }
