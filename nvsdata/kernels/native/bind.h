@@ -1,7 +1,7 @@
 // Functions of spans and numbers as Python functions of NumPy arrays.
 //
 // An array's dtype, its number of dimensions and, unless it is const, whether it may be written are checked; values are
-// never converted. Arrays that are read may be strided: they are copied then. Python's lock is released while a function
+// never converted. Arrays that are read may be strided or misaligned: they are copied then. Python's lock is released while a function
 // runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python face.
 #pragma once
 
@@ -10,6 +10,8 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include <cstdint>
+#include <cstring>
 #include <memory>
 #include <type_traits>
 #include <utility>
@@ -49,12 +51,15 @@ public:
         if constexpr (dimensions == 2) columns_ = i64(array.shape(1));
         bool contiguous = array.stride(dimensions - 1) == 1 || columns_ * (dimensions == 1 ? rows_ : 1) <= 1;
         if constexpr (dimensions == 2) contiguous = contiguous && (array.stride(0) == columns_ || rows_ <= 1);
-        if (contiguous) return;
+        bool aligned = reinterpret_cast<std::uintptr_t>(data_) % alignof(T) == 0;
+        if (contiguous && aligned) return;
         copy_.reset(new T[std::size_t(rows_ * columns_)]);
         T* out = copy_.get();
         for (i64 row = 0; row < rows_; ++row)
             for (i64 column = 0; column < columns_; ++column)
-                *out++ = data_[row * array.stride(0) + (dimensions == 2 ? column * array.stride(dimensions - 1) : 0)];
+                std::memcpy(out++,
+                            data_ + row * array.stride(0) + (dimensions == 2 ? column * array.stride(dimensions - 1) : 0),
+                            sizeof(T));
         data_ = copy_.get();
     }
     operator Span<const T>() const { return {data_, rows_}; }

@@ -11,6 +11,7 @@
 
 namespace nvsdata {
 
+void define_davis_stream(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
 
@@ -22,6 +23,7 @@ NB_MODULE(_native, module) {
 #ifdef NVSDATA_BOUNDS
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
+    nvsdata::define_davis_stream(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
 }
