@@ -14,7 +14,7 @@ from nvsdata.formats.contents import header_lines
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed
 from nvsdata.kernels.aedat import aedat2_encode
-from nvsdata.kernels.clock import WRAP_US
+from nvsdata.kernels.decode.clock import WRAP_US
 
 
 class Aedat1Recording(aedat2.Aedat2Recording):

@@ -40,7 +40,7 @@ from nvsdata.kernels.aedat import (
     aedat3_decode,
     aedat3_packets,
 )
-from nvsdata.kernels.clock import kept_words
+from nvsdata.kernels.decode.clock import kept_words
 
 CAN_SEEK = hasattr(os, "pread")  # without it, the packet index is built from the whole file in memory
 FAULTS = {TORN: "truncated within a packet", NONSENSE: "no packet begins here", CUT: "truncated while it was read"}

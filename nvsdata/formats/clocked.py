@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, Events
 from nvsdata.formats.records import Blocks, PiecedFile
-from nvsdata.kernels.clock import (
+from nvsdata.kernels.decode.clock import (
     BACK_US,
     FELL,
     HIDDEN,
@@ -31,7 +31,7 @@ from nvsdata.kernels.clock import (
 
 
 class ClockedFile(PiecedFile):
-    """Records whose wrapped times are resolved by the record before; see `kernels.clock`.
+    """Records whose wrapped times are resolved by the record before; see `kernels.decode.clock`.
 
     The index looks at only the first records of each block. Whatever makes it differ from the whole file is found when
     the whole is read, and is a FormatError: a step back that no camera makes, an event displaced by more than a block,

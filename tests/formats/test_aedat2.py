@@ -7,7 +7,7 @@ from lookalikes import aedat2_bytes, rows
 import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.formats import aedat1
-from nvsdata.kernels.clock import SILENT_US
+from nvsdata.kernels.decode.clock import SILENT_US
 
 CHIP = "#!AER-DAT2.0\r\n# AEChip: {}\r\n"
 

@@ -13,7 +13,7 @@ import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.datasets.verification import problems
 from nvsdata.formats import atis, contents, reading, records
-from nvsdata.kernels.clock import BACK_US, SILENT_US, is_jump, kept_words, nearest
+from nvsdata.kernels.decode.clock import BACK_US, SILENT_US, is_jump, kept_words, nearest
 
 WRITERS = {"evt2": evt2_bytes, "evt3": evt3_bytes}
 every_kind = pytest.mark.parametrize("kind", KINDS)

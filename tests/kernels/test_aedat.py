@@ -17,7 +17,7 @@ from nvsdata.kernels.aedat import (
     aedat3_decode,
     aedat3_packets,
 )
-from nvsdata.kernels.clock import FELL, LAST, MIXED, NEXT, UNKNOWN, clock_at, nearest
+from nvsdata.kernels.decode.clock import FELL, LAST, MIXED, NEXT, UNKNOWN, clock_at, nearest
 
 CHIPS = {DVS128: (128, 128), DAVIS: (240, 180)}
 

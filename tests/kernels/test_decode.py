@@ -5,8 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from nvsdata.kernels.clock import FELL, LAST, NEXT, UNKNOWN, clock_at, nearest
-from nvsdata.kernels.decode import ATIS_BEGUN, atis_decode, atis_walk, dat_decode
+from nvsdata.kernels.atis import ATIS_BEGUN, atis_decode, atis_walk
+from nvsdata.kernels.dat import dat_decode
+from nvsdata.kernels.decode.clock import FELL, LAST, NEXT, UNKNOWN, clock_at, nearest
 
 OVERFLOW = 240  # y of a record that adds 2^13 µs; those above it are damage
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from nvsdata.kernels.clock import first_time, is_jump, nearest
+from nvsdata.kernels.decode.clock import first_time, is_jump, nearest
 from nvsdata.kernels.evt import UNSEEN, count_shown, ones, shown_next
 from nvsdata.kernels.evt2 import evt2_decode, evt2_highs, evt2_walk
 from nvsdata.kernels.evt3 import evt3_count, evt3_decode, evt3_highs, evt3_walk

@@ -12,6 +12,7 @@
 namespace nvsdata {
 
 void define_davis_stream(nb::module_& module);
+void define_clock(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
 
@@ -24,6 +25,7 @@ NB_MODULE(_native, module) {
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
     nvsdata::define_davis_stream(module);
+    nvsdata::define_clock(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
 }

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.clock import (
+from nvsdata.kernels.decode.clock import (
     BEGUN,
     DENSE,
     FELL,

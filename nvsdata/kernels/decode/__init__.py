@@ -1,0 +1,1 @@
+"""Bytes of recordings to columns of events, and back."""

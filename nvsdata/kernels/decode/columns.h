@@ -1,0 +1,47 @@
+// What decoders take and return.
+//
+// A decoder takes some records of a file, as bytes, and the state before them, which it updates to the state after them.
+// It fills the columns t, x, y and p (int64 µs, int16, int16, uint8) from index `kept` on, and returns the number of
+// events, and the index of the first record whose coordinates lie outside the sensor (-1 if none; a width of 0 means
+// "unknown").
+#pragma once
+
+#include <cstring>
+#include <stdexcept>
+#include <utility>
+
+#include "../native/span.h"
+
+namespace nvsdata {
+
+using Found = std::pair<i64, i64>;  // number of events; first record outside the sensor
+
+struct Columns {
+    Span<i64> t;
+    Span<i16> x, y;
+    Span<u8> p;
+
+    // Room for `size` events from index `kept` on.
+    Columns(Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p, i64 kept, i64 size) : t(t), x(x), y(y), p(p) {
+        for (i64 room : {t.size(), x.size(), y.size(), p.size()})
+            if (kept < 0 || size < 0 || kept > room || size > room - kept)
+                throw std::invalid_argument("columns are too short for the events");
+        *this = part(kept, kept + size);
+    }
+    Columns(Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) : t(t), x(x), y(y), p(p) {}
+    Columns part(i64 from, i64 to) const {
+        return {t.part(from, to), x.part(from, to), y.part(from, to), p.part(from, to)};
+    }
+};
+
+// The word of a little-endian file at some byte. Bytes of a file may lie at any address.
+template <class Word>
+Word word_at(Span<const u8> raw, i64 byte) {
+    check_index(u64(byte), u64(raw.size()));
+    check_index(u64(byte) + sizeof(Word) - 1, u64(raw.size()));
+    Word word;
+    std::memcpy(&word, raw.data() + byte, sizeof word);
+    return word;
+}
+
+}  // namespace nvsdata
