@@ -15,6 +15,7 @@
 #include <memory>
 #include <type_traits>
 #include <utility>
+#include <variant>
 
 #include "span.h"
 
@@ -81,6 +82,24 @@ template <class T>
 struct Argument<Rows<const T>> {
     using Python = typename Read<T, 2>::Python;
     static Read<T, 2> of(const Python& array) { return Read<T, 2>(array); }
+};
+
+// Arrays of one of several types that are read.
+template <class... T>
+struct Argument<std::variant<Span<const T>...>> {
+    using Python = nb::ndarray<nb::ro, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+    using View = std::variant<Span<const T>...>;
+    static View of(const Python& array) {
+        View view;
+        auto is = [&](auto type) {
+            using Value = decltype(type);
+            if (array.dtype() != nb::dtype<Value>()) return false;
+            view = Span<const Value>(static_cast<const Value*>(array.data()), i64(array.shape(0)));
+            return true;
+        };
+        if (!(is(T()) || ...)) throw nb::type_error("an array of another type");
+        return view;
+    }
 };
 
 template <auto function>

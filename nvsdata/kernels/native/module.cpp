@@ -12,6 +12,10 @@
 namespace nvsdata {
 
 void define_davis_stream(nb::module_& module);
+void define_store(nb::module_& module);
+void define_reading(nb::module_& module);
+void define_aedat_frames(nb::module_& module);
+void define_aedat4(nb::module_& module);
 void define_clock(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
@@ -25,6 +29,10 @@ NB_MODULE(_native, module) {
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
     nvsdata::define_davis_stream(module);
+    nvsdata::define_store(module);
+    nvsdata::define_reading(module);
+    nvsdata::define_aedat_frames(module);
+    nvsdata::define_aedat4(module);
     nvsdata::define_clock(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
