@@ -17,7 +17,7 @@ from nvsdata.formats.indexed import Entry, IndexedFile
 from nvsdata.formats.records import Blocks
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
-from nvsdata.kernels.atis import (
+from nvsdata.kernels.decode.atis import (
     ATIS_BEGUN,
     ATIS_FIRST,
     ATIS_LAST,

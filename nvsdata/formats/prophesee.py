@@ -19,8 +19,8 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
-from nvsdata.kernels.dat import dat_decode
 from nvsdata.kernels.decode.clock import WRAP_US
+from nvsdata.kernels.decode.dat import dat_decode
 
 MAX_ADDRESS = 0x3FFF
 

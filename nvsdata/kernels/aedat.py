@@ -1,4 +1,4 @@
-"""AEDAT records to event columns and back. See `kernels.decode` for what a decoder returns."""
+"""AEDAT records to event columns and back. See `kernels.decode.atis` for what a decoder returns."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _little_endian(raw, j):
 def aedat2_decode(raw, block, layout, chip_width, chip_height, width, height, state, kept, t, x, y, p):
     """Decode AEDAT 2 records. O(N).
 
-    `state` is that of `kernels.clock`, and `block` the number of records in a block. `layout` DVS128 or DAVIS
+    `state` is that of `kernels.decode.clock`, and `block` the number of records in a block. `layout` DVS128 or DAVIS
     says what the address bits mean; x and y are mirrored within the chip. Records that are not polarity events
     are left out.
     """

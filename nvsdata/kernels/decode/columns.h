@@ -8,6 +8,7 @@
 
 #include <cstring>
 #include <stdexcept>
+#include <type_traits>
 #include <utility>
 
 #include "../native/span.h"
@@ -33,6 +34,23 @@ struct Columns {
         return {t.part(from, to), x.part(from, to), y.part(from, to), p.part(from, to)};
     }
 };
+
+// A decoder's state: a struct of i64 here, an int64 array in Python.
+template <class State>
+State load(Span<const i64> numbers) {
+    static_assert(std::is_trivially_copyable_v<State> && sizeof(State) % sizeof(i64) == 0);
+    if (numbers.size() != i64(sizeof(State) / sizeof(i64)))
+        throw std::invalid_argument("the state of another decoder, of another number of values");
+    State state;
+    std::memcpy(&state, numbers.data(), sizeof state);
+    return state;
+}
+
+// Only into the array that a state was loaded from.
+template <class State>
+void store(const State& state, Span<i64> numbers) {
+    std::memcpy(numbers.data(), &state, sizeof state);
+}
 
 // The word of a little-endian file at some byte. Bytes of a file may lie at any address.
 template <class Word>

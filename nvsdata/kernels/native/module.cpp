@@ -16,7 +16,9 @@ void define_store(nb::module_& module);
 void define_reading(nb::module_& module);
 void define_aedat_frames(nb::module_& module);
 void define_aedat4(nb::module_& module);
+void define_atis(nb::module_& module);
 void define_clock(nb::module_& module);
+void define_dat(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
 
@@ -33,7 +35,9 @@ NB_MODULE(_native, module) {
     nvsdata::define_reading(module);
     nvsdata::define_aedat_frames(module);
     nvsdata::define_aedat4(module);
+    nvsdata::define_atis(module);
     nvsdata::define_clock(module);
+    nvsdata::define_dat(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
 }
