@@ -37,7 +37,7 @@ from nvsdata.datasets.cache_files import ALIGNED, packed
 from nvsdata.datasets.store.reader import INDEX, Store, checksum
 from nvsdata.datasets.verification import problems
 from nvsdata.formats import contents, kept_index, reading
-from nvsdata.kernels.davis_stream_encode import encode
+from nvsdata.kernels.recording.davis_stream import encode
 from nvsdata.recording.davis.file import MARK, header
 from nvsdata.recording.davis.stream import Decoder
 from nvsdata.video.folder import sha256

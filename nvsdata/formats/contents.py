@@ -11,7 +11,7 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.formats.ondisk import OnDisk
-from nvsdata.kernels.reading import read_samples
+from nvsdata.kernels.decode.reading import read_samples
 
 PIECE = 1 << 20  # bytes that are read and decoded at a time
 _ROOMS: list[np.ndarray] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import nvsdata
-from nvsdata.kernels.davis_stream_encode import encode
+from nvsdata.kernels.recording.davis_stream import encode
 from nvsdata.recording.capture import record
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.stream import Decoder

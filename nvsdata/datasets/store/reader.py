@@ -27,8 +27,8 @@ from nvsdata.formats.hdf5_file import (
 )
 from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import read_into
+from nvsdata.kernels.decode.store import marked_range, read_window, stored_window
 from nvsdata.kernels.order import is_sorted
-from nvsdata.kernels.store import marked_range, read_window, stored_window
 
 VERSION = 2
 COLUMNS = ("t", "x", "y", "p")
@@ -118,8 +118,8 @@ class Store:
         # None for compressed columns
         self._places = [place for place in places if place is not None]
         # arguments for `read_window`, if it can read the columns
-        begins, like = [begin for *_, begin in self._places], [np.empty(0, kind) for kind, *_ in self._places]
-        self._direct = (*begins, *like) if len(like) == len(COLUMNS) and hasattr(os, "pread") else ()
+        begins, widths = [begin for *_, begin in self._places], [width for _, width, _ in self._places]
+        self._direct = (*begins, *widths[:3]) if len(widths) == len(COLUMNS) and hasattr(os, "pread") else ()
         # which recordings are verified; forked workers share it
         self._verified = Shared(len(self.names), np.bool_)
         self._verified.values[:] = os.environ.get("NVSDATA_STORE_CHECK") == "0"

@@ -1,7 +1,7 @@
 // Functions of spans and numbers as Python functions of NumPy arrays.
 //
 // An array's dtype, its number of dimensions and, unless it is const, whether it may be written are checked; values are
-// never converted. Arrays that are read may be strided: they are copied then. Python's lock is released while a function
+// never converted. Arrays that are read may be strided or misaligned: they are copied then. Python's lock is released while a function
 // runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python face.
 #pragma once
 
@@ -10,9 +10,12 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
+#include <cstdint>
+#include <cstring>
 #include <memory>
 #include <type_traits>
 #include <utility>
+#include <variant>
 
 #include "span.h"
 
@@ -49,12 +52,15 @@ public:
         if constexpr (dimensions == 2) columns_ = i64(array.shape(1));
         bool contiguous = array.stride(dimensions - 1) == 1 || columns_ * (dimensions == 1 ? rows_ : 1) <= 1;
         if constexpr (dimensions == 2) contiguous = contiguous && (array.stride(0) == columns_ || rows_ <= 1);
-        if (contiguous) return;
+        bool aligned = reinterpret_cast<std::uintptr_t>(data_) % alignof(T) == 0;
+        if (contiguous && aligned) return;
         copy_.reset(new T[std::size_t(rows_ * columns_)]);
         T* out = copy_.get();
         for (i64 row = 0; row < rows_; ++row)
             for (i64 column = 0; column < columns_; ++column)
-                *out++ = data_[row * array.stride(0) + (dimensions == 2 ? column * array.stride(dimensions - 1) : 0)];
+                std::memcpy(out++,
+                            data_ + row * array.stride(0) + (dimensions == 2 ? column * array.stride(dimensions - 1) : 0),
+                            sizeof(T));
         data_ = copy_.get();
     }
     operator Span<const T>() const { return {data_, rows_}; }
@@ -76,6 +82,24 @@ template <class T>
 struct Argument<Rows<const T>> {
     using Python = typename Read<T, 2>::Python;
     static Read<T, 2> of(const Python& array) { return Read<T, 2>(array); }
+};
+
+// Arrays of one of several types that are read.
+template <class... T>
+struct Argument<std::variant<Span<const T>...>> {
+    using Python = nb::ndarray<nb::ro, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+    using View = std::variant<Span<const T>...>;
+    static View of(const Python& array) {
+        View view;
+        auto is = [&](auto type) {
+            using Value = decltype(type);
+            if (array.dtype() != nb::dtype<Value>()) return false;
+            view = Span<const Value>(static_cast<const Value*>(array.data()), i64(array.shape(0)));
+            return true;
+        };
+        if (!(is(T()) || ...)) throw nb::type_error("an array of another type");
+        return view;
+    }
 };
 
 template <auto function>

@@ -14,7 +14,7 @@ import numpy as np
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.inflation import most_bytes
-from nvsdata.kernels import davis_stream as kernel
+from nvsdata.kernels.recording import davis_stream as kernel
 
 ROOM = 1024  # special events and samples that a call of the kernel has room for
 SPECIALS = {
@@ -110,7 +110,7 @@ class Decoder:
         flips = self.frame_orientation >> 2 & 1, self.frame_orientation >> 1 & 1, self.frame_orientation & 1
         # the converter of the DAVIS240 has one bit less
         factor = 2 if self.chip in (0, 1, 2) else 1
-        self._setting = np.array([columns, rows, self.swap, wide, high, *flips, factor, self.steady], np.int64)
+        self._setting = np.array([columns, rows, wide, high, *flips, factor, self.steady], np.int64)
         self._state = np.zeros(kernel.STATES, np.int64)
         self._counts = np.zeros(kernel.ERRORS, np.int64)
         self._odd = 0
@@ -128,7 +128,7 @@ class Decoder:
     @property
     def now(self) -> int:
         """The camera's time (µs) where the last piece ended."""
-        return int(self._state[kernel.OVERFLOW] << 31) + int(self._state[kernel.NOW])
+        return int(self._state[kernel.NOW])
 
     def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> Events:
         """Events of the next piece of the stream, with `start` 0 and `sensor_size` (width, height)."""
@@ -223,7 +223,7 @@ class Decoder:
         n = len(rows)
         measures = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32), np.empty(n, np.float32)
         slope, zero = (333.87, 21) if self.inertial == 2 else (340, 35)
-        kernel.measure(rows, self.inertial_flips, np.float32(slope), np.float32(zero), *measures)
+        kernel.measure(rows, self.inertial_flips, slope, zero, *measures)
         return Inertial(rows[:, 1], *measures)
 
     @property

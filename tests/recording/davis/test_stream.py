@@ -130,6 +130,15 @@ def compare_frames(name, frames):
     assert ours == expected
 
 
+@pytest.mark.parametrize("cut", range(20))
+def test_a_lost_wrap_to_the_next_period_is_reported_wherever_the_stream_is_cut(cut):
+    # 2^31 µs are 65,536 wraps: sixteen words of 4,095, one of 15, and one that is lost
+    words = np.array([0x0001, *[0x7FFF] * 16, 0x700F, 0x800A, 0x8005, 0x7001], "<u2")
+    ours = Decoder(240, 180, steady=True)
+    specials = decoded(ours, [words[:cut].tobytes(), words[cut:].tobytes()])[1]
+    assert specials == [(0, 0, 1), (20, (1 << 31) + (1 << 15), 0)]
+
+
 @given(st.lists(st.integers(0, 0xFFFF), max_size=400), st.lists(st.integers(1, 50), max_size=30))
 def test_any_split_gives_the_same(words, cuts):
     data = np.array(words, "<u2").tobytes()

@@ -1,8 +1,9 @@
 """Words that a simulated camera sends, one by one."""
 
 import numpy as np
+import pytest
 
-from nvsdata.kernels.davis_stream_encode import encode
+from nvsdata.kernels.recording.davis_stream import encode
 
 TIME, WRAP, ROW, OFF, ON = 0x8000, 0x7000, 0x1000, 0x2000, 0x3000
 
@@ -31,3 +32,11 @@ def test_wraps_of_the_clock_are_counted():
     assert sent([(0x8000, 1, 2, 1)], state) == [WRAP | 1, ROW | 2, ON | 1]
     assert sent([(0x8000 * 4 + 3, 1, 2, 0)], state) == [WRAP | 3, TIME | 3, ROW | 2, OFF | 1]
     assert sent([(0x8000 * 5000, 1, 2, 0)], state) == [WRAP | 4095, WRAP | 901, ROW | 2, OFF | 1]
+
+
+def test_words_without_room():
+    events = np.zeros((3, 1), np.int64)
+    with pytest.raises(ValueError, match="more words"):
+        encode(np.array([1 << 62]), *events, np.array([0, -1, -1]), np.empty(9, np.uint16))
+    with pytest.raises(ValueError, match="different lengths"):
+        encode(np.array([1, 2]), *events, np.array([0, -1, -1]), np.empty(9, np.uint16))

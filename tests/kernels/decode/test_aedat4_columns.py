@@ -5,7 +5,7 @@ import pytest
 
 from nvsdata.data.events import LATEST, Columns
 from nvsdata.formats.aedat4_packets import EVENT
-from nvsdata.kernels.aedat4 import aedat4_decode
+from nvsdata.kernels.decode.aedat4 import aedat4_decode
 
 SIZE = 5, 3
 

@@ -1,0 +1,116 @@
+"""The byte stream of DAVIS cameras (logic 18), word by word; and the words of simulated cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+# what can be read of the state between chunks, an int64 array, by index; the rest is known to `decode` alone
+(
+    NOW,  # µs
+    LEFT,  # of the region of frames that is in force
+    TOP,
+    SIZE_X,
+    SIZE_Y,
+    FRAME_START,  # µs
+    EXPOSURE_START,
+    EXPOSURE_END,
+) = range(8)
+STATES = 41
+
+# counts of faults, an int64 array, by index
+(
+    ROW_OUT_OF_RANGE,
+    COLUMN_OUT_OF_RANGE,
+    TIME_NOT_RISING,
+    UNKNOWN_SPECIAL,
+    UNKNOWN_DATA,
+    SURPLUS_PIXELS,
+    SHORT_COLUMNS,
+    BROKEN_FRAMES,
+    BROKEN_SAMPLES,
+    LOST_WRAPS,
+    LATE_RESETS,
+    ERRORS,
+) = range(12)
+
+# special events, by the vendor's numbers
+WRAP, RESET, RISING, FALLING, PULSE, GENERATOR_RISING, GENERATOR_FALLING = 0, 1, 2, 3, 4, 12, 13
+FRAME_START_EVENT, FRAME_END_EVENT, EXPOSURE_START_EVENT, EXPOSURE_END_EVENT = 14, 15, 16, 17
+
+
+def decode(
+    words: np.ndarray,
+    start: int,
+    state: np.ndarray,
+    error_counts: np.ndarray,
+    setting: np.ndarray,
+    pixels: np.ndarray,
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    p: np.ndarray,
+    specials: np.ndarray,
+    samples: np.ndarray,
+) -> tuple[int, int, int, int, bool]:
+    """Decode words from `start` on, until they end, a frame is complete or an output is full. O(words).
+
+    Args:
+        words: uint16 [N].
+        start: index of the first word.
+        state: int64 [STATES], kept between calls, as `error_counts` and `pixels`; zeros at first.
+        error_counts: int64 [ERRORS].
+        setting: int64 [9]: columns and rows of events; width, height, swap, flip x, flip y of frames, factor of their
+            samples; and whether times never fall. If so, a time that would fall is taken as a sign of a lost wrap, and
+            resets after the first are ignored.
+        pixels: uint16 [width * height].
+        t: int64, output, like all that follow; at least N - start of them.
+        x: int16, the device's column.
+        y: int16, the device's row.
+        p: uint8.
+        specials: int64 [M, 4]: word, µs, type, events before it.
+        samples: int64 [M, 12]: word, µs, contents, scales of acceleration and rotation, seven values.
+
+    Returns:
+        The word it stopped at, the numbers of events, specials and samples, and whether a frame ended there.
+    """
+    found: tuple[int, int, int, int, bool] = _native.davis_decode(
+        words, start, state, error_counts, setting, pixels, t, x, y, p, specials, samples
+    )
+    return found
+
+
+def measure(
+    rows: np.ndarray,
+    flips: int,
+    slope: float,
+    zero: float,
+    acceleration: np.ndarray,
+    rotation: np.ndarray,
+    temperature: np.ndarray,
+) -> None:
+    """Convert samples of `decode` (int64 [N, 12]) to g and degrees/s, float32 [N, 3], and °C, float32 [N]. O(N).
+
+    `flips`: axes that are negated (4: x, 2: y, 1: z); `slope` and `zero` of the temperature.
+    """
+    _native.davis_measure(rows, flips, slope, zero, acceleration, rotation, temperature)
+
+
+def encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray, words: np.ndarray) -> int:
+    """Write the words of events, as a camera sends them: a new time before its row, a row before its columns. O(N).
+
+    Args:
+        t: int64 µs, not decreasing.
+        x: any type, as int16, like y.
+        y: see x.
+        p: any type, as uint8.
+        state: int64 [3]: µs of the wraps so far, the last time and row sent, -1 for none.
+        words: uint16, output, 4 N of them and one per wrap.
+
+    Returns:
+        Number of words.
+    """
+    columns = np.asarray(x, np.int16), np.asarray(y, np.int16), np.asarray(p, np.uint8)
+    count: int = _native.davis_encode(t, *columns, state, words)
+    return count
