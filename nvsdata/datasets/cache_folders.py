@@ -86,12 +86,10 @@ def _is_unfinished(folder: Path) -> bool:
 
 def kernels() -> Kept:
     """Compiled kernels of this installation."""
-    from nvsdata.kernels.order import is_sorted
+    from nvsdata.kernels.compiling import nothing
 
     # a folder for the modules of this installation's folder of kernels, wherever numba has put it
-    place = Path(
-        getattr(getattr(is_sorted, "_cache", None), "cache_path", None) or Path(__file__).parents[1] / "kernels"
-    )
+    place = Path(getattr(getattr(nothing, "_cache", None), "cache_path", None) or Path(__file__).parents[1] / "kernels")
     return _kept("kernels", place, [path for kind in ("nbi", "nbc") for path in place.glob(f"*.{kind}")])
 
 

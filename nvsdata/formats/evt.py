@@ -21,8 +21,8 @@ from nvsdata.formats.indexed import Entry, IndexedFile
 from nvsdata.formats.records import Blocks, stated_size
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.decode.clock import BACK_US, SILENT_US, kept_words
+from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.kernels.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, UNSEEN
-from nvsdata.kernels.order import is_sorted
 
 MAX_ADDRESS = 0x7FF
 

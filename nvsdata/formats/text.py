@@ -21,7 +21,7 @@ from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels import text as kernel
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 FAULTS = {
     kernel.BAD_NUMBER: "not a number",

@@ -294,14 +294,15 @@ def test_the_shell_is_told_how_a_line_goes_on(monkeypatch):
 
 def test_kernels_of_others_stay(monkeypatch, tmp_path):
     from nvsdata.datasets.cache_folders import kernels
-    from nvsdata.kernels.order import is_sorted
+    from nvsdata.kernels.compiling import nothing
 
     # where numba keeps those of one installation, and those of others, of the same names
-    monkeypatch.setattr(type(is_sorted._cache), "cache_path", property(lambda _: str(tmp_path / "kernels_5a")))
-    for name in ("other_0/f.g-1.py311.nbi", "kernels_5a/order.is_sorted-9.py311.nbi", "kernels_6b/order.f-3.py311.nbc"):
+    monkeypatch.setattr(type(nothing._cache), "cache_path", property(lambda _: str(tmp_path / "kernels_5a")))
+    names = "other_0/f.g-1.py311.nbi", "kernels_5a/compiling.nothing-9.py311.nbi", "kernels_6b/order.f-3.py311.nbc"
+    for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"")
-    assert [path.name for path in kernels().files] == ["order.is_sorted-9.py311.nbi"]
+    assert [path.name for path in kernels().files] == ["compiling.nothing-9.py311.nbi"]
 
 
 def test_arrays_are_lists_in_json(capsys):

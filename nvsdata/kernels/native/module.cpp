@@ -14,6 +14,8 @@ namespace nvsdata {
 void define_clock(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
+void define_order(nb::module_& module);
+void define_select(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -26,4 +28,6 @@ NB_MODULE(_native, module) {
     nvsdata::define_clock(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
+    nvsdata::define_order(module);
+    nvsdata::define_select(module);
 }
