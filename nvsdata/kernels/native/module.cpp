@@ -16,6 +16,7 @@ void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
 void define_order(nb::module_& module);
 void define_select(nb::module_& module);
+void define_text(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -30,4 +31,5 @@ NB_MODULE(_native, module) {
     nvsdata::define_neighbors(module);
     nvsdata::define_order(module);
     nvsdata::define_select(module);
+    nvsdata::define_text(module);
 }
