@@ -13,6 +13,9 @@ namespace nvsdata {
 
 void define_clock(nb::module_& module);
 void define_edges(nb::module_& module);
+void define_evt(nb::module_& module);
+void define_evt2(nb::module_& module);
+void define_evt3(nb::module_& module);
 void define_neighbors(nb::module_& module);
 void define_order(nb::module_& module);
 void define_select(nb::module_& module);
@@ -28,6 +31,9 @@ NB_MODULE(_native, module) {
 #endif
     nvsdata::define_clock(module);
     nvsdata::define_edges(module);
+    nvsdata::define_evt(module);
+    nvsdata::define_evt2(module);
+    nvsdata::define_evt3(module);
     nvsdata::define_neighbors(module);
     nvsdata::define_order(module);
     nvsdata::define_select(module);
