@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
+from nvsdata.kernels.decode.order import is_sorted, late, merge_late, stable_order
+from nvsdata.kernels.decode.select import copy_at, copy_where
 from nvsdata.kernels.inside import inside
-from nvsdata.kernels.order import is_sorted, late, merge_late, stable_order
-from nvsdata.kernels.select import copy_at, copy_where
 
 if TYPE_CHECKING:
     import torch
@@ -98,10 +98,10 @@ class Events:
         given = {"t": np.asarray(t), "x": np.asarray(x), "y": np.asarray(y), "p": np.asarray(p)}
         _check_columns(given)
         columns = Columns(
-            given["t"].astype(np.int64, copy=False),
-            given["x"].astype(np.int16, copy=False),
-            given["y"].astype(np.int16, copy=False),
-            given["p"].astype(np.uint8, copy=False),
+            _as_column(given["t"], np.int64),
+            _as_column(given["x"], np.int16),
+            _as_column(given["y"], np.int16),
+            _as_column(given["p"], np.uint8),
         )
         needed = extent(columns)
         size = needed if sensor_size is None else check_sensor_size(sensor_size)
@@ -306,6 +306,12 @@ def check_inside(events: Events, sensor_size: tuple[int, int] | None = None) -> 
         reached = "x".join(map(str, extent(events.columns)))
         raise ValueError(f"events reach {reached} pixels, outside the sensor of {width}x{height}")
     return events
+
+
+def _as_column(values: np.ndarray, kind: type[np.generic]) -> np.ndarray:
+    """The values as a type; those of a packed structured array are copied, because kernels take no torn numbers."""
+    values = values.astype(kind, copy=False)
+    return values if values.flags.aligned else values.copy()
 
 
 def _check_time(t: np.ndarray, start: int | None, end: int | None) -> None:

@@ -16,7 +16,7 @@ import torch
 
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 PLAIN = (type(None), bool, int, float, str)
 ALIGNED = 16  # each tensor's numbers begin at a multiple of so many bytes

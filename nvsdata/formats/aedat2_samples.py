@@ -21,7 +21,7 @@ from nvsdata.data.events import LATEST, Events
 from nvsdata.data.samples import Frame, Inertial, Piece
 from nvsdata.kernels.decode.aedat2 import DAVIS, aedat2_encode
 from nvsdata.kernels.decode.aedat_frames import FRAME_FACTS, next_frame
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 BESIDE, BEFORE, AFTER, INERTIAL = 1 << 31, 0 << 10, 1 << 10, 3 << 10
 KINDS = 3 << 10

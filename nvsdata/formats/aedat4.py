@@ -31,7 +31,7 @@ from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import stated_time
 from nvsdata.kernels.decode.aedat4 import aedat4_decode
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 EVENTS = ("t", "x", "y", "on")
 What = TypeVar("What")

@@ -7,6 +7,7 @@ the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
 from __future__ import annotations
 
 import re
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -21,8 +22,8 @@ from nvsdata.formats.indexed import Entry, IndexedFile
 from nvsdata.formats.records import Blocks, stated_size
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
 from nvsdata.kernels.decode.clock import BACK_US, SILENT_US, kept_words
-from nvsdata.kernels.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, UNSEEN
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.evt import FALLS, FIRST, IGNORED, JUMP, LAST, NO_TIME, TIME, UNSEEN
+from nvsdata.kernels.decode.order import is_sorted
 
 MAX_ADDRESS = 0x7FF
 
@@ -34,8 +35,8 @@ class EvtRecording(IndexedFile):
 
     - `low_bits`, `high_bits`: of the time, in events and in words of its own
     - `state_size`: numbers of the kernels' state
-    - `walk`, `decode_words`: its kernels, as in `kernels.evt2`
-    - `highs`, `find_triggers`: those that take the words that `_heads` gives
+    - `walk`, `decode_words`: its kernels, as in `kernels.decode.evt2`
+    - `find_triggers`: the one that takes the words that `_heads` gives
     """
 
     block = 4096
@@ -45,13 +46,12 @@ class EvtRecording(IndexedFile):
     state_size: ClassVar[int] = 1
     walk: ClassVar[Callable[..., Any]]
     decode_words: ClassVar[Callable[..., Any]]
-    highs: ClassVar[Callable[..., Any]]
     find_triggers: ClassVar[Callable[..., Any]]
     _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
 
+    @abstractmethod
     def _heads(self, raw: np.ndarray) -> np.ndarray:
-        """The words of a piece that have a type."""
-        return raw
+        """The words of a piece that have a type, which begins at bit `high_bits`; or those of their halves."""
 
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
         """The bytes of a piece in the order that kernels take."""
@@ -84,7 +84,7 @@ class EvtRecording(IndexedFile):
         return Blocks(times, states, not seen[FALLS], (max(int(seen[FIRST]), 0), max(int(seen[LAST]), 0)))
 
     def _walk(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What a walk over all words has seen (see `kernels.evt`), and the blocks' states and times."""
+        """What a walk over all words has seen (see `kernels.decode.evt`), and the blocks' states and times."""
         count, (state, seen) = -(-self.records // self.block), self._parts(self._begun())
         states, times = np.empty((count, state.size), np.int64), np.empty(count, np.int64)
         for raw in self._pieces(0, self.records):
@@ -106,9 +106,10 @@ class EvtRecording(IndexedFile):
         """Indices of the time words that no camera wrote."""
         begin, places, highs = 0, [], []
         for raw in self._pieces(0, self.records):
-            where, high = type(self).highs(self._heads(raw))
+            words = self._heads(raw)
+            where = np.flatnonzero(words >> self.high_bits == TIME)
             places.append(begin + where)
-            highs.append(high)
+            highs.append(words[where].astype(np.int64) & ((1 << self.high_bits) - 1))
             begin += raw.size // self.record_size
         shift = self.low_bits
         kept = kept_words(np.concatenate(highs), self.high_bits, BACK_US >> shift, SILENT_US >> shift)

@@ -9,7 +9,7 @@ import numpy as np
 from nvsdata.formats.evt import EvtRecording, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
-from nvsdata.kernels.evt2 import evt2_decode, evt2_encode, evt2_highs, evt2_triggers, evt2_walk
+from nvsdata.kernels.decode.evt2 import evt2_decode, evt2_encode, evt2_triggers, evt2_walk
 
 
 class Evt2Recording(EvtRecording):
@@ -19,7 +19,7 @@ class Evt2Recording(EvtRecording):
     record_size = 4
     low_bits, high_bits = 6, 28
     walk, decode_words = evt2_walk, evt2_decode
-    highs, find_triggers = evt2_highs, evt2_triggers
+    find_triggers = evt2_triggers
 
     def _heads(self, raw: np.ndarray) -> np.ndarray:
         return raw.view(np.uint32)

@@ -14,8 +14,8 @@ import numpy as np
 from nvsdata.formats.evt import EvtRecording, extrapolated, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
-from nvsdata.kernels.evt2 import EVT2_TIME, evt2_highs, evt2_triggers
-from nvsdata.kernels.evt21 import evt21_count, evt21_decode, evt21_encode, evt21_walk
+from nvsdata.kernels.decode.evt import TIME
+from nvsdata.kernels.decode.evt2 import evt2_triggers, evt21_count, evt21_decode, evt21_encode, evt21_walk
 
 LOOKED_AT = 4096  # words, for the order of halves
 
@@ -27,7 +27,7 @@ class Evt21Recording(EvtRecording):
     record_size = 8
     low_bits, high_bits = 6, 28
     walk, decode_words = evt21_walk, evt21_decode
-    highs, find_triggers = evt2_highs, evt2_triggers
+    find_triggers = evt2_triggers
     _reversed = False  # whether the half with the type comes second
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
@@ -38,16 +38,13 @@ class Evt21Recording(EvtRecording):
     def _seems_reversed(self) -> bool:
         """Whether more words hold a time in their second half than in their first; the other half is 0 then."""
         halves = self.contents.read(self._byte(0), self._byte(min(self.records, LOOKED_AT))).view("<u4").reshape(-1, 2)
-        first, second = np.count_nonzero((halves >> 28 == EVT2_TIME) & (halves[:, ::-1] == 0), 0)
+        first, second = np.count_nonzero((halves >> 28 == TIME) & (halves[:, ::-1] == 0), 0)
         return bool(second > first)
 
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
         if not self._reversed:
             return raw
-        raw = np.ascontiguousarray(raw.view(np.uint32).reshape(-1, 2)[:, ::-1]).reshape(-1).view(np.uint8)
-        # numba compiles kernels again for writable arrays
-        raw.flags.writeable = False
-        return raw
+        return np.ascontiguousarray(raw.view(np.uint32).reshape(-1, 2)[:, ::-1]).reshape(-1).view(np.uint8)
 
     def _heads(self, raw: np.ndarray) -> np.ndarray:
         return raw.view(np.uint32)[::2]

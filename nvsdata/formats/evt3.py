@@ -9,7 +9,7 @@ import numpy as np
 from nvsdata.formats.evt import EvtRecording, extrapolated, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
-from nvsdata.kernels.evt3 import evt3_count, evt3_decode, evt3_encode, evt3_highs, evt3_triggers, evt3_walk
+from nvsdata.kernels.decode.evt3 import evt3_count, evt3_decode, evt3_encode, evt3_triggers, evt3_walk
 
 
 class Evt3Recording(EvtRecording):
@@ -20,7 +20,10 @@ class Evt3Recording(EvtRecording):
     low_bits, high_bits = 12, 12
     state_size = 5
     walk, decode_words = evt3_walk, evt3_decode
-    highs, find_triggers = evt3_highs, evt3_triggers
+    find_triggers = evt3_triggers
+
+    def _heads(self, raw: np.ndarray) -> np.ndarray:
+        return raw.view(np.uint16)
 
     def _most(self, raw: np.ndarray) -> int:
         # one more, because words that are no events are written, too, and then written over

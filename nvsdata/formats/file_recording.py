@@ -23,7 +23,7 @@ from nvsdata.data.events import (
 )
 from nvsdata.data.pieces import in_pieces, in_windows
 from nvsdata.data.recording import Recording, anomalies_of
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 LONG, PART = 1 << 26, 1 << 24  # bytes of files that are handed out in parts, and of a part, if they were equal
 

@@ -17,7 +17,7 @@ from nvsdata.formats.hdf5_chunks import Chunks
 from nvsdata.formats.hdf5_file import check_stored, dataset_of, opened, places_of
 from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import OnDisk, OpenFile
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 BLOCK = 1 << 20  # bytes that are converted at a time: few enough to stay in the cache
 SCANNED = 1 << 20  # values that are checked at a time

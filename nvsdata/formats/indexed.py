@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.data.events import Columns
 from nvsdata.formats import kept_index
 from nvsdata.formats.records import Blocks, PiecedFile
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 
 class Entry(NamedTuple):

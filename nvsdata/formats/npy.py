@@ -22,7 +22,7 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 NAMES = {"t": ("t", "ts", "timestamp"), "x": ("x",), "y": ("y",), "p": ("p", "pol", "polarity")}
 POLARITIES = (-1, 0, 1)

@@ -12,7 +12,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns, check_sensor_size
 from nvsdata.formats.contents import PIECE, Contents
 from nvsdata.formats.file_recording import FileRecording
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 
 class Blocks(NamedTuple):

@@ -20,8 +20,8 @@ from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
-from nvsdata.kernels import text as kernel
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode import text as kernel
+from nvsdata.kernels.decode.order import is_sorted
 
 FAULTS = {
     kernel.BAD_NUMBER: "not a number",
@@ -79,15 +79,11 @@ class TextRecording(FileRecording):
     def _lines(self, start: int, stop: int) -> tuple[Columns, int]:
         """Events of a piece of the file, and how many of its lines were dropped."""
         raw = self._contents.read(start, stop)
-        # like a short file's bytes: for writable arrays the kernel would be compiled again
-        raw.flags.writeable = False
-        columns = np.empty((4, int(np.count_nonzero(raw == kernel.NEWLINE)) + 1), np.int64)
-        kept, fault, where, dropped = kernel.text_decode(raw, 0, raw.size, self._seconds, not self.strict, columns)
+        columns = Columns.empty(int(np.count_nonzero(raw == ord("\n"))) + 1)
+        kept, fault, where, dropped = kernel.text_decode(raw, 0, raw.size, self._seconds, not self.strict, *columns)
         if fault:
-            raise FormatError(self.path, FAULTS[fault], offset=start + int(where))
-        t, x, y, p = columns[:, :kept]
-        # a copy, so that the array of all four columns is freed
-        return Columns(t.copy(), x.astype(np.int16), y.astype(np.int16), p.astype(np.uint8)), int(dropped)
+            raise FormatError(self.path, FAULTS[fault], offset=start + where)
+        return columns.first(kept), dropped
 
     def decode_window(self, start: int, stop: int) -> Columns | None:
         """Decode a window found by bisection over the lines; None if the times around it show that this went wrong."""

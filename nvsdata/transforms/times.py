@@ -10,7 +10,7 @@ import torch
 
 from nvsdata.common.validation import factors, not_negative, positive, probability
 from nvsdata.data.events import LATEST, Columns, Events, sort_by_time
-from nvsdata.kernels.order import moved
+from nvsdata.kernels.decode.order import moved
 from nvsdata.transforms.draws import generator, uniform
 from nvsdata.transforms.together import change_all, decoded
 

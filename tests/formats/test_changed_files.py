@@ -16,8 +16,8 @@ from nvsdata.formats import contents, ondisk
 from nvsdata.formats.evt3 import Evt3Recording
 from nvsdata.formats.evt21 import Evt21Recording
 from nvsdata.formats.hdf5_chunks import Chunks
-from nvsdata.kernels.evt3 import evt3_count
-from nvsdata.kernels.evt21 import evt21_count
+from nvsdata.kernels.decode.evt2 import evt21_count
+from nvsdata.kernels.decode.evt3 import evt3_count
 from nvsdata.recording.davis import file
 from nvsdata.recording.davis.stream import Decoder
 
@@ -89,7 +89,7 @@ def test_words_that_come_to_hold_more_events_have_room(tmp_path, version, after,
     rooms = []
 
     def watched(raw, width, height, state, seen, kept, t, *rest):
-        # compiled without checks: too little room would end the process
+        # the room is right, and not only checked by the decoder
         assert kept + counted(raw) <= t.size
         rooms.append(t.size)
         return decode(raw, width, height, state, seen, kept, t, *rest)

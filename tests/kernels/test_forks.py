@@ -8,7 +8,7 @@ import pytest
 LOADED_LATE = "numba.cpython.charseq"
 SCRIPT = f"""
 import multiprocessing, sys
-import nvsdata.kernels.order
+import nvsdata.kernels.compiling
 
 def look(pipe):
     pipe.send({LOADED_LATE!r} in sys.modules)

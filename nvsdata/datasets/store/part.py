@@ -14,7 +14,7 @@ from nvsdata.common.files import MOST_LINES, append_own, json_line, parsed_line,
 from nvsdata.data.events import EVER, LATEST, check_sensor_size
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.store.reader import COLUMNS, VERSION, crc_of
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 
 JOURNAL = "journal.jsonl"
 

@@ -27,8 +27,8 @@ from nvsdata.formats.hdf5_file import (
 )
 from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import read_into
+from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.kernels.decode.store import marked_range, read_window, stored_window
-from nvsdata.kernels.order import is_sorted
 
 VERSION = 2
 COLUMNS = ("t", "x", "y", "p")

@@ -23,7 +23,13 @@ void define_atis(nb::module_& module);
 void define_clock(nb::module_& module);
 void define_dat(nb::module_& module);
 void define_edges(nb::module_& module);
+void define_evt(nb::module_& module);
+void define_evt2(nb::module_& module);
+void define_evt3(nb::module_& module);
 void define_neighbors(nb::module_& module);
+void define_order(nb::module_& module);
+void define_select(nb::module_& module);
+void define_text(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -45,5 +51,11 @@ NB_MODULE(_native, module) {
     nvsdata::define_clock(module);
     nvsdata::define_dat(module);
     nvsdata::define_edges(module);
+    nvsdata::define_evt(module);
+    nvsdata::define_evt2(module);
+    nvsdata::define_evt3(module);
     nvsdata::define_neighbors(module);
+    nvsdata::define_order(module);
+    nvsdata::define_select(module);
+    nvsdata::define_text(module);
 }

@@ -18,7 +18,7 @@ from nvsdata.data.events import Columns, Events, concatenate
 from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.registry import Format, starts_with
-from nvsdata.kernels.order import is_sorted
+from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.recording.davis.stream import Decoder
 
 MARK = b"#!DAVIS-STREAM1 "

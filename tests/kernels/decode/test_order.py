@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from nvsdata import Events
 from nvsdata.data.events import Columns, sort_by_time
-from nvsdata.kernels.order import is_sorted, late, stable_order
+from nvsdata.kernels.decode.order import is_sorted, late, stable_order
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 4_095, 4_096, 4_097, 9_000])

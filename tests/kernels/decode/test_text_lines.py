@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.text import BAD_COUNT, BAD_NUMBER, OK, OUT_OF_RANGE, TOO_LATE, text_decode
+from nvsdata.data.events import Columns
+from nvsdata.kernels.decode.text import BAD_COUNT, BAD_NUMBER, OK, OUT_OF_RANGE, TOO_LATE, text_decode
 
 LATEST = 2**62 - 1
 
@@ -11,9 +12,9 @@ LATEST = 2**62 - 1
 def decoded(text, seconds_first=False, skip=False, around=0):
     """What is decoded of a text between `around` other bytes: events, fault, byte of the fault, lines dropped."""
     raw = np.frombuffer(b"7" * around + text.encode() + b"7" * around, np.uint8)
-    columns = np.zeros((4, 9), np.int64)
-    kept, fault, at, dropped = text_decode(raw, around, around + len(text), seconds_first, skip, columns)
-    return columns[:, :kept].T.tolist(), fault, at, dropped
+    columns = Columns.empty(9)
+    kept, fault, at, dropped = text_decode(raw, around, around + len(text), seconds_first, skip, *columns)
+    return [list(event) for event in zip(*(c[:kept].tolist() for c in columns), strict=True)], fault, at, dropped
 
 
 def test_faults_are_told_apart():

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from nvsdata.kernels.decode.clock import first_time, is_jump, nearest
-from nvsdata.kernels.evt import UNSEEN, count_shown, ones, shown_next
-from nvsdata.kernels.evt2 import evt2_decode, evt2_highs, evt2_walk
-from nvsdata.kernels.evt3 import evt3_count, evt3_decode, evt3_highs, evt3_walk
-from nvsdata.kernels.evt21 import evt21_count, evt21_decode, evt21_walk
+from nvsdata.kernels.decode.evt import UNSEEN, count_shown
+from nvsdata.kernels.decode.evt2 import evt2_decode, evt2_encode, evt2_walk, evt21_count, evt21_decode, evt21_walk
+from nvsdata.kernels.decode.evt3 import evt3_count, evt3_decode, evt3_encode, evt3_walk
 
 FAR = 32_767
 KERNELS = {
@@ -102,7 +101,11 @@ def test_words_are_walked_over_and_decoded_as_by_a_slow_decoder(kind, wild):
         ends = [size for e in events[:1] for size in ((max(e[2], 1), 2_048), (FAR, max(e[3], 1)))]
         for size in ((0, 0), (1_000, 1_500), *ends):
             state, seen = np.array([-1, 0, 0, 0, 0][: len(states[0])]), np.array(UNSEEN)
-            columns = [np.zeros(len(events) + 3, c) for c in (np.int64, np.int16, np.int16, np.uint8)]
+            # EVT2's has room for an event per word
+            columns = [
+                np.zeros((n if kind == "evt2" else len(events)) + 3, c)
+                for c in (np.int64, np.int16, np.int16, np.uint8)
+            ]
             kept, start = 1, 0
             limit = size if size[0] else (2_048 if kind == "evt2" else FAR, 2_048)
             for raw in raws:
@@ -117,33 +120,108 @@ def test_words_are_walked_over_and_decoded_as_by_a_slow_decoder(kind, wild):
             assert seen[[3, 4]].tolist() == [n, jump]
 
 
-def test_events_and_words_of_time_are_counted():
+def test_events_are_counted():
     rng = np.random.default_rng(4)
     for count, kind in ((evt21_count, "evt2.1"), (evt3_count, "evt3")):
         words = random_words(rng, kind, 200, 0).astype(KERNELS[kind][2])
         # with a time before all, every event counts
         first = np.array([8 << 28 if kind == "evt2.1" else 8 << 12], words.dtype)
         assert count(words.view(np.uint8)) == len(slow(kind, np.concatenate((first, words)))[1])
-    for highs, kind, code, bits in ((evt2_highs, "evt2", 28, 28), (evt3_highs, "evt3", 12, 12)):
-        words = random_words(rng, kind, 200, 0).astype(KERNELS[kind][2])
-        found, parts = highs(words if kind == "evt2" else words.view(np.uint8))
-        expected = [i for i, word in enumerate(words.tolist()) if word >> code == 8]
-        assert found.tolist() == expected
-        assert parts.tolist() == [int(words[i]) & (2**bits - 1) for i in expected]
-    for word in (0, 1, 2**32 - 1, 0x80000000, 0x12345678, *rng.integers(0, 2**32, 50).tolist()):
-        assert ones(word) == word.bit_count()
+    for mask in (0, 1, 2**32 - 1, 0x80000000, 0x12345678, *rng.integers(0, 2**32, 50).tolist()):
+        assert evt21_count(np.array([mask << 32], np.uint64).view(np.uint8)) == mask.bit_count()
+
+
+@pytest.mark.parametrize("kind", ["evt2.1", "evt3"])
+def test_too_little_room_is_an_error(kind):
+    _, decode, unit, _, _ = KERNELS[kind]
+    time, dense, many = (8 << 28, 0xF << 32, 4) if kind == "evt2.1" else (8 << 12, 0x4FFF, 12)
+    raw = np.array([time, dense, dense], unit).view(np.uint8)
+    for room, kept, error in ((2 * many, 0, None), (2 * many + 1, 1, None), (2 * many - 1, 0, "columns are too short")):
+        columns = [np.zeros(room + 2, c) for c in (np.int64, np.int16, np.int16, np.uint8)]
+        state, seen = np.array([-1, 0, 0, 0, 0][: 1 if kind == "evt2.1" else 5]), np.array(UNSEEN)
+        short = [c[:room] for c in columns]
+        if error:
+            with pytest.raises(ValueError, match=error):
+                decode(raw, 0, 0, state, seen, kept, *short)
+        else:
+            assert decode(raw, 0, 0, state, seen, kept, *short) == (2 * many, -1)
+        assert not any(c[room:].any() for c in columns)
+
+
+@every
+def test_arrays_of_another_length_are_refused(kind):
+    walk, decode, unit, _, _ = KERNELS[kind]
+    raw = np.full(3, 2**unit.itemsize, unit).view(np.uint8)
+    size = 5 if kind == "evt3" else 1
+    state, seen, states, times = np.zeros(size, int), np.array(UNSEEN), np.zeros((3, size), int), np.zeros(3, int)
+    columns = [np.zeros(4, c) for c in (np.int64, np.int16, np.int16, np.uint8)]
+    walk(raw, 1, state, np.array(UNSEEN), states, times)
+    for wrong in (
+        (raw, 0, state, seen, states, times),
+        (raw, -1, state, seen, states, times),
+        (raw, 1, state[:0], seen, states, times),
+        (raw, 1, state, seen[:4], states, times),
+        (raw, 1, state, seen, states[:2], times[:2]),
+        (raw, 1, state, seen, states[:2], times),
+        (raw, 1, state, np.array([-1, -1, 0, 2, -1]), states, times),
+        (raw, 1, state, np.array([-1, -1, 0, -(2**63), -1]), states, times),
+        (raw, 2, state, np.array([-1, -1, 0, 1, -1]), states, times),
+        (raw, 1, state, np.array([-1, -1, 0, 2**63 - 1, -1]), states, times),
+    ):
+        with pytest.raises(ValueError, match=r"block|number"):
+            walk(*wrong)
+    for kept in (-1, 5, 2**63 - 1, -(2**63)):
+        with pytest.raises(ValueError, match="columns are too short"):
+            decode(raw, 0, 0, state, seen, kept, *columns)
+    with pytest.raises(ValueError, match="columns are too short"):
+        decode(raw, 0, 0, state, seen, 0, *columns[:3], columns[3][:2])
+
+
+@every
+def test_any_state_is_taken(kind):
+    """States may come from an index that is kept next to a file."""
+    walk, decode, unit, _, _ = KERNELS[kind]
+    rng = np.random.default_rng(6)
+    extremes = 0, -1, 2**63 - 1, -(2**63), 2**62, -(2**62), 32_767, -32_768
+    for _ in range(200):
+        raw = random_words(rng, kind, 40, 0.1).astype(unit).view(np.uint8)
+        given = rng.choice(extremes, 5 if kind == "evt3" else 1)
+        before = np.array([*rng.choice(extremes, 3), 0, rng.choice(extremes)])
+        state, seen = given.copy(), before.copy()
+        walk(raw, 4, state, seen, np.empty((10, given.size), int), np.empty(10, int))
+        columns = [np.zeros(40 * 32 + 1, c) for c in (np.int64, np.int16, np.int16, np.uint8)]
+        state, seen = given.copy(), before.copy()
+        count, bad = decode(raw, 100, 100, state, seen, 0, *columns)
+        if bad < 0:
+            assert all(c[:count].min(initial=0) >= 0 and c[:count].max(initial=0) < 100 for c in columns[1:3])
+
+
+def slowly_shown(before, high, bits):
+    """High parts from after `before` to `high`: at the ends and beginnings of wraps, and once in each half of one."""
+    half, shown = 2 ** (bits - 1), []
+    while before != high:
+        end = before | (2 * half - 1)
+        before = before + 1 if before == end else min(before + half - 1, end, high)
+        shown.append(before)
+    return shown
 
 
 def test_the_high_part_is_written_so_that_no_reader_loses_a_wrap():
     # of three bits: at the beginning and at the end of each wrap, and at least once in each half
     shown = [0, 3, 6, 7, 8, 11, 14, 15, 16, 19, 20]
-    before = -1
-    for expected in shown:
-        before = shown_next(before, 20, 3)
-        assert before == expected
-    assert shown_next(-1, 20, 3) == 0
-    assert shown_next(20, 21, 3) == 21
+    assert slowly_shown(-1, 20, 3) == shown
     t = np.array([0, 5, 83, 83, 84])
     assert count_shown(t, -1, 3, 2) == len([0, 1, 4, 7, 8, 11, 14, 15, 16, 19, 20, 21])
     assert count_shown(t[2:], 20, 3, 2) == 1
     assert count_shown(t[:0], -1, 3, 2) == 0
+    for bits in (0, 62, -1):
+        with pytest.raises(ValueError, match="bits"):
+            count_shown(t, -1, bits, 2)
+    for encode, low, bits in ((evt2_encode, 6, 28), (evt3_encode, 12, 12)):
+        for high in (0, 1, 2 ** (bits - 1), 2**bits - 1, 2**bits, 5 * 2**bits + 7):
+            state = np.full(1 if bits == 28 else 3, -1)
+            none = np.zeros(1, np.int16)
+            words = encode(np.array([high << low]), none, none, none.astype(np.uint8), state)
+            times = [word & (2**bits - 1) for word in words.tolist() if word >> bits == 8]
+            assert times == [part % 2**bits for part in slowly_shown(-1, high, bits)]
+            assert state[0] == high

@@ -1,0 +1,18 @@
+// Words of time that an EVT file needs; see evt.py.
+#include "evt.h"
+
+#include "../native/bind.h"
+
+namespace nvsdata {
+
+i64 count_shown(Span<const i64> t, i64 before, int bits, int shift) {
+    require(0 < bits && bits < 62 && 0 <= shift && shift < 62, "a counter of 1 to 61 bits");
+    i64 count = 0;
+    for (i64 time : t)
+        for (; before != time >> shift; ++count) before = shown_next(before, time >> shift, bits);
+    return count;
+}
+
+void define_evt(nb::module_& module) { define<count_shown>(module, "count_shown"); }
+
+}  // namespace nvsdata

@@ -1,0 +1,199 @@
+// Prophesee EVT2 and EVT 2.1 words to event columns and back; see evt2.py.
+#include "../native/bind.h"
+#include "../native/bits.h"
+#include "../native/clones.h"
+#include "events.h"
+#include "evt.h"
+
+namespace nvsdata {
+
+namespace {
+
+enum Kind : u32 { OFF, ON, TIME = 0x8, TRIGGER = 0xA };
+constexpr i64 GROUP = 32;  // pixels
+constexpr int LOW = 6, HIGH = 28;  // bits of the time
+
+// The half of a word that EVT2 and EVT 2.1 share, and which of the pixels from x on have its event.
+u32 head(u32 word) { return word; }
+u32 head(u64 word) { return u32(word); }
+u32 pixels(u32) { return 1; }
+u32 pixels(u64 word) { return u32(word >> 32); }
+
+u32 kind(u32 head) { return head >> 28; }
+i64 high_part(u32 head) { return head & 0xFFFFFFF; }
+i64 low_part(u32 head) { return head >> 22 & 0x3F; }
+i64 column(u32 head) { return head >> 11 & 0x7FF; }
+i64 row(u32 head) { return head & 0x7FF; }
+
+}  // namespace
+
+template <class Word>
+void evt2_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, Rows<i64> states, Span<i64> times) {
+    require(state.size() == 1 && states.columns() == 1 && times.size() == states.rows(), "a state is one number");
+    Words<Word> words(raw);
+    High<HIGH, LOW> high{state[0]};
+    Seen now(seen);
+    auto begin = [&](i64 number) {
+        states(number, 0) = high.value;
+        times[number] = now.last;
+    };
+    by_blocks(words.size(), block, now.words, times.size(), begin, [&](i64 start, i64 stop) {
+        for (i64 i = start; i < stop; ++i) {
+            u32 word = head(words[i]);
+            if (kind(word) <= ON) {
+                if (high.known() && pixels(words[i])) now.event(high.at(low_part(word)));
+            } else if (kind(word) == TIME) {
+                high.go_on(high_part(word), i, now);
+            }
+        }
+    });
+    state[0] = high.value;
+    now.words = plus(now.words, words.size());
+    now.keep(seen);
+}
+
+Found evt2_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Span<i64> seen, i64 kept, Span<i64> t,
+                  Span<i16> x, Span<i16> y, Span<u8> p) {
+    require(state.size() == 1, "a state is one number");
+    Words<u32> words(raw);
+    Columns out{t, x, y, p, kept, words.size()};
+    High<HIGH, LOW> high{state[0]};
+    Seen now(seen);
+    i64 right = width > 0 ? width : ROWS, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
+    for (i64 i = 0; i < words.size(); ++i) {
+        u32 word = words[i];
+        if (kind(word) == TIME) high.go_on(high_part(word), i, now);
+        // without a branch: a word that is no event is written over; `count` is at most i
+        out.t[count] = high.at(low_part(word));
+        out.x[count] = i16(column(word));
+        out.y[count] = i16(row(word));
+        out.p[count] = u8(kind(word));
+        bool event = (kind(word) <= ON) & high.known();
+        if (event && (column(word) >= right || row(word) >= bottom) && bad < 0) bad = i;
+        count += event;
+    }
+    state[0] = high.value;
+    now.words = plus(now.words, words.size());
+    now.keep(seen);
+    return {count, bad};
+}
+
+NVSDATA_CLONES i64 evt21_count(Span<const u8> raw) {
+    Words<u64> words(raw);
+    i64 count = 0;
+    for (i64 i = 0; i < words.size(); ++i) count += kind(head(words[i])) <= ON ? ones(pixels(words[i])) : 0;
+    return count;
+}
+
+Found evt21_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Span<i64> seen, i64 kept, Span<i64> t,
+                   Span<i16> x, Span<i16> y, Span<u8> p) {
+    require(state.size() == 1, "a state is one number");
+    Words<u64> words(raw);
+    i64 room = minus(t.size(), kept);
+    Columns out{t, x, y, p, kept, room};
+    High<HIGH, LOW> high{state[0]};
+    Seen now(seen);
+    i64 right = width > 0 ? width : FAR_X, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
+    for (i64 i = 0; i < words.size(); ++i) {
+        u32 word = head(words[i]);
+        if (kind(word) == TIME) {
+            high.go_on(high_part(word), i, now);
+        } else if (kind(word) <= ON && high.known()) {
+            require(ones(pixels(words[i])) <= room - count, "columns are too short for the events");
+            for (u32 mask = pixels(words[i]); mask; mask &= mask - 1, ++count) {
+                // at most 2078
+                i64 at = column(word) + trailing_zeros(mask);
+                if ((at >= right || row(word) >= bottom) && bad < 0) bad = i;
+                out.t[count] = high.at(low_part(word));
+                out.x[count] = i16(at);
+                out.y[count] = i16(row(word));
+                out.p[count] = u8(kind(word));
+            }
+        }
+    }
+    state[0] = high.value;
+    now.words = plus(now.words, words.size());
+    now.keep(seen);
+    return {count, bad};
+}
+
+i64 evt2_triggers(Span<const u8> raw, Span<i64> state, Span<i64> t, Span<u8> channel, Span<u8> level) {
+    require(!state.empty() && channel.size() == t.size() && level.size() == t.size(), "columns must be equally long");
+    Words<u32> words(raw);
+    High<HIGH, LOW> high{state[0]};
+    i64 kept = 0;
+    for (i64 i = 0; i < words.size(); ++i) {
+        u32 word = words[i];
+        if (kind(word) == TIME) {
+            high.go_on(high_part(word));
+        } else if (kind(word) == TRIGGER && high.known() && kept < t.size()) {
+            t[kept] = high.at(low_part(word));
+            channel[kept] = word >> 8 & 0x1F;
+            level[kept++] = word & 1;
+        }
+    }
+    state[0] = high.value;
+    return kept;
+}
+
+namespace {
+
+// Writes the high part of the times.
+template <class Put>
+void show(i64& high, i64 t, Put put) {
+    while (high != t >> LOW) {
+        high = shown_next(high, t >> LOW, HIGH);
+        put(i64(TIME) << 28 | (high & 0xFFFFFFF));
+    }
+}
+
+i64 event_word(i64 t, i64 x, i64 y, i64 p) { return i64(u64(p) << 28 | u64(t & 0x3F) << 22 | u64(x) << 11 | u64(y)); }
+
+}  // namespace
+
+void evt2_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<i64> state,
+                 Span<u32> words) {
+    Events events{t, x, y, p};
+    require(state.size() == 1, "a state is one number");
+    Writer<u32> writer(words);
+    for (i64 i = 0; i < events.size(); ++i) {
+        show(state[0], t[i], [&](i64 word) { writer.put(word); });
+        writer.put(event_word(t[i], x[i], y[i], p[i]));
+    }
+}
+
+i64 evt21_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<i64> state,
+                 Span<u32> words) {
+    Events events{t, x, y, p};
+    require(state.size() == 1, "a state is one number");
+    Writer<u32> writer(words);
+    for (i64 i = 0; i < events.size();) {
+        show(state[0], t[i], [&](i64 word) {
+            writer.put(word);
+            writer.put(0);
+        });
+        i64 base = x[i] & -GROUP;
+        writer.put(event_word(t[i], base, y[i], p[i]));
+        u32 mask = u32(1) << (x[i] - base);
+        // neighbors follow in their order, so that reading gives it back
+        for (++i; i < t.size() && t[i] == t[i - 1] && y[i] == y[i - 1] && p[i] == p[i - 1] && x[i] > x[i - 1] &&
+                  x[i] < base + GROUP;
+             ++i)
+            mask |= u32(1) << (x[i] - base);
+        writer.put(mask);
+    }
+    return writer.count();
+}
+
+void define_evt2(nb::module_& module) {
+    define<evt2_walk<u32>>(module, "evt2_walk");
+    define<evt2_decode>(module, "evt2_decode");
+    define<evt2_triggers>(module, "evt2_triggers");
+    define<evt2_encode>(module, "evt2_encode");
+    define<evt2_walk<u64>>(module, "evt21_walk");
+    define<evt21_count>(module, "evt21_count");
+    define<evt21_decode>(module, "evt21_decode");
+    define<evt21_encode>(module, "evt21_encode");
+}
+
+}  // namespace nvsdata

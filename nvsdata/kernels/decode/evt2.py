@@ -1,0 +1,73 @@
+"""Prophesee EVT2 and EVT 2.1 words to event columns and back; see `kernels.decode.evt`.
+
+Bits 28 to 31 of an EVT2 word, of 32 bits, are its type. An event has the low 6 bits of its time in bits 22 to 27, x in
+11 to 21, y in 0 to 10; a word of time has the high 28 bits. The lower half of an EVT 2.1 word, of 64 bits, is that of
+EVT2; the upper half says which of the 32 pixels from x on have that event. (Where cameras write the halves the other
+way round, they are exchanged before.) `state` is int64 [1].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+from nvsdata.kernels.decode.evt import count_shown, find_triggers
+
+
+def evt2_walk(
+    raw: np.ndarray, block: int, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
+) -> None:
+    """Walk over a piece of the words, uint8 [N], which begins with a block. O(N). Writes for every `block`-th word
+
+    - the state in force there (int64 [M, 1]),
+    - the time of the last event before it (int64 [M], -1 if there is none).
+    """
+    _native.evt2_walk(raw, block, state, seen, states, times)
+
+
+def evt2_decode(
+    raw: np.ndarray, width: int, height: int, state: np.ndarray, seen: np.ndarray, kept: int, *columns: np.ndarray
+) -> tuple[int, int]:
+    """Decode a piece of the words. O(N)."""
+    found: tuple[int, int] = _native.evt2_decode(raw, width, height, state, seen, kept, *columns)
+    return found
+
+
+def evt2_triggers(words: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times in µs, channels and levels of the external triggers in words, uint32 [N]; updates `state`."""
+    return find_triggers(_native.evt2_triggers, words, 28, state)
+
+
+def evt2_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Return words of sorted events, uint32. O(N). `state` int64 [1]: the high part written last, -1 before any."""
+    words = np.empty(t.size + count_shown(t, int(state[0]), 28, 6), np.uint32)
+    _native.evt2_encode(t, x, y, p, state, words)
+    return words
+
+
+def evt21_walk(
+    raw: np.ndarray, block: int, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
+) -> None:
+    """Walk over a piece of the words, uint8 [N]. O(N). Like `evt2_walk`."""
+    _native.evt21_walk(raw, block, state, seen, states, times)
+
+
+def evt21_count(raw: np.ndarray) -> int:
+    """Return the number of events in a piece of the words, those before any time included. O(N)."""
+    count: int = _native.evt21_count(raw)
+    return count
+
+
+def evt21_decode(
+    raw: np.ndarray, width: int, height: int, state: np.ndarray, seen: np.ndarray, kept: int, *columns: np.ndarray
+) -> tuple[int, int]:
+    """Decode a piece of the words. O(N + events). ValueError if the columns are too short."""
+    found: tuple[int, int] = _native.evt21_decode(raw, width, height, state, seen, kept, *columns)
+    return found
+
+
+def evt21_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Return words of sorted events, uint32 [M, 2]. O(N). `state` as in `evt2_encode`."""
+    words = np.empty((t.size + count_shown(t, int(state[0]), 28, 6), 2), np.uint32)
+    halves = _native.evt21_encode(t, x, y, p, state, words.reshape(-1))
+    return words[: halves // 2]

@@ -1,0 +1,233 @@
+// Prophesee EVT3 words to event columns and back; see evt3.py.
+#include "../native/bind.h"
+#include "../native/bits.h"
+#include "../native/clones.h"
+#include "events.h"
+#include "evt.h"
+
+namespace nvsdata {
+
+namespace {
+
+enum Kind : u32 { Y, X = 0x2, BASE, VECTOR_12, VECTOR_8, LOW, HIGH = 0x8, TRIGGER = 0xA };
+// kinds that are rare or come in groups
+constexpr u32 SPECIAL = 1 << BASE | 1 << VECTOR_12 | 1 << VECTOR_8 | 1 << HIGH;
+
+u32 kind(u32 word) { return word >> 12; }
+u32 polarity(u32 word) { return word >> 11 & 1; }
+
+// The high and the low part of the time.
+struct Time {
+    High<12, 12> high;
+    i64 low;
+
+    i64 now() const { return high.at(low); }
+
+    // The low part that is in force belongs to the tick before.
+    template <class... Note>
+    void go_on(u32 word, Note&&... note) {
+        i64 before = high.value;
+        high.go_on(word & 0xFFF, note...);
+        if (high.value != before) low = 0;
+    }
+};
+
+// What words before say about an event: an array of Python's.
+struct State {
+    Time time;
+    i64 row, base, polarity;
+
+    explicit State(Span<const i64> state) {
+        require(state.size() == 5, "a state has 5 numbers");
+        time = {{state[0]}, state[1]};
+        row = state[2], base = state[3], polarity = state[4];
+    }
+    void keep(Span<i64> state) const {
+        state[0] = time.high.value, state[1] = time.low, state[2] = row, state[3] = base, state[4] = polarity;
+    }
+    // For any word, without branches for what comes in any order.
+    void take_common(u32 word) {
+        row = kind(word) == Y ? word & 0x7FF : row;
+        time.low = kind(word) == LOW ? word & 0xFFF : time.low;
+    }
+    void take_base(u32 word) {
+        base = word & 0x7FF;
+        polarity = nvsdata::polarity(word);
+    }
+};
+
+// Also negative: a state may come from a file's index.
+bool outside(i64 pixel, i64 end) { return u64(pixel) >= u64(end); }
+i64 vector_size(u32 word) { return kind(word) == VECTOR_12 ? 12 : 8; }
+
+}  // namespace
+
+void evt3_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, Rows<i64> states, Span<i64> times) {
+    require(states.columns() == 5 && times.size() == states.rows(), "a state has 5 numbers");
+    Words<u16> words(raw);
+    State now(state);
+    Seen noted(seen);
+    auto begin = [&](i64 number) {
+        now.keep(states[number]);
+        times[number] = noted.last;
+    };
+    by_blocks(words.size(), block, noted.words, times.size(), begin, [&](i64 start, i64 stop) {
+        for (i64 i = start; i < stop; ++i) {
+            u32 word = words[i];
+            now.take_common(word);
+            bool found = kind(word) == X;
+            if (SPECIAL >> kind(word) & 1) {
+                if (kind(word) == HIGH) {
+                    now.time.go_on(word, i, noted);
+                } else if (kind(word) == BASE) {
+                    now.take_base(word);
+                } else {
+                    found = word & ((1 << vector_size(word)) - 1);
+                    now.base = plus(now.base, vector_size(word));
+                }
+            }
+            if (found && now.time.high.known()) noted.event(now.time.now());
+        }
+    });
+    now.keep(state);
+    noted.words = plus(noted.words, words.size());
+    noted.keep(seen);
+}
+
+NVSDATA_CLONES i64 evt3_count(Span<const u8> raw) {
+    Words<u16> words(raw);
+    i64 count = 0;
+    for (i64 i = 0; i < words.size(); ++i) {
+        u32 word = words[i];
+        u32 bits = kind(word) == VECTOR_12 ? word & 0xFFF : kind(word) == VECTOR_8 ? word & 0xFF : kind(word) == X;
+        count += ones(bits);
+    }
+    return count;
+}
+
+Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Span<i64> seen, i64 kept, Span<i64> t,
+                  Span<i16> x, Span<i16> y, Span<u8> p) {
+    Words<u16> words(raw);
+    i64 room = minus(t.size(), kept);
+    Columns out{t, x, y, p, kept, room};
+    State now(state);
+    Seen noted(seen);
+    i64 right = width > 0 ? width : FAR_X, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
+    for (i64 i = 0; i < words.size(); ++i) {
+        require(count < room, "columns are too short for the events");
+        u32 word = words[i];
+        now.take_common(word);
+        // without branches for what comes in any order: a word that is no event is written over
+        i64 column = word & 0x7FF;
+        out.t[count] = now.time.now();
+        out.x[count] = i16(column);
+        out.y[count] = i16(now.row);
+        out.p[count] = u8(polarity(word));
+        bool event = (kind(word) == X) & now.time.high.known();
+        if (event & (outside(column, right) | outside(now.row, bottom)) && bad < 0) bad = i;
+        count += event;
+        if (SPECIAL >> kind(word) & 1) {
+            if (kind(word) == HIGH) {
+                now.time.go_on(word, i, noted);
+            } else if (kind(word) == BASE) {
+                now.take_base(word);
+            } else {
+                u32 bits = now.time.high.known() ? word & ((1 << vector_size(word)) - 1) : 0;
+                require(ones(bits) <= room - count, "columns are too short for the events");
+                for (; bits; bits &= bits - 1, ++count) {
+                    i64 at = plus(now.base, trailing_zeros(bits));
+                    if ((outside(at, right) || outside(now.row, bottom)) && bad < 0) bad = i;
+                    out.t[count] = now.time.now();
+                    out.x[count] = i16(std::min(at, FAR_X));
+                    out.y[count] = i16(now.row);
+                    out.p[count] = u8(now.polarity);
+                }
+                now.base = plus(now.base, vector_size(word));
+            }
+        }
+    }
+    now.keep(state);
+    noted.words = plus(noted.words, words.size());
+    noted.keep(seen);
+    return {count, bad};
+}
+
+i64 evt3_triggers(Span<const u8> raw, Span<i64> state, Span<i64> t, Span<u8> channel, Span<u8> level) {
+    require(state.size() >= 2 && channel.size() == t.size() && level.size() == t.size(), "columns must be equally long");
+    Words<u16> words(raw);
+    Time time{{state[0]}, state[1]};
+    i64 kept = 0;
+    for (i64 i = 0; i < words.size(); ++i) {
+        u32 word = words[i];
+        if (kind(word) == HIGH) {
+            time.go_on(word);
+        } else if (kind(word) == LOW) {
+            time.low = word & 0xFFF;
+        } else if (kind(word) == TRIGGER && time.high.known() && kept < t.size()) {
+            t[kept] = time.now();
+            channel[kept] = word >> 8 & 0xF;
+            level[kept++] = word & 1;
+        }
+    }
+    state[0] = time.high.value;
+    state[1] = time.low;
+    return kept;
+}
+
+namespace {
+
+// Writes events of one row and time at rising `x`, as vectors where these are shorter.
+void write_row(Writer<u16>& writer, Span<const i16> x, i64 polarity) {
+    for (i64 i = 0; i < x.size();) {
+        // a base and a vector instead of three events
+        if (i + 2 >= x.size() || x[i + 2] >= x[i] + 12) {
+            writer.put(X << 12 | polarity | x[i++]);
+            continue;
+        }
+        i64 base = x[i];
+        writer.put(BASE << 12 | polarity | base);
+        // 12, 12 and 8 pixels, as cameras do: some decoders rely on it
+        for (int part = 0; part < 3; ++part) {
+            i64 size = part == 2 ? 8 : 12;
+            if (i == x.size() || x[i] >= base + size) break;
+            u32 bits = 0;
+            for (; i < x.size() && x[i] < base + size; ++i) bits |= 1 << (x[i] - base);
+            writer.put((part == 2 ? VECTOR_8 : VECTOR_12) << 12 | bits);
+            base += size;
+        }
+    }
+}
+
+}  // namespace
+
+i64 evt3_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<i64> state,
+                Span<u16> words) {
+    Events events{t, x, y, p};
+    require(state.size() == 3, "a state has 3 numbers");
+    i64 high = state[0], low = state[1], row = state[2];
+    Writer<u16> writer(words);
+    for (i64 i = 0, stop; i < events.size(); i = stop) {
+        while (high != t[i] >> 12) {
+            high = shown_next(high, t[i] >> 12, 12);
+            low = -1;
+            writer.put(HIGH << 12 | (high & 0xFFF));
+        }
+        if (low != (t[i] & 0xFFF)) writer.put(LOW << 12 | (low = t[i] & 0xFFF));
+        if (row != y[i]) writer.put(Y << 12 | (row = y[i]));
+        stop = i + 1;
+        while (stop < t.size() && t[stop] == t[i] && y[stop] == y[i] && p[stop] == p[i] && x[stop] > x[stop - 1]) ++stop;
+        write_row(writer, x.part(i, stop), i64(p[i]) << 11);
+    }
+    state[0] = high, state[1] = low, state[2] = row;
+    return writer.count();
+}
+
+void define_evt3(nb::module_& module) {
+    define<evt3_walk>(module, "evt3_walk");
+    define<evt3_count>(module, "evt3_count");
+    define<evt3_decode>(module, "evt3_decode");
+    define<evt3_triggers>(module, "evt3_triggers");
+    define<evt3_encode>(module, "evt3_encode");
+}
+
+}  // namespace nvsdata

@@ -1,0 +1,49 @@
+"""Prophesee EVT3 words, 16 bits each, to event columns and back; see `kernels.decode.evt`.
+
+Bits 12 to 15 are a word's type. Row, column, and high and low 12 bits of the time come in words of their own; after a
+word with a base, each vector has a bit for each of the next 12 or 8 columns. `state` is int64 [5]: the high part of the
+time in µs, the low part, y, base x and polarity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+from nvsdata.kernels.decode.evt import count_shown, find_triggers
+
+
+def evt3_walk(
+    raw: np.ndarray, block: int, state: np.ndarray, seen: np.ndarray, states: np.ndarray, times: np.ndarray
+) -> None:
+    """Walk over a piece of the words, uint8 [N]. O(N). Like `evt2_walk` (states int64 [M, 5])."""
+    _native.evt3_walk(raw, block, state, seen, states, times)
+
+
+def evt3_count(raw: np.ndarray) -> int:
+    """Return the number of events in a piece of the words, those before any time included. O(N)."""
+    count: int = _native.evt3_count(raw)
+    return count
+
+
+def evt3_decode(
+    raw: np.ndarray, width: int, height: int, state: np.ndarray, seen: np.ndarray, kept: int, *columns: np.ndarray
+) -> tuple[int, int]:
+    """Decode a piece of the words. O(N + events). ValueError if there isn't room for one more event."""
+    found: tuple[int, int] = _native.evt3_decode(raw, width, height, state, seen, kept, *columns)
+    return found
+
+
+def evt3_triggers(words: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times in µs, channels and levels of the external triggers in words, uint16 [N]; updates `state`."""
+    return find_triggers(_native.evt3_triggers, words, 12, state)
+
+
+def evt3_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Return words of sorted events, uint16. O(N).
+
+    `state` int64 [3]: the high and low part of the time and the row that were written last, -1 before any.
+    """
+    # at most a low part, a row and one word for each event
+    words = np.empty(3 * t.size + count_shown(t, int(state[0]), 12, 12), np.uint16)
+    return words[: _native.evt3_encode(t, x, y, p, state, words)]

@@ -1,0 +1,139 @@
+// Order in time.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "../native/bind.h"
+#include "../native/clones.h"
+#include "../native/interrupt.h"
+#include "events.h"
+
+namespace nvsdata {
+
+namespace {
+
+constexpr i64 BLOCK = 4096;
+constexpr int DIGIT = 11;  // bits of the times that are sorted by at a time
+constexpr u64 MASK = (1 << DIGIT) - 1;
+
+NVSDATA_CLONES std::pair<i64, i64> ends(Span<const i64> t) {
+    i64 low = t[0], high = t[0];
+    for (i64 i = 1; i < t.size(); ++i) {
+        low = std::min(low, t[i]);
+        high = std::max(high, t[i]);
+    }
+    return {low, high};
+}
+
+}  // namespace
+
+NVSDATA_CLONES bool is_sorted(Span<const i64> t) {
+    for (i64 start = 1; start < t.size(); start += BLOCK) {
+        i64 falls = 0;
+        // no exit within a block, so that it is vectorized
+        for (i64 i = start, stop = std::min(start + BLOCK, t.size()); i < stop; ++i) falls += t[i] < t[i - 1];
+        if (falls) return false;
+    }
+    return true;
+}
+
+i64 late(Span<const i64> t, Span<i64> found) {
+    i64 count = 0, latest = t.empty() ? 0 : t[0];
+    if (found.empty()) return 0;
+    for (i64 i = 0; i < t.size(); ++i) {
+        if (t[i] >= latest) {
+            latest = t[i];
+        } else {
+            found[count++] = i;
+            if (count == found.size()) break;
+        }
+    }
+    return count;
+}
+
+void merge_late(Span<const i64> late, Span<const i64> order, Span<const i64> t, Span<const i16> x, Span<const i16> y,
+                Span<const u8> p, Span<i64> t_out, Span<i16> x_out, Span<i16> y_out, Span<u8> p_out) {
+    Events from{t, x, y, p};
+    i64 n = from.size();
+    Columns to{t_out, x_out, y_out, p_out, 0, n};
+    require(order.size() == late.size(), "late events must be the same in both orders");
+    for (i64 i = 0; i < late.size(); ++i) {
+        bool rises = late[i] > (i ? late[i - 1] : -1);
+        require(rises && late[i] < n && u64(order[i]) < u64(n), "late events must be numbers of events, ascending");
+    }
+    // n events are written: all but the late ones, and as many
+    i64 kept = 0, following = 0, merged = 0;
+    for (i64 i = 0; i < n; ++i) {
+        if (following < late.size() && late[following] == i) {
+            ++following;
+            continue;
+        }
+        for (; merged < order.size() && t[order[merged]] < t[i]; ++merged) from.copy(order[merged], to, kept++);
+        from.copy(i, to, kept++);
+    }
+    for (; merged < order.size(); ++merged) from.copy(order[merged], to, kept++);
+}
+
+void stable_order(Span<const i64> t, Rows<i32> orders, Rows<u64> keys) {
+    i64 n = t.size();
+    require(orders.rows() == 2 && keys.rows() == 2 && orders.columns() == n && keys.columns() == n,
+            "two numbers of each kind for each time");
+    if (n == 0) return;
+    Interrupt interrupt;
+    auto [low, high] = ends(t);
+    u64 span = u64(high) - u64(low);
+    int passes = 0;
+    while (DIGIT * passes < 64 && span >> (DIGIT * passes)) ++passes;
+    // where the events of each digit go, for all passes; times move along, because looking them up by index is slow
+    std::vector<u32> all(std::size_t(passes) << DIGIT);
+    Rows<u32> places(all.data(), passes, MASK + 1);
+    int from = passes % 2;  // the last pass writes to row 0
+    for (i64 i = 0; i < n; ++i) {
+        u64 key = u64(t[i]) - u64(low);
+        orders(from, i) = i32(i);
+        keys(from, i) = key;
+        for (int pass = 0; pass < passes; ++pass, key >>= DIGIT) ++places(pass, i64(key & MASK));
+    }
+    for (int pass = 0; pass < passes; ++pass, from ^= 1) {
+        Span<u32> place = places[pass];
+        u32 begin = 0;
+        for (u32& count : place) begin += std::exchange(count, begin);
+        Span<i32> order = orders[from], next_order = orders[from ^ 1];
+        Span<u64> key = keys[from], next_key = keys[from ^ 1];
+        for (i64 start = 0; start < n; start += BLOCK) {
+            interrupt.poll();
+            for (i64 i = start, stop = std::min(start + BLOCK, n); i < stop; ++i) {
+                // below n, because as many were counted
+                i64 to = place[i64(key[i] >> (DIGIT * pass) & MASK)]++;
+                next_order[to] = order[i];
+                next_key[to] = key[i];
+            }
+        }
+    }
+}
+
+NVSDATA_CLONES void moved(Span<const i64> t, Span<const float> moves, double sigma, i64 start, i64 end, Span<i64> out) {
+    require(moves.size() == t.size() && out.size() == t.size(), "one move for each time");
+    for (i64 i = 0; i < t.size(); ++i) {
+        double move = std::rint(double(moves[i]) * sigma);
+        double back = double(i64(u64(start) - u64(t[i]))), ahead = double(i64(u64(end) - u64(t[i])));
+        // compared before it's added, because it may be beyond int64
+        if (move >= ahead)
+            out[i] = end;
+        else if (move > back)
+            out[i] = t[i] + i64(move);
+        else
+            out[i] = start;
+    }
+}
+
+void define_order(nb::module_& module) {
+    define<is_sorted>(module, "is_sorted");
+    define<late>(module, "late");
+    define<merge_late>(module, "merge_late");
+    define<stable_order>(module, "stable_order");
+    define<moved>(module, "moved");
+}
+
+}  // namespace nvsdata

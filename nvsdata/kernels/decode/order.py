@@ -1,0 +1,52 @@
+"""Order in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+
+def is_sorted(t: np.ndarray) -> bool:
+    """Return whether no time, int64 [N], is smaller than the one before it. O(N), no memory."""
+    rises: bool = _native.is_sorted(t)
+    return rises
+
+
+def late(t: np.ndarray, most: int) -> np.ndarray:
+    """Return indices int64 of the events that come after one with a later time; all -1 if more than `most`. O(N)."""
+    found = np.empty(most + 1, np.int64)
+    count = _native.late(t, found)
+    if count > most:
+        found[:] = -1
+        return found
+    return found[:count]
+
+
+def merge_late(late: np.ndarray, order: np.ndarray, *columns: np.ndarray) -> None:
+    """Copy columns t, x, y, p to others, the `late` events where their times belong, after others of that time. O(N).
+
+    `late` and `order` int64 are the same indices: ascending, and by time; all other events are in order of time.
+    ValueError for indices of no event.
+    """
+    _native.merge_late(late, order, *columns)
+
+
+def stable_order(t: np.ndarray) -> np.ndarray:
+    """Return indices int32 [N] that sort times, equal ones in the order that they have. O(N) per 11 bits of span.
+
+    By digits; `t` int64, fewer than 2^31.
+    """
+    if t.size > np.iinfo(np.int32).max:
+        raise ValueError("too many times for indices of 32 bits")
+    # memory of numpy, which asks for large pages
+    orders = np.empty((2, t.size), np.int32)
+    _native.stable_order(t, orders, np.empty((2, t.size), np.uint64))
+    return orders[0]
+
+
+def moved(t: np.ndarray, moves: np.ndarray, sigma: float, start: int, end: int) -> np.ndarray:
+    """Return times plus `sigma` times `moves` float32 [N], rounded to µs, not before `start` or after `end`."""
+    out = np.empty(t.size, np.int64)
+    _native.moved(t, moves, sigma, start, end, out)
+    return out

@@ -1,0 +1,112 @@
+// Lines of decimal numbers to event columns.
+#include <tuple>
+
+#include "../native/bind.h"
+#include "columns.h"
+
+namespace nvsdata {
+
+namespace {
+
+enum Fault { OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE, TOO_LATE };
+
+constexpr i64 MOST = INT64_MAX, LATEST = i64(1) << 62;
+constexpr int DECIMALS = 6;  // of seconds
+
+bool is_digit(u8 c) { return c >= '0' && c <= '9'; }
+bool is_space(u8 c) { return c == ' ' || c == '\t' || c == ',' || c == '\r'; }
+
+// Reads numbers of a text from byte `i` on, up to byte `stop`.
+struct Reader {
+    Span<const u8> raw;
+    i64 stop, i;
+    i64 values[4] = {};
+
+    bool more() const { return i < stop; }
+    u8 here() const { return raw[i]; }
+
+    // Numbers of the line: how many, and what is wrong, at byte `where`. Goes on to the next line.
+    std::pair<int, Fault> line(bool seconds_first, i64& where) {
+        int found = 0;
+        Fault fault = OK;
+        where = i;
+        bool comment = here() == '#';
+        while (more() && here() != '\n') {
+            if (comment || fault != OK || is_space(here())) {
+                ++i;
+            } else if (found == 4) {
+                fault = BAD_COUNT;
+            } else if (number(seconds_first && found == 0, values[found])) {
+                ++found;
+            } else {
+                fault = BAD_NUMBER;
+                where = i;
+            }
+        }
+        ++i;
+        if (fault == OK && 0 < found && found < 4) fault = BAD_COUNT;
+        return {found, fault};
+    }
+
+    // One decimal number; goes on to the byte after it, or at which it turns out to be none. With `seconds`, a fraction
+    // is allowed and the value is in µs. Without, a number may end in `.0`. One beyond i64 is refused.
+    bool number(bool seconds, i64& value) {
+        bool negative = here() == '-';
+        if (negative) ++i;
+        i64 digits = 0, sum = 0;
+        for (; more() && is_digit(here()); ++i) {
+            if (++digits > 18 && sum > (MOST - 9) / 10) return false;
+            sum = sum * 10 + (here() - '0');
+        }
+        if (digits == 0) return false;
+        int decimals = seconds ? DECIMALS : 0;
+        if (seconds && sum > MOST / 1'000'000 - 1) return false;
+        if (more() && here() == '.') {
+            for (++i; more() && is_digit(here()); ++i)
+                if (decimals > 0) {
+                    sum = sum * 10 + (here() - '0');
+                    --decimals;
+                } else if (!seconds && here() != '0') {
+                    return false;
+                }
+        }
+        for (; decimals > 0; --decimals) sum *= 10;
+        if (more() && !is_space(here()) && here() != '\n') return false;
+        value = negative ? -sum : sum;
+        return true;
+    }
+};
+
+}  // namespace
+
+std::tuple<i64, int, i64, i64> text_decode(Span<const u8> raw, i64 start, i64 stop, bool seconds_first, bool skip_faults,
+                                           Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
+    if (start < 0 || stop > raw.size()) throw std::invalid_argument("bytes beyond the text's ends");
+    i64 room = t.size(), kept = 0, dropped = 0, where = 0;
+    Columns out{t, x, y, p, 0, room};
+    Reader reader{raw, stop, start};
+    while (reader.more()) {
+        auto [found, fault] = reader.line(seconds_first, where);
+        if (found == 0 && fault == OK) continue;
+        auto [a, b, c, polarity] = reader.values;
+        i64 time = seconds_first ? a : c, column = seconds_first ? b : a, row = seconds_first ? c : b;
+        bool inside = column >= 0 && row >= 0 && column <= 32766 && row <= 32766 && polarity >= -1 && polarity <= 1;
+        if (fault == OK && !inside) fault = OUT_OF_RANGE;
+        if (fault == OK && (time <= -LATEST || time >= LATEST)) fault = TOO_LATE;
+        if (fault != OK) {
+            if (!skip_faults) return {kept, fault, where, dropped};
+            ++dropped;
+            continue;
+        }
+        if (kept == room) throw std::invalid_argument("columns are too short for the lines");
+        out.t[kept] = time;
+        out.x[kept] = i16(column);
+        out.y[kept] = i16(row);
+        out.p[kept++] = polarity > 0;
+    }
+    return {kept, OK, 0, dropped};
+}
+
+void define_text(nb::module_& module) { define<text_decode>(module, "text_decode"); }
+
+}  // namespace nvsdata
