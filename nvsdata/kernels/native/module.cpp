@@ -13,6 +13,10 @@ namespace nvsdata {
 
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
+void define_causal(nb::module_& module);
+void define_earlier(nb::module_& module);
+void define_sliding(nb::module_& module);
+void define_streaming_network(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -24,4 +28,8 @@ NB_MODULE(_native, module) {
 #endif
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
+    nvsdata::define_causal(module);
+    nvsdata::define_earlier(module);
+    nvsdata::define_sliding(module);
+    nvsdata::define_streaming_network(module);
 }
