@@ -215,14 +215,14 @@ class Stream(_Follower):
         # features of nodes change with all events around
         self._calm = self._calm + 1 if few and not self._has_features else 0
         if self._calm == CALM:
-            self._live = LiveNetwork(self._network, self.graph)
+            self._live = LiveNetwork(self._network)
             self._step(until, self._held)
             self._held = Columns.empty(0)
 
     def _step(self, until: int, new: Columns) -> None:
         assert self._live is not None
         before = self._live.products
-        self._live.step(until, new)
+        self._live.step(until, *new)
         self.products += self._live.products - before
 
 
@@ -240,10 +240,10 @@ class CausalStream(_Follower):
     def reset(self) -> None:
         """Forget all events."""
         super().reset()
-        self._live = LiveCausal(self._network, self.graph, self.window)
+        self._live = LiveCausal(self._network, self.window)
 
     def _take(self, columns: Columns) -> None:
-        self._live.step(self._until, columns)
+        self._live.step(self._until, *columns)
         self.products = self._live.products
 
     def _scores(self) -> torch.Tensor:

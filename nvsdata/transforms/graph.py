@@ -17,13 +17,12 @@ from nvsdata.data.pseudo import Pseudo, Reach, axes, check_pseudo, pseudo
 from nvsdata.data.recording import Recording, as_events, misplaced
 from nvsdata.kernels.graph.edges import event_graph
 from nvsdata.kernels.graph.neighbors import near_edges
-from nvsdata.kernels.live_neighbors import Metric, Window, earlier_edges
+from nvsdata.kernels.streaming.earlier import earlier_edges
 from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
 
 MOST = 2**31 - 1  # neighbors; a kernel takes no larger number, and no graph has more
 SHORTEST = float(np.finfo(np.float32).tiny)
 LARGEST = 2**26  # pixels around the nodes of a causal graph
-FEW = 64  # neighbors that there is room for at first
 FURTHEST = 32_767  # pixels between nodes, as between events
 
 
@@ -85,16 +84,8 @@ class RadiusGraph:
         width, height = int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1
         if width * height > LARGEST:
             raise ValueError(f"nodes of a causal graph must lie in {LARGEST:,} pixels, not {width}x{height}")
-        metric = Metric.of(float(self.radius), float(self.alpha), float(self.beta), max(width, height) - 1)
-        capacity = 1 << max(t.size - 1, 1).bit_length()
-        most, k = min(int(self.max_degree), max(t.size, 1)), FEW
-        while True:
-            # room for the neighbors that there are, not for all that there may be
-            window = Window.empty(width, height, capacity, min(k, most))
-            edges: np.ndarray = earlier_edges(window, metric, t, x, y)
-            if k >= most or window.degree.max() < k:
-                return edges
-            k *= 4
+        metric = float(self.radius), float(self.alpha), float(self.beta)
+        return earlier_edges(t, x, y, (width, height), metric, int(self.max_degree))
 
     def reach(self, sensor_size: tuple[int, int]) -> Reach:
         """What the ends of the axes of the pseudo-coordinates stand for, in pixels and µs."""

@@ -112,7 +112,7 @@ def test_long_pieces_and_single_events_give_the_same(monkeypatch):
     events = joined([drawn(rng, 3_000, "wide"), drawn(rng, 1_500, "narrow", 10**6)])
     found = []
     for size, together in ((1, 4096), (4_500, 4096), (700, 90)):
-        monkeypatch.setattr("nvsdata.models.live_causal.PIECE", together)
+        monkeypatch.setattr("nvsdata.kernels.streaming.causal.TOGETHER", together)
         live = models.stream(network, 20_000, GRAPHS[0])
         for at in range(0, 4_500, size):
             live.feed(events[at : at + size])

@@ -127,32 +127,24 @@ def test_neighbors_are_those_of_the_graph(seed, k, window):
     beta, pseudo = [2.5e-11, LITERAL_BETA, 0.0][seed % 3], ("signed", "signed-time")[seed % 2]
     graph = T.RadiusGraph(radius=3, beta=beta, max_degree=k, pseudo=pseudo)
     axes = 2 + seed % 2
-    live = LiveNetwork(Parts(trained(dim=axes), graph), graph)
+    live = LiveNetwork(Parts(trained(dim=axes), graph))
     pieces, now = [], 0
     for _ in range(10):
         pieces.append(drawn(rng, int(rng.integers(1, 30)), ("burst", "ties", "narrow")[rng.integers(3)], now))
         now = int(pieces[-1].t[-1])
-        live.step(now - window + 1, pieces[-1].window(now - window + 1, None).columns)
+        live.step(now - window + 1, *pieces[-1].window(now - window + 1, None).columns)
         events = of_window(joined(pieces), window)
-        rows, kept = live._rows(), live._window
-        first = int(kept.ends[0])
-        found = {
-            (int(source) - first, n) for n, row in enumerate(rows) for source in kept.source[row, : kept.degree[row]]
-        }
-        assert found == set(map(tuple, graph(events).edge_index.T.tolist()))
+        assert set(map(tuple, live.edges(0).T.tolist())) == set(map(tuple, graph(events).edge_index.T.tolist()))
         assert live.columns().t.tolist() == events.t.tolist()
         # and so are the edges of the graph above
-        cells = live._cells[0]
         batch = GraphPool((2, 2), SIZE)(GraphBatch.of(graph(events)))
         at = (batch.pos.long() // 2 * torch.tensor([1, 17])).sum(1).numpy()
         edges = {(int(at[a]), int(at[b])) for a, b in batch.edge_index.T.tolist()}
-        wide = 2 * cells.across + 1
-        ours = set()
-        for target, offset in np.argwhere(cells.edge).tolist():
-            ours.add((target + offset % wide - cells.across + 17 * (offset // wide - cells.down), target))
-        assert ours == edges
+        assert set(map(tuple, live.edges(1).T.tolist())) == edges
         places = torch.cat((batch.pos.long(), (batch.t + events.start)[:, None]), 1)
-        assert (cells.place[at] + [0, 0, live._origin])[:, :axes].tolist() == places[:, :axes].tolist()
+        found = live.places(1, 17 * 17)
+        assert found[at][:, :axes].tolist() == places[:, :axes].tolist()
+        assert (np.delete(found, at, 0) == -1).all()
 
 
 def test_pieces_may_be_of_any_size_and_rows_are_kept_where_that_pays():

@@ -5,6 +5,7 @@
 
 #include "../native/bind.h"
 #include "../native/bits.h"
+#include "neighbors.h"
 #include "pixels.h"
 
 namespace nvsdata {
@@ -360,6 +361,9 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
     if (!swept) Search(t, Pixels(x, y, alpha > 0), metric, sources).run();
     return std::accumulate(degree.begin(), degree.end(), i64(0));
 }
+
+template i64 near_sources<i16>(Span<const i64>, Span<const i16>, Span<const i16>, double, double, double, i64, Span<i32>,
+                               Rows<i32>);
 
 i64 pairs(Span<const i64> t, i64 reach) { return pairs_in_time(t, reach); }
 

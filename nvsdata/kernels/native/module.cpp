@@ -30,6 +30,10 @@ void define_neighbors(nb::module_& module);
 void define_order(nb::module_& module);
 void define_select(nb::module_& module);
 void define_text(nb::module_& module);
+void define_causal(nb::module_& module);
+void define_earlier(nb::module_& module);
+void define_sliding(nb::module_& module);
+void define_streaming_network(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -58,4 +62,8 @@ NB_MODULE(_native, module) {
     nvsdata::define_order(module);
     nvsdata::define_select(module);
     nvsdata::define_text(module);
+    nvsdata::define_causal(module);
+    nvsdata::define_earlier(module);
+    nvsdata::define_sliding(module);
+    nvsdata::define_streaming_network(module);
 }

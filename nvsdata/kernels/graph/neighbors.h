@@ -1,0 +1,18 @@
+// The nearest events of each event: see neighbors.py.
+#pragma once
+
+#include "../native/span.h"
+
+namespace nvsdata {
+
+constexpr i64 SWEEP = 48;  // as in neighbors.py
+
+// `degree` by event; `source` has room for one more than each event's sources. Returns the number of all.
+template <class Coordinate>
+i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, double radius, double alpha,
+                 double beta, i64 sweep_below, Span<i32> degree, Rows<i32> source);
+
+extern template i64 near_sources<i16>(Span<const i64>, Span<const i16>, Span<const i16>, double, double, double, i64,
+                                      Span<i32>, Rows<i32>);
+
+}  // namespace nvsdata

@@ -1,0 +1,1 @@
+"""Networks that follow events, one by one."""

@@ -1,0 +1,199 @@
+// Pooled graphs that follow changes of the graph below: the clusters of `kernels.pool`, as integers that add up.
+//
+// A cluster is a cell of a grid and its number is its node's. Positions are sums over members, edges are counted, so that
+// members and edges can go. A step marks what it touches; `settle` then finds what is different from before.
+#pragma once
+
+#include <algorithm>
+
+#include "columns.h"
+
+namespace nvsdata::streaming {
+
+// Clusters of pixels; positions beyond the grid belong to its border.
+struct Grid {
+    i64 width, height;  // of a cell in pixels
+    i64 columns, rows;
+    i64 size() const { return columns * rows; }
+    i64 cell_of(i64 x, i64 y) const { return std::min(y / height, rows - 1) * columns + std::min(x / width, columns - 1); }
+};
+
+inline i64 floor_quotient(i64 a, i64 b) { return a / b - (a % b < 0); }
+
+// x, y and t of a node, or of a source as seen from a target.
+struct Place {
+    i64 x = 0, y = 0, t = 0;
+    // sums of far times may have wrapped around
+    Place operator-(const Place& other) const { return {x - other.x, y - other.y, i64(u64(t) - u64(other.t))}; }
+    bool operator==(const Place& other) const { return x == other.x && y == other.y && t == other.t; }
+};
+
+class Cells {
+public:
+    Grid grid;
+    i64 across, down;  // most cells between the ends of an edge; its place among a cell's `offsets` determines the source
+    bool has_time;     // without it, the time of places stays 0, because it changes with each event
+    i64 offsets;
+    Column<i64> members;       // number of nodes below
+    Column<Place> place, was;  // of the nodes now, without meaning if there are no members, and before they `moved`
+    Column<u8> alive;          // whether there was a node when the last step settled
+    Table<u8> edge;            // by target and offset
+    Column<i64> home;          // the cell of the graph above, -1 without
+    Column<i64> head, after;   // the first member of a cell, and the next one by number of the node below, -1 for none
+    Marks moved, turned;       // cells; edges, as cell * offsets + offset
+    Marks rescan;              // cells that lost or gained a member whose features may count
+
+    // `far_x`, `far_y`: pixels that nodes joined by an edge are apart at most; `below`: nodes of the graph below.
+    Cells(Grid cells, i64 far_x, i64 far_y, i64 below, bool with_time)
+        : grid(cells), across(std::min((far_x + grid.width - 1) / grid.width, grid.columns - 1)),
+          down(std::min((far_y + grid.height - 1) / grid.height, grid.rows - 1)), has_time(with_time),
+          offsets((2 * across + 1) * (2 * down + 1)), members(grid.size()), place(grid.size()), was(grid.size()),
+          alive(grid.size()), edge(grid.size(), offsets), home(grid.size()), head(grid.size()), after(below),
+          moved(grid.size()), turned(grid.size() * offsets), rescan(grid.size()), sums_(grid.size()),
+          count_(grid.size(), offsets), previous_(below), touched_(grid.size()), counted_(grid.size() * offsets) {
+        home.fill(-1);
+        head.fill(-1);
+    }
+
+    // Pixels that its own nodes are apart at most if an edge joins them.
+    i64 far_x() const { return across * grid.width + grid.width - 1; }
+    i64 far_y() const { return down * grid.height + grid.height - 1; }
+
+    // Call `each(offset, cell)` for the cells around one, itself included.
+    template <class Each>
+    void around(i64 cell, Each each) const {
+        i64 x = cell % grid.columns, y = cell / grid.columns, offset = 0;
+        for (i64 v = y - down; v <= y + down; ++v)
+            for (i64 u = x - across; u <= x + across; ++u, ++offset)
+                if (u >= 0 && u < grid.columns && v >= 0 && v < grid.rows) each(offset, v * grid.columns + u);
+    }
+    // The cell at an offset, which must be one of an edge.
+    i64 neighbor(i64 cell, i64 offset) const {
+        i64 wide = 2 * across + 1;
+        return cell + (offset / wide - down) * grid.columns + offset % wide - across;
+    }
+    // The offset of the same edge the other way around.
+    i64 opposite(i64 offset) const { return offsets - 1 - offset; }
+
+    // Put a node below into a cell.
+    void add_member(i64 cell, i64 node, const Place& at) {
+        ++members[cell];
+        add(cell, at, 1);
+        i64 first = head[cell];
+        after[node % after.size()] = first;
+        previous_[node % after.size()] = -1;
+        if (first >= 0) previous_[first % after.size()] = node;
+        head[cell] = node;
+        touched_.mark(cell);
+    }
+
+    // Take a node below out of a cell.
+    void remove_member(i64 cell, i64 node, const Place& at) {
+        --members[cell];
+        add(cell, at, u64(-1));
+        i64 next = after[node % after.size()], before = previous_[node % after.size()];
+        (before >= 0 ? after[before % after.size()] : head[cell]) = next;
+        if (next >= 0) previous_[next % after.size()] = before;
+        touched_.mark(cell);
+    }
+
+    // Add an edge below, from a node of cell `source` to one of `target`, or take one away.
+    void count_edge(i64 target, i64 source, int way) {
+        if (source == target) return;
+        i64 dx = source % grid.columns - target % grid.columns, dy = source / grid.columns - target / grid.columns;
+        i64 offset = (dy + down) * (2 * across + 1) + dx + across;
+        count_(target, offset) += u32(way);
+        counted_.mark(target * offsets + offset);
+    }
+
+    // Find the nodes that moved, came or went, and the edges that are new or gone. O(what was touched).
+    void settle() {
+        for (i64 cell : touched_.numbers()) {
+            was[cell] = place[cell];
+            bool exists = members[cell] > 0, same = exists == bool(alive[cell]);
+            if (exists) {
+                place[cell] = mean(cell);
+                same = same && place[cell] == was[cell];
+            }
+            if (!same && (alive[cell] || exists)) moved.mark(cell);
+        }
+        touched_.clear();
+        for (i64 number : counted_.numbers()) {
+            i64 target = number / offsets, offset = number % offsets;
+            bool now = count_(target, offset) > 0;
+            if (now == bool(edge(target, offset))) continue;
+            edge(target, offset) = now;
+            turned.mark(number);
+        }
+        counted_.clear();
+    }
+
+    // Bring the graph above up to date with a settled one, and settle it.
+    void lift(Cells& above) {
+        for (i64 number : turned.numbers()) {
+            i64 target = number / offsets, offset = number % offsets, source = neighbor(target, offset);
+            if (home[target] >= 0 && home[source] >= 0)
+                above.count_edge(home[target], home[source], edge(target, offset) ? 1 : -1);
+        }
+        for (i64 cell : moved.numbers()) {
+            i64 old = home[cell], now = members[cell] ? above.grid.cell_of(place[cell].x, place[cell].y) : -1;
+            if (old >= 0) above.remove_member(old, cell, was[cell]);
+            if (now >= 0) above.add_member(now, cell, place[cell]);
+            if (now == old) continue;
+            if (old >= 0) {
+                count_all(above, cell, -1);
+                above.rescan.mark(old);
+            }
+            home[cell] = now;
+            if (now >= 0) {
+                count_all(above, cell, 1);
+                above.rescan.mark(now);
+            }
+        }
+        above.settle();
+    }
+
+    // Forget what has changed, when all layers are up to date.
+    void rest() {
+        for (i64 cell : moved.numbers()) alive[cell] = members[cell] > 0;
+        moved.clear();
+        turned.clear();
+    }
+
+    // Make room for more events below, of numbers from `first` up to `next`.
+    void grow(i64 capacity, i64 first, i64 next) {
+        widen(after, capacity, first, next);
+        widen(previous_, capacity, first, next);
+    }
+
+private:
+    struct Sums {
+        u64 x = 0, y = 0, t = 0;
+    };
+    Column<Sums> sums_;      // of the members' places
+    Table<u32> count_;       // edges below, by target and offset
+    Column<i64> previous_;   // see `after`
+    Marks touched_, counted_;  // cells; edges
+
+    void add(i64 cell, const Place& at, u64 way) {
+        Sums& sums = sums_[cell];
+        sums.x += way * u64(at.x), sums.y += way * u64(at.y), sums.t += way * u64(at.t);
+    }
+    Place mean(i64 cell) const {
+        const Sums& sums = sums_[cell];
+        i64 n = members[cell];
+        // rounded down, times before the first event, too
+        return {i64(sums.x) / n, i64(sums.y) / n, has_time ? floor_quotient(i64(sums.t), n) : 0};
+    }
+
+    // Add, or take away, all edges of a node in the graph above.
+    void count_all(Cells& above, i64 cell, int way) const {
+        around(cell, [&](i64 offset, i64 other) {
+            if (home[other] < 0) return;
+            if (edge(cell, offset)) above.count_edge(home[cell], home[other], way);
+            if (edge(other, opposite(offset))) above.count_edge(home[other], home[cell], way);
+        });
+    }
+};
+
+}  // namespace nvsdata::streaming

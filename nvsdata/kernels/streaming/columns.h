@@ -1,0 +1,124 @@
+// Arrays that are owned: zeros at first, whose memory costs nothing until it is touched.
+#pragma once
+
+#include <cstdlib>
+#include <new>
+#include <utility>
+#include <vector>
+
+#include "../native/span.h"
+
+namespace nvsdata::streaming {
+
+template <class T>
+struct Zeros {
+    using value_type = T;
+    Zeros() = default;
+    template <class U>
+    Zeros(const Zeros<U>&) {}
+
+    T* allocate(std::size_t n) {
+        void* memory = std::calloc(n, sizeof(T));
+        if (!memory) throw std::bad_alloc();
+        return static_cast<T*>(memory);
+    }
+    void deallocate(T* memory, std::size_t) { std::free(memory); }
+    template <class U>
+    void construct(U*) {}
+    template <class U, class... A>
+    void construct(U* place, A&&... values) {
+        ::new (static_cast<void*>(place)) U(std::forward<A>(values)...);
+    }
+    friend bool operator==(const Zeros&, const Zeros&) { return true; }
+    friend bool operator!=(const Zeros&, const Zeros&) { return false; }
+};
+
+template <class T>
+class Column {
+public:
+    explicit Column(i64 size = 0) : values_(std::size_t(size)) {}
+    T& operator[](i64 i) {
+        check_index(u64(i), values_.size());
+        return values_[std::size_t(i)];
+    }
+    const T& operator[](i64 i) const {
+        check_index(u64(i), values_.size());
+        return values_[std::size_t(i)];
+    }
+    i64 size() const { return i64(values_.size()); }
+    void fill(T value) { values_.assign(values_.size(), value); }
+    operator Span<T>() { return {values_.data(), size()}; }
+    operator Span<const T>() const { return {values_.data(), size()}; }
+
+private:
+    std::vector<T, Zeros<T>> values_;
+};
+
+template <class T>
+class Table {
+public:
+    explicit Table(i64 rows = 0, i64 columns = 0) : rows_(rows), columns_(columns), values_(std::size_t(rows * columns)) {}
+    Span<T> operator[](i64 row) { return Rows<T>(values_.data(), rows_, columns_)[row]; }
+    Span<const T> operator[](i64 row) const { return Rows<const T>(values_.data(), rows_, columns_)[row]; }
+    T& operator()(i64 row, i64 column) { return Rows<T>(values_.data(), rows_, columns_)(row, column); }
+    const T& operator()(i64 row, i64 column) const {
+        return Rows<const T>(values_.data(), rows_, columns_)(row, column);
+    }
+    i64 rows() const { return rows_; }
+    i64 columns() const { return columns_; }
+
+private:
+    i64 rows_, columns_;
+    std::vector<T, Zeros<T>> values_;
+};
+
+// Events' rows: an event's row is its number modulo the capacity, which is a power of two. `widen` makes room for more
+// of those from `first` up to `next`.
+template <class T>
+void widen(Column<T>& column, i64 capacity, i64 first, i64 next) {
+    Column<T> wide(capacity);
+    for (i64 number = first; number < next; ++number)
+        wide[number & (capacity - 1)] = column[number & (column.size() - 1)];
+    column = std::move(wide);
+}
+
+template <class T>
+void widen(Table<T>& table, i64 capacity, i64 first, i64 next) {
+    Table<T> wide(capacity, table.columns());
+    for (i64 number = first; number < next; ++number) {
+        auto row = table[number & (table.rows() - 1)];
+        std::copy(row.begin(), row.end(), wide[number & (capacity - 1)].begin());
+    }
+    table = std::move(wide);
+}
+
+// A set of numbers that loops fill and work off: each number once, in the order in which it came.
+class Marks {
+public:
+    explicit Marks(i64 size = 0) : marked_(size) {}
+    bool has(i64 number) const { return marked_[number]; }
+    void mark(i64 number) {
+        if (marked_[number]) return;
+        marked_[number] = 1;
+        numbers_.push_back(number);
+    }
+    const std::vector<i64>& numbers() const { return numbers_; }
+    void clear() {
+        for (i64 number : numbers_) marked_[number] = 0;
+        numbers_.clear();
+    }
+    // Move those that are to be kept into `kept`, and remove all.
+    template <class Keep>
+    void drain(std::vector<i64>& kept, Keep keep) {
+        kept.clear();
+        for (i64 number : numbers_)
+            if (keep(number)) kept.push_back(number);
+        clear();
+    }
+
+private:
+    Column<u8> marked_;
+    std::vector<i64> numbers_;
+};
+
+}  // namespace nvsdata::streaming

@@ -1,0 +1,99 @@
+// B-spline convolutions of graphs that change: only rows whose inputs changed are computed, from what changed in them.
+//
+// The sum over a node's edges is kept in float64, so that what was added can be taken away: a target with few changed
+// edges adds the difference of each, one with many is summed from scratch. Zeros, of which ReLU makes many, aren't
+// multiplied.
+#pragma once
+
+#include <memory>
+
+#include "cells.h"
+#include "window.h"
+
+namespace nvsdata::streaming {
+
+constexpr i64 TOGETHER = 16;  // targets that are multiplied with each weight while it is in the cache
+constexpr i64 OLD = 500;      // differences after which a sum is computed from scratch, so that rounding doesn't add up
+
+// Weights of a convolution with folded normalization.
+struct Kernel {
+    i64 size;                           // cells along an axis
+    bool loops, own, is_signed;         // a node is its own neighbor; it adds its own features; of pseudo-coordinates
+    std::vector<float> reach;           // differences that end an axis
+    i64 cells, in, out;                 // cells: of all axes
+    Table<float> weight;                // rows: of each cell, then of the node itself, those of each input
+    std::vector<float> bias;
+};
+
+// Features of nodes, and what they were `before` this step where they `changed`.
+struct Features {
+    Table<float> values, before;
+    Marks changed;
+    Features(i64 nodes, i64 channels) : values(nodes, channels), before(nodes, channels), changed(nodes) {}
+};
+
+// Sums over the edges of up to TOGETHER targets, and their products with the weights.
+class Convolution {
+public:
+    i64 products = 0;  // multiplications so far
+
+    explicit Convolution(std::shared_ptr<const Kernel> kernel)
+        : kernel_(std::move(kernel)), share_(TOGETHER * (kernel_->cells + 1), kernel_->in),
+          used_(TOGETHER, kernel_->cells + 1), product_(TOGETHER, 2 * kernel_->out) {}
+
+    const Kernel& kernel() const { return *kernel_; }
+
+    // Add a source's features, `less` those before unless that is empty, to the kernel cells that an edge touches.
+    // Their shares are B-splines of degree 1; `way` is -1 to take away.
+    void add(i64 at, Span<const float> features, Span<const float> less, const Place& away, float way);
+
+    // Add a node's own features, in the same way.
+    void add_self(i64 at, Span<const float> features, Span<const float> less) {
+        if (kernel_->loops) add(at, features, less, {}, 1);
+        if (kernel_->own) add_to(at, kernel_->cells, features, less, 1);
+    }
+
+    // Multiply what the first targets have summed up with the weights, and forget it.
+    void multiply(i64 targets);
+
+    // Add a target's products, over the edges and of itself, to its sums, and forget them; its output is their mean.
+    void collect(i64 at, i64 degree, Span<double> edges, Span<double> self, Span<float> out);
+
+private:
+    std::shared_ptr<const Kernel> kernel_;
+    Table<float> share_;    // what targets sum up, by target and cell of the kernel
+    Table<u8> used_;        // and where
+    Table<float> product_;  // that, times the weights: over the edges, and of the node itself
+
+    void add_to(i64 at, i64 cell, Span<const float> features, Span<const float> less, float part);
+};
+
+// A convolution of events, each row from scratch: they have few features.
+void convolve(Convolution& layer, const Window& window, const Table<float>& features, Span<const i64> rows, Table<float>& out);
+
+// A convolution of a pooled graph.
+class CellLayer {
+public:
+    Table<float> out;
+    std::vector<i64> rows;  // of `out`, computed by the last update
+
+    CellLayer(std::shared_ptr<const Kernel> kernel, i64 nodes)
+        : out(nodes, kernel->out), convolution_(std::move(kernel)), edges_(nodes, out.columns()), self_(edges_),
+          age_(nodes), dirty_(nodes) {}
+
+    // Compute the rows whose inputs changed.
+    void update(const Cells& cells, Features& features);
+
+    i64 products() const { return convolution_.products; }
+
+private:
+    Convolution convolution_;
+    Table<double> edges_, self_;  // sums over the edges, and of the node itself
+    Column<i64> age_;             // how often they were added to
+    Marks dirty_;
+
+    void mark_targets(const Cells& cells, const Features& features);
+    i64 sum_up(const Cells& cells, const Features& features, i64 at, i64 cell);
+};
+
+}  // namespace nvsdata::streaming

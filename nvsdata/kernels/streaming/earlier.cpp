@@ -1,0 +1,38 @@
+// The nearest of the events before each event.
+#include "../native/bind.h"
+#include "../native/interrupt.h"
+#include "window.h"
+
+namespace nvsdata {
+
+namespace {
+
+// Fill `degree` by event and `source` with the numbers of its sources, ascending; returns the number of all.
+i64 earlier_sources(Span<const i64> t, Span<const i32> x, Span<const i32> y, i64 width, i64 height, double radius,
+                    double alpha, double beta, Span<i32> degree, Rows<i32> source) {
+    i64 n = t.size(), count = 0;
+    if (x.size() != n || y.size() != n || degree.size() != n || source.rows() != n || n > streaming::MOST_EVENTS)
+        throw std::invalid_argument("columns of events must be equally long");
+    if (width <= 0 || height <= 0 || width > streaming::MOST_PIXELS / height || source.columns() == 0)
+        throw std::invalid_argument("no such sensor or number of neighbors");
+    streaming::Metric metric(radius, alpha, beta, std::max(width, height) - 1);
+    streaming::Window window(width, height, streaming::capacity_for(n), source.columns());
+    Interrupt interrupt;
+    for (i64 i = 0; i < n; ++i) {
+        if (i % 256 == 0) interrupt.poll();
+        if (!window.is_inside(x[i], y[i])) throw std::invalid_argument("an event is outside the sensor");
+        window.push(t[i], x[i], y[i]);
+        window.search(i, metric);
+        degree[i] = window.degree[i];
+        for (i32 m = 0; m < degree[i]; ++m) source(i, m) = i32(window.source(i, m));
+        std::sort(source[i].begin(), source[i].begin() + degree[i]);
+        count += degree[i];
+    }
+    return count;
+}
+
+}  // namespace
+
+void define_earlier(nb::module_& module) { define<earlier_sources>(module, "earlier_sources"); }
+
+}  // namespace nvsdata

@@ -1,0 +1,45 @@
+"""The nearest of the events before each event."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+FEW = 64  # neighbors that there is room for at first
+
+
+def earlier_edges(
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    sensor_size: tuple[int, int],
+    metric: tuple[float, float, float],
+    k: int,
+) -> np.ndarray:
+    """Return edges to each event from its `k` nearest before it: int64 [2, E], sorted by (target, source).
+
+    O(N (pixels up to the farthest neighbor) k).
+
+    Args:
+        t: int64 [N], must not decrease.
+        x: int32 [N].
+        y: int32 [N].
+        sensor_size: width and height in pixels, which contain all events.
+        metric: radius, alpha and beta, see `near_sources`; alpha must be above 0.
+        k: at least 1.
+
+    Raises:
+        ValueError: columns of different lengths, or an event outside the sensor.
+    """
+    most, few = min(k, max(t.size, 1)), FEW
+    while True:
+        # room for the neighbors that there are, not for all that there may be
+        degree, source = np.empty(t.size, np.int32), np.empty((t.size, min(few, most)), np.int32)
+        count = _native.earlier_sources(t, x, y, *sensor_size, *metric, degree, source)
+        if few >= most or degree.max() < few:
+            break
+        few *= 4
+    edges = np.empty((2, count), np.int64)
+    _native.listed_edges(degree, source, edges)
+    return edges

@@ -1,0 +1,76 @@
+// A network that follows events: its weights, which all its states share.
+#pragma once
+
+#include <mutex>
+
+#include "pooling.h"
+
+namespace nvsdata::streaming {
+
+struct Network {
+    struct Layer {
+        std::shared_ptr<const Kernel> kernel;
+        bool is_pooled, is_average;
+        Grid grid;  // that its rows are pooled into
+    };
+    i64 width, height;  // of the sensor
+    i64 k;              // neighbors of an event, at most
+    std::shared_ptr<const Metric> metric;
+    std::vector<Layer> layers;
+    std::shared_ptr<const Table<float>> hidden;  // weights of the first fully connected layer: see `Readout`
+
+    const Layer& last() const { return layers.back(); }
+    // That the last rows are pooled into, or cells of one pixel.
+    Grid grid() const {
+        for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
+            if (layer->is_pooled) return layer->grid;
+        return {1, 1, width, height};
+    }
+    Window window() const { return Window(width, height, 256, k); }
+    Readout readout() const { return Readout(hidden, grid().size(), last().kernel->out); }
+};
+
+// Events, in order of time, with the polarity 0 or 1.
+struct Events {
+    Span<const i64> t;
+    Span<const i16> x, y;
+    Span<const u8> p;
+
+    i64 size() const { return t.size(); }
+    Events part(i64 from, i64 to) const { return {t.part(from, to), x.part(from, to), y.part(from, to), p.part(from, to)}; }
+
+    // Throws if kernels can't trust them: they must be on the sensor, and no earlier than `time`.
+    void check(const Network& network, i64 time) const {
+        if (x.size() != size() || y.size() != size() || p.size() != size())
+            throw std::invalid_argument("columns of events must be equally long");
+        for (i64 i = 0; i < size(); ++i) {
+            if (x[i] < 0 || x[i] >= network.width || y[i] < 0 || y[i] >= network.height)
+                throw std::invalid_argument("an event is outside the sensor");
+            if (t[i] < time) throw std::invalid_argument("events must be in order of time, from 0 on");
+            time = t[i];
+        }
+    }
+};
+
+// Lets one caller at a time use a state, and none once a change was interrupted halfway.
+class Turns {
+public:
+    std::unique_lock<std::mutex> take() {
+        std::unique_lock<std::mutex> turn(*mutex_);
+        if (is_changing_) throw std::runtime_error("a step of this network was interrupted: its state can't be used");
+        return turn;
+    }
+    void begin_change() { is_changing_ = true; }
+    void end_change() { is_changing_ = false; }
+
+private:
+    std::unique_ptr<std::mutex> mutex_ = std::make_unique<std::mutex>();
+    bool is_changing_ = false;
+};
+
+// Arrays that are to be filled must fit.
+inline void require_size(bool fits) {
+    if (!fits) throw std::invalid_argument("an array of another size is needed");
+}
+
+}  // namespace nvsdata::streaming

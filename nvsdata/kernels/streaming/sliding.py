@@ -1,0 +1,88 @@
+"""Network that follows the events in a window that slides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+
+class SlidingNetwork:
+    """A network's rows for the events in a window that slides: only rows that change are computed.
+
+    Its arrays belong to the extension: their numbers are indexes of each other, so nothing else may write them.
+
+    Args:
+        network: see `streaming_network`; its first layer is pooled.
+        shape: cells and channels of its last pooled graph.
+        units: of its first fully connected layer.
+    """
+
+    def __init__(self, network: _native.StreamingNetwork, shape: tuple[int, int], units: int) -> None:
+        self._state = _native.sliding_network(network)
+        self._shape, self._units = shape, units
+
+    def __len__(self) -> int:
+        """Return the number of events."""
+        return int(_native.sliding_size(self._state))
+
+    def step(self, until: int, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
+        """Remove events before time `until`, and append others.
+
+        Args:
+            until: µs.
+            t: int64 [N], from 0 on; not before events that were appended earlier.
+            x: int16 [N].
+            y: int16 [N].
+            p: uint8 [N], 0 or 1.
+
+        Raises:
+            ValueError: events out of order or outside the sensor.
+            RuntimeError: an earlier step was interrupted.
+        """
+        _native.sliding_step(self._state, until, t, x, y, p)
+
+    def over(self, until: int) -> int:
+        """Return the number of events before time `until`."""
+        return int(_native.sliding_count_before(self._state, until))
+
+    def events(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return t, x, y and p of the events."""
+        n = len(self)
+        found = np.empty(n, np.int64), np.empty(n, np.int16), np.empty(n, np.int16), np.empty(n, np.uint8)
+        _native.sliding_events(self._state, *found)
+        return found
+
+    @property
+    def hidden(self) -> np.ndarray:
+        """Sums of the first fully connected layer, without its bias: float64 [units]."""
+        found = np.empty(self._units)
+        _native.sliding_hidden(self._state, found)
+        return found
+
+    @property
+    def shown(self) -> np.ndarray:
+        """Features of the last graph's cells, float32 [cells, channels]."""
+        found = np.empty(self._shape, np.float32)
+        _native.sliding_shown(self._state, found)
+        return found
+
+    @property
+    def products(self) -> int:
+        """Multiplications so far."""
+        return int(_native.sliding_products(self._state))
+
+    def edges(self, level: int) -> np.ndarray:
+        """Return source and target of the edges between events, or between cells pooled `level` times: int64 [2, E]."""
+        found = np.empty((2, _native.sliding_edges(self._state, level, np.empty((2, 0), np.int64))), np.int64)
+        _native.sliding_edges(self._state, level, found)
+        return found
+
+    def places(self, level: int, cells: int) -> np.ndarray:
+        """Return x, y and t of the nodes of a pooled graph, int64 [cells, 3].
+
+        All are -1 where there is no node. Without time as an axis t is 0.
+        """
+        found = np.empty((cells, 3), np.int64)
+        _native.sliding_places(self._state, level, found)
+        return found
