@@ -13,6 +13,8 @@ namespace nvsdata {
 
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
+void define_pool(nb::module_& module);
+void define_spline(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -24,4 +26,6 @@ NB_MODULE(_native, module) {
 #endif
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
+    nvsdata::define_pool(module);
+    nvsdata::define_spline(module);
 }
