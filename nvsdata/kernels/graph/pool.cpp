@@ -1,44 +1,116 @@
 // Clusters of nodes: the coarse graph, and features pooled over its clusters.
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "../native/bind.h"
+#include "../native/levels.h"
 
 namespace nvsdata {
 
 namespace {
 
-// Index of the cell that a place is in, that of the border where it is outside, 0 for NaN.
-i64 cell_of(double place, i64 width, i64 count) {
-    return i64(std::min(std::max(0.0, place / double(width)), double(count - 1)));
+// The nodes of a cluster, summed up.
+struct Sum {
+    double x, y;    // exact, of whole pixels: or the mean's floor wouldn't be
+    i64 t, first;   // times from that of the first node on: a sum of dates in µs may be beyond 64 bits
+    i64 members;
+};
+
+// Index of the cell at a place, that of the border where it is outside, 0 for NaN.
+i64 cell_at(double place, i64 side, i64 count) {
+    return i64(std::min(std::max(0.0, place / double(side)), double(count - 1)));
 }
 
-// Sums wrap; rounded down.
-i64 floored(i64 sum, i64 count) { return sum / count - (sum % count < 0); }
-i64 added(i64 a, i64 b) { return i64(u64(a) + u64(b)); }
-i64 apart(i64 a, i64 b) { return i64(u64(a) - u64(b)); }
+// First time plus the rounded mean; what is beyond 64 bits wraps.
+i64 mean_time(const Sum& sum) {
+    i64 mean = sum.t / sum.members - (sum.t % sum.members < 0);
+    return i64(u64(sum.first) + u64(mean));
+}
+
+template <class Integer>
+void check_below(Span<const Integer> values, i64 count, const char* message) {
+    using Unsigned = std::make_unsigned_t<Integer>;
+    Unsigned last = Unsigned(std::min(count, i64(std::numeric_limits<Integer>::max())) - 1), signs = 0;
+    // the sign of one or the other is set if a value is out of range
+    for (Integer value : values) signs |= Unsigned(value) | Unsigned(last - Unsigned(value));
+    if (Integer(signs) < 0) throw std::out_of_range(message);
+}
+
+void check_clusters(i64 nodes, Span<const i64> cluster, i64 count) {
+    if (nodes != cluster.size()) throw std::invalid_argument("features and clusters are of different numbers of nodes");
+    check_below(cluster, count, "a node's cluster doesn't exist");
+}
+
+template <class Float>
+NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
+    std::vector<u8> seen(best.rows());
+    for (i64 i = 0; i < cluster.size(); ++i) {
+        Span<const Float> given = features[i];
+        Span<Float> most = best[cluster[i]];
+        Span<i32> from = where[cluster[i]];
+        if (!seen[cluster[i]]) {
+            seen[cluster[i]] = 1;
+            for (i64 c = 0; c < given.size(); ++c) {
+                most[c] = given[c];
+                from[c] = i32(i);
+            }
+            continue;
+        }
+        for (i64 c = 0; c < given.size(); ++c) {
+            Float value = given[c], before = most[c];
+            // true of NaN, unless there was one before
+            bool more = !(value <= before) & (before == before);
+            most[c] = more ? value : before;
+            from[c] = more ? i32(i) : from[c];
+        }
+    }
+    for (i64 m = 0; m < best.rows(); ++m) {
+        if (seen[m]) continue;
+        std::fill(best[m].begin(), best[m].end(), Float(0));
+        std::fill(where[m].begin(), where[m].end(), -1);
+    }
+}
+
+template <class Float>
+NVSDATA_INLINE void add_up(Rows<const Float> features, Span<const i64> cluster, Rows<double> sums, Rows<Float> mean,
+                           Span<Float> members) {
+    for (i64 i = 0; i < cluster.size(); ++i) {
+        members[cluster[i]] += 1;
+        Span<const Float> given = features[i];
+        Span<double> sum = sums[cluster[i]];
+        for (i64 c = 0; c < given.size(); ++c) sum[c] += double(given[c]);
+    }
+    for (i64 m = 0; m < mean.rows(); ++m) {
+        Span<Float> out = mean[m];
+        Span<const double> sum = sums[m];
+        double count = double(members[m]);
+        for (i64 c = 0; c < out.size(); ++c) out[c] = Float(sum[c] / count);
+    }
+}
 
 }  // namespace
 
 template <class Float>
 i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 width, i64 height, i64 columns,
              i64 rows, Span<i64> cluster, Rows<float> position, Span<i64> time, Span<i64> graph, Span<i64> new_ptr) {
-    struct Sum {
-        double x, y;  // exact, of whole pixels: or their floor wouldn't be
-        i64 t, first;  // times are summed from that of the first node on: a sum of dates in µs may be beyond 64 bits
-        i64 members;
-    };
+    i64 nodes = pos.rows(), graphs = ptr.size() - 1, last = 0;
+    for (i64 after : ptr) {
+        if (after < last || after > nodes) throw std::invalid_argument("ptr decreases, or is beyond the nodes");
+        last = after;
+    }
+    if (ptr[0] != 0 || last != nodes) throw std::invalid_argument("ptr leaves nodes out");
     std::vector<Sum> sums;
     std::vector<i64> slot(columns * rows);
-    i64 nodes = pos.rows(), graphs = ptr.size() - 1;
-    if (ptr[0] != 0 || ptr[graphs] != nodes) return -1;
     new_ptr[0] = 0;
     for (i64 b = 0; b < graphs; ++b) {
-        if (ptr[b] > ptr[b + 1] || ptr[b + 1] > nodes) return -1;
         std::fill(slot.begin(), slot.end(), -1);
         for (i64 i = ptr[b]; i < ptr[b + 1]; ++i) {
-            cluster[i] = cell_of(pos(i, 1), height, rows) * columns + cell_of(pos(i, 0), width, columns);
+            cluster[i] = cell_at(pos(i, 1), height, rows) * columns + cell_at(pos(i, 0), width, columns);
             slot[cluster[i]] = 0;
         }
         for (i64& place : slot)
@@ -50,113 +122,94 @@ i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 
         for (i64 i = ptr[b]; i < ptr[b + 1]; ++i) {
             cluster[i] = slot[cluster[i]];
             Sum& sum = sums[cluster[i]];
-            sum.x += pos(i, 0);
-            sum.y += pos(i, 1);
+            sum.x += double(pos(i, 0));
+            sum.y += double(pos(i, 1));
             if (sum.members++ == 0) sum.first = t[i];
-            sum.t = added(sum.t, apart(t[i], sum.first));
+            sum.t = i64(u64(sum.t) + u64(t[i]) - u64(sum.first));
         }
         new_ptr[b + 1] = i64(sums.size());
     }
-    for (std::size_t c = 0; c < sums.size(); ++c) {
-        const Sum& sum = sums[c];
-        position(c, 0) = float(std::floor(sum.x / double(sum.members)));
-        position(c, 1) = float(std::floor(sum.y / double(sum.members)));
-        time[c] = added(sum.first, floored(sum.t, sum.members));
+    for (i64 c = 0; c < i64(sums.size()); ++c) {
+        position(c, 0) = float(std::floor(sums[c].x / double(sums[c].members)));
+        position(c, 1) = float(std::floor(sums[c].y / double(sums[c].members)));
+        time[c] = mean_time(sums[c]);
     }
     return i64(sums.size());
 }
 
 i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64> cluster, i64 count, Rows<i64> edges) {
-    std::vector<i64> start(count + 1), arriving(source.size()), mark(count, -1);
-    for (i64 e = 0; e < target.size(); ++e) {
-        if (u64(target[e]) >= u64(cluster.size()) || u64(source[e]) >= u64(cluster.size())) return -1;
-        if (u64(cluster[target[e]]) >= u64(count) || u64(cluster[source[e]]) >= u64(count)) return -1;
-        ++start[cluster[target[e]] + 1];
+    if (source.size() != target.size()) throw std::invalid_argument("numbers of sources and targets differ");
+    i64 nodes = cluster.size(), kept = 0;
+    check_below(source, nodes, "an edge names a node that doesn't exist");
+    check_below(target, nodes, "an edge names a node that doesn't exist");
+    check_below(cluster, count, "a node's cluster doesn't exist");
+    if (!std::is_sorted(target.begin(), target.end())) throw std::invalid_argument("edges aren't grouped by target");
+    // where the edges of each node begin, and the nodes of each cluster
+    std::vector<i64> first(nodes + 1), begin(count + 1), members(nodes), mark(count, -1);
+    for (i64 node : target) ++first[node + 1];
+    for (i64 node = 0; node < nodes; ++node) {
+        first[node + 1] += first[node];
+        ++begin[cluster[node] + 1];
     }
-    for (i64 c = 0; c < count; ++c) start[c + 1] += start[c];
-    std::vector<i64> next = start;
-    for (i64 e = 0; e < target.size(); ++e) arriving[next[cluster[target[e]]]++] = cluster[source[e]];
+    for (i64 c = 0; c < count; ++c) begin[c + 1] += begin[c];
+    std::vector<i64> next = begin;
+    for (i64 node = 0; node < nodes; ++node) members[next[cluster[node]]++] = node;
     Span<i64> sources = edges[0], targets = edges[1];
-    i64 kept = 0;
     for (i64 c = 0; c < count; ++c) {
         mark[c] = c;
-        i64 first = kept;
-        for (i64 k = start[c]; k < start[c + 1]; ++k) {
-            i64 s = arriving[k];
-            if (mark[s] == c) continue;
-            mark[s] = c;
-            sources[kept] = s;
-            targets[kept++] = c;
-        }
-        std::sort(sources.begin() + first, sources.begin() + kept);
+        i64 from = kept;
+        for (i64 m = begin[c]; m < begin[c + 1]; ++m)
+            for (i64 e = first[members[m]]; e < first[members[m] + 1]; ++e) {
+                // no branch, because which edges are repeated is unpredictable
+                i64 s = cluster[source[e]];
+                sources[kept] = s;
+                targets[kept] = c;
+                kept += std::exchange(mark[s], c) != c;
+            }
+        std::sort(sources.begin() + from, sources.begin() + kept);
     }
     return kept;
 }
 
 template <class Float>
-bool max_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
-    std::vector<bool> seen(best.rows());
-    i64 channels = features.columns();
-    for (i64 i = 0; i < cluster.size(); ++i) {
-        if (u64(cluster[i]) >= u64(best.rows())) return false;
-        Span<const Float> given = features[i];
-        Span<Float> most = best[cluster[i]];
-        Span<i32> from = where[cluster[i]];
-        if (!seen[cluster[i]]) {
-            seen[cluster[i]] = true;
-            std::copy(given.begin(), given.end(), most.begin());
-            std::fill(from.begin(), from.end(), i32(i));
-            continue;
-        }
-        for (i64 c = 0; c < channels; ++c) {
-            Float value = given[c], before = most[c];
-            // true of NaN, unless there was one before
-            bool more = !(value <= before) & (before == before);
-            most[c] = more ? value : before;
-            from[c] = more ? i32(i) : from[c];
-        }
-    }
-    return true;
+void max_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
+    check_clusters(features.rows(), cluster, best.rows());
+    nvsdata::best<take_larger<Float>>(features, cluster, best, where);
 }
 
 template <class Float>
-bool mean_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> mean, Span<Float> members) {
-    i64 count = mean.rows(), channels = features.columns();
-    // sums in double precision: they may be beyond single precision where the mean isn't
-    std::vector<double> memory(count * channels);
-    Rows<double> sums(memory.data(), count, channels);
-    for (i64 i = 0; i < cluster.size(); ++i) {
-        if (u64(cluster[i]) >= u64(count)) return false;
-        members[cluster[i]] += 1;
-        Span<const Float> given = features[i];
-        Span<double> sum = sums[cluster[i]];
-        for (i64 c = 0; c < channels; ++c) sum[c] += double(given[c]);
+void max_rows_back(Rows<const Float> gradient, Rows<const i32> where, Rows<Float> out) {
+    if (gradient.rows() != where.rows() || gradient.columns() != where.columns())
+        throw std::invalid_argument("a gradient of another shape than the maxima");
+    check_below(where.flat(), out.rows(), "a maximum is of a node that doesn't exist");
+    for (i64 m = 0; m < where.rows(); ++m) {
+        Span<const i32> from = where[m];
+        Span<const Float> given = gradient[m];
+        for (i64 c = 0; c < given.size(); ++c) out(from[c], c) += given[c];
     }
-    for (i64 m = 0; m < count; ++m)
-        for (i64 c = 0; c < channels; ++c) mean(m, c) = Float(sums(m, c) / double(members[m]));
-    return true;
 }
 
 template <class Float>
-bool max_rows_back(Rows<const Float> gradient, Rows<const i32> where, Rows<Float> out) {
-    for (i64 m = 0; m < where.rows(); ++m)
-        for (i64 c = 0; c < gradient.columns(); ++c) {
-            if (u64(where(m, c)) >= u64(out.rows())) return false;
-            out(where(m, c), c) += gradient(m, c);
-        }
-    return true;
+void mean_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> mean, Span<Float> members) {
+    check_clusters(features.rows(), cluster, mean.rows());
+    // in double precision: sums may be beyond single precision where the mean isn't
+    std::vector<double> memory(mean.rows() * mean.columns());
+    Rows<double> sums(memory.data(), mean.rows(), mean.columns());
+    best<add_up<Float>>(features, cluster, sums, mean, members);
+}
+
+template <class Float>
+void define_features(nb::module_& module) {
+    define<clusters<Float>>(module, "clusters");
+    define<max_rows<Float>>(module, "max_rows");
+    define<max_rows_back<Float>>(module, "max_rows_back");
+    define<mean_rows<Float>>(module, "mean_rows");
 }
 
 void define_pool(nb::module_& module) {
-    define<clusters<float>>(module, "clusters");
-    define<clusters<double>>(module, "clusters");
     define<merged_edges>(module, "merged_edges");
-    define<max_rows<float>>(module, "max_rows");
-    define<max_rows<double>>(module, "max_rows");
-    define<mean_rows<float>>(module, "mean_rows");
-    define<mean_rows<double>>(module, "mean_rows");
-    define<max_rows_back<float>>(module, "max_rows_back");
-    define<max_rows_back<double>>(module, "max_rows_back");
+    define_features<float>(module);
+    define_features<double>(module);
 }
 
 }  // namespace nvsdata

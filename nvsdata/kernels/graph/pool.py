@@ -32,30 +32,24 @@ def clusters(
         `cluster` int64 [N]; the clusters' `position` float32 [M, 2] (floor of the mean, eq. 4.8), `time` int64 [M]
         (likewise) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
     """
-    if pos.shape != (t.size, 2) or ptr.size < 1 or min(width, height, columns, rows) < 1 or columns * rows > 2**31:
-        raise ValueError(f"no clusters of positions {pos.shape}, {t.size} times, {columns} x {rows} cells")
-    nodes = t.size
-    most = min(nodes, (ptr.size - 1) * columns * rows)
-    cluster, position, new_ptr = np.empty(nodes, np.int64), np.empty((most, 2), np.float32), np.empty_like(ptr)
-    time, graph = np.empty((2, most), np.int64)
+    nodes, graphs = t.size, ptr.size - 1
+    if pos.shape != (nodes, 2) or graphs < 0 or not 0 < columns * rows < 2**31 or width < 1 or height < 1:
+        raise ValueError(f"no clusters of positions {pos.shape}, {nodes} times, {columns} x {rows} cells")
+    most = min(nodes, graphs * columns * rows)
+    cluster, new_ptr = np.empty(nodes, np.int64), np.empty(graphs + 1, np.int64)
+    position, time, graph = np.empty((most, 2), np.float32), np.empty(most, np.int64), np.empty(most, np.int64)
     m = _native.clusters(pos, t, ptr, width, height, columns, rows, cluster, position, time, graph, new_ptr)
-    if m < 0:
-        raise ValueError(f"ptr doesn't divide {nodes} nodes among graphs")
     return cluster, position[:m], time[:m], graph[:m], new_ptr
 
 
 def merged_edges(source: np.ndarray, target: np.ndarray, cluster: np.ndarray, count: int) -> np.ndarray:
     """Return the edges between `count` clusters that any edge of their nodes joins: each once, no loops.
 
-    `source`, `target` int64 [E] in any order. The result is int64 [2, E'] sorted by (target, source). O(E + E' log
-    degree).
+    `source`, `target` int64 [E] are sorted by target. The result is int64 [2, E'] sorted by (target, source).
+    O(E + E' log degree).
     """
-    if source.size != target.size:
-        raise ValueError(f"{source.size} sources and {target.size} targets of edges")
     edges = np.empty((2, source.size), np.int64)
-    kept = _native.merged_edges(source, target, cluster, count, edges)
-    _check_clusters(kept >= 0)
-    return edges[:, :kept]
+    return edges[:, : _native.merged_edges(source, target, cluster, count, edges)]
 
 
 def max_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -64,20 +58,16 @@ def max_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np.
     NaN counts as more than any number, as in torch. The results are float [M, C] and int32 [M, C]; of a cluster without
     nodes 0 and -1.
     """
-    _check_features(features, cluster)
-    best = np.zeros((count, features.shape[1]), features.dtype)
-    where = np.full(best.shape, -1, np.int32)
-    _check_clusters(_native.max_rows(features, cluster, best, where))
+    shape = count, features.shape[1]
+    best, where = np.empty(shape, features.dtype), np.empty(shape, np.int32)
+    _native.max_rows(features, cluster, best, where)
     return best, where
 
 
 def max_rows_back(gradient: np.ndarray, where: np.ndarray, nodes: int) -> np.ndarray:
     """Return the gradient of `max_rows`: what arrives at a cluster goes to the node that gave the maximum."""
-    if gradient.shape != where.shape:
-        raise ValueError(f"a gradient of shape {gradient.shape} for maxima of shape {where.shape}")
     out = np.zeros((nodes, gradient.shape[1]), gradient.dtype)
-    if not _native.max_rows_back(gradient, where, out):
-        raise IndexError("a maximum is of a node that doesn't exist")
+    _native.max_rows_back(gradient, where, out)
     return out
 
 
@@ -86,17 +76,6 @@ def mean_rows(features: np.ndarray, cluster: np.ndarray, count: int) -> tuple[np
 
     The results are float [M, C], and the number of each cluster's nodes in the type of the features [M].
     """
-    _check_features(features, cluster)
     mean, members = np.empty((count, features.shape[1]), features.dtype), np.zeros(count, features.dtype)
-    _check_clusters(_native.mean_rows(features, cluster, mean, members))
+    _native.mean_rows(features, cluster, mean, members)
     return mean, members
-
-
-def _check_features(features: np.ndarray, cluster: np.ndarray) -> None:
-    if len(features) != cluster.size or len(features) >= 2**31:
-        raise ValueError(f"{len(features)} rows of features of {cluster.size} nodes")
-
-
-def _check_clusters(valid: bool) -> None:
-    if not valid:
-        raise IndexError("a node or a cluster doesn't exist")
