@@ -229,7 +229,7 @@ def _flops(module: nn.Module, inputs: Any, output: Any) -> int | None:
 
 
 def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
-    """What numba does for a B-spline convolution on the CPU: shares, sums over neighbors, rows of products added."""
+    """What our kernels do for a B-spline convolution on the CPU: shares, sums over neighbors, rows of products added."""
     x, edge_index, u = inputs
     if x.device.type != "cpu":
         return 0
@@ -280,7 +280,7 @@ def _recurrent(module: nn.RNNBase, inputs: Any, output: Any) -> int:
     return total
 
 
-# what numba does beside what torch does, which is watched
+# what our kernels do in addition to what torch does, which is watched
 KERNELS: dict[type[nn.Module], Callable[[Any, Any, Any], int]] = {SplineConv: _aggregation}
 # layers that aren't watched: they are computed in other ways on other devices
 RULES: dict[type[nn.Module], Callable[[Any, Any, Any], int]] = {GraphPool: _pooling, nn.RNNBase: _recurrent}

@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.grid import cells, check_cluster, grid_shape
 from nvsdata.data.pseudo import Reach, pseudo
-from nvsdata.kernels import pool as kernel
+from nvsdata.kernels.graph import pool as kernel
 from nvsdata.models.spline import has_kernels, occurrences, widened
 
 
@@ -42,7 +42,7 @@ class GraphPool(nn.Module):
 
     def forward(self, batch: GraphBatch) -> GraphBatch:
         """Pool a batch; graphs without nodes remain without nodes."""
-        structure = clusters_numba if batch.pos.device.type == "cpu" else clusters_torch
+        structure = clusters_cpu if batch.pos.device.type == "cpu" else clusters_torch
         cluster, pos, t, graph, ptr, edges = structure(batch, self.cluster, self.grid)
         count = pos.shape[0]
         if has_kernels(batch.x):
@@ -88,8 +88,8 @@ class Structure(NamedTuple):
     edge_index: torch.Tensor
 
 
-def clusters_numba(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
-    """The pooled graphs, computed by numba on the CPU."""
+def clusters_cpu(batch: GraphBatch, cluster: tuple[int, int], grid: tuple[int, int]) -> Structure:
+    """The pooled graphs, computed by our kernels on the CPU."""
     source, target, _ = grouped(batch.edge_index, batch.edge_attr, batch.num_nodes)
     found = kernel.clusters(batch.pos.numpy(), batch.t.numpy(), batch.ptr.numpy(), *cluster, *grid)
     edges = kernel.merged_edges(source.numpy(), target.numpy(), found[0], len(found[1]))
@@ -140,7 +140,7 @@ def max_rows_torch(x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.
 
 
 class _MaxRows(torch.autograd.Function):
-    """`max_rows_torch` by numba, on the CPU."""
+    """`max_rows_torch` by our kernels, on the CPU."""
 
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:
@@ -156,7 +156,7 @@ class _MaxRows(torch.autograd.Function):
 
 
 class _MeanRows(torch.autograd.Function):
-    """`mean_rows_torch` by numba, on the CPU."""
+    """`mean_rows_torch` by our kernels, on the CPU."""
 
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, cluster: torch.Tensor, count: int) -> torch.Tensor:

@@ -13,7 +13,7 @@ from torch.autograd.function import once_differentiable
 from nvsdata.common.validation import at_least
 from nvsdata.data.graph import GraphBatch, grouped
 from nvsdata.data.pseudo import origin
-from nvsdata.kernels import spline as kernel
+from nvsdata.kernels.graph import spline as kernel
 from nvsdata.kernels.graph.edges import with_self_loops
 
 # up to this many (cell, channel) pairs, aggregating all of them is cheaper than finding those that occur
@@ -81,7 +81,7 @@ class SplineConv(nn.Module):
         if (given := edge_attr.shape[1]) != self.dim:
             raise ValueError(f"edges have {given} pseudo-coordinates, but the convolution takes {self.dim}")
         if x.device.type == "cpu" and torch.is_autocast_enabled("cpu"):
-            # numba doesn't support bfloat16
+            # kernels don't support bfloat16
             with torch.autocast("cpu", enabled=False):
                 return self.forward(x.to(self.weight.dtype), edge_index, edge_attr)
         out = _local(x, self.root, self.bias, self.out_channels)
@@ -106,7 +106,7 @@ def spline_conv(
     weight: torch.Tensor,
     kernel_size: int,
 ) -> torch.Tensor:
-    """`out` [N, out_channels] plus the sum of `SplineConv`: in place by numba on the CPU, by torch elsewhere."""
+    """`out` [N, out_channels] plus the sum of `SplineConv`: in place by our kernels on the CPU, by torch elsewhere."""
     if not has_kernels(x):
         return spline_conv_torch(out, x, edge_index, edge_attr, weight, kernel_size)
     dense = kernel_size == 1 or weight.shape[0] * x.shape[1] <= DENSE
@@ -117,7 +117,7 @@ def spline_conv(
 
 
 def has_kernels(x: torch.Tensor) -> bool:
-    """Whether numba's kernels take a tensor: on the CPU, of single or double precision. Torch's paths take any."""
+    """Whether our kernels take a tensor: on the CPU, of single or double precision. Torch's paths take any."""
     return x.device.type == "cpu" and x.dtype in (torch.float32, torch.float64)
 
 
@@ -174,29 +174,27 @@ class _DenseSplineConv(torch.autograd.Function):
         size: int,
     ) -> torch.Tensor:
         source, target, u = grouped(edge_index, u, x.shape[0])
-        shares = kernel.spline_shares(source.numpy(), target.numpy(), u.numpy(), size, x.shape[0])
-        row, of, share = shares
-        sums = x.new_zeros(x.shape[0] * weight.shape[0], x.shape[1])
-        kernel.add_shares(sums.numpy(), row, x.detach().contiguous().numpy(), of, share)
+        given = x.detach().contiguous().numpy()
+        sums = torch.from_numpy(kernel.dense_sums(source.numpy(), target.numpy(), u.numpy(), size, given))
         sums = sums.view(x.shape[0], weight.shape[0] * x.shape[1])
         ctx.mark_dirty(out)
-        ctx.save_for_backward(sums, weight)
-        ctx.shares = shares
+        # edges are needed again for the gradient of features only, which those of the first layer don't have
+        ctx.save_for_backward(sums, weight, *((source, target, u) if ctx.needs_input_grad[1] else ()))
+        ctx.size = size
         return out.addmm_(sums, weight.reshape(-1, weight.shape[2]))
 
     @staticmethod
     @once_differentiable  # or a second derivative would be wrong, silently
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        sums, weight = ctx.saved_tensors
-        row, of, share = ctx.shares
+        sums, weight, *edges = ctx.saved_tensors
         _, to_x, _, _, to_weight, _ = ctx.needs_input_grad
         d_weight = (sums.T @ gradient).view_as(weight) if to_weight else None
         d_x = None
         if to_x:
             cells, channels = weight.shape[:2]
             d_sums = (gradient @ weight.reshape(-1, weight.shape[2]).T).view(sums.shape[0] * cells, channels)
-            d_x = sums.new_zeros(sums.shape[0], channels)
-            kernel.add_shares(d_x.numpy(), of, d_sums.numpy(), row, share)
+            source, target, u = (tensor.numpy() for tensor in edges)
+            d_x = torch.from_numpy(kernel.dense_gradient(source, target, u, ctx.size, d_sums.numpy(), sums.shape[0]))
         return gradient, d_x, None, None, d_weight, None
 
 

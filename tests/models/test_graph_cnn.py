@@ -86,7 +86,7 @@ def test_plain_torch_gives_the_same_scores_and_gradients(monkeypatch):
 
     ours = scores_and_gradients()
     monkeypatch.setattr(spline, "spline_conv", spline.spline_conv_torch)
-    monkeypatch.setattr(pool, "clusters_numba", pool.clusters_torch)
+    monkeypatch.setattr(pool, "clusters_cpu", pool.clusters_torch)
     monkeypatch.setattr(pool._MaxRows, "apply", pool.max_rows_torch)
     for a, b in zip(ours, scores_and_gradients(), strict=True):
         assert torch.allclose(a, b, rtol=1e-8, atol=1e-9)

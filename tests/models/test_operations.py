@@ -9,7 +9,7 @@ from torch import nn
 
 from nvsdata import Events, GraphBatch, collate, models
 from nvsdata import transforms as T
-from nvsdata.kernels.spline import spline_plan, spline_shares
+from nvsdata.kernels.graph.spline import spline_plan
 from nvsdata.models import GCNN, RGCNN, SplineConv, complexity
 
 D240 = {"sensor_size": (240, 180), "hidden": 1024}
@@ -95,13 +95,12 @@ def test_shares_are_those_that_the_kernels_find(ev, size, channels):
     batch = replace(batch, x=torch.rand(batch.num_nodes, channels))
     arrays = batch.edge_index[0].numpy(), batch.edge_index[1].numpy(), batch.edge_attr.numpy()
     cells = size**2
-    entries = len(spline_shares(*arrays, size, batch.num_nodes)[0])
+    _, rows, entries, *_ = map(len, spline_plan(*arrays, size, batch.num_nodes))
     edges, nodes = batch.num_edges, batch.num_nodes
     expected = edges * 6 * (size > 1) + entries * 2 + 2 * entries * channels
     if size == 1 or cells * channels <= 128:
         expected += 2 * nodes * cells * channels * 4
     else:
-        rows = len(spline_plan(*arrays, size, nodes)[1])
         expected += 2 * rows * channels * 4 + rows * 4
     assert complexity(Lone(channels, 4, size), batch).executed == expected
 

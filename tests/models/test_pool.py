@@ -22,7 +22,7 @@ def batches(draw):
     return module.replace(batch, x=x)
 
 
-@pytest.mark.parametrize("on", ["numba", "torch"])
+@pytest.mark.parametrize("on", ["kernels", "torch"])
 @pytest.mark.parametrize("mode", ["max", "average"])
 @given(batch=batches(), cluster=st.sampled_from(((2, 2), (4, 3), (7, 7), (40, 40))))
 def test_pooling_is_that_of_brute_force(on, mode, batch, cluster):
@@ -52,7 +52,7 @@ def test_pooling_is_that_of_brute_force(on, mode, batch, cluster):
 @given(batch=batches(), cluster=st.sampled_from(((2, 2), (4, 3), (7, 7), (40, 40))))
 def test_both_ways_of_clustering_give_the_same_graphs(batch, cluster):
     grid = GraphPool(cluster, (34, 34)).grid
-    ours, other = (way(batch, cluster, grid) for way in (module.clusters_numba, module.clusters_torch))
+    ours, other = (way(batch, cluster, grid) for way in (module.clusters_cpu, module.clusters_torch))
     for a, b in zip(ours, other, strict=True):
         assert a.dtype == b.dtype
         assert torch.equal(a, b)
@@ -82,7 +82,7 @@ def test_the_gradient_of_a_cluster_goes_to_its_maximum_or_to_all_alike(mode, bat
         torch.testing.assert_close(found, expected)
 
 
-@pytest.mark.parametrize("on", ["numba", "torch"])
+@pytest.mark.parametrize("on", ["kernels", "torch"])
 @given(
     values=st.lists(st.sampled_from((1.0, 2.0, -1.0, np.nan, np.inf, -np.inf)), min_size=1, max_size=12),
     data=st.data(),
@@ -92,7 +92,7 @@ def test_nan_is_more_than_any_number_in_any_order(on, values, data):
     index = torch.tensor(data.draw(st.lists(st.integers(0, 2), min_size=len(values), max_size=len(values))))
     index = torch.unique(index, return_inverse=True)[1]
     count = int(index.max()) + 1
-    ways = {"numba": module._MaxRows.apply, "torch": module.max_rows_torch}
+    ways = {"kernels": module._MaxRows.apply, "torch": module.max_rows_torch}
     best = ways[on](x, index, count)
     best.sum().backward()
     for m in range(count):
@@ -109,7 +109,7 @@ def test_nodes_that_are_nowhere_are_clustered_alike(odd):
 
     batch = GraphBatch.of(radius_graph(Events(range(4), [1, 2, 9, 30], [1, 2, 9, 30], [0] * 4, (34, 34))))
     batch.pos[1, 0] = odd
-    ours, other = (way(batch, (4, 4), (9, 9)) for way in (module.clusters_numba, module.clusters_torch))
+    ours, other = (way(batch, (4, 4), (9, 9)) for way in (module.clusters_cpu, module.clusters_torch))
     assert ours.cluster.tolist() == other.cluster.tolist()
     assert ours.cluster.min() >= 0
     torch.testing.assert_close(ours.pos, other.pos, equal_nan=True)

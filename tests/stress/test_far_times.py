@@ -14,7 +14,7 @@ from nvsdata import transforms as T
 from nvsdata.data.graph import Graph
 from nvsdata.datasets.store.writer import pack
 from nvsdata.formats.registry import FORMATS
-from nvsdata.models.pool import clusters_numba, clusters_torch
+from nvsdata.models.pool import clusters_cpu, clusters_torch
 
 LAST = 2**62 - 1  # µs, the latest time
 LONG = 199_500  # µs that the examples last
@@ -179,7 +179,7 @@ def test_the_mean_time_of_pooled_nodes_is_exact_anywhere(by):
     batch = GraphBatch.from_graphs([T.radius_graph(columns(400, np.arange(400) * 500))] * 2)
     # the graphs of a batch needn't be at one time
     late = replace(batch, t=torch.cat((batch.t[:400], batch.t[400:] + by)))
-    for structure in (clusters_numba, clusters_torch):
+    for structure in (clusters_cpu, clusters_torch):
         cluster, _, t, *_ = structure(late, (17, 9), (4, 5))
         members = [late.t[cluster == number].tolist() for number in range(len(t))]
         assert t.tolist() == [sum(times) // len(times) for times in members]

@@ -34,6 +34,8 @@ void define_causal(nb::module_& module);
 void define_earlier(nb::module_& module);
 void define_sliding(nb::module_& module);
 void define_streaming_network(nb::module_& module);
+void define_pool(nb::module_& module);
+void define_spline(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -66,4 +68,6 @@ NB_MODULE(_native, module) {
     nvsdata::define_earlier(module);
     nvsdata::define_sliding(module);
     nvsdata::define_streaming_network(module);
+    nvsdata::define_pool(module);
+    nvsdata::define_spline(module);
 }

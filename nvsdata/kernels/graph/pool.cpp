@@ -1,0 +1,215 @@
+// Clusters of nodes: the coarse graph, and features pooled over its clusters.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "../native/bind.h"
+#include "../native/levels.h"
+
+namespace nvsdata {
+
+namespace {
+
+// The nodes of a cluster, summed up.
+struct Sum {
+    double x, y;    // exact, of whole pixels: or the mean's floor wouldn't be
+    i64 t, first;   // times from that of the first node on: a sum of dates in µs may be beyond 64 bits
+    i64 members;
+};
+
+// Index of the cell at a place, that of the border where it is outside, 0 for NaN.
+i64 cell_at(double place, i64 side, i64 count) {
+    return i64(std::min(std::max(0.0, place / double(side)), double(count - 1)));
+}
+
+// First time plus the rounded mean; what is beyond 64 bits wraps.
+i64 mean_time(const Sum& sum) {
+    i64 mean = sum.t / sum.members - (sum.t % sum.members < 0);
+    return i64(u64(sum.first) + u64(mean));
+}
+
+template <class Integer>
+void check_below(Span<const Integer> values, i64 count, const char* message) {
+    using Unsigned = std::make_unsigned_t<Integer>;
+    Unsigned last = Unsigned(std::min(count, i64(std::numeric_limits<Integer>::max())) - 1), signs = 0;
+    // the sign of one or the other is set if a value is out of range
+    for (Integer value : values) signs |= Unsigned(value) | Unsigned(last - Unsigned(value));
+    if (Integer(signs) < 0) throw std::out_of_range(message);
+}
+
+void check_clusters(i64 nodes, Span<const i64> cluster, i64 count) {
+    if (nodes != cluster.size()) throw std::invalid_argument("features and clusters are of different numbers of nodes");
+    check_below(cluster, count, "a node's cluster doesn't exist");
+}
+
+template <class Float>
+NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
+    std::vector<u8> seen(best.rows());
+    for (i64 i = 0; i < cluster.size(); ++i) {
+        Span<const Float> given = features[i];
+        Span<Float> most = best[cluster[i]];
+        Span<i32> from = where[cluster[i]];
+        if (!seen[cluster[i]]) {
+            seen[cluster[i]] = 1;
+            for (i64 c = 0; c < given.size(); ++c) {
+                most[c] = given[c];
+                from[c] = i32(i);
+            }
+            continue;
+        }
+        for (i64 c = 0; c < given.size(); ++c) {
+            Float value = given[c], before = most[c];
+            // true of NaN, unless there was one before
+            bool more = !(value <= before) & (before == before);
+            most[c] = more ? value : before;
+            from[c] = more ? i32(i) : from[c];
+        }
+    }
+    for (i64 m = 0; m < best.rows(); ++m) {
+        if (seen[m]) continue;
+        std::fill(best[m].begin(), best[m].end(), Float(0));
+        std::fill(where[m].begin(), where[m].end(), -1);
+    }
+}
+
+template <class Float>
+NVSDATA_INLINE void add_up(Rows<const Float> features, Span<const i64> cluster, Rows<double> sums, Rows<Float> mean,
+                           Span<Float> members) {
+    for (i64 i = 0; i < cluster.size(); ++i) {
+        members[cluster[i]] += 1;
+        Span<const Float> given = features[i];
+        Span<double> sum = sums[cluster[i]];
+        for (i64 c = 0; c < given.size(); ++c) sum[c] += double(given[c]);
+    }
+    for (i64 m = 0; m < mean.rows(); ++m) {
+        Span<Float> out = mean[m];
+        Span<const double> sum = sums[m];
+        double count = double(members[m]);
+        for (i64 c = 0; c < out.size(); ++c) out[c] = Float(sum[c] / count);
+    }
+}
+
+}  // namespace
+
+template <class Float>
+i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 width, i64 height, i64 columns,
+             i64 rows, Span<i64> cluster, Rows<float> position, Span<i64> time, Span<i64> graph, Span<i64> new_ptr) {
+    i64 nodes = pos.rows(), graphs = ptr.size() - 1, last = 0;
+    for (i64 after : ptr) {
+        if (after < last || after > nodes) throw std::invalid_argument("ptr decreases, or is beyond the nodes");
+        last = after;
+    }
+    if (ptr[0] != 0 || last != nodes) throw std::invalid_argument("ptr leaves nodes out");
+    std::vector<Sum> sums;
+    std::vector<i64> slot(columns * rows);
+    new_ptr[0] = 0;
+    for (i64 b = 0; b < graphs; ++b) {
+        std::fill(slot.begin(), slot.end(), -1);
+        for (i64 i = ptr[b]; i < ptr[b + 1]; ++i) {
+            cluster[i] = cell_at(pos(i, 1), height, rows) * columns + cell_at(pos(i, 0), width, columns);
+            slot[cluster[i]] = 0;
+        }
+        for (i64& place : slot)
+            if (place == 0) {
+                place = i64(sums.size());
+                graph[place] = b;
+                sums.push_back({});
+            }
+        for (i64 i = ptr[b]; i < ptr[b + 1]; ++i) {
+            cluster[i] = slot[cluster[i]];
+            Sum& sum = sums[cluster[i]];
+            sum.x += double(pos(i, 0));
+            sum.y += double(pos(i, 1));
+            if (sum.members++ == 0) sum.first = t[i];
+            sum.t = i64(u64(sum.t) + u64(t[i]) - u64(sum.first));
+        }
+        new_ptr[b + 1] = i64(sums.size());
+    }
+    for (i64 c = 0; c < i64(sums.size()); ++c) {
+        position(c, 0) = float(std::floor(sums[c].x / double(sums[c].members)));
+        position(c, 1) = float(std::floor(sums[c].y / double(sums[c].members)));
+        time[c] = mean_time(sums[c]);
+    }
+    return i64(sums.size());
+}
+
+i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64> cluster, i64 count, Rows<i64> edges) {
+    if (source.size() != target.size()) throw std::invalid_argument("numbers of sources and targets differ");
+    i64 nodes = cluster.size(), kept = 0;
+    check_below(source, nodes, "an edge names a node that doesn't exist");
+    check_below(target, nodes, "an edge names a node that doesn't exist");
+    check_below(cluster, count, "a node's cluster doesn't exist");
+    if (!std::is_sorted(target.begin(), target.end())) throw std::invalid_argument("edges aren't grouped by target");
+    // where the edges of each node begin, and the nodes of each cluster
+    std::vector<i64> first(nodes + 1), begin(count + 1), members(nodes), mark(count, -1);
+    for (i64 node : target) ++first[node + 1];
+    for (i64 node = 0; node < nodes; ++node) {
+        first[node + 1] += first[node];
+        ++begin[cluster[node] + 1];
+    }
+    for (i64 c = 0; c < count; ++c) begin[c + 1] += begin[c];
+    std::vector<i64> next = begin;
+    for (i64 node = 0; node < nodes; ++node) members[next[cluster[node]]++] = node;
+    Span<i64> sources = edges[0], targets = edges[1];
+    for (i64 c = 0; c < count; ++c) {
+        mark[c] = c;
+        i64 from = kept;
+        for (i64 m = begin[c]; m < begin[c + 1]; ++m)
+            for (i64 e = first[members[m]]; e < first[members[m] + 1]; ++e) {
+                // no branch, because which edges are repeated is unpredictable
+                i64 s = cluster[source[e]];
+                sources[kept] = s;
+                targets[kept] = c;
+                kept += std::exchange(mark[s], c) != c;
+            }
+        std::sort(sources.begin() + from, sources.begin() + kept);
+    }
+    return kept;
+}
+
+template <class Float>
+void max_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
+    check_clusters(features.rows(), cluster, best.rows());
+    nvsdata::best<take_larger<Float>>(features, cluster, best, where);
+}
+
+template <class Float>
+void max_rows_back(Rows<const Float> gradient, Rows<const i32> where, Rows<Float> out) {
+    if (gradient.rows() != where.rows() || gradient.columns() != where.columns())
+        throw std::invalid_argument("a gradient of another shape than the maxima");
+    check_below(where.flat(), out.rows(), "a maximum is of a node that doesn't exist");
+    for (i64 m = 0; m < where.rows(); ++m) {
+        Span<const i32> from = where[m];
+        Span<const Float> given = gradient[m];
+        for (i64 c = 0; c < given.size(); ++c) out(from[c], c) += given[c];
+    }
+}
+
+template <class Float>
+void mean_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> mean, Span<Float> members) {
+    check_clusters(features.rows(), cluster, mean.rows());
+    // in double precision: sums may be beyond single precision where the mean isn't
+    std::vector<double> memory(mean.rows() * mean.columns());
+    Rows<double> sums(memory.data(), mean.rows(), mean.columns());
+    best<add_up<Float>>(features, cluster, sums, mean, members);
+}
+
+template <class Float>
+void define_features(nb::module_& module) {
+    define<clusters<Float>>(module, "clusters");
+    define<max_rows<Float>>(module, "max_rows");
+    define<max_rows_back<Float>>(module, "max_rows_back");
+    define<mean_rows<Float>>(module, "mean_rows");
+}
+
+void define_pool(nb::module_& module) {
+    define<merged_edges>(module, "merged_edges");
+    define_features<float>(module);
+    define_features<double>(module);
+}
+
+}  // namespace nvsdata
