@@ -11,7 +11,13 @@
 
 namespace nvsdata {
 
+void define_brightness(nb::module_& module);
+void define_crossings(nb::module_& module);
 void define_edges(nb::module_& module);
+void define_photoreceptor(nb::module_& module);
+void define_pix2nvs(nb::module_& module);
+void define_spikes(nb::module_& module);
+void define_tiles(nb::module_& module);
 void define_neighbors(nb::module_& module);
 
 }  // namespace nvsdata
@@ -22,6 +28,12 @@ NB_MODULE(_native, module) {
 #ifdef NVSDATA_BOUNDS
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
+    nvsdata::define_brightness(module);
+    nvsdata::define_crossings(module);
     nvsdata::define_edges(module);
+    nvsdata::define_photoreceptor(module);
+    nvsdata::define_pix2nvs(module);
+    nvsdata::define_spikes(module);
+    nvsdata::define_tiles(module);
     nvsdata::define_neighbors(module);
 }
