@@ -11,12 +11,12 @@ import torch
 from torch.utils.data import Dataset, Sampler, get_worker_info
 
 from nvsdata.datasets.shared import Shared
-from nvsdata.kernels.random import FIRST, SECOND, STEP
 
 Key = tuple[int, int]
 """Epoch and index of a sample: what `SeededBatches` yields and `SeededDataset` takes."""
 
 PASSES = 64  # whose epochs are remembered: loaders that are read at the same time
+STEP, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # odd numbers of well-mixed bits
 MAIN = -1  # in place of a base seed, none of which is negative
 
 _seeding = False

@@ -10,10 +10,21 @@ import numpy as np
 
 from nvsdata.emulation.run import KEYED, Run, brightness, bytes_of, first_weight
 from nvsdata.emulation.settings import Settings
-from nvsdata.kernels import emulate as kernels
-from nvsdata.kernels.logarithm import logarithm
-from nvsdata.kernels.spikes import AT_ONCE, INTERPOLATED, RANDOM
-from nvsdata.kernels.tiles import AVERAGE, CO_LOCATED, MINIMUM, TILE, Pixels, Rule, Tiles, look
+from nvsdata.kernels.emulate import pix2nvs as kernels
+from nvsdata.kernels.emulate.logarithm import logarithm
+from nvsdata.kernels.emulate.pix2nvs import (
+    AT_ONCE,
+    AVERAGE,
+    CO_LOCATED,
+    INTERPOLATED,
+    MINIMUM,
+    RANDOM,
+    Pixels,
+    Rule,
+    Tiles,
+    look,
+)
+from nvsdata.kernels.emulate.tiles import TILE
 from nvsdata.video.decoder import stretched
 from nvsdata.video.frames import Frame
 
@@ -53,19 +64,18 @@ class Emulator(Run):
 
     def _spikes(self, frame: Frame, last: Frame) -> np.ndarray:
         self._number += 1
-        rule, tiles, pixels, span = self._rule, self._tiles, self._pixels, frame.time - last.time
-        spans = np.array([span], np.float64 if span > 1 << 21 else pixels.plane.dtype)
-        seed = np.uint64(0)
+        rule, tiles, pixels = self._rule, self._tiles, self._pixels
+        seed = 0
         if rule.timing == RANDOM:
             # the frame's number sets the seed, so that skipped frames change nothing
-            seed = np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0]
+            seed = int(np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0])
         new, old = bytes_of(frame), bytes_of(last)
         if rule.contrast or not _of_bytes(frame, self.settings):
             if not look(new, old, rule, tiles, pixels):
                 return self._keys[0][:0]
             self._see(frame)
             new = new[:0]
-        arguments = new, old, first_weight(frame), rule, tiles, pixels, spans, seed, self._keys[0]
+        arguments = new, old, first_weight(frame), rule, tiles, pixels, frame.time - last.time, seed, self._keys[0]
         self._keys[0], count = kernels.step(*arguments)
         return self._keys[0][:count]
 
@@ -118,14 +128,13 @@ def perceived(settings: Settings, q: np.ndarray, number: Any) -> np.ndarray:
     """`tone` in the type that emulation calculates in; in float32, logarithms take the same steps as in the kernels."""
     if number != np.float32:
         return tone(settings, q)
-    found, scratch = np.empty(q.shape, np.float32), np.empty((2, q.size), np.uint32)
-    thousandths = (1000 * q).astype(np.float32).ravel()
-    logarithm(thousandths, np.float32(settings.t_log), np.float32(_slope(settings)), scratch, found.reshape(-1))
+    found = np.empty(q.shape, np.float32)
+    logarithm((1000 * q).astype(np.float32).ravel(), settings.t_log, _slope(settings), found.reshape(-1))
     return found
 
 
 def _table(settings: Settings, first: Frame, number: Any) -> np.ndarray:
-    """What each gray value, or each luminance in thousandths, is seen as; see `kernels.emulate.luminance`."""
+    """What each gray value, or each luminance in thousandths, is seen as; see `kernels.luminance`."""
     if first.pixels.ndim == 2:
         return perceived(settings, stretched(np.arange(256), first.levels), number)
     # logarithms in float32 have no table: computing them is faster than looking them up

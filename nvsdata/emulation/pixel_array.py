@@ -10,11 +10,11 @@ import numpy as np
 
 from nvsdata.emulation.run import Run, brightness, bytes_of, first_weight
 from nvsdata.emulation.settings import SensorSettings
-from nvsdata.kernels.crossings import NEVER, Array, Sensor, advance
-from nvsdata.kernels.emulate import TABLE_SIZE
-from nvsdata.kernels.logarithm import logarithm
-from nvsdata.kernels.photoreceptor import advance_receptors, rate
-from nvsdata.kernels.tiles import TILE
+from nvsdata.kernels.emulate.crossings import NEVER, Array, Sensor, advance
+from nvsdata.kernels.emulate.logarithm import logarithm
+from nvsdata.kernels.emulate.photoreceptor import advance_receptors, rate
+from nvsdata.kernels.emulate.pix2nvs import TABLE_SIZE
+from nvsdata.kernels.emulate.tiles import TILE
 from nvsdata.video.decoder import stretched
 from nvsdata.video.frames import Frame
 
@@ -44,13 +44,9 @@ class PixelArray(Run):
         before, now = last.time - self._start, frame.time - self._start
         number = self._array.level.dtype.type
         given = np.empty((0, 0), number) if frame.pixels.dtype == np.uint8 else _levels(frame, self._dark, number)
-        gap = now - before
-        span = np.array([gap], np.float64 if gap > 1 << 21 else self._array.level.dtype)
         frames = bytes_of(frame), bytes_of(last), first_weight(frame), given
-        if self._sensor.speed:
-            self._keys[0], count = advance_receptors(*frames, self._sensor, self._array, before, now, self._keys[0])
-        else:
-            self._keys[0], count = advance(*frames, self._sensor, self._array, before, now, span, self._keys[0])
+        process = advance_receptors if self._sensor.speed else advance
+        self._keys[0], count = process(*frames, self._sensor, self._array, before, now, self._keys[0])
         return self._keys[0][:count]
 
     def _light(self) -> np.ndarray | None:
@@ -87,9 +83,8 @@ def _levels(frame: Frame, dark: float, number: Any) -> np.ndarray:
     q = brightness(frame)
     if number != np.float32 or frame.pixels.ndim == 2 or frame.pixels.dtype != np.uint8:
         return np.asarray(np.log(q + dark).astype(number))
-    found, scratch = np.empty(q.shape, np.float32), np.empty((2, q.size), np.uint32)
-    thousandths = np.rint(THOUSAND * (q + dark)).astype(np.int32).ravel()
-    logarithm(thousandths, np.float32(0), np.float32(1), scratch, found.reshape(-1))
+    found = np.empty(q.shape, np.float32)
+    logarithm(np.rint(THOUSAND * (q + dark)).astype(np.int32).ravel(), 0, 1, found.reshape(-1))
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from nvsdata.common.prefetch import DEPTH
 from nvsdata.data.events import MAX_COORDINATE, Columns, Events
-from nvsdata.kernels.spikes import read
+from nvsdata.kernels.emulate.spikes import read
 from nvsdata.video.decoder import FULL, luminance, stretched
 from nvsdata.video.frames import Frame
 
@@ -24,7 +24,7 @@ KEYED = ("interpolated", "random")  # times that keys hold; linear ones follow f
 class Spikes:
     """What fired between two frames.
 
-    - `keys`: as `kernels.spikes.fire` makes them, in raster order; uint64 [n]
+    - `keys`: see `kernels.emulate.spikes`, in raster order; uint64 [n]
     - `before`, `now`: times of the two frames (µs)
     - `timestamps`: how times lie between them; see `PIX2NVS`
     - `sensor_size`: (width, height)

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from nvsdata.kernels.tiles import TILE, find_dirty
+from nvsdata.kernels.emulate.tiles import TILE, find_dirty
 from nvsdata.video.decoder import FULL, stretched
 from nvsdata.video.frames import Frame
 

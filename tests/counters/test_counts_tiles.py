@@ -36,7 +36,7 @@ def steps(settings, frames, of=("plane", "reference")):
     """What each frame after the first takes: active tiles, and how often pixels `of` some arrays were read, written."""
     from nvsdata.emulation.emulator import Emulator
     from nvsdata.emulation.pix2nvs import PIX2NVS
-    from nvsdata.kernels.tiles import Pixels
+    from nvsdata.kernels.emulate.tiles import Pixels
     from nvsdata.video.frames import Frame
 
     tally = Counter()

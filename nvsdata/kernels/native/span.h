@@ -37,6 +37,13 @@ inline void check_index([[maybe_unused]] u64 i, [[maybe_unused]] u64 size) {
 #endif
 }
 
+// For loops of the standard library, which index nothing.
+inline void count_touched([[maybe_unused]] i64 n) {
+#ifdef NVSDATA_BOUNDS
+    touched += u64(n);
+#endif
+}
+
 // One dimension, contiguous.
 template <class T>
 class Span {

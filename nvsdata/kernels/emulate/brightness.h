@@ -1,0 +1,29 @@
+// The brightness of pixels: luminance of bytes, and logarithms.
+#pragma once
+
+#include "../native/levels.h"
+#include "../native/span.h"
+
+namespace nvsdata {
+
+constexpr i64 TABLE_SIZE = 255'001;  // luminance in thousandths: 299 r + 587 g + 114 b
+constexpr i64 BYTES = 256;
+
+// Luminance of colors, in thousandths. `first_weight` of the first byte of three: 299 for r, g, b, 114 for b, g, r.
+void weigh(Span<const u8> row, i64 first_weight, Span<i32> thousandths);
+
+// `out` = ln q where q > t_log, else slope q, of brightness q in thousandths, (3.1); off by at most 4e-7.
+template <class Thousandths>
+void logarithm(Span<const Thousandths> thousandths, float t_log, float slope, Span<float> out);
+
+// std::invalid_argument unless pixels are of one byte, or of three with weights, and a table of this size has a value for
+// each brightness. Colors need none where logarithms are calculated.
+void check_light(i64 bytes, i64 first_weight, i64 table, bool calculated);
+
+// `out` = the table's values at `places`, all of which `check_light` made sure of.
+template <class Place, class Number>
+void look_up(Span<const Place> places, Span<const Number> table, Span<Number> out) {
+    for (i64 i = 0; i < out.size(); ++i) out[i] = table[places[i]];
+}
+
+}  // namespace nvsdata

@@ -1,0 +1,121 @@
+"""PIX2NVS, one frame at a time (thesis 3.2): tiles that did not change are only compared.
+
+Arrays: frames uint8 [H, W * C]; `plane`, `level`, `reference`, `difference` of one float type [H, W]; marks of tiles
+bool [tile rows, tile columns]. Steps that need no neighbors are done band by band, so that a band stays in the cache
+from bytes to events.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+TABLE_SIZE = 255_001  # luminance in thousandths: 299 r + 587 g + 114 b
+CO_LOCATED, AVERAGE, MINIMUM = range(3)
+INTERPOLATED, RANDOM, AT_ONCE = range(3)
+
+
+class Rule(NamedTuple):
+    """Settings that stay the same from frame to frame.
+
+    - `contrast`: whether brightness is taken relative to that of neighbors
+    - `table`, `t_log`, `slope`: see `luminance`
+    - `method`: one of the first three above, (3.3) and (3.4)
+    - `sensitivity`: by which differences are multiplied, [H, W] or empty
+    - `side` of blocks in which one pixel fires, (3.5)
+    - `threshold` of a difference, and `most` events that it gives, (3.6) and (3.8)
+    - `timing`: one of the other three above; the k-th event is at k T threshold / |d|, at random, or at 0
+    - `alpha`, `everywhere`: by how much references approach levels, also where nothing fires, (3.9) and (3.10)
+    - `calm`: difference below which a pixel of a still tile doesn't fire
+    """
+
+    contrast: bool
+    table: np.ndarray
+    t_log: np.floating
+    slope: np.floating
+    method: int
+    sensitivity: np.ndarray
+    side: int
+    threshold: np.floating
+    most: int
+    timing: int
+    alpha: np.floating
+    everywhere: bool
+    calm: np.floating
+
+
+class Tiles(NamedTuple):
+    """The state of tiles, bool [tile rows, tile columns] each, except `behind`.
+
+    - `dirty`: tiles that changed
+    - `affected`: tiles whose perceived brightness changed (the same array where neighbors don't matter)
+    - `active`: tiles that have to be processed
+    - `still`: tiles that needn't be processed until they or their neighbors get dirty
+    - `behind` int64: number of frames by which a tile's references are behind
+    """
+
+    dirty: np.ndarray
+    affected: np.ndarray
+    active: np.ndarray
+    still: np.ndarray
+    behind: np.ndarray
+
+
+class Pixels(NamedTuple):
+    """The state of pixels; `difference` has only the rows of a band."""
+
+    plane: np.ndarray
+    level: np.ndarray
+    reference: np.ndarray
+    difference: np.ndarray
+
+
+def look(frame: np.ndarray, previous: np.ndarray, rule: Rule, tiles: Tiles, pixels: Pixels) -> bool:
+    """Find the tiles that a frame makes dirty and active, and update references; return whether any are active."""
+    settings = rule.contrast, rule.method, rule.side, rule.alpha, rule.everywhere
+    found: bool = _native.look_at(frame, previous, *settings, *tiles, pixels.level, pixels.reference)
+    return found
+
+
+def luminance(frame: np.ndarray, first_weight: int, rule: Rule, tiles: np.ndarray, plane: np.ndarray) -> None:
+    """Write the perceived brightness of pixels of one byte (gray) or three to `plane`, in marked tiles.
+
+    For one byte it is the rule's table[byte]; for three, table[1000 q], q = 0.299 r + 0.587 g + 0.114 b, or (3.1) if
+    the table is empty. `first_weight`: weight of the first byte in thousandths, 299 for r, g, b, 114 for b, g, r.
+    """
+    _native.luminance(frame, first_weight, rule.table, rule.t_log, rule.slope, tiles, plane)
+
+
+def contrast(
+    plane: np.ndarray, tiles: np.ndarray, then_log: bool, t_log: float, slope: float, level: np.ndarray
+) -> None:
+    """Write the mean distance from the four neighbors, (3.2), to `level`; then (3.1) of it if `then_log`.
+
+    Borders are replicated. `plane`, `level` are float64. The logarithm is the C library's.
+    """
+    _native.contrast(plane, tiles, then_log, t_log, slope, level)
+
+
+def step(
+    frame: np.ndarray,
+    previous: np.ndarray,
+    first_weight: int,
+    rule: Rule,
+    tiles: Tiles,
+    pixels: Pixels,
+    span: int,
+    seed: int,
+    keys: np.ndarray,
+) -> tuple[np.ndarray, int]:
+    """Process a frame `span` µs after the last one; return the keys of its events and their number, see `spikes`.
+
+    An empty `frame` means that `look` was called, and that `plane` and `level` are up to date. The rest is a single
+    call, because each call releases Python's lock to other threads, and waits until it has it again. Keys are written
+    to `keys` or, if it is too short, to a longer array. `seed` is that of random times. O(bytes + active pixels +
+    events).
+    """
+    count, longer = _native.next_frame(frame, previous, first_weight, *rule, *tiles, *pixels, span, seed, keys)
+    return keys if longer is None else longer, count
