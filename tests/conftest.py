@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, settings
 from lookalikes import atis_bytes, saccade
 from places import RECIPES, SHARED
 
-from nvsdata.models import spline
+from nvsdata.models import spline, spline_sum
 
 # a shell's background job ignores the one, nohup the other; some tests send them
 for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
@@ -52,9 +52,9 @@ def _seeded():
 def spline_way(request, monkeypatch) -> str:
     """Each way that the B-spline convolution can go."""
     if request.param == "torch":
-        monkeypatch.setattr(spline, "spline_conv", spline.spline_conv_torch)
+        monkeypatch.setattr(spline, "spline_sum", spline_sum.spline_sum_torch)
     else:
-        monkeypatch.setattr(spline, "DENSE", 10**9 if request.param == "dense" else 0)
+        monkeypatch.setattr(spline_sum, "DENSE", 10**9 if request.param == "dense" else 0)
     return request.param
 
 

@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 from nvsdata.common.validation import at_least
-from nvsdata.models.spline import occurrences
+from nvsdata.models.spline_sum import occurrences
 
 
 class GCNConv(nn.Module):

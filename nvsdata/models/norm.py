@@ -28,6 +28,9 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         if not self.training:
             return self._by_running(x)
         here = x.numel() // self.num_features
+        if torch.compiler.is_compiling():
+            # how many nodes there are isn't known then
+            torch._check(here >= 2)
         count = here if processes() == 1 else int(all_reduce_sum(torch.tensor(float(here), device=x.device)))
         if count < 2:
             return self._by_running(x)
@@ -45,6 +48,13 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
 
     def _by_running(self, x: torch.Tensor) -> torch.Tensor:
         """Normalize by the running statistics."""
+        if torch.compiler.is_compiling():
+            # PyTorch's function asks whether there are nodes, which isn't known then
+            assert self.running_mean is not None
+            assert self.running_var is not None
+            shape = [1, -1] + [1] * (x.ndim - 2)
+            scale = self.weight * (self.running_var + self.eps).rsqrt()
+            return x * scale.view(shape) + (self.bias - self.running_mean * scale).view(shape)
         return functional.batch_norm(
             x, self.running_mean, self.running_var, self.weight, self.bias, False, 0.0, self.eps
         )

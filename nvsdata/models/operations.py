@@ -18,7 +18,8 @@ from nvsdata.models.conv import ChebConv, GCNConv, GINConv, GMMConv
 from nvsdata.models.counting import Counting
 from nvsdata.models.graph_cnn import GCNN, RGCNN
 from nvsdata.models.pool import GraphPool
-from nvsdata.models.spline import DENSE, SplineConv
+from nvsdata.models.spline import SplineConv
+from nvsdata.models.spline_sum import DENSE
 
 CONVOLUTIONS = nn.Conv1d, nn.Conv2d, nn.Conv3d
 # layers, whatever they are made of
@@ -229,7 +230,7 @@ def _flops(module: nn.Module, inputs: Any, output: Any) -> int | None:
 
 
 def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
-    """What our kernels do for a B-spline convolution on the CPU: shares, sums over neighbors, rows of products added."""
+    """What kernels do for a B-spline convolution on the CPU: shares, sums over neighbors, rows of products added."""
     x, edge_index, u = inputs
     if x.device.type != "cpu":
         return 0

@@ -8,7 +8,7 @@ import torch
 from graphs import scattered as graph
 from torch.utils import _pytree as pytree
 
-from nvsdata import GraphBatch, models
+from nvsdata import GraphBatch
 
 
 class Mean(torch.nn.Module):
@@ -58,15 +58,3 @@ def test_graphs_are_loaded_as_data():
     torch.save(GraphBatch.of(graph()), file)
     file.seek(0)
     assert torch.equal(torch.load(file, weights_only=True).edge_index, graph().edge_index)
-
-
-@pytest.mark.long
-def test_our_networks_are_compiled_in_parts():
-    """Between the numba loops, which nothing of torch can look into."""
-    torch._dynamo.reset()
-    model = models.RGCNN(3, channels=(4, 8), clusters=((4, 4), (7, 7)), hidden=8).eval()
-    batch = GraphBatch.from_graphs([graph(80, i) for i in range(3)])
-    compiled = torch.compile(model, backend="eager")
-    with torch.no_grad():
-        torch.testing.assert_close(compiled(batch), model(batch))
-    torch._dynamo.reset()

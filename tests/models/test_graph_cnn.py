@@ -71,12 +71,12 @@ def test_the_order_of_nodes_does_not_matter():
 
 
 def test_plain_torch_gives_the_same_scores_and_gradients(monkeypatch):
-    from nvsdata.models import pool, spline
+    from nvsdata.models import clusters, spline, spline_sum
 
     batch = GraphBatch.from_graphs([graph(i) for i in range(8)])
     model = models.rgcnn("n-mnist").double()
     model.dropout.p = 0.0
-    batch = pool.replace(batch, x=batch.x.double())
+    batch = replace(batch, x=batch.x.double())
 
     def scores_and_gradients():
         model.zero_grad()
@@ -85,9 +85,9 @@ def test_plain_torch_gives_the_same_scores_and_gradients(monkeypatch):
         return [scores.detach(), *(p.grad.clone() for p in model.parameters())]
 
     ours = scores_and_gradients()
-    monkeypatch.setattr(spline, "spline_conv", spline.spline_conv_torch)
-    monkeypatch.setattr(pool, "clusters_cpu", pool.clusters_torch)
-    monkeypatch.setattr(pool._MaxRows, "apply", pool.max_rows_torch)
+    monkeypatch.setattr(spline, "spline_sum", spline_sum.spline_sum_torch)
+    monkeypatch.setattr(clusters, "clusters_cpu", clusters.clusters_torch)
+    monkeypatch.setattr(clusters._MaxRows, "apply", clusters.max_rows_torch)
     for a, b in zip(ours, scores_and_gradients(), strict=True):
         assert torch.allclose(a, b, rtol=1e-8, atol=1e-9)
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,8 @@ from strategies import events
 
 from nvsdata import GraphBatch
 from nvsdata.models import GraphPool
-from nvsdata.models import pool as module
+from nvsdata.models import clusters as module
+from nvsdata.models.pool import coarse_reach
 from nvsdata.transforms import radius_graph, rotate
 
 
@@ -19,7 +22,7 @@ def batches(draw):
     batch = GraphBatch.from_graphs(turned)
     generator = torch.Generator().manual_seed(draw(st.integers(0, 1000)))
     x = torch.randn(batch.num_nodes, 3, generator=generator)
-    return module.replace(batch, x=x)
+    return replace(batch, x=x)
 
 
 @pytest.mark.parametrize("on", ["kernels", "torch"])
@@ -65,7 +68,7 @@ def test_the_gradient_of_a_cluster_goes_to_its_maximum_or_to_all_alike(mode, bat
     index, pos = module.clusters_torch(batch, (4, 4), pool.grid)[:2]
     a, b = batch.x.clone().requires_grad_(), batch.x.clone().requires_grad_()
     upstream = torch.randn(len(pos), 3)
-    pool(module.replace(batch, x=a)).x.backward(upstream)
+    pool(replace(batch, x=a)).x.backward(upstream)
     reduce = {"max": module.max_rows_torch, "average": module.mean_rows_torch}[mode]
     reduce(b, index, len(pos)).backward(upstream)
     expected = torch.zeros_like(batch.x)
@@ -148,5 +151,5 @@ def test_bad_settings_are_refused():
 
 
 def test_pseudo_coordinates_reach_as_far_as_a_cluster_or_as_before():
-    assert module.coarse_reach((3.0, 3.0), (2, 4)) == (3, 4)
-    assert module.coarse_reach((3.0, 3.0, 15_000), (4, 2)) == (4, 3, 15_000)
+    assert coarse_reach((3.0, 3.0), (2, 4)) == (3, 4)
+    assert coarse_reach((3.0, 3.0, 15_000), (4, 2)) == (4, 3, 15_000)

@@ -13,8 +13,8 @@ from graphs import scattered
 
 from nvsdata import GraphBatch, models
 from nvsdata.models import BatchNorm, SplineConv
+from nvsdata.models.clusters import max_rows_torch, mean_rows_torch
 from nvsdata.models.conv import CONVOLUTIONS
-from nvsdata.models.pool import max_rows_torch, mean_rows_torch
 
 LARGEST, SMALLEST = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
 # scales of features and of weights, whose product float32 holds

@@ -14,7 +14,7 @@ from nvsdata import transforms as T
 from nvsdata.data.graph import Graph
 from nvsdata.datasets.store.writer import pack
 from nvsdata.formats.registry import FORMATS
-from nvsdata.models.pool import clusters_cpu, clusters_torch
+from nvsdata.models.clusters import clusters_cpu, clusters_torch
 
 LAST = 2**62 - 1  # µs, the latest time
 LONG = 199_500  # µs that the examples last

@@ -18,7 +18,8 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import GraphBatch
 from nvsdata.models.conv import CONVOLUTIONS
 from nvsdata.models.pool import GraphPool
-from nvsdata.models.spline import add_self_loops, spline_conv
+from nvsdata.models.spline import add_self_loops
+from nvsdata.models.spline_sum import spline_sum
 
 CHANNELS = (1, 32), (32, 64), (64, 128), (128, 256)  # in and out
 KERNEL = 5
@@ -94,7 +95,7 @@ def _apart(exact: tuple[torch.Tensor, ...], found: tuple[torch.Tensor, ...]) -> 
 
 
 def _ours() -> Convolution:
-    return lambda x, edges, u, w: spline_conv(x.new_zeros(x.shape[0], w.shape[2]), x, edges, u, w, KERNEL)
+    return lambda x, edges, u, w: spline_sum(x.new_zeros(x.shape[0], w.shape[2]), x, edges, u, w, KERNEL)
 
 
 def _torch_spline() -> Convolution:
