@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
-from nvsdata.kernels.inside import inside
 from nvsdata.kernels.order import is_sorted, late, merge_late, stable_order
+from nvsdata.kernels.represent.inside import inside
 from nvsdata.kernels.select import copy_at, copy_where
 
 if TYPE_CHECKING:
