@@ -1,6 +1,5 @@
 // Events summed into the cells of a grid in time and space.
 #include "../native/bind.h"
-#include "../native/clones.h"
 #include "events.h"
 
 namespace nvsdata {
@@ -67,17 +66,6 @@ void marked(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i
                          [&](i64 n, i64, i64 place) { out.values[2 * n * images.size + place] = 1; });
 }
 
-// Times since the first, up to `most`, as places from 0 to `scale`; false if some aren't.
-NVSDATA_CLONES bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, double span, double* out) {
-    u64 longest = 0;
-    for (i64 k = 0; k < count; ++k) {
-        i64 since = minus(t[k], first);
-        longest = std::max(longest, u64(since));
-        out[k] = double(since) * scale / span;
-    }
-    return longest <= most;
-}
-
 void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, bool linear,
             Array<float, 3> out) {
     Pixels events{x, y, p};
@@ -92,7 +80,7 @@ void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
     Interrupt interrupt;
     some_events(images, events, 0, t.size(), interrupt, [&](i64 from, i64 count, const i64* places) {
         double at[STEPS];
-        // bins are within the grid, then
+        // then bins are within the grid, because no rounding reaches the next whole number
         require(scale_times(t.data() + from, count, first, u64(duration), scale, span, at), "times must not decrease");
         for (i64 k = 0; k < count; ++k) {
             float step = sign(p[from + k]);

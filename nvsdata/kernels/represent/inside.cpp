@@ -44,6 +44,16 @@ bool inside(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
 
 }  // namespace
 
+NVSDATA_CLONES bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, double span, double* out) {
+    u64 longest = 0;
+    for (i64 k = 0; k < count; ++k) {
+        i64 since = minus(t[k], first);
+        longest = std::max(longest, u64(since));
+        out[k] = double(since) * scale / span;
+    }
+    return longest <= most;
+}
+
 bool are_inside(const Images& images, const Pixels& events) {
     return are_within(events.x.data(), events.x.size(), last_of(images.width)) &&
            are_within(events.y.data(), events.y.size(), last_of(images.height)) &&

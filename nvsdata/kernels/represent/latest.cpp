@@ -28,8 +28,7 @@ void leak_into(Span<const i64> t, Span<const i16> x, Span<const i16> y, double i
     Span<i64> times = since.flat();
     each_event({value.columns(), value.rows()}, {x, y}, [&](i64 i, i64 place) {
         double left = values[place] - leak * double(minus(t[i], times[place]));
-        // no branch, and so no std::max
-        values[place] = (left < 0.0 ? 0.0 : left) + increment;
+        values[place] = (left > 0.0 ? left : 0.0) + increment;
         times[place] = t[i];
     });
 }

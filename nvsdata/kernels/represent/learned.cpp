@@ -1,6 +1,7 @@
 // Sums of a piecewise linear function of the events' times.
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "../native/bind.h"
 #include "events.h"
@@ -21,7 +22,7 @@ struct Pieces {
         require(!nearby.empty(), "places must have pieces nearby");
         for (i32 piece : nearby) require(piece >= 0 && piece < ends.size(), "pieces nearby must exist");
     }
-    // tau from -1 to 1, but for rounding
+    // tau from -1 to 1
     i64 of(double tau) const {
         i64 piece = nearby[i64((tau + 1) * scale)];
         while (tau > ends[piece]) ++piece;
@@ -31,7 +32,7 @@ struct Pieces {
 
 // Calls each(s, p, place, b) for the events of each sample b, s going from 0 at its first to 1 at its last.
 template <class Each>
-void each_of_samples(Span<const i64> t, const Images& images, const Pixels& events, Span<const i64> offsets,
+NVSDATA_LOOP each_of_samples(Span<const i64> t, const Images& images, const Pixels& events, Span<const i64> offsets,
                      i64 samples, Each each) {
     require_columns(t.size(), events);
     require(offsets.size() == samples + 1, "samples must be one fewer than their offsets");
@@ -51,7 +52,7 @@ void each_of_samples(Span<const i64> t, const Images& images, const Pixels& even
 }
 
 template <class Image, class Each>
-void through(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> offsets,
+NVSDATA_LOOP through(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> offsets,
              const Pieces& pieces, const Image& image, Each each) {
     auto [samples, polarities, bins, height, width] = image.shape;
     require_shapes(polarities == 2);
@@ -59,10 +60,14 @@ void through(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const
     i64 size = images.size, channels = bins;
     images.size *= channels;
     double step = 1 / double(std::max<i64>(channels - 1, 1));
+    // at most 1, because n times 1 / n rounds to no more, and so s - delay is from -1 to 1
+    std::vector<double> delays;
+    for (i64 c = 0; c < channels; ++c) delays.push_back(double(c) * step);
+    Span<const double> delay(delays);
     each_of_samples(t, images, {x, y, p, Polarity::off_first}, offsets, samples, [&](double s, i64 place, i64 b) {
         i64 cell = b * 2 * images.size + place;
         for (i64 c = 0; c < channels; ++c, cell += size) {
-            double tau = std::max(s - double(c) * step, -1.0);
+            double tau = s - delay[c];
             each(s, tau, pieces.of(tau), image.values[cell]);
         }
     });

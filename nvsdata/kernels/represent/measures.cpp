@@ -31,15 +31,20 @@ void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
     Span<double> total = scratch.values.part(images.size, 2 * images.size);
     Span<double> squares = scratch.values.part(2 * images.size, 3 * images.size);
     Interrupt interrupt;
-    each_event(images, events, first, last, interrupt, [&](i64 i, i64 place) {
-        if (wanted >= 0 && p[i] != wanted) return;
-        double value = 1;
-        if (quantity == POLARITY) value = 2.0 * p[i] - 1;
-        if (quantity == TIME) value = span ? double(minus(t[i], start)) / double(span) : 0.0;
-        number[place] += 1;
-        squares[place] += value * value;
-        double sum = total[place];
-        total[place] = measure == MAX ? (sum < value ? value : sum) : sum + value;
+    some_events(images, events, first, last, interrupt, [&](i64 from, i64 count, const i64* places) {
+        double values[STEPS];
+        if (quantity == TIME && span)
+            scale_times(t.data() + from, count, start, 0, 1, double(span), values);
+        else
+            for (i64 k = 0; k < count; ++k)
+                values[k] = quantity == COUNT ? 1.0 : quantity == POLARITY ? 2.0 * p[from + k] - 1 : 0.0;
+        for (i64 k = 0; k < count; ++k) {
+            if (wanted >= 0 && p[from + k] != wanted) continue;
+            double value = values[k], before = total[places[k]];
+            number[places[k]] += 1;
+            squares[places[k]] += value * value;
+            total[places[k]] = measure == MAX ? (before < value ? value : before) : before + value;
+        }
     });
     measure_pixels(number.data(), total.data(), squares.data(), images.size, measure, out.data());
 }

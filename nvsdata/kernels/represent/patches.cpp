@@ -10,48 +10,47 @@ namespace nvsdata {
 
 namespace {
 
-// Numbers of the pixels that have events, in the order of their first ones; in tiles of 8 x 8 pixels, so that memory
-// grows with the events.
-class Numbers {
+constexpr i64 SIDE = 8, CELLS = SIDE * SIDE;  // of a tile of pixels
+
+// A value of each pixel, 0 at first, in tiles, so that memory grows with the events.
+template <class Value>
+class Tiles {
 public:
-    Numbers(Span<const i16> x, Span<const i16> y) {
+    Tiles(Span<const i16> x, Span<const i16> y) {
         if (x.empty()) return;
         auto [left, right] = std::minmax_element(x.begin(), x.end());
         auto [top, bottom] = std::minmax_element(y.begin(), y.end());
         left_ = *left, top_ = *top;
-        columns_ = (*right - left_) / 8 + 1, rows_ = (*bottom - top_) / 8 + 1;
-        tiles_.resize(std::size_t(rows_ * columns_));
+        columns_ = (*right - left_) / SIDE + 1, rows_ = (*bottom - top_) / SIDE + 1;
+        tiles_.resize(std::size_t(columns_ * rows_));
     }
-    i64 count() const { return count_; }
-    // Of a pixel that has events.
-    i32 of_event(i16 x, i16 y) {
-        i32& number = place(x - left_, y - top_);
-        if (number < 0) number = count_++;
-        return number;
+    // Of an event's pixel, which is in the box around all events.
+    Value& of_event(i16 x, i16 y) {
+        u32 column = u32(x - left_), row = u32(y - top_);
+        i32& tile = Span<i32>(tiles_)[row / SIDE * columns_ + column / SIDE];
+        if (tile == 0) {
+            values_.resize(values_.size() + CELLS);
+            tile = i32(values_.size() / CELLS);
+        }
+        return Span<Value>(values_)[(tile - 1) * CELLS + row % SIDE * SIDE + column % SIDE];
     }
-    // -1 for pixels without events.
-    i32 at(i64 x, i64 y) const {
-        u64 column = u64(x - left_), row = u64(y - top_);
-        if (column >= u64(columns_) * 8 || row >= u64(rows_) * 8) return -1;
-        i32 tile = tiles_[(row / 8) * u64(columns_) + column / 8];
-        return tile ? numbers_[u64(tile - 1) * 64 + row % 8 * 8 + column % 8] : -1;
+    // Calls each(i, value) for the pixels (x + i, y) of a row, if they are in tiles that have events.
+    template <class Each>
+    void each_of_row(i64 x, i64 y, i64 count, Each each) const {
+        i64 row = y - top_, column = x - left_;
+        if (row < 0 || row >= rows_ * SIDE) return;
+        Span<const Value> values(values_);
+        Span<const i32> tiles = Span<const i32>(tiles_).part(row / SIDE * columns_, (row / SIDE + 1) * columns_);
+        for (i64 i = std::max<i64>(-column, 0); i < std::min(count, columns_ * SIDE - column); ++i) {
+            u32 at = u32(column + i);
+            if (i32 tile = tiles[at / SIDE]) each(i, values[(tile - 1) * CELLS + row % SIDE * SIDE + at % SIDE]);
+        }
     }
 
 private:
     i64 left_ = 0, top_ = 0, columns_ = 0, rows_ = 0;
-    i32 count_ = 0;
-    std::vector<i32> tiles_;    // one more than the tile's place among those that have events, 0 for others
-    std::vector<i32> numbers_;  // of the tiles' pixels
-
-    // Pixels are within the box around all events.
-    i32& place(u32 column, u32 row) {
-        i32& tile = Span<i32>(tiles_)[i64(row / 8) * columns_ + column / 8];
-        if (!tile) {
-            numbers_.resize(numbers_.size() + 64, -1);
-            tile = i32(numbers_.size() / 64);
-        }
-        return Span<i32>(numbers_)[i64(tile - 1) * 64 + row % 8 * 8 + column % 8];
-    }
+    std::vector<i32> tiles_;  // where values of the tile are, from 1 on, or 0
+    std::vector<Value> values_;
 };
 
 struct Node {
@@ -68,13 +67,16 @@ i64 merged_pixels(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
     require(n <= std::numeric_limits<i32>::max(), "at most 2^31 - 1 events can be merged");
     require_shapes(pos.rows() == n && pos.columns() == 2 && time.size() == n && ends.rows() == n &&
                    ends.columns() == 2 && counts.rows() == n && counts.columns() == 2);
-    Numbers numbers(x, y);
+    Tiles<i32> numbers(x, y);  // of nodes, from 1 on
     std::vector<Node> nodes;
     Interrupt interrupt;
     for (i64 i = 0; i < n; ++i) {
-        std::size_t number = std::size_t(numbers.of_event(x[i], y[i]));
-        if (number == nodes.size()) nodes.push_back({t[i], t[i], 0, 0, {0, 0}, x[i], y[i]});
-        Node& node = nodes[number];
+        i32& number = numbers.of_event(x[i], y[i]);
+        if (number == 0) {
+            nodes.push_back({t[i], t[i], 0, 0, {0, 0}, x[i], y[i]});
+            number = i32(nodes.size());
+        }
+        Node& node = Span<Node>(nodes)[number - 1];
         // from the first time on, because a sum of absolute times may be too large
         node.total = plus(node.total, minus(t[i], node.first));
         node.last = t[i];
@@ -88,7 +90,7 @@ i64 merged_pixels(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
     std::sort(by_time.begin(), by_time.end());
     i64 m = 0;
     for (auto [mean, number] : by_time) {
-        const Node& node = nodes[std::size_t(number)];
+        const Node& node = Span<Node>(nodes)[number];
         pos(m, 0) = node.x, pos(m, 1) = node.y;
         time[m] = mean;
         ends(m, 0) = node.first, ends(m, 1) = node.last;
@@ -109,26 +111,25 @@ void patch_counts(Span<const i16> x, Span<const i16> y, Span<const u8> p, Rows<c
     i64 size = out.shape[2], half = size / 2;
     require(x.size() <= std::numeric_limits<i32>::max(), "at most 2^31 - 1 events can be counted");
     require_shapes(pos.columns() == 2 && out.shape == std::array<i64, 4>{pos.rows(), 2, size, size});
-    Numbers numbers(x, y);
-    std::vector<std::array<float, 2>> counts;
+    struct Counts {
+        float of[2];  // polarity 1 and 0
+    };
+    Tiles<Counts> counts(x, y);
     Interrupt interrupt;
     for (i64 i = 0; i < x.size(); ++i) {
-        std::size_t number = std::size_t(numbers.of_event(x[i], y[i]));
-        if (number == counts.size()) counts.push_back({0, 0});
-        counts[number][p[i] == 0] += 1;
+        counts.of_event(x[i], y[i]).of[p[i] == 0] += 1;
         if (i % STEPS == 0) interrupt.poll();
     }
+    i64 patch = size * size;
     for (i64 node = 0; node < pos.rows(); ++node) {
         i64 left = pixel_of(pos(node, 0)) - half, top = pixel_of(pos(node, 1)) - half;
-        Span<float> on = out.values.part(2 * node * size * size, (2 * node + 1) * size * size);
-        Span<float> off = out.values.part((2 * node + 1) * size * size, (2 * node + 2) * size * size);
-        for (i64 b = 0; b < size; ++b)
-            for (i64 a = 0; a < size; ++a) {
-                i32 number = numbers.at(left + a, top + b);
-                if (number < 0) continue;
-                on[b * size + a] = counts[std::size_t(number)][0];
-                off[b * size + a] = counts[std::size_t(number)][1];
-            }
+        Span<float> on = out.values.part(2 * node * patch, (2 * node + 1) * patch);
+        Span<float> off = out.values.part((2 * node + 1) * patch, (2 * node + 2) * patch);
+        for (i64 row = 0; row < size; ++row)
+            counts.each_of_row(left, top + row, size, [&](i64 i, const Counts& found) {
+                on[row * size + i] = found.of[0];
+                off[row * size + i] = found.of[1];
+            });
         if (node % 64 == 0) interrupt.poll();
     }
 }
