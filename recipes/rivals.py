@@ -27,7 +27,7 @@ from nvsdata import transforms as T
 from nvsdata.common.files import atomic
 from nvsdata.datasets import DATASETS
 from nvsdata.datasets.splits import stratified
-from nvsdata.kernels.hots import feature_surfaces, nearest_prototypes
+from nvsdata.kernels.represent.hots import feature_surfaces, nearest_prototypes
 from nvsdata.training import TrainTestSplit
 
 # side of a cell in pixels, and µs; sqrt: of the features, as histograms are often given to an SVM

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nvsdata.kernels.decode.order import is_sorted, late, merge_late, stable_order
 from nvsdata.kernels.decode.select import copy_at, copy_where
-from nvsdata.kernels.inside import inside
+from nvsdata.kernels.represent.inside import inside
 
 if TYPE_CHECKING:
     import torch

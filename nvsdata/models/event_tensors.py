@@ -13,8 +13,8 @@ from torch.nn import functional as F
 
 from nvsdata.common.validation import whole
 from nvsdata.data.ragged import EventBatch
-from nvsdata.kernels.inside import inside
-from nvsdata.kernels.learned import splat, splat_gradient
+from nvsdata.kernels.represent.inside import inside
+from nvsdata.kernels.represent.learned import splat, splat_gradient
 
 SLOPE = 0.1  # of the leaky ReLU below 0
 NARROW = 1e-7  # pieces of the kernel that are narrower belong to their neighbors

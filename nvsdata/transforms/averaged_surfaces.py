@@ -13,7 +13,7 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import EVER, Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.hats import sum_surfaces
+from nvsdata.kernels.represent.hats import sum_surfaces
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class HATS:
         events = events_inside(sample)
         size, cell, radius = events.sensor_size, int(self.cell), int(self.radius)
         # the sums, epochs and numbers of events of pixels
-        scratch = [zeros(size, (2, *size[::-1]), kind) for kind in (np.float64, np.int64, np.int64)]
+        kept, epochs, members = (zeros(size, (2, *size[::-1]), kind) for kind in (np.float64, np.int64, np.int64))
         cells, side = math.prod(-(-pixels // cell) for pixels in size), 2 * radius + 1
         sums, counts = zeros(size, (cells, 2, side, side), np.float64), zeros(size, (cells,), np.int64)
         settings = cell, radius, min(int(self.window), EVER[1]), float(self.tau)
-        sum_surfaces(*events.columns, *settings, *scratch, sums, counts)
+        sum_surfaces(*events.columns, *settings, kept, epochs, members, sums, counts)
         return torch.from_numpy((sums / np.maximum(counts, 1)[:, None, None, None]).astype(np.float32))
 
 

@@ -11,7 +11,7 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import at_least, microseconds, whole
 from nvsdata.data.events import LATEST, Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.latest import latest_ticks
+from nvsdata.kernels.represent.latest import latest_ticks
 from nvsdata.transforms.draws import generator
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.common.validation import whole
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import MAX_COORDINATE, Columns, Events
-from nvsdata.kernels.filters import in_rectangle
+from nvsdata.kernels.represent.filters import in_rectangle
 from nvsdata.transforms.together import move_all
 
 Moving = TypeVar("Moving", Events, Boxes)

@@ -13,7 +13,7 @@ from nvsdata.common.validation import microseconds, whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import count_bounds, duration_bounds, equal_bounds
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.bins import counted, marked
+from nvsdata.kernels.represent.frames import counted, marked
 
 Values = Literal["count", "binary", "sum"]
 

@@ -12,7 +12,7 @@ import torch
 from nvsdata.data.events import Events, check_inside
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events, events_inside, misplaced
-from nvsdata.kernels.patches import merged_pixels, patch_counts
+from nvsdata.kernels.represent.patches import merged_pixels, patch_counts
 from nvsdata.transforms.compose import is_deterministic
 
 Time = Literal["first", "last", "mean"]

@@ -10,7 +10,7 @@ import numpy as np
 from nvsdata.common.memory import allocated, zeros
 from nvsdata.common.validation import microseconds, positive
 from nvsdata.data.events import LATEST, Events, check_inside
-from nvsdata.kernels import filters as kernel
+from nvsdata.kernels.represent import filters as kernel
 from nvsdata.transforms.together import change_all
 
 

@@ -10,7 +10,7 @@ import torch
 from nvsdata.common.memory import zeros
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.latest import counts_and_times
+from nvsdata.kernels.represent.latest import counts_and_times
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from nvsdata.common.validation import positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_bounds, frame_edges
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.frames import sum_frames as kernel
+from nvsdata.kernels.represent.frames import sum_frames as kernel
 from nvsdata.transforms.crops import downsample
 from nvsdata.transforms.draws import place
 from nvsdata.transforms.image import as_image, center_crop, crop

@@ -13,7 +13,7 @@ from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import check_count, share_bounds
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.bins import counted
+from nvsdata.kernels.represent.frames import counted, counted_by_polarity
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,7 @@ class StackedHistogram:
         out = zeros(events.sensor_size, (2, bins, *events.sensor_size[::-1]))
         if len(events):
             bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]), [(n, bins) for n in range(bins)])
-            # the kernel has ON first, and polarities within times
-            counted(events.x, events.y, events.p, bounds, out[::-1].transpose(1, 0, 2, 3))
+            counted_by_polarity(events.x, events.y, events.p, bounds, out)
         return torch.from_numpy(np.minimum(out, np.float32(self.most), out=out)).flatten(0, 1)
 
 

@@ -15,7 +15,7 @@ from nvsdata.common.validation import positive, probability, whole
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, events_inside, misplaced
-from nvsdata.kernels.bins import counted
+from nvsdata.kernels.represent.frames import counted
 from nvsdata.transforms.augment import flip
 from nvsdata.transforms.crops import crop_events, resize_events
 from nvsdata.transforms.draws import randint, uniform

@@ -12,7 +12,7 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import not_negative, whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.latest import logarithms, logarithms_of_ages
+from nvsdata.kernels.represent.latest import logarithms, logarithms_of_ages
 from nvsdata.transforms.states import LatestState
 
 
@@ -57,7 +57,7 @@ class TORE:
 
         def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
             shape = 2 * k, *ages.shape[2:]
-            return logarithms(ages.ravel(), known.ravel(), least, most).reshape(shape)  # type: ignore[no-any-return]
+            return logarithms(ages.ravel(), known.ravel(), least, most).reshape(shape)
 
         return LatestState(sensor_size, k, shown)
 

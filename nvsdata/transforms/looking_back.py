@@ -12,7 +12,7 @@ import numpy as np
 from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import LATEST, Events, check_inside
-from nvsdata.kernels.filters import NEVER, after_pause, first_of_boxes, within_rate
+from nvsdata.kernels.represent.filters import NEVER, after_pause, first_of_boxes, within_rate
 from nvsdata.transforms.together import change_all
 
 Sieve = Callable[[Events], Events]

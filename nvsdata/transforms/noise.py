@@ -12,7 +12,7 @@ import torch
 from nvsdata.common.validation import not_negative, probability, whole
 from nvsdata.data.events import Columns, Events, sort_by_time
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.filters import in_rectangle
+from nvsdata.kernels.represent.filters import in_rectangle
 from nvsdata.transforms.draws import generator, place, randint
 from nvsdata.transforms.together import change_all, decoded
 

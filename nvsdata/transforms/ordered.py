@@ -11,8 +11,8 @@ import torch
 from nvsdata.common.memory import zeros
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels import measures as kernel
-from nvsdata.kernels.measures import COUNT, MAX, MEAN, POLARITY, SUM, TIME, VARIANCE
+from nvsdata.kernels.represent import measures as kernel
+from nvsdata.kernels.represent.measures import COUNT, MAX, MEAN, POLARITY, SUM, TIME, VARIANCE
 
 ANY, OFF, ON = -1, 0, 1
 # number of the window, polarity, what is measured, and how, as in the authors' code

@@ -11,7 +11,7 @@ import torch
 from nvsdata.common.validation import not_negative, probability, whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.sample import nonuniform_sample as kernel
+from nvsdata.kernels.represent.sample import nonuniform_sample as kernel
 from nvsdata.transforms.defaults import BETA
 from nvsdata.transforms.draws import generator, randint, uniform
 from nvsdata.transforms.together import change_all

@@ -9,7 +9,7 @@ import torch
 
 from nvsdata.common.memory import check_memory, zeros
 from nvsdata.data.events import LATEST, Events, check_inside, check_sensor_size
-from nvsdata.kernels.latest import ages_of_bins, leak_into, queue_bins, remember
+from nvsdata.kernels.represent.latest import ages_of_bins, leak_into, queue_bins, remember
 
 Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From ages in µs [2, k, H, W], and where there were so many events, to a representation."""

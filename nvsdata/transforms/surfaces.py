@@ -13,7 +13,7 @@ from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import EVER, Events
 from nvsdata.data.frame_edges import duration_bounds
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels import surfaces as kernel
+from nvsdata.kernels.represent import surfaces as kernel
 from nvsdata.transforms.states import LatestState
 
 Polarity = Literal["own", "both"]

@@ -12,7 +12,7 @@ from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import check_count, share_bounds
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.measures import tokens
+from nvsdata.kernels.represent.measures import tokens
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.bins import spread
+from nvsdata.kernels.represent.frames import spread
 
 Interpolation = Literal["linear", "nearest"]
 

@@ -59,7 +59,7 @@ def square(n, side=12):
 
 
 def patches(n, width):
-    from nvsdata.kernels import patches as kernels
+    from nvsdata.kernels.represent import patches as kernels
     from nvsdata.kernels import pixels
 
     _, x, y = scattered(n, width, width)
@@ -69,7 +69,7 @@ def patches(n, width):
 
 
 def merged(events):
-    from nvsdata.kernels import patches as kernels
+    from nvsdata.kernels.represent import patches as kernels
     from nvsdata.kernels import pixels
 
     with touches(kernels, pixels) as tally:

@@ -42,6 +42,17 @@ struct Argument<Rows<T>> {
     static Rows<T> of(const Python& array) { return {array.data(), i64(array.shape(0)), i64(array.shape(1))}; }
 };
 
+// Of any number of dimensions: contiguous even if it is only read.
+template <class T, int n>
+struct Argument<Array<T, n>> {
+    using Python = nb::ndarray<T, nb::ndim<n>, nb::c_contig, nb::device::cpu>;
+    static Array<T, n> of(const Python& array) {
+        Array<T, n> found{{array.data(), i64(array.size())}, {}};
+        for (int axis = 0; axis < n; ++axis) found.shape[axis] = i64(array.shape(axis));
+        return found;
+    }
+};
+
 // Arrays that are read: a view or, of a strided array, a copy that lives as long as the call.
 template <class T, int dimensions>
 class Read {

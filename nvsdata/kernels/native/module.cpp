@@ -43,6 +43,19 @@ void define_sliding(nb::module_& module);
 void define_streaming_network(nb::module_& module);
 void define_pool(nb::module_& module);
 void define_spline(nb::module_& module);
+void define_filters(nb::module_& module);
+void define_frames(nb::module_& module);
+void define_hats(nb::module_& module);
+void define_hots(nb::module_& module);
+void define_inside(nb::module_& module);
+void define_latest(nb::module_& module);
+void define_learned(nb::module_& module);
+void define_log_polar(nb::module_& module);
+void define_measures(nb::module_& module);
+void define_neighbors(nb::module_& module);
+void define_patches(nb::module_& module);
+void define_sample(nb::module_& module);
+void define_surfaces(nb::module_& module);
 
 }  // namespace nvsdata
 
@@ -84,4 +97,17 @@ NB_MODULE(_native, module) {
     nvsdata::define_streaming_network(module);
     nvsdata::define_pool(module);
     nvsdata::define_spline(module);
+    nvsdata::define_filters(module);
+    nvsdata::define_frames(module);
+    nvsdata::define_hats(module);
+    nvsdata::define_hots(module);
+    nvsdata::define_inside(module);
+    nvsdata::define_latest(module);
+    nvsdata::define_learned(module);
+    nvsdata::define_log_polar(module);
+    nvsdata::define_measures(module);
+    nvsdata::define_neighbors(module);
+    nvsdata::define_patches(module);
+    nvsdata::define_sample(module);
+    nvsdata::define_surfaces(module);
 }

@@ -1,6 +1,7 @@
 // Views of arrays: pointers with sizes. A build with NVSDATA_BOUNDS checks and counts every index.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <utility>
@@ -103,6 +104,13 @@ public:
 private:
     T* data_ = nullptr;
     i64 rows_ = 0, columns_ = 0;
+};
+
+// n dimensions, contiguous: the shape, and the values in its order.
+template <class T, int n>
+struct Array {
+    Span<T> values;
+    std::array<i64, n> shape;
 };
 
 }  // namespace nvsdata

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import events
 
-from nvsdata.kernels.hots import feature_surfaces, nearest_prototypes
+from nvsdata.kernels.represent.hots import feature_surfaces, nearest_prototypes
 
 
 def slow_surfaces(ev, feature, features, tau, radius):

@@ -1,0 +1,1 @@
+"""Loops that turn events into images, surfaces, features and samples."""

@@ -1,0 +1,122 @@
+// What loops over events share: checked places in images, arithmetic of times, answers to Ctrl-C.
+#pragma once
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "../native/interrupt.h"
+#include "../native/span.h"
+
+namespace nvsdata {
+
+inline void require(bool fits, const char* otherwise) {
+    if (!fits) throw std::invalid_argument(otherwise);
+}
+
+inline void require_shapes(bool fit) { require(fit, "the arrays' shapes don't belong together"); }
+
+// Images that have a margin around the sensor.
+inline void require_margin(i64 margin, i64 rows, i64 columns) {
+    require_shapes(margin >= 0 && margin <= std::min(rows, columns) / 2);
+}
+
+// Differences and sums of any times: those beyond int64 wrap.
+inline i64 minus(i64 a, i64 b) { return i64(u64(a) - u64(b)); }
+inline i64 plus(i64 a, i64 b) { return i64(u64(a) + u64(b)); }
+
+// Rounded down; b > 0.
+inline i64 floor_divide(i64 a, i64 b) {
+    i64 quotient = a / b;
+    return quotient - (a % b < 0);
+}
+
+// Images of all pixels, row by row, one after the other; rows and images may be larger than the sensor.
+struct Images {
+    i64 width, height;
+    i64 stride = width, size = width * height;  // from one row to the next, from one image to the next
+};
+
+enum class Polarity { same_image, off_first, on_first };
+
+// Pixels of events and, if kernels need them, polarities, which may say in which of two images they are.
+struct Pixels {
+    Span<const i16> x, y;
+    Span<const u8> p = {};
+    Polarity image = Polarity::same_image;
+};
+
+constexpr i64 STEPS = 2048;  // events that are placed at once; then the clock is looked at
+
+// Where pixels of at most STEPS events are in images: the calls' results are true if all are on the sensor.
+bool place(const Images& images, const Pixels& events, i64 from, i64 to, i64* places);
+bool are_inside(const Images& images, const Pixels& events);
+
+// Times since the first one, times scale / span; whether all are from 0 to `most` before they are scaled.
+bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, double span, double* out);
+
+inline void place_all(const Images& images, const Pixels& events, i64 from, i64 to, i64* places) {
+    if (!place(images, events, from, to, places))
+        throw std::out_of_range("events lie outside of the sensor, or have polarities other than 0 and 1");
+}
+
+// Loops are inlined, so that what a kernel keeps from event to event stays in registers.
+#define NVSDATA_LOOP [[gnu::always_inline]] inline void
+
+// Calls some(from, count, places) for every STEPS of the events; throws before any that isn't on the sensor.
+template <class Some>
+NVSDATA_LOOP some_events(const Images& images, const Pixels& events, i64 from, i64 to, Interrupt& interrupt, Some some) {
+    i64 places[STEPS];
+    while (from < to) {
+        i64 count = std::min(STEPS, to - from);
+        place_all(images, events, from, from + count, places);
+        some(from, count, places);
+        from += count;
+        if (from < to) interrupt.poll();
+    }
+}
+
+// Calls each(i, place) for the events i from `from` up to `to`.
+template <class Each>
+NVSDATA_LOOP each_event(const Images& images, const Pixels& events, i64 from, i64 to, Interrupt& interrupt, Each each) {
+    some_events(images, events, from, to, interrupt, [&](i64 begin, i64 count, const i64* places) {
+        for (i64 k = 0; k < count; ++k) each(begin + k, places[k]);
+    });
+}
+
+inline void require_columns(i64 size, const Pixels& events) {
+    require(events.x.size() == size && events.y.size() == size && (events.p.size() == size || !events.p.data()),
+            "columns of events must be equally long");
+}
+
+template <class Each>
+NVSDATA_LOOP each_event(const Images& images, const Pixels& events, Each each) {
+    require_columns(events.x.size(), events);
+    Interrupt interrupt;
+    each_event(images, events, 0, events.x.size(), interrupt, each);
+}
+
+inline void check_frame(Span<const i64> bounds, i64 n, i64 size) {
+    if (bounds[n] < 0 || bounds[n + 1] > size) throw std::out_of_range("frames reach beyond the events");
+}
+
+// Calls each(n, i, place) for the events i of each frame n, from bounds[n] up to bounds[n + 1], then done(n).
+template <class Each, class Done>
+NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames, Each each,
+                          Done done) {
+    require_columns(events.x.size(), events);
+    require(bounds.size() == frames + 1, "frames must be one fewer than their bounds");
+    Interrupt interrupt;
+    for (i64 n = 0; n < frames; ++n) {
+        check_frame(bounds, n, events.x.size());
+        each_event(images, events, bounds[n], bounds[n + 1], interrupt, [&](i64 i, i64 place) { each(n, i, place); });
+        done(n);
+        if (n % STEPS == 0) interrupt.poll();
+    }
+}
+
+template <class Each>
+NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames, Each each) {
+    each_event_of_frames(images, events, bounds, frames, each, [](i64) {});
+}
+
+}  // namespace nvsdata

@@ -1,0 +1,74 @@
+"""Masks of the events that pass a filter. IndexError for events outside of the arrays of pixels or boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+NEVER = np.int64(-(2**63))  # more than 2^62 µs before all events
+LARGEST = 32_768  # pixels along an axis: a box of as many is the sensor
+
+
+def after_pause(t: np.ndarray, x: np.ndarray, y: np.ndarray, period: int, last: np.ndarray) -> np.ndarray:
+    """Return which events are at least `period` µs after the last one of their pixel that passed. O(N).
+
+    `period` is at most 2^62; `last` int64 [H, W] are those, `NEVER` at first, and follow.
+    """
+    keep = np.empty(t.size, np.bool_)
+    _native.after_pause(t, x, y, period, last, keep)
+    return keep
+
+
+def first_of_boxes(
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    side: int,
+    duration: int,
+    most: int,
+    box: np.ndarray,
+    count: np.ndarray,
+) -> np.ndarray:
+    """Return which events are the first `most` of their box of `side` x `side` pixels and `duration` µs. O(N).
+
+    `box` int64 [rows, columns] is the number of each place's last box, `NEVER` at first, and `count` how many it kept.
+    """
+    keep = np.empty(t.size, np.bool_)
+    _native.first_of_boxes(t, x, y, min(side, LARGEST), duration, most, box, count, keep)
+    return keep
+
+
+def within_rate(
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, side: int, interval: int, burst: int, due: np.ndarray
+) -> np.ndarray:
+    """Return which events let no place exceed a rate: one per `interval` µs, after a pause up to `burst`. O(N).
+
+    Places have `side` x `side` pixels; `due` int64 [rows, columns] is when all that came so far would be over at this
+    rate, `NEVER` at first.
+    """
+    keep = np.empty(t.size, np.bool_)
+    _native.within_rate(t, x, y, min(side, LARGEST), interval, burst, due, keep)
+    return keep
+
+
+def in_company(t: np.ndarray, x: np.ndarray, y: np.ndarray, shape: tuple[int, int], window: int) -> np.ndarray:
+    """Return which events are up to `window` µs, at most 2^62, after one of the eight pixels around. O(N + pixels).
+
+    `shape` is (H + 2, W + 2): a border of one pixel, so that none is outside.
+    """
+    keep = np.empty(t.size, np.bool_)
+    _native.in_company(t, x, y, *shape, window, keep)
+    return keep
+
+
+def count_into(x: np.ndarray, y: np.ndarray, out: np.ndarray) -> None:
+    """Add the number of events of each pixel to `out` int64 [H, W]. O(N)."""
+    _native.count_into(x, y, out)
+
+
+def in_rectangle(x: np.ndarray, y: np.ndarray, left: int, top: int, width: int, height: int) -> np.ndarray:
+    """Return which events lie in a rectangle of pixels. O(N)."""
+    inside = np.empty(x.size, np.bool_)
+    _native.in_rectangle(x, y, left, top, left + width - 1, top + height - 1, inside)
+    return inside

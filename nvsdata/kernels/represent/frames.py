@@ -1,0 +1,54 @@
+"""Events summed into the cells of a grid in time and space.
+
+Frame n has the events from `bounds[n]` to `bounds[n + 1]`. IndexError for events outside of the frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+LARGEST = 32_768  # pixels along an axis: a cell of as many is the sensor
+
+
+def sum_frames(
+    x: np.ndarray,
+    y: np.ndarray,
+    p: np.ndarray,
+    bounds: np.ndarray,
+    sensor_size: tuple[int, int],
+    factor: int,
+    out: np.ndarray,
+) -> None:
+    """Put polarity, +1 or -1, summed at each pixel, and its mean over cells of `factor` x `factor` pixels, into `out`.
+
+    `out` float32 [frames, rows, columns] is 0. O(N + output).
+    """
+    _native.sum_frames(x, y, p, bounds, *sensor_size, min(factor, LARGEST), out)
+
+
+def counted(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out: np.ndarray) -> None:
+    """Add events to frames, `out` float32 [T, C, H, W]. O(N).
+
+    With two channels, 1 to that of their polarity, ON first; with one, +1 or -1.
+    """
+    _native.counted(x, y, p, bounds, out)
+
+
+def counted_by_polarity(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out: np.ndarray) -> None:
+    """Add 1 for each event to `out` float32 [2, T, H, W], OFF first. O(N)."""
+    _native.counted_by_polarity(x, y, p, bounds, out)
+
+
+def marked(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out: np.ndarray) -> None:
+    """Set `out` float32 [T, 2, H, W] to 1 wherever a frame has events of a polarity, ON first. O(N)."""
+    _native.marked(x, y, p, bounds, out)
+
+
+def spread(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, linear: bool, out: np.ndarray) -> None:
+    """Add +1 or -1 for each event to `out` float32 [B, H, W] at its time, scaled to 0 .. B - 1. O(N).
+
+    If `linear`, it is divided between the two nearest bins; otherwise it goes to the nearest, of two the later one.
+    """
+    _native.spread(t, x, y, p, linear, out)

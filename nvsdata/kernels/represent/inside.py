@@ -1,0 +1,16 @@
+"""Whether events lie on their sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+
+def inside(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, width: int, height: int) -> bool:
+    """Return whether columns are equally long, pixels lie on a sensor of `width` x `height`, polarities are 0 or 1.
+
+    O(N). Kernels that index by pixel refuse other events themselves, after those before them.
+    """
+    found: bool = _native.inside(t, x, y, p, width, height)
+    return found

@@ -1,0 +1,79 @@
+// Measures of each pixel's events, and sums in patches of pixels.
+#include "../native/bind.h"
+#include "../native/clones.h"
+#include "events.h"
+
+namespace nvsdata {
+
+namespace {
+
+enum Quantity { COUNT, POLARITY, TIME };
+enum Measure { SUM, MEAN, MAX, VARIANCE };
+
+NVSDATA_CLONES void measure_pixels(const double* number, const double* total, const double* squares, i64 count,
+                                   int measure, float* out) {
+    for (i64 q = 0; q < count; ++q) {
+        double events = number[q] > 1.0 ? number[q] : 1.0, mean = total[q] / events;
+        double variance = squares[q] / events - mean * mean;
+        out[q] = float(measure == VARIANCE ? (variance < 0.0 ? 0.0 : variance) : measure == MEAN ? mean : total[q]);
+    }
+}
+
+void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 start, i64 span,
+              i64 first, i64 last, int wanted, int quantity, int measure, Array<double, 3> scratch, Rows<float> out) {
+    Pixels events{x, y, p};
+    require_columns(t.size(), events);
+    require_shapes(scratch.shape == std::array<i64, 3>{3, out.rows(), out.columns()});
+    if (first < 0 || last > t.size()) throw std::out_of_range("there are fewer events");
+    Images images{out.columns(), out.rows()};
+    std::fill(scratch.values.begin(), scratch.values.end(), 0.0);
+    Span<double> number = scratch.values.part(0, images.size);
+    Span<double> total = scratch.values.part(images.size, 2 * images.size);
+    Span<double> squares = scratch.values.part(2 * images.size, 3 * images.size);
+    Interrupt interrupt;
+    some_events(images, events, first, last, interrupt, [&](i64 from, i64 count, const i64* places) {
+        double values[STEPS];
+        if (quantity == TIME && span)
+            scale_times(t.data() + from, count, start, 0, 1, double(span), values);
+        else
+            for (i64 k = 0; k < count; ++k)
+                values[k] = quantity == COUNT ? 1.0 : quantity == POLARITY ? 2.0 * p[from + k] - 1 : 0.0;
+        for (i64 k = 0; k < count; ++k) {
+            if (wanted >= 0 && p[from + k] != wanted) continue;
+            double value = values[k], before = total[places[k]];
+            number[places[k]] += 1;
+            squares[places[k]] += value * value;
+            total[places[k]] = measure == MAX ? (before < value ? value : before) : before + value;
+        }
+    });
+    measure_pixels(number.data(), total.data(), squares.data(), images.size, measure, out.data());
+}
+
+void tokens(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds,
+            i64 patch, Array<float, 6> out) {
+    Pixels events{x, y, p};
+    require_columns(t.size(), events);
+    auto [parts, polarities, kinds, places, rows, columns] = out.shape;
+    require(patch >= 1 && patch <= 32768, "patches must have a side, of at most 32,768 pixels");
+    require_shapes(polarities == 2 && kinds == 2 && places == patch * patch);
+    if (t.empty()) return;
+    i64 start = t[0], size = places * rows * columns, patches = rows * columns, wide = columns;
+    double scale = 1 / double(std::max<i64>(minus(t.back(), start), 1));
+    u32 side = u32(patch);
+    each_event_of_frames({columns * patch, rows * patch}, events, bounds, parts, [&](i64 part, i64 i, i64) {
+        u32 across = u32(x[i]) / side, down = u32(y[i]) / side;
+        i64 place = i64(u32(y[i]) - down * side) * side + (u32(x[i]) - across * side);
+        i64 cell = (part * 2 + p[i]) * 2 * size + place * patches + down * wide + across;
+        out.values[cell] += 1;
+        out.values[cell + size] += float(double(minus(t[i], start)) * scale);
+    });
+}
+
+}  // namespace
+
+void define_measures(nb::module_& module) {
+    define<measured>(module, "measured");
+    define<tokens>(module, "tokens");
+}
+
+}  // namespace nvsdata
