@@ -229,7 +229,7 @@ def _flops(module: nn.Module, inputs: Any, output: Any) -> int | None:
 
 
 def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
-    """What our kernels do for a B-spline convolution on the CPU: shares, sums over neighbors, rows of products added."""
+    """Count what our kernels do for a B-spline convolution on the CPU: shares, sums, rows of products added."""
     x, edge_index, u = inputs
     if x.device.type != "cpu":
         return 0
