@@ -7,7 +7,7 @@
 #include "../native/bind.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
-#include "indexes.h"
+#include "../native/indexes.h"
 
 namespace nvsdata {
 

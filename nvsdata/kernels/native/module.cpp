@@ -11,6 +11,8 @@
 
 namespace nvsdata {
 
+void define_distances(nb::module_& module);
+void define_earth_mover(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_neighbors(nb::module_& module);
 void define_pool(nb::module_& module);
@@ -24,6 +26,8 @@ NB_MODULE(_native, module) {
 #ifdef NVSDATA_BOUNDS
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
+    nvsdata::define_distances(module);
+    nvsdata::define_earth_mover(module);
     nvsdata::define_edges(module);
     nvsdata::define_neighbors(module);
     nvsdata::define_pool(module);

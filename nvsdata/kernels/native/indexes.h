@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <type_traits>
 
-#include "../native/span.h"
+#include "span.h"
 
 namespace nvsdata {
 
