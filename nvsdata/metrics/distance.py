@@ -12,8 +12,8 @@ from nvsdata.common.validation import not_negative, positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.kernels.distances import cancel, nearest
-from nvsdata.kernels.earth_mover import least_work
+from nvsdata.kernels.metrics.distances import cancel, nearest
+from nvsdata.kernels.metrics.earth_mover import least_work
 from nvsdata.metrics.polarity import Spikes, spikes_of_frames
 
 LAMBDA = math.sqrt(3)

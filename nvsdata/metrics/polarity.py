@@ -10,8 +10,8 @@ import numpy as np
 
 from nvsdata.data.events import Events, check_inside
 from nvsdata.data.frame_edges import frame_bounds
-from nvsdata.kernels.distances import spikes as gather
-from nvsdata.kernels.distances import sum_polarity
+from nvsdata.kernels.metrics.distances import spikes as gather
+from nvsdata.kernels.metrics.distances import sum_polarity
 
 
 class Spikes(NamedTuple):

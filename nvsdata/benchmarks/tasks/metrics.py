@@ -14,7 +14,7 @@ from nvsdata import metrics
 from nvsdata.benchmarks.case import Case, Options, Ready
 from nvsdata.benchmarks.inputs import SENSOR, random_events, street
 from nvsdata.data.events import Events
-from nvsdata.kernels.earth_mover import least_work
+from nvsdata.kernels.metrics.earth_mover import least_work
 
 RELATIVE = "relative difference from the exact distance"
 FRAMES = 4  # of which distances are the mean
@@ -89,7 +89,7 @@ def _near(count: int, run: Callable[..., Callable[[], Any]], *, checked: bool = 
 
 
 def _ours_nearest(a: Any, b: Any, size: tuple[int, int]) -> Callable[[], Any]:
-    from nvsdata.kernels.distances import nearest
+    from nvsdata.kernels.metrics.distances import nearest
 
     given: Any = *a, *b, size[::-1], 3.0, np.inf
     return lambda: np.sqrt(nearest(*given))

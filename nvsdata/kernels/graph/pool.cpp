@@ -1,14 +1,13 @@
 // Clusters of nodes: the coarse graph, and features pooled over its clusters.
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "../native/bind.h"
 #include "../native/levels.h"
+#include "../native/indexes.h"
 
 namespace nvsdata {
 
@@ -30,15 +29,6 @@ i64 cell_at(double place, i64 side, i64 count) {
 i64 mean_time(const Sum& sum) {
     i64 mean = sum.t / sum.members - (sum.t % sum.members < 0);
     return i64(u64(sum.first) + u64(mean));
-}
-
-template <class Integer>
-void check_below(Span<const Integer> values, i64 count, const char* message) {
-    using Unsigned = std::make_unsigned_t<Integer>;
-    Unsigned last = Unsigned(std::min(count, i64(std::numeric_limits<Integer>::max())) - 1), signs = 0;
-    // the sign of one or the other is set if a value is out of range
-    for (Integer value : values) signs |= Unsigned(value) | Unsigned(last - Unsigned(value));
-    if (Integer(signs) < 0) throw std::out_of_range(message);
 }
 
 void check_clusters(i64 nodes, Span<const i64> cluster, i64 count) {

@@ -1,9 +1,13 @@
 // B-spline aggregation: each edge adds shares of its source's features to the kernel cells of its target.
 #include <algorithm>
+#include <memory>
+#include <stdexcept>
 #include <vector>
 
 #include "../native/bind.h"
 #include "../native/interrupt.h"
+#include "../native/levels.h"
+#include "../native/indexes.h"
 
 namespace nvsdata {
 
@@ -18,149 +22,174 @@ struct Edges {
     Span<const i64> source, target;
     Rows<const Float> u;
     i64 size, nodes;
+
+    void check() const {
+        if (source.size() != target.size() || source.size() != u.rows())
+            throw std::invalid_argument("sources, targets and pseudo-coordinates of edges differ in number");
+    }
 };
 
 // Of some edges the kernel cells at the 2^D corners around each, and its shares of them, for B-splines of degree 1.
 template <class Float>
-class Shares {
-public:
-    explicit Shares(const Edges<Float>& edges)
-        : edges_(edges), row_(TOGETHER), first_(TOGETHER), low_(TOGETHER), high_(TOGETHER), members_(TOGETHER), steps_(1) {
-        // a kernel of one cell has no corners; of others there is an array of size^D cells, so D is small
-        axes_ = edges.size > 1 ? edges.u.columns() : 0;
-        for (i64 axis = 0, stride = 1; axis < axes_; ++axis, stride *= edges.size)
-            for (i64 corner = 0; corner < i64(1) << axis; ++corner) steps_.push_back(steps_[corner] + stride);
-        shares_.resize(steps_.size() * TOGETHER);
+struct Corners {
+    std::vector<i64> steps{0};    // from the cell at corner 0 to those at the others
+    std::vector<i32> first;       // the cell at each edge's corner 0
+    std::vector<Float> memory;    // shares, corner by corner: 0 where an edge doesn't touch the cell
+    std::vector<double> place, low, high;
+    std::vector<Float> members;   // number of the edges of each edge's target
+
+    explicit Corners(const Edges<Float>& edges)
+        : first(TOGETHER), place(TOGETHER), low(TOGETHER), high(TOGETHER), members(TOGETHER) {
+        // there is an array of size^D cells, so D is small; a kernel of one cell has no other corners
+        i64 stride = 1;
+        for (i64 axis = 0; edges.size > 1 && axis < edges.u.columns(); ++axis, stride *= edges.size)
+            for (i64 corner = 0; corner < i64(1) << axis; ++corner) steps.push_back(steps[corner] + stride);
+        memory.resize(steps.size() * TOGETHER);
     }
-
-    // The share of each corner, divided by the number of the target's edges; 0 where an edge doesn't touch it.
-    Span<Float> of(i64 corner) { return {shares_.data() + corner * TOGETHER, TOGETHER}; }
-    Span<const i32> first() const { return row_; }   // the cell at each edge's corner 0
-    Span<const i64> steps() const { return steps_; }  // from there to the cells at its corners
-
-    // Compute those of `count` edges from `from` on, which follow those of the call before. False if a node isn't there.
-    bool compute(i64 from, i64 count) {
-        Span<double> first(first_), low(low_), high(high_);
-        std::fill(first.begin(), first.begin() + count, 0.0);
-        std::fill(of(0).begin(), of(0).begin() + count, Float(1));
-        double last = double(edges_.size - 1), lowest = double(edges_.size - 2), stride = 1;
-        for (i64 axis = 0; axis < axes_; ++axis, stride *= double(edges_.size)) {
-            for (i64 e = 0; e < count; ++e) {
-                // in this order NaN becomes 0
-                double place = std::min(std::max(0.0, double(edges_.u(from + e, axis))), 1.0) * last;
-                double lower = std::min(double(i32(place)), lowest);
-                first[e] += lower * stride;
-                high[e] = place - lower;
-                low[e] = 1 - high[e];
-            }
-            for (i64 corner = 0; corner < i64(1) << axis; ++corner) {
-                Span<Float> below = of(corner), above = of(corner | i64(1) << axis);
-                for (i64 e = 0; e < count; ++e) {
-                    double share = below[e];
-                    above[e] = Float(share * high[e]);
-                    below[e] = Float(share * low[e]);
-                }
-            }
-        }
-        for (i64 e = 0; e < count; ++e) row_[e] = i32(first[e]);
-        if (!count_members(from, count)) return false;
-        for (i64 corner = 0; corner < i64(steps_.size()); ++corner) {
-            Span<Float> share = of(corner);
-            for (i64 e = 0; e < count; ++e) share[e] /= Span<Float>(members_)[e];
-        }
-        return true;
-    }
-
-private:
-    const Edges<Float>& edges_;
-    i64 axes_, group_ = 0, size_ = 0;  // axes; the end of the last edge's group, and its size
-    std::vector<i32> row_;
-    std::vector<double> first_, low_, high_;
-    std::vector<Float> members_, shares_;
-    std::vector<i64> steps_;
-
-    bool count_members(i64 from, i64 count) {
-        for (i64 e = from; e < from + count; ++e) {
-            if (e == group_) {
-                while (group_ < edges_.target.size() && edges_.target[group_] == edges_.target[e]) ++group_;
-                size_ = group_ - e;
-            }
-            members_[e - from] = Float(size_);
-            if (u64(edges_.source[e]) >= u64(edges_.nodes) || u64(edges_.target[e]) >= u64(edges_.nodes)) return false;
-        }
-        return true;
-    }
+    i64 count() const { return i64(steps.size()); }
+    Span<Float> shares(i64 corner) { return {memory.data() + corner * TOGETHER, TOGETHER}; }
+    i64 cell(i64 corner, i64 e) { return Span<i32>(first)[e] + Span<i64>(steps)[corner]; }
 };
 
-// Call `each(from, count, shares)` for all edges, some at a time. False if one names a node that doesn't exist.
-template <class Float, class Each>
-bool for_edges(const Edges<Float>& edges, Each each) {
-    Shares<Float> shares(edges);
-    Interrupt interrupt;
-    i64 all = edges.source.size();
-    for (i64 from = 0, group = 1; from < all; from += TOGETHER, ++group) {
-        if (group % PATIENCE == 0) interrupt.poll();
-        i64 count = std::min(TOGETHER, all - from);
-        if (!shares.compute(from, count)) return false;
-        each(from, count, shares);
+// Shares of `count` edges, `members` being known.
+template <class Float>
+NVSDATA_INLINE void share_out(Corners<Float>* corners, const Float* of, i64 axes, i64 size, i64 count) {
+    Span<double> place(corners->place), low(corners->low), high(corners->high);
+    Span<i32> first(corners->first);
+    Rows<const Float> u(of, count, axes);
+    double last = double(size - 1), lowest = double(size - 2), stride = 1;
+    for (i64 e = 0; e < count; ++e) place[e] = 0;
+    for (i64 e = 0; e < count; ++e) corners->shares(0)[e] = 1;
+    for (i64 axis = 0; size > 1 && axis < axes; ++axis, stride *= double(size)) {
+        for (i64 e = 0; e < count; ++e) {
+            // in this order NaN becomes 0
+            double at = std::min(std::max(0.0, double(u(e, axis))), 1.0) * last;
+            double lower = std::min(double(i32(at)), lowest);
+            place[e] += lower * stride;
+            high[e] = at - lower;
+            low[e] = 1 - high[e];
+        }
+        for (i64 corner = 0; corner < i64(1) << axis; ++corner) {
+            Span<Float> below = corners->shares(corner), above = corners->shares(corner | i64(1) << axis);
+            for (i64 e = 0; e < count; ++e) {
+                double share = below[e];
+                above[e] = Float(share * high[e]);
+                below[e] = Float(share * low[e]);
+            }
+        }
     }
-    return true;
+    for (i64 e = 0; e < count; ++e) first[e] = i32(place[e]);
+    Span<Float> members(corners->members);
+    for (i64 corner = 0; corner < corners->count(); ++corner) {
+        Span<Float> share = corners->shares(corner);
+        for (i64 e = 0; e < count; ++e) share[e] /= members[e];
+    }
+}
+
+// Call `each(from, count, corners)` for all edges, some at a time.
+template <class Float, class Each>
+void for_edges(const Edges<Float>& edges, Each each) {
+    edges.check();
+    Corners<Float> corners(edges);
+    Interrupt interrupt;
+    i64 all = edges.source.size(), group = 0, size = 0;
+    for (i64 from = 0; from < all; from += TOGETHER) {
+        if (from % (TOGETHER * PATIENCE) == 0) interrupt.poll();
+        i64 count = std::min(TOGETHER, all - from);
+        for (i64 e = from; e < from + count; ++e) {
+            if (e == group) {
+                while (group < all && edges.target[group] == edges.target[e]) ++group;
+                size = group - e;
+            }
+            corners.members[e - from] = Float(size);
+            if (u64(edges.source[e]) >= u64(edges.nodes) || u64(edges.target[e]) >= u64(edges.nodes))
+                throw std::out_of_range("an edge names a node that doesn't exist");
+        }
+        i64 axes = edges.u.columns();
+        best<share_out<Float>>(&corners, edges.u.data() + from * axes, axes, edges.size, count);
+        each(from, count, corners);
+    }
 }
 
 template <class Float>
-void add_scaled(Span<Float> out, Float share, Span<const Float> values) {
+NVSDATA_INLINE void add_scaled(Span<Float> out, Float share, Span<const Float> values) {
     for (i64 c = 0; c < out.size(); ++c) out[c] += share * values[c];
+}
+
+template <class Float>
+NVSDATA_INLINE void add_all_scaled(Rows<Float> out, Span<const i32> into, Rows<const Float> features,
+                                   Span<const i32> of, Span<const Float> share) {
+    for (i64 n = 0; n < into.size(); ++n) add_scaled(out[into[n]], share[n], features[of[n]]);
+}
+
+template <class Float>
+NVSDATA_INLINE void add_all_rows(Rows<Float> out, Span<const i64> into, Rows<const Float> rows) {
+    for (i64 n = 0; n < into.size(); ++n) {
+        Span<Float> sum = out[into[n]];
+        Span<const Float> row = rows[n];
+        for (i64 c = 0; c < sum.size(); ++c) sum[c] += row[c];
+    }
 }
 
 }  // namespace
 
 template <class Float>
-bool dense_sums(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 size,
+void dense_sums(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 size,
                 Rows<const Float> features, Rows<Float> sums) {
     Edges<Float> edges{source, target, u, size, features.rows()};
     i64 cells = edges.nodes ? sums.rows() / edges.nodes : 0;
     if (features.columns() != 1)
-        return for_edges(edges, [&](i64 from, i64 count, Shares<Float>& shares) {
-            Span<const i64> steps = shares.steps();
+        return for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
             for (i64 e = 0; e < count; ++e)
-                for (i64 corner = 0; corner < steps.size(); ++corner)
-                    if (Float share = shares.of(corner)[e]; share > 0)
-                        add_scaled(sums[target[from + e] * cells + shares.first()[e] + steps[corner]], share,
+                for (i64 corner = 0; corner < corners.count(); ++corner)
+                    if (Float share = corners.shares(corner)[e]; share > 0)
+                        add_scaled(sums[target[from + e] * cells + corners.cell(corner, e)], share,
                                    features[source[from + e]]);
         });
     std::vector<Float> values(TOGETHER);
-    return for_edges(edges, [&](i64 from, i64 count, Shares<Float>& shares) {
-        Span<const i64> steps = shares.steps();
-        Span<const i32> first = shares.first();
+    for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         Span<Float> value(values), out = sums.flat();
         for (i64 e = 0; e < count; ++e) value[e] = features.flat()[source[from + e]];
-        for (i64 corner = 0; corner < steps.size(); ++corner) {
-            Span<Float> share = shares.of(corner);
-            // without branches, because which corners are touched is unpredictable
+        // without branches, because which corners are touched is unpredictable
+        for (i64 corner = 0; corner < corners.count(); ++corner) {
+            Span<Float> share = corners.shares(corner);
             for (i64 e = 0; e < count; ++e) {
                 Float given = share[e] * value[e];
                 share[e] = share[e] > 0 ? given : Float(0);
             }
         }
         for (i64 e = 0; e < count; ++e) {
-            i64 row = target[from + e] * cells + first[e];
-            for (i64 corner = 0; corner < steps.size(); ++corner) out[row + steps[corner]] += shares.of(corner)[e];
+            i64 row = target[from + e] * cells;
+            for (i64 corner = 0; corner < corners.count(); ++corner)
+                out[row + corners.cell(corner, e)] += corners.shares(corner)[e];
         }
     });
 }
 
 template <class Float>
-bool dense_gradient(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 size,
+void dense_gradient(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 size,
                     Rows<const Float> gradient, Rows<Float> features) {
     Edges<Float> edges{source, target, u, size, features.rows()};
     i64 cells = edges.nodes ? gradient.rows() / edges.nodes : 0;
-    return for_edges(edges, [&](i64 from, i64 count, Shares<Float>& shares) {
-        Span<const i64> steps = shares.steps();
-        for (i64 e = 0; e < count; ++e)
-            for (i64 corner = 0; corner < steps.size(); ++corner)
-                if (Float share = shares.of(corner)[e]; share > 0)
-                    add_scaled(features[source[from + e]], share,
-                               gradient[target[from + e] * cells + shares.first()[e] + steps[corner]]);
+    bool single = features.columns() == 1;
+    for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
+        for (i64 e = 0; e < count; ++e) {
+            i64 row = target[from + e] * cells, node = source[from + e];
+            if (single) {
+                // without branches, as above
+                Float sum = features.flat()[node];
+                for (i64 corner = 0; corner < corners.count(); ++corner) {
+                    Float share = corners.shares(corner)[e];
+                    Float given = share * gradient.flat()[row + corners.cell(corner, e)];
+                    sum += share > 0 ? given : Float(0);
+                }
+                features.flat()[node] = sum;
+                continue;
+            }
+            for (i64 corner = 0; corner < corners.count(); ++corner)
+                if (Float share = corners.shares(corner)[e]; share > 0)
+                    add_scaled(features[node], share, gradient[row + corners.cell(corner, e)]);
+        }
     });
 }
 
@@ -177,14 +206,13 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
     Span<i32> cell(memory.get(), row.size());              // of each entry
     Span<i32> row_cell(cell.end(), row.size());            // of each row, as nodes have them
     Span<i32> node_of(row_cell.end(), row.size());
-    bool there = for_edges(edges, [&](i64 from, i64 count, Shares<Float>& shares) {
-        Span<const i64> steps = shares.steps();
+    for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         for (i64 e = 0; e < count; ++e) {
             i64 node = target[from + e];
-            for (i64 corner = 0; corner < steps.size(); ++corner) {
-                Float given = shares.of(corner)[e];
+            for (i64 corner = 0; corner < corners.count(); ++corner) {
+                Float given = corners.shares(corner)[e];
                 if (!(given > 0)) continue;
-                i64 at = shares.first()[e] + steps[corner];
+                i64 at = corners.cell(corner, e);
                 if (latest[at] != node) {
                     latest[at] = node;
                     row_cell[rows] = i32(at);
@@ -199,7 +227,6 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
             }
         }
     });
-    if (!there) return {-1, -1};
     for (i64 at = 0; at < cells; ++at) cell_start[at + 1] += cell_start[at];
     for (i64 n = 0; n < entries; ++n) row[n] += i32(cell_start[cell[n]]);
     std::vector<i64> next(cell_start.begin(), cell_start.end());
@@ -208,26 +235,27 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
 }
 
 template <class Float>
-bool add_shares(Rows<Float> out, Span<const i32> into, Rows<const Float> features, Span<const i32> of,
+void add_shares(Rows<Float> out, Span<const i32> into, Rows<const Float> features, Span<const i32> of,
                 Span<const Float> share) {
+    i64 all = into.size();
+    if (of.size() != all || share.size() != all || features.columns() != out.columns())
+        throw std::invalid_argument("entries, or channels, differ in number");
+    check_below(into, out.rows(), "a row that doesn't exist");
+    check_below(of, features.rows(), "a row of features that doesn't exist");
     Interrupt interrupt;
-    for (i64 n = 0; n < into.size(); ++n) {
-        if (n % (TOGETHER * PATIENCE) == 0) interrupt.poll();
-        if (u64(into[n]) >= u64(out.rows()) || u64(of[n]) >= u64(features.rows())) return false;
-        add_scaled(out[into[n]], share[n], features[of[n]]);
+    for (i64 from = 0; from < all; from += TOGETHER * PATIENCE) {
+        interrupt.poll();
+        i64 to = std::min(all, from + TOGETHER * PATIENCE);
+        best<add_all_scaled<Float>>(out, into.part(from, to), features, of.part(from, to), share.part(from, to));
     }
-    return true;
 }
 
 template <class Float>
-bool add_rows(Rows<Float> out, Span<const i64> into, Rows<const Float> rows) {
-    for (i64 n = 0; n < into.size(); ++n) {
-        if (u64(into[n]) >= u64(out.rows())) return false;
-        Span<Float> sum = out[into[n]];
-        Span<const Float> row = rows[n];
-        for (i64 c = 0; c < sum.size(); ++c) sum[c] += row[c];
-    }
-    return true;
+void add_rows(Rows<Float> out, Span<const i64> into, Rows<const Float> rows) {
+    if (into.size() != rows.rows() || rows.columns() != out.columns())
+        throw std::invalid_argument("rows, or channels, differ in number");
+    check_below(into, out.rows(), "a row that doesn't exist");
+    best<add_all_rows<Float>>(out, into, rows);
 }
 
 template <class Float>

@@ -1,9 +1,9 @@
 """B-spline aggregation: each edge adds shares of its source's features to the kernel cells of its target.
 
 Kernels are of degree 1 and have `size` cells along each of D axes; cell (i, j, ...) has the number i + size j + ....
-In all functions `source` and `target` are int64 [E], grouped by target; `u` is float32 or float64 [E, D], what is beyond
-[0, 1] counts as the end; other floats are of the same type. An edge has a share of up to 2^D cells, divided by the number
-of its target's edges; a share of 0 is no share.
+In all functions `source` and `target` are int64 [E], grouped by target; `u` is float32 or float64 [E, D], what is
+beyond [0, 1] counts as the end; other floats are of the same type. An edge has a share of up to 2^D cells, divided by
+the number of its target's edges; a share of 0 is no share.
 
 IndexError for edges and rows that name a node or a row that doesn't exist, ValueError for sizes that don't agree.
 """
@@ -20,9 +20,9 @@ MOST = 2**31 - 1  # rows and entries that an int32 can count
 def dense_sums(source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, features: np.ndarray) -> np.ndarray:
     """Return the sums of shares of `features` [N, C] in every cell of every node: [N size^D, C]. O(2^D E C)."""
     nodes, channels = features.shape
-    cells = _check_edges(source, target, u, size, nodes)
+    cells = _cells(u, size, nodes)
     sums = np.zeros((nodes * cells, channels), features.dtype)
-    _check_indexes(_native.dense_sums(source, target, u, size, features, sums))
+    _native.dense_sums(source, target, u, size, features, sums)
     return sums
 
 
@@ -30,11 +30,11 @@ def dense_gradient(
     source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, gradient: np.ndarray, nodes: int
 ) -> np.ndarray:
     """Return the gradient of `dense_sums` by `features`, [N, C], from that by its result. O(2^D E C)."""
-    cells = _check_edges(source, target, u, size, nodes)
+    cells = _cells(u, size, nodes)
     if len(gradient) != nodes * cells:
         raise ValueError(f"{nodes} nodes with {cells} cells have no gradient of {len(gradient)} rows")
     out = np.zeros((nodes, gradient.shape[1]), gradient.dtype)
-    _check_indexes(_native.dense_gradient(source, target, u, size, gradient, out))
+    _native.dense_gradient(source, target, u, size, gradient, out)
     return out
 
 
@@ -50,43 +50,29 @@ def spline_plan(
         `cell_start` int64 [size^D + 1]; `row_node` int64 [R]; and for each entry its row int32, source int32 and
         share (type of u).
     """
-    cells = _check_edges(source, target, u, size, nodes)
+    cells = _cells(u, size, nodes)
     most = source.size << u.shape[1] if size > 1 else source.size
     if max(most, nodes) > MOST:
         raise ValueError(f"a graph of {nodes} nodes and {source.size} edges is too large")
     cell_start, row_node = np.empty(cells + 1, np.int64), np.empty(most, np.int64)
     (row, of), share = np.empty((2, most), np.int32), np.empty(most, u.dtype)
     rows, entries = _native.spline_plan(source, target, u, size, nodes, cell_start, row_node, row, of, share)
-    _check_indexes(rows >= 0)
     return cell_start, row_node[:rows], row[:entries], of[:entries], share[:entries]
 
 
 def add_shares(out: np.ndarray, into: np.ndarray, features: np.ndarray, of: np.ndarray, share: np.ndarray) -> None:
     """Add share[n] * features[of[n]] to out[into[n]] for every n; `into` and `of` int32. O(n · C)."""
-    if not into.size == of.size == share.size or out.shape[1] != features.shape[1]:
-        raise ValueError("entries, or channels of what is added and of the sums, differ in number")
-    _check_indexes(_native.add_shares(out, into, features, of, share))
+    _native.add_shares(out, into, features, of, share)
 
 
 def add_rows(out: np.ndarray, into: np.ndarray, rows: np.ndarray) -> None:
     """Add rows[n] to out[into[n]] for every n; `into` int64. O(n · C)."""
-    if (into.size, out.shape[1]) != rows.shape:
-        raise ValueError("rows, or channels of what is added and of the sums, differ in number")
-    _check_indexes(_native.add_rows(out, into, rows))
+    _native.add_rows(out, into, rows)
 
 
-def _check_edges(source: np.ndarray, target: np.ndarray, u: np.ndarray, size: int, nodes: int) -> int:
-    """Return the number of cells; ValueError for edges whose arrays differ in length."""
-    if not source.size == target.size == len(u):
-        raise ValueError(f"{source.size} sources, {target.size} targets and {len(u)} pseudo-coordinates of edges")
-    if size < 1 or nodes < 0:
-        raise ValueError(f"no kernel has {size} cells along an axis, no graph {nodes} nodes")
+def _cells(u: np.ndarray, size: int, nodes: int) -> int:
+    """Return the number of a kernel's cells."""
     cells: int = size ** u.shape[1]
-    if cells > MOST:
-        raise ValueError(f"a kernel of {cells} cells is too large")
+    if not 1 <= cells <= MOST or nodes < 0:
+        raise ValueError(f"no kernel has {cells} cells, no graph {nodes} nodes")
     return cells
-
-
-def _check_indexes(valid: bool) -> None:
-    if not valid:
-        raise IndexError("an edge, or what is added, names a node or a row that doesn't exist")

@@ -22,6 +22,8 @@ void define_aedat4(nb::module_& module);
 void define_atis(nb::module_& module);
 void define_clock(nb::module_& module);
 void define_dat(nb::module_& module);
+void define_distances(nb::module_& module);
+void define_earth_mover(nb::module_& module);
 void define_edges(nb::module_& module);
 void define_evt(nb::module_& module);
 void define_evt2(nb::module_& module);
@@ -76,6 +78,8 @@ NB_MODULE(_native, module) {
     nvsdata::define_atis(module);
     nvsdata::define_clock(module);
     nvsdata::define_dat(module);
+    nvsdata::define_distances(module);
+    nvsdata::define_earth_mover(module);
     nvsdata::define_edges(module);
     nvsdata::define_evt(module);
     nvsdata::define_evt2(module);

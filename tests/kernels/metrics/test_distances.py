@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.distances import cancel, nearest, spikes, sum_polarity
+from nvsdata.kernels.metrics.distances import cancel, nearest, spikes, sum_polarity
 
 
 def places(rng, shape, count, pattern):

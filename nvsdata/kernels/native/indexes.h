@@ -1,0 +1,23 @@
+// Checks of arrays of indexes.
+#pragma once
+
+#include <algorithm>
+#include <limits>
+#include <stdexcept>
+#include <type_traits>
+
+#include "span.h"
+
+namespace nvsdata {
+
+// std::out_of_range, which Python sees as IndexError, unless all are in 0..count - 1.
+template <class Integer>
+void check_below(Span<const Integer> values, i64 count, const char* message) {
+    using Unsigned = std::make_unsigned_t<Integer>;
+    Unsigned last = Unsigned(std::min(count, i64(std::numeric_limits<Integer>::max())) - 1), signs = 0;
+    // the sign of one or the other is set if a value is out of range
+    for (Integer value : values) signs |= Unsigned(value) | Unsigned(last - Unsigned(value));
+    if (Integer(signs) < 0) throw std::out_of_range(message);
+}
+
+}  // namespace nvsdata
