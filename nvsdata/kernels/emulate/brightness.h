@@ -20,10 +20,15 @@ void logarithm(Span<const Thousandths> thousandths, float t_log, float slope, Sp
 // each brightness. Colors need none where logarithms are calculated.
 void check_light(i64 bytes, i64 first_weight, i64 table, bool calculated);
 
+template <class Place, class Number>
+NVSDATA_INLINE void copy_from(Span<const Place> places, Span<const Number> table, Span<Number> out) {
+    for (i64 i = 0; i < out.size(); ++i) out[i] = table[i32(places[i])];
+}
+
 // `out` = the table's values at `places`, all of which `check_light` made sure of.
 template <class Place, class Number>
 void look_up(Span<const Place> places, Span<const Number> table, Span<Number> out) {
-    for (i64 i = 0; i < out.size(); ++i) out[i] = table[places[i]];
+    best<copy_from<Place, Number>>(places, table, out);
 }
 
 }  // namespace nvsdata

@@ -82,6 +82,7 @@ private:
     i64 before_, now_;
     Keys& keys_;
     Interrupt interrupt_;
+    u64 fired_ = 0;
 
     // Events of a tile's photoreceptors in a row while the light goes to `end`, if it changed; the state follows.
     void follow(i64 y, i64 tile) {
@@ -150,6 +151,7 @@ private:
         double a = curve.at(begin), moved = 0;
         for (double stop : {middle, last}) {
             double b = curve.at(stop), at = begin;
+            if (!std::isfinite(b)) break;  // it would fire forever
             bool up = b > a;
             double step = up ? pixel.on : -pixel.off;
             while (up ? b - moved >= step : b - moved <= step) {
@@ -157,6 +159,7 @@ private:
                 at = curve.crossing(moved, at, stop);
                 *keys_.room(1) = u64(clamped(at - start + 0.5, i64(UINT32_MAX))) << 32 | pixel.low | u32(up);
                 keys_.add(1);
+                if (++fired_ % 4096 == 0) interrupt_.poll();
             }
             if (middle == last) break;
             begin = stop, a = b;

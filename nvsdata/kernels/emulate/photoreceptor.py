@@ -2,8 +2,8 @@
 
 Light is a line from frame to frame, in steps of which each pixel has a rate of its own. Within a step a pixel is at
 q(t) = base + slope t - lag exp(-rate t) above its memory, which turns once at most: so crossings are found on the
-curve itself, and a tile whose light stays sleeps until one of its pixels reaches a threshold. Exponentials
-and logarithms are the C library's.
+curve itself, and a tile whose light stays sleeps until one of its pixels reaches a threshold. Exponentials and
+logarithms are the C library's, so the last bit of a level may depend on its version and on the processor.
 """
 
 from __future__ import annotations

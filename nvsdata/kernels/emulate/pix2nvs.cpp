@@ -318,7 +318,7 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
     if (side < 1 || (rows < height && (rows < 1 || rows % TILE_ROWS || rows % side || method != CO_LOCATED)))
         throw std::invalid_argument("bands must consist of whole tiles and blocks");
     check_pixels(std::min(rows, height), difference.columns(), std::min(rows, height), width);
-    if (most < 1 || timing < INTERPOLATED || timing > AT_ONCE || span < 1 || span > LONGEST || !(rule.threshold > 0))
+    if (most < 1 || timing < INTERPOLATED || timing > AT_ONCE || span < 1 || span >= LONGEST || !(rule.threshold > 0))
         throw std::invalid_argument("settings out of range");
     Keys keys(place);
     if (frame.rows()) {

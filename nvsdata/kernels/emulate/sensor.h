@@ -70,7 +70,7 @@ void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, cons
         throw std::invalid_argument("thresholds don't fit pixels");
     if (!(sensor.off() > 0 && sensor.on() > 0 && sensor.leak >= 0) || sensor.dark < 0 || sensor.dark > 1'000'000'000)
         throw std::invalid_argument("settings out of range");
-    if (before < 0 || now <= before || now - before > LONGEST || now >= NEVER)
+    if (before < 0 || now <= before || now - before >= LONGEST || now >= NEVER)
         throw std::invalid_argument("times must rise");
 }
 

@@ -1,32 +1,92 @@
 // From keys to events: sorted, unpacked, read out.
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "../native/bind.h"
+#include "../native/levels.h"
 
 namespace nvsdata {
 
 namespace {
 
-// Write keys to `out` in order of a digit; `places`: how often each value occurs, overwritten.
-void distribute(Span<const u64> keys, Span<u64> out, int shift, u64 mask, std::vector<u32>& places) {
-    u32 total = 0;
-    for (u32& place : places) total += std::exchange(place, total);
-    for (u64 key : keys) out[places[key >> shift & mask]++] = key;
+// A digit of keys, and for each of its values where the next key with it belongs.
+struct Digit {
+    u64 shift, mask;
+    Span<u32> places;
+
+    u32& place_of(u64 key) const { return places[i64(key >> shift & mask)]; }
+};
+
+NVSDATA_INLINE void distribute(Span<const u64> keys, Digit digit, Span<u64> out) {
+    for (i64 i = 0; i < keys.size(); ++i) out[digit.place_of(keys[i])++] = keys[i];
 }
 
-// Sort keys stably by their times below 2^bits, in two digits; `spare` is scratch. O(N + 2^(bits / 2)).
-void sort_keys(Span<u64> keys, Span<u64> spare, int bits) {
-    int digit = (bits + 1) / 2, minor = 32, major = 32 + digit;
-    u64 mask = (u64(1) << digit) - 1;
-    std::vector<u32> minors(mask + 1), majors(mask + 1);
-    for (u64 key : keys) {
-        ++minors[key >> minor & mask];
-        ++majors[key >> major & mask];
+// Sort keys stably by two digits, whose places are 0; `spare` is scratch. O(N + values of a digit).
+NVSDATA_INLINE void sort_by(Digit minor, Digit major, Span<u64> keys, Span<u64> spare) {
+    for (i64 i = 0; i < keys.size(); ++i) {
+        ++minor.place_of(keys[i]);
+        ++major.place_of(keys[i]);
     }
-    distribute(keys, spare, minor, mask, minors);
-    distribute(spare, keys, major, mask, majors);
+    u32 before = 0, before_major = 0;
+    for (i64 value = 0; value < minor.places.size(); ++value) {
+        before += std::exchange(minor.places[value], before);
+        before_major += std::exchange(major.places[value], before_major);
+    }
+    distribute(keys, minor, spare);
+    distribute(spare, major, keys);
+}
+
+void sort_keys(Span<u64> keys, Span<u64> spare, i64 bits) {
+    u64 digit = u64(bits + 1) / 2, values = u64(1) << digit;
+    std::vector<u32> places(2 * values);
+    Span<u32> all(places);
+    Digit minor{32, values - 1, all.part(0, i64(values))};
+    Digit major{32 + digit, values - 1, all.part(i64(values), all.size())};
+    best<sort_by>(minor, major, keys, spare);
+}
+
+NVSDATA_INLINE void unpack(Span<const u64> keys, i64 start, Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
+    for (i64 i = 0; i < keys.size(); ++i) {
+        u64 key = keys[i];
+        t[i] = i64(u64(start) + (key >> 32));
+        x[i] = i16(u32(key) >> 1 & 0xFFFF);
+        y[i] = i16(u32(key) >> 17);
+        p[i] = u8(key & 1);
+    }
+}
+
+// Events as a sensor with a slow readout and blind pixels gets them.
+struct Readout {
+    Span<const i64> t;
+    Span<const i16> x, y;
+    i64 width;
+    Span<i64> ready;
+    i64 refractory;
+    double gap, busy;
+    i64 start;
+    Span<i64> out;
+    Span<bool> kept;
+};
+
+NVSDATA_INLINE void pass_on(Readout* readout) {
+    constexpr double LATEST = i64(1) << 62;
+    auto [t, x, y, width, ready, refractory, gap, busy, start, out, kept] = *readout;
+    for (i64 i = 0; i < t.size(); ++i) {
+        u64 pixel = u64(i64(y[i])) * u64(width) + u64(i64(x[i]));
+        if (pixel >= u64(ready.size())) throw std::out_of_range("an event lies outside the sensor");
+        i64 sees = ready[i64(pixel)];
+        kept[i] = t[i] >= sees;
+        if (!kept[i]) continue;
+        double free = std::max(double(i64(u64(t[i]) - u64(start))), busy);
+        if (!(free < LATEST)) throw std::out_of_range("the readout falls too far behind");
+        busy = free + gap;
+        out[i] = i64(u64(start) + u64(i64(std::ceil(free))));
+        ready[i64(pixel)] = i64(u64(std::max(out[i], t[i])) + u64(refractory));
+    }
+    readout->busy = busy;
 }
 
 }  // namespace
@@ -37,33 +97,17 @@ void read_keys(Span<u64> keys, i64 bits, i64 start, Span<i64> t, Span<i16> x, Sp
     if (bits < 0 || bits > 32) throw std::invalid_argument("times of keys have 0 to 32 bits");
     if (keys.size() > i64(UINT32_MAX)) throw std::invalid_argument("too many keys");
     // the column of times serves as scratch until it is written
-    if (bits) sort_keys(keys, {reinterpret_cast<u64*>(t.data()), t.size()}, int(bits));
-    for (i64 i = 0; i < keys.size(); ++i) {
-        u64 key = keys[i];
-        t[i] = i64(u64(start) + (key >> 32));
-        x[i] = i16(key >> 1 & 0xFFFF);
-        y[i] = i16(key >> 17 & 0x7FFF);
-        p[i] = u8(key & 1);
-    }
+    if (bits) sort_keys(keys, {reinterpret_cast<u64*>(t.data()), t.size()}, bits);
+    best<unpack>(keys, start, t, x, y, p);
 }
 
 double read_out(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 width, Span<i64> ready, i64 refractory,
                 double gap, double busy, i64 start, Span<i64> out, Span<bool> kept) {
-    constexpr double LATEST = 4e18;  // below 2^62
     if (x.size() != t.size() || y.size() != t.size() || out.size() != t.size() || kept.size() != t.size())
         throw std::invalid_argument("columns differ in length");
-    for (i64 i = 0; i < t.size(); ++i) {
-        i64 pixel = y[i] * width + x[i];
-        if (x[i] < 0 || y[i] < 0 || x[i] >= width || pixel >= ready.size())
-            throw std::out_of_range("an event lies outside the sensor");
-        kept[i] = t[i] >= ready[pixel];
-        if (!kept[i]) continue;
-        double free = std::max(double(i64(u64(t[i]) - u64(start))), busy);
-        busy = free + gap;
-        out[i] = i64(u64(start) + u64(i64(std::min(std::ceil(free), LATEST))));
-        ready[pixel] = i64(u64(std::max(out[i], t[i])) + u64(refractory));
-    }
-    return busy;
+    Readout readout{t, x, y, width, ready, refractory, gap, busy, start, out, kept};
+    best<pass_on>(&readout);
+    return readout.busy;
 }
 
 void define_spikes(nb::module_& module) {

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from nvsdata.kernels.emulate import TABLE_SIZE
-from nvsdata.kernels.logarithm import logarithm
+from nvsdata.kernels.emulate.logarithm import logarithm
+from nvsdata.kernels.emulate.pix2nvs import TABLE_SIZE
 
 F = np.float32
 
 
 def of(thousandths, t_log=0, slope=1):
     out = np.empty(thousandths.size, F)
-    logarithm(thousandths, F(t_log), F(slope), np.empty((2, thousandths.size), np.uint32), out)
+    logarithm(thousandths, t_log, slope, out)
     return out
 
 
@@ -37,6 +37,12 @@ def test_a_value_does_not_depend_on_its_place():
 @pytest.mark.parametrize("t_log", [1.5, 20, 0.3, 1.1])
 def test_t_log_itself_is_on_the_linear_side(t_log):
     at = round(1000 * t_log)
-    below, above = of(np.array([at, at + 1]), t_log)
+    below, above = of(np.array([at, at + 1], np.int32), t_log)
     assert below == pytest.approx(t_log)
     assert above == pytest.approx(np.log((at + 1) / 1000), abs=4e-7)
+
+
+def test_the_result_has_the_size_of_what_is_given():
+    with pytest.raises(ValueError, match="differ in shape"):
+        logarithm(np.zeros(3, np.int32), 0, 1, np.zeros(2, F))
+    of(np.zeros(0, np.int32))
