@@ -35,8 +35,7 @@ class EvtRecording(IndexedFile):
 
     - `low_bits`, `high_bits`: of the time, in events and in words of its own
     - `state_size`: numbers of the kernels' state
-    - `walk`, `decode_words`: its kernels, as in `kernels.decode.evt2`
-    - `find_triggers`: the one that takes the words that `_heads` gives
+    - `walk`, `decode_words`, `find_triggers`: its kernels, as in `kernels.decode.evt2`
     """
 
     block = 4096
@@ -163,7 +162,8 @@ class EvtRecording(IndexedFile):
         # so that damage is found
         self._blocks = self.blocks
         state = self._begun()
-        parts = [Triggers(*type(self).find_triggers(self._heads(raw), state)) for raw in self._pieces(0, self.records)]
+        find = type(self).find_triggers
+        parts = [Triggers(*find(raw, self._parts(state)[0])) for raw in self._pieces(0, self.records)]
         return Triggers.joined(parts).window(start, stop)
 
 

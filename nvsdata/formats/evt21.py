@@ -15,7 +15,7 @@ from nvsdata.formats.evt import EvtRecording, extrapolated, names_encoding, writ
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
 from nvsdata.kernels.decode.evt import TIME
-from nvsdata.kernels.decode.evt2 import evt2_triggers, evt21_count, evt21_decode, evt21_encode, evt21_walk
+from nvsdata.kernels.decode.evt2 import evt21_count, evt21_decode, evt21_encode, evt21_triggers, evt21_walk
 
 LOOKED_AT = 4096  # words, for the order of halves
 
@@ -27,7 +27,7 @@ class Evt21Recording(EvtRecording):
     record_size = 8
     low_bits, high_bits = 6, 28
     walk, decode_words = evt21_walk, evt21_decode
-    find_triggers = evt2_triggers
+    find_triggers = evt21_triggers
     _reversed = False  # whether the half with the type comes second
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:

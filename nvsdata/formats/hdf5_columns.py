@@ -103,7 +103,8 @@ class Stored(Column):
 
     def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
         rows = source.chunks(self.name).read(lo, max(lo, hi))
-        values = np.asarray(rows if self._field is None else rows[self._field])
+        # in one piece: kernels take no numbers that lie between others
+        values = np.ascontiguousarray(rows if self._field is None else rows[self._field])
         if values.shape != (max(hi - lo, 0),) or values.dtype.kind not in "iub":
             raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
         values = values.astype(np.uint8) if values.dtype.kind == "b" else values
@@ -143,7 +144,7 @@ def rises(column: Column, source: Source) -> bool:
     """Whether no value of a column is smaller than the one before it."""
     for lo in range(0, column.size, SCANNED):
         values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))
-        # one type, or the kernel is compiled for each; values beyond int64 wrap, so the column falls
+        # values beyond int64 wrap, so the column falls
         if not is_sorted(values.astype(np.int64, copy=False)):
             return False
     return True

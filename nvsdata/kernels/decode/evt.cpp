@@ -6,7 +6,8 @@
 namespace nvsdata {
 
 i64 count_shown(Span<const i64> t, i64 before, int bits, int shift) {
-    require(0 < bits && bits < 62 && 0 <= shift && shift < 62, "a counter of 1 to 61 bits");
+    // of one bit, no word would be between the beginning and the end of a wrap
+    require(1 < bits && bits < 62 && 0 <= shift && shift < 62, "a counter of 2 to 61 bits");
     i64 count = 0;
     for (i64 time : t)
         for (; before != time >> shift; ++count) before = shown_next(before, time >> shift, bits);

@@ -10,7 +10,7 @@
 
 namespace nvsdata {
 
-constexpr i64 NO_TIME = -1;   // before the first word with high bits: events there have no time
+constexpr u32 TRIGGER = 0xA;  // type of a word
 constexpr i64 FAR_X = 32'767;  // pixels; events have x below it
 constexpr i64 ROWS = 1 << 11;  // that a word can name
 
@@ -41,33 +41,49 @@ struct Seen {
     void keep(Span<i64> seen) const {
         seen[0] = last, seen[1] = first, seen[2] = falls, seen[3] = words, seen[4] = jump;
     }
+    void begin(i64 time) {
+        if (first < 0) first = time;
+    }
     void event(i64 time) {
         falls = plus(falls, time < last);
         last = time;
-        if (first < 0) first = time;
+    }
+    // Note word i of the piece, if it's the first that no camera wrote.
+    void note_jump(i64 i) {
+        if (jump < 0) jump = plus(words, i);
     }
 };
 
-// The high part of the time in µs, of `bits` bits above the lowest `shift`, or NO_TIME.
+// High parts of the time, of `bits` bits above the lowest `shift`; in µs, -1 before the first.
 template <int bits, int shift>
 struct High {
-    i64 value;
-
-    bool known() const { return value >= 0; }
-    i64 at(i64 low) const { return plus(value, low); }
-
-    void go_on(i64 raw) {
-        i64 now = known() ? nearest(raw, value >> shift, bits) : first_time(raw, bits);
-        value = i64(u64(now) << shift);
+    // What a word stands for that shows `raw`, after `before`.
+    static i64 next(i64 before, i64 raw) {
+        i64 now = before >= 0 ? nearest(raw, before >> shift, bits) : first_time(raw, bits);
+        return i64(u64(now) << shift);
     }
-    // The same for word i of a piece, which is noted if it's the first that no camera wrote.
-    void go_on(i64 raw, i64 i, Seen& seen) {
-        i64 before = value;
-        go_on(raw);
-        bool jump = before < 0 ? value < 0 : is_jump(before, value, bits + shift, BACK_US, SILENT_US);
-        if (jump && seen.jump < 0) seen.jump = plus(seen.words, i);
+    // True if no camera goes on so or, for a counter's first word, begins so.
+    static bool is_jump(i64 before, i64 after) {
+        return before < 0 ? after < 0 : nvsdata::is_jump(before, after, bits + shift, BACK_US, SILENT_US);
     }
 };
+
+// Number of triggers: by the type, a word's highest four bits, or those of its lower half of 32.
+template <class Word>
+i64 count_triggers(Span<const u8> raw) {
+    constexpr int SHIFT = sizeof(Word) == 2 ? 12 : 28;
+    constexpr i64 BLOCK = 4096;
+    Words<Word> words(raw);
+    i64 count = 0;
+    for (i64 start = 0; start < words.size(); start += BLOCK) {
+        // of a word's size, so that many words are counted together
+        Word sum = 0;
+        for (i64 i = start, stop = std::min(start + BLOCK, words.size()); i < stop; ++i)
+            sum = Word(sum + (Word(words[i] >> SHIFT & 0xF) == Word(TRIGGER)));
+        count += i64(sum);
+    }
+    return count;
+}
 
 // Number of ones of at most 32 bits.
 inline i64 ones(u32 bits) {
@@ -104,6 +120,12 @@ public:
     void put(i64 word) {
         require(count_ < words_.size(), "too little room for the words");
         words_[count_++] = Word(word);
+    }
+    // Places for more words.
+    Span<Word> take(i64 count) {
+        require(count <= words_.size() - count_, "too little room for the words");
+        count_ += count;
+        return words_.part(count_ - count, count_);
     }
     i64 count() const { return count_; }
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-TIME, TRIGGER = 0x8, 0xA  # types of words
+TIME = 0x8  # a type of word
 IGNORED = 0xF  # a type of word that all decoders skip
 NO_TIME = -1  # before the first word with high bits: events there have no time
 # Times of the last and the first event, number of times that fell, number of words, first word that no camera wrote
@@ -33,11 +33,10 @@ def count_shown(t: np.ndarray, before: int, bits: int, shift: int) -> int:
 
 
 def find_triggers(
-    kernel: Callable[..., int], words: np.ndarray, shift: int, state: np.ndarray
+    kernel: Callable[..., int], count: Callable[..., int], raw: np.ndarray, state: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times in µs, channels and levels of the external triggers in words whose type begins at bit `shift`."""
-    room = np.count_nonzero(words >> shift == TRIGGER)
-    columns = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.uint8)
-    kept = kernel(np.ascontiguousarray(words).view(np.uint8), state, *columns)
-    t, channel, level = (column[:kept] for column in columns)
-    return t, channel, level
+    """Return times in µs, channels and levels of the external triggers in a piece of the words."""
+    room = count(raw)
+    t, channel, level = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.uint8)
+    kept = kernel(raw, state, t, channel, level)
+    return t[:kept], channel[:kept], level[:kept]

@@ -9,9 +9,10 @@ namespace nvsdata {
 
 namespace {
 
-enum Kind : u32 { OFF, ON, TIME = 0x8, TRIGGER = 0xA };
+enum Kind : u32 { OFF, ON, TIME = 0x8 };
 constexpr i64 GROUP = 32;  // pixels
-constexpr int LOW = 6, HIGH = 28;  // bits of the time
+constexpr int LOW = 6;     // bits of the time that an event has
+using Highs = High<28, LOW>;
 
 // The half of a word that EVT2 and EVT 2.1 share, and which of the pixels from x on have its event.
 u32 head(u32 word) { return word; }
@@ -31,23 +32,29 @@ template <class Word>
 void evt2_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, Rows<i64> states, Span<i64> times) {
     require(state.size() == 1 && states.columns() == 1 && times.size() == states.rows(), "a state is one number");
     Words<Word> words(raw);
-    High<HIGH, LOW> high{state[0]};
+    i64 high = state[0];
     Seen now(seen);
     auto begin = [&](i64 number) {
-        states(number, 0) = high.value;
+        states(number, 0) = high;
         times[number] = now.last;
     };
+    auto is_event = [&](i64 i) { return kind(head(words[i])) <= ON && pixels(words[i]); };
+    auto time = [&](i64 i) { return plus(high, low_part(head(words[i]))); };
     by_blocks(words.size(), block, now.words, times.size(), begin, [&](i64 start, i64 stop) {
         for (i64 i = start; i < stop; ++i) {
             u32 word = head(words[i]);
-            if (kind(word) <= ON) {
-                if (high.known() && pixels(words[i])) now.event(high.at(low_part(word)));
-            } else if (kind(word) == TIME) {
-                high.go_on(high_part(word), i, now);
+            if (kind(word) == TIME) {
+                i64 before = std::exchange(high, Highs::next(high, high_part(word)));
+                if (Highs::is_jump(before, high)) now.note_jump(i);
+            } else if (high >= 0 && is_event(i)) {
+                // all events of the high part
+                now.begin(time(i));
+                now.event(time(i));
+                for (; i + 1 < stop && is_event(i + 1); ++i) now.event(time(i + 1));
             }
         }
     });
-    state[0] = high.value;
+    state[0] = high;
     now.words = plus(now.words, words.size());
     now.keep(seen);
 }
@@ -57,22 +64,25 @@ Found evt2_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
     require(state.size() == 1, "a state is one number");
     Words<u32> words(raw);
     Columns out{t, x, y, p, kept, words.size()};
-    High<HIGH, LOW> high{state[0]};
+    i64 high = state[0];
     Seen now(seen);
     i64 right = width > 0 ? width : ROWS, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
     for (i64 i = 0; i < words.size(); ++i) {
         u32 word = words[i];
-        if (kind(word) == TIME) high.go_on(high_part(word), i, now);
+        if (kind(word) == TIME) {
+            i64 before = std::exchange(high, Highs::next(high, high_part(word)));
+            if (Highs::is_jump(before, high)) now.note_jump(i);
+        }
         // without a branch: a word that is no event is written over; `count` is at most i
-        out.t[count] = high.at(low_part(word));
+        out.t[count] = plus(high, low_part(word));
         out.x[count] = i16(column(word));
         out.y[count] = i16(row(word));
         out.p[count] = u8(kind(word));
-        bool event = (kind(word) <= ON) & high.known();
+        bool event = (kind(word) <= ON) & (high >= 0);
         if (event && (column(word) >= right || row(word) >= bottom) && bad < 0) bad = i;
         count += event;
     }
-    state[0] = high.value;
+    state[0] = high;
     now.words = plus(now.words, words.size());
     now.keep(seen);
     return {count, bad};
@@ -91,48 +101,50 @@ Found evt21_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, S
     Words<u64> words(raw);
     i64 room = minus(t.size(), kept);
     Columns out{t, x, y, p, kept, room};
-    High<HIGH, LOW> high{state[0]};
+    i64 high = state[0];
     Seen now(seen);
     i64 right = width > 0 ? width : FAR_X, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
     for (i64 i = 0; i < words.size(); ++i) {
         u32 word = head(words[i]);
         if (kind(word) == TIME) {
-            high.go_on(high_part(word), i, now);
-        } else if (kind(word) <= ON && high.known()) {
+            i64 before = std::exchange(high, Highs::next(high, high_part(word)));
+            if (Highs::is_jump(before, high)) now.note_jump(i);
+        } else if (kind(word) <= ON && high >= 0) {
             require(ones(pixels(words[i])) <= room - count, "columns are too short for the events");
             for (u32 mask = pixels(words[i]); mask; mask &= mask - 1, ++count) {
                 // at most 2078
                 i64 at = column(word) + trailing_zeros(mask);
                 if ((at >= right || row(word) >= bottom) && bad < 0) bad = i;
-                out.t[count] = high.at(low_part(word));
+                out.t[count] = plus(high, low_part(word));
                 out.x[count] = i16(at);
                 out.y[count] = i16(row(word));
                 out.p[count] = u8(kind(word));
             }
         }
     }
-    state[0] = high.value;
+    state[0] = high;
     now.words = plus(now.words, words.size());
     now.keep(seen);
     return {count, bad};
 }
 
+template <class Word>
 i64 evt2_triggers(Span<const u8> raw, Span<i64> state, Span<i64> t, Span<u8> channel, Span<u8> level) {
     require(!state.empty() && channel.size() == t.size() && level.size() == t.size(), "columns must be equally long");
-    Words<u32> words(raw);
-    High<HIGH, LOW> high{state[0]};
-    i64 kept = 0;
+    Words<Word> words(raw);
+    i64 high = state[0], kept = 0;
     for (i64 i = 0; i < words.size(); ++i) {
-        u32 word = words[i];
+        u32 word = head(words[i]);
+        if (kind(word) <= ON) continue;
         if (kind(word) == TIME) {
-            high.go_on(high_part(word));
-        } else if (kind(word) == TRIGGER && high.known() && kept < t.size()) {
-            t[kept] = high.at(low_part(word));
+            high = Highs::next(high, high_part(word));
+        } else if (kind(word) == TRIGGER && high >= 0 && kept < t.size()) {
+            t[kept] = plus(high, low_part(word));
             channel[kept] = word >> 8 & 0x1F;
             level[kept++] = word & 1;
         }
     }
-    state[0] = high.value;
+    state[0] = high;
     return kept;
 }
 
@@ -142,7 +154,7 @@ namespace {
 template <class Put>
 void show(i64& high, i64 t, Put put) {
     while (high != t >> LOW) {
-        high = shown_next(high, t >> LOW, HIGH);
+        high = shown_next(high, t >> LOW, 28);
         put(i64(TIME) << 28 | (high & 0xFFFFFFF));
     }
 }
@@ -156,10 +168,17 @@ void evt2_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<c
     Events events{t, x, y, p};
     require(state.size() == 1, "a state is one number");
     Writer<u32> writer(words);
-    for (i64 i = 0; i < events.size(); ++i) {
-        show(state[0], t[i], [&](i64 word) { writer.put(word); });
-        writer.put(event_word(t[i], x[i], y[i], p[i]));
+    i64 high = state[0];
+    for (i64 i = 0; i < events.size();) {
+        show(high, t[i], [&](i64 word) { writer.put(word); });
+        i64 stop = i + 1;
+        while (stop < events.size() && t[stop] >> LOW == high) ++stop;
+        for (u32& word : writer.take(stop - i)) {
+            word = u32(event_word(t[i], x[i], y[i], p[i]));
+            ++i;
+        }
     }
+    state[0] = high;
 }
 
 i64 evt21_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<i64> state,
@@ -167,8 +186,9 @@ i64 evt21_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<c
     Events events{t, x, y, p};
     require(state.size() == 1, "a state is one number");
     Writer<u32> writer(words);
+    i64 high = state[0];
     for (i64 i = 0; i < events.size();) {
-        show(state[0], t[i], [&](i64 word) {
+        show(high, t[i], [&](i64 word) {
             writer.put(word);
             writer.put(0);
         });
@@ -182,17 +202,21 @@ i64 evt21_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<c
             mask |= u32(1) << (x[i] - base);
         writer.put(mask);
     }
+    state[0] = high;
     return writer.count();
 }
 
 void define_evt2(nb::module_& module) {
     define<evt2_walk<u32>>(module, "evt2_walk");
     define<evt2_decode>(module, "evt2_decode");
-    define<evt2_triggers>(module, "evt2_triggers");
+    define<evt2_triggers<u32>>(module, "evt2_triggers");
+    define<count_triggers<u32>>(module, "evt2_count_triggers");
     define<evt2_encode>(module, "evt2_encode");
     define<evt2_walk<u64>>(module, "evt21_walk");
     define<evt21_count>(module, "evt21_count");
     define<evt21_decode>(module, "evt21_decode");
+    define<evt2_triggers<u64>>(module, "evt21_triggers");
+    define<count_triggers<u64>>(module, "evt21_count_triggers");
     define<evt21_encode>(module, "evt21_encode");
 }
 

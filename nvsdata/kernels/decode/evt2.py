@@ -33,9 +33,9 @@ def evt2_decode(
     return found
 
 
-def evt2_triggers(words: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times in µs, channels and levels of the external triggers in words, uint32 [N]; updates `state`."""
-    return find_triggers(_native.evt2_triggers, words, 28, state)
+def evt2_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times in µs, channels and levels of the external triggers in a piece of the words; updates `state`."""
+    return find_triggers(_native.evt2_triggers, _native.evt2_count_triggers, raw, state)
 
 
 def evt2_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -64,6 +64,11 @@ def evt21_decode(
     """Decode a piece of the words. O(N + events). ValueError if the columns are too short."""
     found: tuple[int, int] = _native.evt21_decode(raw, width, height, state, seen, kept, *columns)
     return found
+
+
+def evt21_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times in µs, channels and levels of the external triggers in a piece of the words; updates `state`."""
+    return find_triggers(_native.evt21_triggers, _native.evt21_count_triggers, raw, state)
 
 
 def evt21_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:

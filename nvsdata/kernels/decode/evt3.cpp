@@ -9,50 +9,43 @@ namespace nvsdata {
 
 namespace {
 
-enum Kind : u32 { Y, X = 0x2, BASE, VECTOR_12, VECTOR_8, LOW, HIGH = 0x8, TRIGGER = 0xA };
+enum Kind : u32 { Y, X = 0x2, BASE, VECTOR_12, VECTOR_8, LOW, HIGH = 0x8 };
 // kinds that are rare or come in groups
 constexpr u32 SPECIAL = 1 << BASE | 1 << VECTOR_12 | 1 << VECTOR_8 | 1 << HIGH;
 
 u32 kind(u32 word) { return word >> 12; }
 u32 polarity(u32 word) { return word >> 11 & 1; }
 
-// The high and the low part of the time.
-struct Time {
-    High<12, 12> high;
-    i64 low;
-
-    i64 now() const { return high.at(low); }
-
-    // The low part that is in force belongs to the tick before.
-    template <class... Note>
-    void go_on(u32 word, Note&&... note) {
-        i64 before = high.value;
-        high.go_on(word & 0xFFF, note...);
-        if (high.value != before) low = 0;
-    }
-};
+using Highs = High<12, 12>;
 
 // What words before say about an event: an array of Python's.
 struct State {
-    Time time;
+    i64 high, time;  // the high part of the time, and the time
     i64 row, base, polarity;
 
     explicit State(Span<const i64> state) {
         require(state.size() == 5, "a state has 5 numbers");
-        time = {{state[0]}, state[1]};
-        row = state[2], base = state[3], polarity = state[4];
+        high = state[0], time = plus(high, state[1]), row = state[2], base = state[3], polarity = state[4];
     }
     void keep(Span<i64> state) const {
-        state[0] = time.high.value, state[1] = time.low, state[2] = row, state[3] = base, state[4] = polarity;
+        state[0] = high, state[1] = minus(time, high), state[2] = row, state[3] = base, state[4] = polarity;
     }
+    bool has_time() const { return high >= 0; }
     // For any word, without branches for what comes in any order.
     void take_common(u32 word) {
         row = kind(word) == Y ? word & 0x7FF : row;
-        time.low = kind(word) == LOW ? word & 0xFFF : time.low;
+        time = kind(word) == LOW ? plus(high, word & 0xFFF) : time;
     }
     void take_base(u32 word) {
         base = word & 0x7FF;
         polarity = nvsdata::polarity(word);
+    }
+    // Returns true if no camera wrote the word.
+    bool take_high(u32 word) {
+        i64 before = std::exchange(high, Highs::next(high, word & 0xFFF));
+        // the low part that is in force belongs to the tick before
+        if (high != before) time = high;
+        return Highs::is_jump(before, high);
     }
 };
 
@@ -78,7 +71,7 @@ void evt3_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, R
             bool found = kind(word) == X;
             if (SPECIAL >> kind(word) & 1) {
                 if (kind(word) == HIGH) {
-                    now.time.go_on(word, i, noted);
+                    if (now.take_high(word)) noted.note_jump(i);
                 } else if (kind(word) == BASE) {
                     now.take_base(word);
                 } else {
@@ -86,7 +79,10 @@ void evt3_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, R
                     now.base = plus(now.base, vector_size(word));
                 }
             }
-            if (found && now.time.high.known()) noted.event(now.time.now());
+            if (found && now.has_time()) {
+                noted.begin(now.time);
+                noted.event(now.time);
+            }
         }
     });
     now.keep(state);
@@ -95,12 +91,21 @@ void evt3_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, R
 }
 
 NVSDATA_CLONES i64 evt3_count(Span<const u8> raw) {
+    constexpr i64 BLOCK = 4096;  // words with fewer events than 16 bits count
     Words<u16> words(raw);
     i64 count = 0;
-    for (i64 i = 0; i < words.size(); ++i) {
-        u32 word = words[i];
-        u32 bits = kind(word) == VECTOR_12 ? word & 0xFFF : kind(word) == VECTOR_8 ? word & 0xFF : kind(word) == X;
-        count += ones(bits);
+    for (i64 start = 0; start < words.size(); start += BLOCK) {
+        u16 sum = 0;
+        for (i64 i = start, stop = std::min(start + BLOCK, words.size()); i < stop; ++i) {
+            // in 16 bits, so that many words are counted together
+            u16 word = words[i], type = word >> 12;
+            u16 bits = type == VECTOR_12 ? word & 0xFFF : type == VECTOR_8 ? word & 0xFF : type == X;
+            bits = u16(bits - (bits >> 1 & 0x5555));
+            bits = u16((bits & 0x3333) + (bits >> 2 & 0x3333));
+            bits = u16((bits + (bits >> 4)) & 0x0F0F);
+            sum = u16(sum + u16(bits + (bits >> 8)) % 256);
+        }
+        count += sum;
     }
     return count;
 }
@@ -113,36 +118,39 @@ Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
     State now(state);
     Seen noted(seen);
     i64 right = width > 0 ? width : FAR_X, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
-    for (i64 i = 0; i < words.size(); ++i) {
+    for (i64 i = 0; i < words.size();) {
         require(count < room, "columns are too short for the events");
-        u32 word = words[i];
-        now.take_common(word);
-        // without branches for what comes in any order: a word that is no event is written over
-        i64 column = word & 0x7FF;
-        out.t[count] = now.time.now();
-        out.x[count] = i16(column);
-        out.y[count] = i16(now.row);
-        out.p[count] = u8(polarity(word));
-        bool event = (kind(word) == X) & now.time.high.known();
-        if (event & (outside(column, right) | outside(now.row, bottom)) && bad < 0) bad = i;
-        count += event;
-        if (SPECIAL >> kind(word) & 1) {
+        // as many words as there is room for if each is an event
+        for (i64 stop = std::min(words.size(), i + room - count); i < stop; ++i) {
+            u32 word = words[i];
+            now.take_common(word);
+            // without branches for what comes in any order: a word that is no event is written over
+            i64 column = word & 0x7FF;
+            out.t[count] = now.time;
+            out.x[count] = i16(column);
+            out.y[count] = i16(now.row);
+            out.p[count] = u8(polarity(word));
+            bool event = (kind(word) == X) & now.has_time();
+            if (event & (outside(column, right) | outside(now.row, bottom)) && bad < 0) bad = i;
+            count += event;
+            if (!(SPECIAL >> kind(word) & 1)) continue;
             if (kind(word) == HIGH) {
-                now.time.go_on(word, i, noted);
+                if (now.take_high(word)) noted.note_jump(i);
             } else if (kind(word) == BASE) {
                 now.take_base(word);
             } else {
-                u32 bits = now.time.high.known() ? word & ((1 << vector_size(word)) - 1) : 0;
+                u32 bits = now.has_time() ? word & ((1 << vector_size(word)) - 1) : 0;
                 require(ones(bits) <= room - count, "columns are too short for the events");
                 for (; bits; bits &= bits - 1, ++count) {
                     i64 at = plus(now.base, trailing_zeros(bits));
                     if ((outside(at, right) || outside(now.row, bottom)) && bad < 0) bad = i;
-                    out.t[count] = now.time.now();
+                    out.t[count] = now.time;
                     out.x[count] = i16(std::min(at, FAR_X));
                     out.y[count] = i16(now.row);
                     out.p[count] = u8(now.polarity);
                 }
                 now.base = plus(now.base, vector_size(word));
+                stop = std::min(stop, i + 1 + room - count);
             }
         }
     }
@@ -153,24 +161,24 @@ Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
 }
 
 i64 evt3_triggers(Span<const u8> raw, Span<i64> state, Span<i64> t, Span<u8> channel, Span<u8> level) {
-    require(state.size() >= 2 && channel.size() == t.size() && level.size() == t.size(), "columns must be equally long");
+    require(channel.size() == t.size() && level.size() == t.size(), "columns must be equally long");
     Words<u16> words(raw);
-    Time time{{state[0]}, state[1]};
+    State now(state);
     i64 kept = 0;
     for (i64 i = 0; i < words.size(); ++i) {
         u32 word = words[i];
-        if (kind(word) == HIGH) {
-            time.go_on(word);
-        } else if (kind(word) == LOW) {
-            time.low = word & 0xFFF;
-        } else if (kind(word) == TRIGGER && time.high.known() && kept < t.size()) {
-            t[kept] = time.now();
+        if (!((1 << LOW | 1 << HIGH | 1 << TRIGGER) >> kind(word) & 1)) continue;
+        if (kind(word) == LOW) {
+            now.time = plus(now.high, word & 0xFFF);
+        } else if (kind(word) == HIGH) {
+            now.take_high(word);
+        } else if (now.has_time() && kept < t.size()) {
+            t[kept] = now.time;
             channel[kept] = word >> 8 & 0xF;
             level[kept++] = word & 1;
         }
     }
-    state[0] = time.high.value;
-    state[1] = time.low;
+    now.keep(state);
     return kept;
 }
 
@@ -216,7 +224,11 @@ i64 evt3_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<co
         if (row != y[i]) writer.put(Y << 12 | (row = y[i]));
         stop = i + 1;
         while (stop < t.size() && t[stop] == t[i] && y[stop] == y[i] && p[stop] == p[i] && x[stop] > x[stop - 1]) ++stop;
-        write_row(writer, x.part(i, stop), i64(p[i]) << 11);
+        i64 polarity = i64(p[i]) << 11;
+        if (stop - i < 3)
+            for (i64 j = i; j < stop; ++j) writer.put(X << 12 | polarity | x[j]);
+        else
+            write_row(writer, x.part(i, stop), polarity);
     }
     state[0] = high, state[1] = low, state[2] = row;
     return writer.count();
@@ -227,6 +239,7 @@ void define_evt3(nb::module_& module) {
     define<evt3_count>(module, "evt3_count");
     define<evt3_decode>(module, "evt3_decode");
     define<evt3_triggers>(module, "evt3_triggers");
+    define<count_triggers<u16>>(module, "evt3_count_triggers");
     define<evt3_encode>(module, "evt3_encode");
 }
 

@@ -34,9 +34,9 @@ def evt3_decode(
     return found
 
 
-def evt3_triggers(words: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times in µs, channels and levels of the external triggers in words, uint16 [N]; updates `state`."""
-    return find_triggers(_native.evt3_triggers, words, 12, state)
+def evt3_triggers(raw: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times in µs, channels and levels of the external triggers in a piece of the words; updates `state`."""
+    return find_triggers(_native.evt3_triggers, _native.evt3_count_triggers, raw, state)
 
 
 def evt3_encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, state: np.ndarray) -> np.ndarray:

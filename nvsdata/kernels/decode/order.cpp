@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
-#include <vector>
 
 #include "../native/bind.h"
 #include "../native/clones.h"
@@ -24,6 +23,25 @@ NVSDATA_CLONES std::pair<i64, i64> ends(Span<const i64> t) {
         high = std::max(high, t[i]);
     }
     return {low, high};
+}
+
+// Copy indices and times, in the order of one digit.
+NVSDATA_CLONES void sort_by_digit(Span<const i32> order, Span<const u64> key, int shift, Span<i32> next_order,
+                                  Span<u64> next_key, Interrupt& interrupt) {
+    i64 n = order.size();
+    u32 places[MASK + 1] = {};  // of the next event of each value
+    for (i64 i = 0; i < n; ++i) ++places[key[i] >> shift & MASK];
+    u32 begin = 0;
+    for (u32& place : places) begin += std::exchange(place, begin);
+    for (i64 start = 0; start < n; start += BLOCK) {
+        interrupt.poll();
+        for (i64 i = start, stop = std::min(start + BLOCK, n); i < stop; ++i) {
+            // below n, because as many were counted
+            i64 to = places[key[i] >> shift & MASK]++;
+            next_order[to] = order[i];
+            next_key[to] = key[i];
+        }
+    }
 }
 
 }  // namespace
@@ -85,32 +103,14 @@ void stable_order(Span<const i64> t, Rows<i32> orders, Rows<u64> keys) {
     u64 span = u64(high) - u64(low);
     int passes = 0;
     while (DIGIT * passes < 64 && span >> (DIGIT * passes)) ++passes;
-    // where the events of each digit go, for all passes; times move along, because looking them up by index is slow
-    std::vector<u32> all(std::size_t(passes) << DIGIT);
-    Rows<u32> places(all.data(), passes, MASK + 1);
+    // times move along, because looking them up by index is slow
     int from = passes % 2;  // the last pass writes to row 0
     for (i64 i = 0; i < n; ++i) {
-        u64 key = u64(t[i]) - u64(low);
         orders(from, i) = i32(i);
-        keys(from, i) = key;
-        for (int pass = 0; pass < passes; ++pass, key >>= DIGIT) ++places(pass, i64(key & MASK));
+        keys(from, i) = u64(t[i]) - u64(low);
     }
-    for (int pass = 0; pass < passes; ++pass, from ^= 1) {
-        Span<u32> place = places[pass];
-        u32 begin = 0;
-        for (u32& count : place) begin += std::exchange(count, begin);
-        Span<i32> order = orders[from], next_order = orders[from ^ 1];
-        Span<u64> key = keys[from], next_key = keys[from ^ 1];
-        for (i64 start = 0; start < n; start += BLOCK) {
-            interrupt.poll();
-            for (i64 i = start, stop = std::min(start + BLOCK, n); i < stop; ++i) {
-                // below n, because as many were counted
-                i64 to = place[i64(key[i] >> (DIGIT * pass) & MASK)]++;
-                next_order[to] = order[i];
-                next_key[to] = key[i];
-            }
-        }
-    }
+    for (int pass = 0; pass < passes; ++pass, from ^= 1)
+        sort_by_digit(orders[from], keys[from], DIGIT * pass, orders[from ^ 1], keys[from ^ 1], interrupt);
 }
 
 NVSDATA_CLONES void moved(Span<const i64> t, Span<const float> moves, double sigma, i64 start, i64 end, Span<i64> out) {

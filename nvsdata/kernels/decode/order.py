@@ -6,6 +6,8 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
+MOST = 1 << 31  # times that indices of 32 bits don't number
+
 
 def is_sorted(t: np.ndarray) -> bool:
     """Return whether no time, int64 [N], is smaller than the one before it. O(N), no memory."""
@@ -37,7 +39,7 @@ def stable_order(t: np.ndarray) -> np.ndarray:
 
     By digits; `t` int64, fewer than 2^31.
     """
-    if t.size > np.iinfo(np.int32).max:
+    if t.size >= MOST:
         raise ValueError("too many times for indices of 32 bits")
     # memory of numpy, which asks for large pages
     orders = np.empty((2, t.size), np.int32)
