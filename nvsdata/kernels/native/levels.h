@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <cstring>
 #include <stdexcept>
 #include <string>
 
@@ -21,6 +22,14 @@
 #endif
 
 namespace nvsdata {
+
+// The same bits as another type.
+template <class To, class From>
+NVSDATA_INLINE To bits_of(From value) {
+    To bits;
+    std::memcpy(&bits, &value, sizeof(To));
+    return bits;
+}
 
 // The highest level that the processor has: 2, 3 or 4.
 inline int processor_level() {
