@@ -20,11 +20,11 @@ constexpr i64 SIZE = 8;               // bytes of a polarity event
 constexpr i64 BITS_31 = i64(1) << 31; // counts are below it
 constexpr i64 DISORDER_US = 1'000;    // by which an event may lie before its packet's first or after its last event
 constexpr i64 OFTEN = 1 << 10;        // packets between two polls for Ctrl-C
-// Faults of a file of packets: torn, damaged, or cut while it was read. FULL: there are more packets than rows for them.
+// Faults of a file of packets: torn, damaged, or cut while it was read. FULL: there are more packets than rows.
 enum Fault { FINE, TORN, NONSENSE, CUT, FULL };
 
-// A row of the index of polarity packets: byte of the first event, number of events, µs to add to their times, first and
-// last time, 1 if the header counts fewer valid events than events.
+// A row of the index of polarity packets: byte of the first event, number of events, µs to add to their times, first
+// and last time, 1 if the header counts fewer valid events than events.
 struct Packet {
     i64 first_byte, number, added, first, last, some_invalid;
 };
@@ -150,7 +150,8 @@ std::tuple<i64, i64, i64, i64> aedat3_decode(Span<const u8> raw, i64 base, Rows<
             Event event(word_at<u64>(records, SIZE * i));
             if (packet.some_invalid && !event.marked()) continue;
             unmarked += !event.marked();
-            if ((event.x() >= bounds.right || event.y() >= bounds.bottom) && bad < 0) bad = plus(packet.first_byte, SIZE * i);
+            bool outside = event.x() >= bounds.right || event.y() >= bounds.bottom;
+            if (outside && bad < 0) bad = plus(packet.first_byte, SIZE * i);
             if ((event.time < bounds.early || event.time > bounds.late) && strayed < 0) strayed = k;
             out.t[count] = plus(packet.added, event.time);
             out.x[count] = i16(event.x());

@@ -11,11 +11,12 @@ namespace nvsdata {
 
 namespace {
 
-constexpr i64 SIZE = 5;               // bytes of a record
-constexpr i64 MARKER_Y = 240;         // y of a record that isn't an event but adds to all later times; above it: damage
-constexpr i64 MARKER_US = 1 << 13;    // what it adds
-constexpr i64 FULL_US = i64(1) << 23; // what a record's own time is below
-constexpr i64 OFTEN = 1 << 14;        // records between two polls for Ctrl-C
+constexpr i64 SIZE = 5;                // bytes of a record
+constexpr i64 MARKER_Y = 240;          // y of a record that isn't an event but adds to later times; above it: damage
+constexpr i64 MARKER_US = 1 << 13;     // what it adds
+constexpr i64 FULL_US = i64(1) << 23;  // what a record's own time is below
+constexpr i64 BLOCK = 512;             // records that are looked at together
+constexpr i64 OFTEN = 1 << 14;         // records between two polls for Ctrl-C
 
 // The states of Python's `atis_walk` and `atis_decode`, in the same order.
 struct Walk {
@@ -28,8 +29,6 @@ struct Decoding {
 i64 time_at(Span<const u8> raw, i64 i) {
     return i64(raw[SIZE * i + 2] & 0x7F) << 16 | i64(raw[SIZE * i + 3]) << 8 | raw[SIZE * i + 4];
 }
-
-constexpr i64 BLOCK = 512;  // records that are looked at together
 
 // Records from one on as words, of which five bytes count: so that loops over them are vectorized.
 void gather(Span<const u8> raw, i64 from, Span<u64> words) {
@@ -59,7 +58,7 @@ NVSDATA_INLINE void summarize(Span<const u64> words, Summary* out) {
 }
 
 Summary summary(Span<const u8> raw) {
-    u64 words[BLOCK + 1] = {0};  // the first one: the record before, at first one of time 0
+    alignas(64) u64 words[BLOCK + 1] = {0};  // the first one: the record before, at first one of time 0
     Summary found;
     for (i64 from = 0, size = raw.size() / SIZE; from < size; from += BLOCK) {
         i64 some = std::min(BLOCK, size - from);
@@ -100,10 +99,10 @@ void atis_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> times, 
     if (n && ((after - 1) / u64(block) >= u64(std::min(times.size(), offsets.rows())) || offsets.columns() != 1))
         throw std::invalid_argument("more blocks than places for their times and offsets");
     Summary found = summary(raw);
-    // the usual piece has no markers
     if (found.bottom >= MARKER_Y) {
         walk_with_markers(raw, block, walk, times, offsets);
     } else if (n) {
+        // the usual piece
         for (u64 i = u64(next); i < u64(n); i += u64(block)) {
             i64 place = (walk.records + i64(i)) / block;
             times[place] = plus(time_at(raw, i64(i)), walk.overflow);
@@ -139,7 +138,7 @@ NVSDATA_INLINE void decode_words(Span<const u64> words, i64 offset, i32 right, i
 
 // Decode records as if all were events within the sensor; returns false if one isn't.
 bool decode_events(Span<const u8> raw, i64 offset, i32 right, i32 bottom, const Columns& out) {
-    u64 words[BLOCK];
+    alignas(64) u64 words[BLOCK];
     int odd = 0;
     for (i64 from = 0; from < out.t.size(); from += BLOCK) {
         i64 to = std::min(from + BLOCK, out.t.size());

@@ -7,13 +7,14 @@
 
 #include "../native/bind.h"
 #include "../native/interrupt.h"
+#include "../native/levels.h"
 
 namespace nvsdata {
 
 namespace {
 
-// An index finds how long a block lasts, up to whole wraps, from its first word and the next block's. It reads all words
-// of blocks that seem to last longer than SOON_US, or no time, or whose first PEEK records last longer than PEEK_US.
+// An index finds how long a block lasts, up to whole wraps, from its first word and the next block's. It reads all
+// words of blocks that seem to last longer than SOON_US, or no time, or whose first PEEK records exceed PEEK_US.
 constexpr i64 SOON_US = 1 << 26, PEEK = 16, PEEK_US = 100'000;
 constexpr i64 OFTEN = 1 << 14;  // records between two polls for Ctrl-C
 
@@ -85,6 +86,16 @@ std::pair<i64, bool> lasting(Span<const u32> raw) {
     return {time - raw[0], damaged};
 }
 
+namespace {
+
+NVSDATA_INLINE void find_extremes(Span<const i64> t, i64* lowest, i64* highest) {
+    i64 low = t[0], high = t[0];
+    for (i64 i = 1; i < t.size(); ++i) low = std::min(low, t[i]), high = std::max(high, t[i]);
+    *lowest = low, *highest = high;
+}
+
+}  // namespace
+
 void extremes(Span<const i64> t, i64 block, Span<i64> starts, Span<i64> lowest, Span<i64> highest) {
     to_next_block(0, block);
     i64 count = t.size() / block + (t.size() % block != 0);
@@ -92,8 +103,8 @@ void extremes(Span<const i64> t, i64 block, Span<i64> starts, Span<i64> lowest, 
         throw std::invalid_argument("there are more blocks than places for their times");
     for (i64 k = 0; k < count; ++k) {
         Span<const i64> part = t.part(k * block, std::min(block, t.size() - k * block) + k * block);
-        auto [low, high] = std::minmax_element(part.begin(), part.end());
-        starts[k] = part[0], lowest[k] = *low, highest[k] = *high;
+        starts[k] = part[0];
+        best<find_extremes>(part, &lowest[k], &highest[k]);
     }
 }
 
@@ -122,7 +133,8 @@ public:
     // Start times of the runs of the chain; UNKNOWN for the others.
     std::vector<i64> heaviest(Interrupt& interrupt) {
         i64 half = i64(1) << (counter_.bits - 1), wrap = 2 * half, ahead = half - 1;
-        std::vector<i64> order(size_), rank(size_), ends(size_), time(size_), before(size_, NONE), chosen(size_, UNKNOWN);
+        std::vector<i64> order(size_), rank(size_), ends(size_), time(size_);
+        std::vector<i64> before(size_, NONE), chosen(size_, UNKNOWN);
         std::iota(order.begin(), order.end(), 0);
         std::stable_sort(order.begin(), order.end(), [&](i64 a, i64 b) { return runs_[a].last < runs_[b].last; });
         for (i64 k = 0; k < size_; ++k) {
@@ -156,7 +168,8 @@ public:
             }
             end_[k] = plus(time[k], runs_[k].span);
             // between a last word far ahead and one that continues, take the latter
-            if (top < 0 || total_[k] > total_[top] || (total_[k] == total_[top] && end_[k] < end_[top])) top = k;
+            bool heavier = top < 0 || total_[k] > total_[top];
+            if (heavier || (total_[k] == total_[top] && end_[k] < end_[top])) top = k;
             for (i64 i = rank[k] + size_; i > 0; i >>= 1)
                 if (is_better(k, best_[i])) best_[i] = k;
         }
@@ -169,7 +182,8 @@ private:
 
     // True if chain `k` is heavier than `other`, or as heavy and nearer to the next run.
     bool is_better(i64 k, i64 other) const {
-        return k >= 0 && (other < 0 || total_[k] > total_[other] || (total_[k] == total_[other] && end_[k] > end_[other]));
+        if (k < 0 || other < 0) return k >= 0;
+        return total_[k] != total_[other] ? total_[k] > total_[other] : end_[k] > end_[other];
     }
 
     // The best of the chain `found` and of those at the tree's leaves lo..hi.

@@ -1,9 +1,9 @@
 // Times of counters that wrap, and times among them that no camera wrote.
 //
-// A counter of few bits gives a time only up to whole wraps. The time of a record is taken to be the one nearest to that
-// of the record before it, at most half a wrap earlier or later: so a damaged word moves no other event. Cameras write
-// events nearly in order, and noise all the time. So a step back of more than `BACK_US`, or to before time 0, is damage,
-// and so is a step across a wrap that lasts longer than `SILENT_US`.
+// A counter of few bits gives a time only up to whole wraps. The time of a record is taken to be the one nearest to
+// that of the record before it, at most half a wrap earlier or later: so a damaged word moves no other event. Cameras
+// write events nearly in order, and noise all the time. So a step back of more than `BACK_US`, or to before time 0, is
+// damage, and so is a step across a wrap that lasts longer than `SILENT_US`.
 #pragma once
 
 #include <stdexcept>
@@ -13,8 +13,8 @@
 namespace nvsdata {
 
 constexpr i64 BACK_US = 100'000;
-// No camera is silent for longer, because of its noise: a longer silence across a wrap comes from a damaged word. Within
-// a wrap, where it moves no other event, a silence of any length is accepted.
+// No camera is silent for longer, because of its noise: a longer silence across a wrap comes from a damaged word.
+// Within a wrap, where it moves no other event, a silence of any length is accepted.
 constexpr i64 SILENT_US = 300'000'000;
 constexpr i64 WRAP_US = i64(1) << 32;     // wrap of a 32-bit counter of µs
 constexpr i64 UNKNOWN = -(i64(1) << 62);  // the time before a counter's first word

@@ -37,7 +37,7 @@ NVSDATA_INLINE void decode_evenly(Layout layout, Span<const u64> words, i64 offs
     *odd |= strange;
 }
 
-// Decode records; those that aren't events are left out. `block`: number of records in a block, for the clock's `state`.
+// Decode records; those that aren't events are left out. `block`: number of records in a block, for the clock `state`.
 template <class Layout>
 Found decode_clocked(Layout layout, Span<const u8> raw, i64 block, i64 width, i64 height, Span<i64> state,
                      Columns out) {
@@ -51,7 +51,7 @@ Found decode_clocked(Layout layout, Span<const u8> raw, i64 block, i64 width, i6
     clock.begin(begun);
     i64 offset = minus(nearest(begun, clock.last(), 32), begun);
     int odd = clock.mixed() || ended - begun >= WRAP_US / 2;
-    u64 words[TOGETHER + 1];  // a copy, because the vectorizer wants aligned numbers that no column overlaps
+    alignas(64) u64 words[TOGETHER + 1];  // a copy: the vectorizer wants numbers that no column overlaps
     // records that aren't events appear early, so little is decoded twice
     for (i64 from = 0; from < size && !odd; from += TOGETHER) {
         i64 some = std::min(TOGETHER, size - from);

@@ -33,9 +33,10 @@ def test_packets_of_events_are_listed():
         len(raw),
     )
     assert packets_of(b"##", 2) == ([], FINE, 2)
-    many = packets_of(packet() * 40)
-    assert [row[0] for row in many[0]] == [28 + 44 * k for k in range(40)]
-    assert many[1:] == (FINE, 40 * 44)
+    for count in (40, 64, 65, 64 + 256, 64 + 257, 2_000):
+        many = packets_of(packet() * count)
+        assert [row[0] for row in many[0]] == [28 + 44 * k for k in range(count)]
+        assert many[1:] == (FINE, count * 44)
 
 
 @pytest.mark.parametrize("known", [True, False])
