@@ -13,7 +13,7 @@ from nvsdata.formats.clocked import with_times_of_32_bits
 from nvsdata.formats.contents import header_lines
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed
-from nvsdata.kernels.aedat import aedat2_encode
+from nvsdata.kernels.decode.aedat2 import aedat2_encode
 from nvsdata.kernels.decode.clock import WRAP_US
 
 

@@ -31,7 +31,7 @@ from nvsdata.formats.contents import Contents
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
-from nvsdata.kernels.aedat import DAVIS, DVS128, aedat2_decode
+from nvsdata.kernels.decode.aedat2 import DAVIS, DVS128, aedat2_decode
 
 # camera (the end of the class name in `# AEChip:`): size, layout, the class name that is written
 CHIPS = {

@@ -19,7 +19,7 @@ import numpy as np
 
 from nvsdata.data.events import LATEST, Events
 from nvsdata.data.samples import Frame, Inertial, Piece
-from nvsdata.kernels.aedat import DAVIS, aedat2_encode
+from nvsdata.kernels.decode.aedat2 import DAVIS, aedat2_encode
 from nvsdata.kernels.decode.aedat_frames import FRAME_FACTS, next_frame
 from nvsdata.kernels.order import is_sorted
 

@@ -24,7 +24,7 @@ from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
-from nvsdata.kernels.aedat import (
+from nvsdata.kernels.decode.aedat3 import (
     ADDED,
     CUT,
     DISORDER_US,

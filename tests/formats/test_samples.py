@@ -16,7 +16,7 @@ from nvsdata.data.pieces import cut
 from nvsdata.data.samples import Frame, Inertial, Piece
 from nvsdata.formats.aedat2_samples import merged
 from nvsdata.formats.hdf5_samples import Beside
-from nvsdata.kernels.aedat import DAVIS
+from nvsdata.kernels.decode.aedat2 import DAVIS
 
 SIZE = (240, 180)
 ABOUT = {

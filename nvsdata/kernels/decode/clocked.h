@@ -14,7 +14,7 @@ namespace nvsdata {
 
 struct Place {
     i32 x, y;
-    bool on, event;  // polarity; false for a record that isn't an event
+    u32 on, other;  // polarity; bits that only a record other than an event has
 };
 
 // Decode all words but the first, which is that of the record before, as if all were events within the sensor and times
@@ -27,19 +27,19 @@ NVSDATA_INLINE void decode_evenly(Layout layout, Span<const u64> words, i64 offs
         u64 word = layout.turned(words[i + 1]);
         u32 time = u32(word), before = u32(layout.turned(words[i]));
         Place place = layout.place(u32(word >> 32));
-        strange |= !place.event | (u32(place.x) >= u32(right)) | (u32(place.y) >= u32(bottom)) | (time < before);
+        strange |= (place.other != 0) | (u32(place.x) >= u32(right)) | (u32(place.y) >= u32(bottom)) | (time < before);
         out.t[i] = plus(time, offset);
         out.x[i] = i16(place.x);
         out.y[i] = i16(place.y);
-        out.p[i] = place.on;
+        out.p[i] = u8(place.on);
     }
     *odd |= strange;
 }
 
 // Decode records; those that aren't events are left out. `block`: number of records in a block, for the clock's `state`.
 template <class Layout>
-Found decode_clocked(const Layout& layout, Span<const u8> raw, i64 block, i64 width, i64 height, Span<i64> state,
-                     const Columns& out) {
+Found decode_clocked(Layout layout, Span<const u8> raw, i64 block, i64 width, i64 height, Span<i64> state,
+                     Columns out) {
     constexpr i64 TOGETHER = 512, FURTHEST = 1 << 15;  // records that are decoded together; pixels beyond any place
     Clock clock(state);
     i64 size = raw.size() / 8;
@@ -50,7 +50,7 @@ Found decode_clocked(const Layout& layout, Span<const u8> raw, i64 block, i64 wi
     clock.begin(begun);
     i64 offset = minus(nearest(begun, clock.last(), 32), begun);
     int odd = clock.mixed() || ended - begun >= WRAP_US / 2;
-    u64 words[TOGETHER + 1];
+    u64 words[TOGETHER + 1];  // a copy, because the vectorizer wants aligned numbers that no column overlaps
     // records that aren't events appear early, so little is decoded twice
     for (i64 from = 0; from < size && !odd; from += TOGETHER) {
         i64 some = std::min(TOGETHER, size - from);
@@ -71,10 +71,10 @@ Found decode_clocked(const Layout& layout, Span<const u8> raw, i64 block, i64 wi
         out.t[count] = out.t[i];
         out.x[count] = i16(place.x);
         out.y[count] = i16(place.y);
-        out.p[count] = place.on;
+        out.p[count] = u8(place.on);
         bool outside = u32(place.x) >= u32(right) || u32(place.y) >= u32(bottom);
-        if (place.event && outside && bad < 0) bad = i;
-        count += place.event;
+        if (place.other == 0 && outside && bad < 0) bad = i;
+        count += place.other == 0;
     }
     clock.mixed() |= count < size;
     return {count, bad};

@@ -9,14 +9,14 @@ namespace {
 struct Dat1 {
     static u64 turned(u64 word) { return word; }
     static Place place(u32 address) {
-        return {i32(address & 0x1FF), i32(address >> 9 & 0xFF), bool(address >> 17 & 1), true};
+        return {i32(address & 0x1FF), i32(address >> 9 & 0xFF), address >> 17 & 1, 0};
     }
 };
 
 struct Dat2 {
     static u64 turned(u64 word) { return word; }
     static Place place(u32 address) {
-        return {i32(address & 0x3FFF), i32(address >> 14 & 0x3FFF), bool(address >> 28 & 1), true};
+        return {i32(address & 0x3FFF), i32(address >> 14 & 0x3FFF), address >> 28 & 1, 0};
     }
 };
 

@@ -6,17 +6,17 @@
 #include <variant>
 
 #include "../native/bind.h"
+#include "../native/files.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
 #include "clock.h"
 #include "columns.h"
-#include "reading.h"
 
 namespace nvsdata {
 
 namespace {
 
-constexpr i64 PIECE = 1 << 20;  // items that are read at once
+constexpr i64 PIECE = 1 << 20;  // bytes that are read at once
 
 using Times = std::variant<Span<const u32>, Span<const i64>>;
 using Places = std::variant<Span<const u8>, Span<const u16>>;
@@ -71,9 +71,11 @@ struct Stored {
 // Fill `out` with items from `first` on. Returns false if the file has fewer.
 template <class Item>
 bool read_items(const Stored& column, i64 first, Span<Item> out, Interrupt& interrupt) {
-    for (i64 i = 0; i < out.size(); i += PIECE) {
+    Span<u8> bytes(reinterpret_cast<u8*>(out.data()), out.size() * i64(sizeof(Item)));
+    for (i64 i = 0; i < bytes.size(); i += PIECE) {
         if (i) interrupt.poll();
-        if (!read_at(column.handle, column.byte(first + i), out.part(i, std::min(i + PIECE, out.size())))) return false;
+        Span<u8> piece = bytes.part(i, std::min(i + PIECE, bytes.size()));
+        if (!read_at(column.handle, plus(column.byte(first), i), piece)) return false;
     }
     return true;
 }

@@ -16,6 +16,8 @@ void define_store(nb::module_& module);
 void define_reading(nb::module_& module);
 void define_aedat_frames(nb::module_& module);
 void define_aedat4(nb::module_& module);
+void define_aedat2(nb::module_& module);
+void define_aedat3(nb::module_& module);
 void define_atis(nb::module_& module);
 void define_clock(nb::module_& module);
 void define_dat(nb::module_& module);
@@ -35,6 +37,8 @@ NB_MODULE(_native, module) {
     nvsdata::define_reading(module);
     nvsdata::define_aedat_frames(module);
     nvsdata::define_aedat4(module);
+    nvsdata::define_aedat2(module);
+    nvsdata::define_aedat3(module);
     nvsdata::define_atis(module);
     nvsdata::define_clock(module);
     nvsdata::define_dat(module);

@@ -1,4 +1,4 @@
-"""Arguments that the assembly of frames refuses, and records of nowhere; `formats/test_aedat2_samples.py` tests the rest."""
+"""What the assembly of frames returns and refuses; `formats/test_aedat2_samples.py` tests it on files."""
 
 import numpy as np
 import pytest

@@ -1,0 +1,55 @@
+"""Packets of AEDAT 3 files to event columns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nvsdata.kernels import _native
+
+POLARITY_EVENT = 1  # type of packets
+PACKET_HEADER = 28  # bytes
+DISORDER_US = 1_000  # µs by which an event may lie before its packet's first or after its last event
+# Faults of a file of packets: torn, damaged, or cut while it was read
+FINE, TORN, NONSENSE, CUT = 0, 1, 2, 3
+FULL = 4  # there are more packets than rows for them
+# Columns of the index of packets: byte of the first event, number of events, µs to add to their times, first and last
+# time, 1 if the header counts fewer valid events than events
+FIRST_BYTE, NUMBER, ADDED, FIRST, LAST, SOME_INVALID = range(6)
+
+
+def aedat3_packets(known: np.ndarray, handle: int, size: int, start: int) -> tuple[np.ndarray, int, int]:
+    """Walk the packet headers of a file of `size` bytes from byte `start` on. O(packets).
+
+    `known` uint8: the file's first bytes; unless these are all, `handle` is the open file. Returns the index of
+    polarity packets, int64 [M, 6], a fault code, and the byte of the faulty packet (the file's size if none).
+    """
+    parts, room, at, fault = [], 64, start, FULL
+    while fault == FULL:
+        part = np.empty((room, 6), np.int64)
+        count, fault, at = _native.aedat3_packets(known, handle, size, at, part)
+        parts.append(part[:count])
+        room *= 4
+    return parts[0] if len(parts) == 1 else np.concatenate(parts), fault, at
+
+
+def aedat3_decode(
+    raw: np.ndarray,
+    base: int,
+    packets: np.ndarray,
+    width: int,
+    height: int,
+    kept: int,
+    t: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    p: np.ndarray,
+) -> tuple[int, int, int, int]:
+    """Decode polarity packets of the index. O(events).
+
+    `raw` uint8 holds the file from byte `base` to the end of these packets. Events that aren't marked valid are
+    dropped if the packet's header counts them as invalid. Returns the number of events, the byte of the first
+    one outside the sensor (-1: none), the number of events kept without the mark, and the first packet with events
+    that don't lie between its first and last event (-1: none).
+    """
+    found: tuple[int, int, int, int] = _native.aedat3_decode(raw, base, packets, width, height, kept, t, x, y, p)
+    return found
