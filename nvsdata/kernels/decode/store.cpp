@@ -89,7 +89,7 @@ bool read_places(const Stored& column, i64 first, Span<i16> out, Interrupt& inte
     for (i64 i = 0; i < out.size(); i += PIECE) {
         if (i) interrupt.poll();
         Span<u8> piece(memory.get(), std::min(out.size() - i, PIECE));
-        if (!read_items(column, first + i, piece, interrupt)) return false;
+        if (!read_items(column, plus(first, i), piece, interrupt)) return false;
         copy(Span<const u8>(piece), out.part(i, i + piece.size()));
     }
     return true;
@@ -122,7 +122,7 @@ i64 read_window(Span<i64> out_t, Span<i16> out_x, Span<i16> out_y, Span<u8> out_
         throw std::invalid_argument("times have four or eight bytes");
     }
     auto [first, count] = found;
-    first += lo;
+    first = plus(first, lo);
     bool whole = read_places(x, first, out.x.part(0, count), interrupt) &&
                  read_places(y, first, out.y.part(0, count), interrupt) &&
                  read_items(p, first, out.p.part(0, count), interrupt);
