@@ -1,10 +1,10 @@
 // Frames among AEDAT 2 records, assembled pixel by pixel.
 #include <algorithm>
-#include <cstring>
 #include <stdexcept>
 #include <utility>
 
 #include "../native/bind.h"
+#include "columns.h"
 
 namespace nvsdata {
 
@@ -19,20 +19,17 @@ struct FrameFacts {
     i64 way;            // direction of columns, 1 or -1, 0 if not known yet
 };
 
-constexpr i64 FRAME_FACTS = sizeof(FrameFacts) / sizeof(i64);
-static_assert(FRAME_FACTS == 12, "Python's array has as many values");
+static_assert(sizeof(FrameFacts) == 12 * sizeof(i64), "as many as in Python's array");
 
 class FrameReader {
 public:
     FrameReader(Rows<u16> before, Rows<u16> light, Rows<u8> state, Span<const i64> facts)
-        : before_(before), light_(light), state_(state) {
+        : before_(before), light_(light), state_(state), facts_(load<FrameFacts>(facts)) {
         for (Rows<u16> rows : {before, light})
             if (rows.rows() != state.rows() || rows.columns() != state.columns())
                 throw std::invalid_argument("arrays of different sensors");
-        if (facts.size() != FRAME_FACTS) throw std::invalid_argument("the facts of a frame are 12 numbers");
-        std::memcpy(&facts_, facts.data(), sizeof facts_);
     }
-    void keep(Span<i64> facts) const { std::memcpy(facts.data(), &facts_, sizeof facts_); }
+    const FrameFacts& facts() const { return facts_; }
 
     // Whether a frame ended before the record, which is taken if not.
     bool take(i64 address, i64 t) {
@@ -118,7 +115,7 @@ std::pair<i64, bool> next_frame(Span<const u32> addresses, Span<const i64> t, i6
     FrameReader reader(before, light, state, facts);
     bool found = addresses.empty() && reader.ended();
     while (at < addresses.size() && !(found = reader.take(addresses[at], t[at]))) ++at;
-    reader.keep(facts);
+    store(reader.facts(), facts);
     return {at, found};
 }
 

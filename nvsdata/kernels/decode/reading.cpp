@@ -1,7 +1,6 @@
 // Small reads from open files.
-#include "reading.h"
-
 #include "../native/bind.h"
+#include "../native/files.h"
 #include "../native/interrupt.h"
 
 namespace nvsdata {

@@ -6,16 +6,17 @@
 #include <variant>
 
 #include "../native/bind.h"
+#include "../native/files.h"
 #include "../native/interrupt.h"
+#include "../native/levels.h"
 #include "clock.h"
 #include "columns.h"
-#include "reading.h"
 
 namespace nvsdata {
 
 namespace {
 
-constexpr i64 PIECE = 1 << 20;  // items that are read at once where fewer than all do
+constexpr i64 PIECE = 1 << 20;  // bytes that are read at once
 
 using Times = std::variant<Span<const u32>, Span<const i64>>;
 using Places = std::variant<Span<const u8>, Span<const u16>>;
@@ -34,22 +35,28 @@ i64 bisect(Span<const Time> t, i64 base, i64 time) {
     return low;
 }
 
+template <class Time>
+NVSDATA_INLINE void add(const Time* from, i64 base, i64* to, i64 size) {
+    for (i64 i = 0; i < size; ++i) to[i] = plus(i64(from[i]), base);
+}
+
+template <class From, class To>
+NVSDATA_INLINE void convert(const From* from, To* to, i64 size) {
+    for (i64 i = 0; i < size; ++i) to[i] = To(from[i]);
+}
+
 // Write the times from `start` up to `stop`, with `base` added; `t` may lie where they are written. Returns the index of
 // the first one, and their number.
 template <class Time>
 std::pair<i64, i64> times_between(Span<const Time> t, i64 base, i64 start, i64 stop, Span<i64> out) {
     i64 first = bisect(t, base, start), count = std::max(bisect(t, base, stop) - first, i64(0));
-    const Time* from = t.part(first, first + count).data();
-    i64* to = out.part(0, count).data();
-    for (i64 i = 0; i < count; ++i) to[i] = plus(i64(from[i]), base);
+    best<add<Time>>(t.part(first, first + count).data(), base, out.part(0, count).data(), count);
     return {first, count};
 }
 
 template <class From, class To>
 void copy(Span<const From> in, Span<To> out) {
-    const From* from = in.part(0, out.size()).data();
-    To* to = out.data();
-    for (i64 i = 0, n = out.size(); i < n; ++i) to[i] = To(from[i]);
+    best<convert<From, To>>(in.part(0, out.size()).data(), out.data(), out.size());
 }
 
 // A column of an open file.
@@ -61,17 +68,28 @@ struct Stored {
     i64 byte(i64 item) const { return i64(u64(begin) + u64(item) * u64(width)); }
 };
 
-// Fill `out` with items from `first` on, in pieces of the same memory unless they are as wide. Returns false if the file
-// has fewer.
+// Fill `out` with items from `first` on. Returns false if the file has fewer.
+template <class Item>
+bool read_items(const Stored& column, i64 first, Span<Item> out, Interrupt& interrupt) {
+    Span<u8> bytes(reinterpret_cast<u8*>(out.data()), out.size() * i64(sizeof(Item)));
+    for (i64 i = 0; i < bytes.size(); i += PIECE) {
+        if (i) interrupt.poll();
+        Span<u8> piece = bytes.part(i, std::min(i + PIECE, bytes.size()));
+        if (!read_at(column.handle, plus(column.byte(first), i), piece)) return false;
+    }
+    return true;
+}
+
+// The same for coordinates of one byte or two.
 bool read_places(const Stored& column, i64 first, Span<i16> out, Interrupt& interrupt) {
-    // the same bits as uint16
-    if (column.width == 2) return read_at(column.handle, column.byte(first), out);
+    // uint16 have the same bits
+    if (column.width == 2) return read_items(column, first, out, interrupt);
     if (column.width != 1) throw std::invalid_argument("coordinates have one or two bytes");
     std::unique_ptr<u8[]> memory(new u8[std::size_t(std::min(out.size(), PIECE))]);
     for (i64 i = 0; i < out.size(); i += PIECE) {
         if (i) interrupt.poll();
         Span<u8> piece(memory.get(), std::min(out.size() - i, PIECE));
-        if (!read_at(column.handle, column.byte(first + i), piece)) return false;
+        if (!read_items(column, plus(first, i), piece, interrupt)) return false;
         copy(Span<const u8>(piece), out.part(i, i + piece.size()));
     }
     return true;
@@ -93,21 +111,21 @@ i64 read_window(Span<i64> out_t, Span<i16> out_x, Span<i16> out_y, Span<u8> out_
     Interrupt interrupt;
     std::pair<i64, i64> found;
     if (t_width == 8) {
-        if (!read_at(handle, t.byte(lo), out.t)) return -1;
+        if (!read_items(t, lo, out.t, interrupt)) return -1;
         found = times_between(Span<const i64>(out.t), base, start, stop, out.t);
     } else if (t_width == 4) {
         std::unique_ptr<u32[]> memory(new u32[std::size_t(room)]);
         Span<u32> times(memory.get(), room);
-        if (!read_at(handle, t.byte(lo), times)) return -1;
+        if (!read_items(t, lo, times, interrupt)) return -1;
         found = times_between(Span<const u32>(times), base, start, stop, out.t);
     } else {
         throw std::invalid_argument("times have four or eight bytes");
     }
     auto [first, count] = found;
-    first += lo;
+    first = plus(first, lo);
     bool whole = read_places(x, first, out.x.part(0, count), interrupt) &&
                  read_places(y, first, out.y.part(0, count), interrupt) &&
-                 read_at(handle, p.byte(first), out.p.part(0, count));
+                 read_items(p, first, out.p.part(0, count), interrupt);
     return whole ? count : -1;
 }
 

@@ -44,9 +44,8 @@ std::tuple<i64, i64, i64, i64, bool> decode(Span<const u16> words, i64 start, Sp
                                             Span<const i64> setting, Span<u16> pixels, Span<i64> t, Span<i16> x,
                                             Span<i16> y, Span<u8> p, Rows<i64> specials, Rows<i64> samples) {
     i64 size = words.size();
-    if (kept.size() != STATES || faults.size() != FAULTS || setting.size() != SETTINGS ||
-        specials.columns() != SPECIAL_VALUES || samples.columns() != SAMPLE_VALUES)
-        throw std::invalid_argument("arrays of another decoder");
+    if (specials.columns() != SPECIAL_VALUES || samples.columns() != SAMPLE_VALUES)
+        throw std::invalid_argument("the outputs of another decoder");
     if (u64(start) > u64(size) || std::min({t.size(), x.size(), y.size(), p.size()}) < size - start)
         throw std::invalid_argument("the columns must have room for an event per word");
     Camera camera(setting, kept, faults);
@@ -218,7 +217,7 @@ std::tuple<i64, i64, i64, i64, bool> decode(Span<const u16> words, i64 start, Sp
     state.now = i64(now);
     state.row = row;
     state.in_frame = in_frame;
-    camera.keep(kept);
+    store(state, kept);
     return {i, events, n_specials, n_samples, whole};
 }
 

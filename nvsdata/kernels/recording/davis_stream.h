@@ -3,9 +3,10 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <cstring>
 #include <iterator>
+#include <stdexcept>
 
+#include "../decode/columns.h"
 #include "../native/span.h"
 
 namespace nvsdata::davis {
@@ -68,31 +69,29 @@ struct State {
     i64 sample[7];
 };
 
-constexpr i64 STATES = sizeof(State) / sizeof(i64), SETTINGS = sizeof(Setting) / sizeof(i64);
-static_assert(STATES == 41 && SETTINGS == 9, "Python's arrays have as many values");
+static_assert(sizeof(State) == 41 * sizeof(i64) && sizeof(Setting) == 9 * sizeof(i64), "as many as in Python's arrays");
 
 class Camera {
 public:
     Setting how;
     State state;
 
-    Camera(Span<const i64> setting, Span<const i64> kept, Span<i64> faults) : faults_(faults) {
-        std::memcpy(&how, setting.data(), sizeof how);
-        std::memcpy(&state, kept.data(), sizeof state);
+    Camera(Span<const i64> setting, Span<const i64> kept, Span<i64> faults)
+        : how(load<Setting>(setting)), state(load<State>(kept)), faults_(faults) {
+        if (faults.size() != FAULTS) throw std::invalid_argument("the faults of another decoder");
     }
 
     // Whether no value leads out of an array or overflows; those of a decoder never do.
     bool is_sound(Span<const i64> kept, i64 pixels) const {
         auto up_to = [](i64 most, auto... values) { return ((u64(values) <= u64(most)) && ...); };
+        if (!std::all_of(kept.begin(), kept.end(), [](i64 value) { return -FAR <= value && value <= FAR; })) return false;
         if (!up_to(MAX_SIDE, how.size[0], how.size[1], how.factor, state.size[0], state.size[1])) return false;
         if (how.size[0] * how.size[1] != pixels || std::abs(state.next.step) > MAX_SIDE) return false;
-        if (!std::all_of(kept.begin(), kept.end(), [](i64 value) { return -FAR <= value && value <= FAR; })) return false;
         return up_to(1, state.signal) && up_to(0xFF, state.high_byte, state.sample_high) &&
                up_to(FAR, state.columns[0], state.columns[1], state.rows[0], state.rows[1], state.region_words,
                      state.count);
     }
 
-    void keep(Span<i64> kept) const { std::memcpy(kept.data(), &state, sizeof state); }
     void fault(Fault kind, i64 times = 1) { faults_[kind] += times; }
 
     void begin_frame(i64 now) {

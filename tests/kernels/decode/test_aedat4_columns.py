@@ -37,3 +37,30 @@ def test_one_odd_event_anywhere_is_noticed(row):
         rows = [fine] * 3
         rows[place] = row
         assert not decoded(*rows)[0]
+
+
+def test_arrays_that_do_not_fit_are_refused():
+    words, columns = np.zeros(4, np.int64), Columns.empty(2)
+    for at in range(4):
+        short = [column[: 2 - (number == at)] for number, column in enumerate(columns)]
+        with pytest.raises(ValueError, match="too short"):
+            aedat4_decode(words, LATEST, *SIZE, *short)
+    with pytest.raises(ValueError, match="two words"):
+        aedat4_decode(words[:3], LATEST, *SIZE, *columns)
+    for latest in (0, -1, LATEST + 1):
+        with pytest.raises(ValueError, match=r"2\^62"):
+            aedat4_decode(words, latest, *SIZE, *columns)
+
+
+@pytest.mark.parametrize("size", [1, 511, 512, 513, 1500])
+def test_the_only_odd_event_of_many(size):
+    rng = np.random.default_rng(size)
+    events = np.zeros(size, EVENT)
+    for at in {0, size // 2, size - 1, *rng.integers(0, size, 5).tolist()}:
+        for row in (*TIMES, *PLACES, (0, 0, 0, 2), (-(1 << 63), 0, 0, 0), ((1 << 63) - 1, 0, 0, 0)):
+            events[:] = (1, 1, 1, 1, b"\0\0\0")
+            words = np.frombuffer(events.tobytes(), np.int64)
+            assert aedat4_decode(words, LATEST, *SIZE, *Columns.empty(size))
+            events[at] = (*row, b"\0\0\0")
+            words = np.frombuffer(events.tobytes(), np.int64)
+            assert not aedat4_decode(words, LATEST, *SIZE, *Columns.empty(size))
