@@ -73,7 +73,7 @@ NVSDATA_INLINE void three_times(Span<const Time> first, Span<const Time> later, 
 template <class Number, class Time>
 class Crossings {
 public:
-    Crossings(const Light<Number>& light, const Sensor<Number>& sensor, const Array<Number>& array, i64 before, i64 now)
+    Crossings(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array, i64 before, i64 now)
         : rousing_(light, sensor, array), sensor_(sensor), array_(array), now_(now), span_(now - before),
           past_(Number(sensor.leak * double(before))), drift_(Number(sensor.leak * double(now))), marks_(array.width()),
           rise_(array.width()), moved_(array.width()), step_(array.width()), later_(array.width()), first_(array.width()),
@@ -97,7 +97,7 @@ public:
 private:
     Rousing<Number> rousing_;
     const Sensor<Number>& sensor_;
-    const Array<Number>& array_;
+    const PixelArray<Number>& array_;
     i64 now_, span_;
     Number past_, drift_;  // by how much memories have fallen at the last frame and at this one
     RowMarks marks_;
@@ -189,7 +189,7 @@ Keys::Result advance(Rows<const u8> frame, Rows<const u8> previous, i64 first_we
                      i64 now, Span<u64> place) {
     Light<Number> light{frame, previous, first_weight, given};
     Sensor<Number> sensor{table, dark, thresholds, each, leak};
-    Array<Number> array{level, memory, dirty, wake};
+    PixelArray<Number> array{level, memory, dirty, wake};
     check_sensor(light, sensor, array, before, now);
     Keys keys(place);
     // in float32, time has 24 bits

@@ -52,7 +52,7 @@ struct Pixel {
 
 class Receptors {
 public:
-    Receptors(const Light<double>& light, const Sensor<double>& sensor, const Array<double>& array, Rows<double> reached,
+    Receptors(const Light<double>& light, const Sensor<double>& sensor, const PixelArray<double>& array, Rows<double> reached,
               Rows<double> speed, Rows<i64> since, double white, i64 before, i64 now, Keys& keys)
         : rousing_(light, sensor, array), sensor_(sensor), array_(array), reached_(reached), speed_(speed), since_(since),
           dark_(double(sensor.dark)), white_(white), leak_(sensor.leak), before_(before), now_(now), keys_(keys) {}
@@ -75,7 +75,7 @@ public:
 private:
     Rousing<double> rousing_;
     const Sensor<double>& sensor_;
-    const Array<double>& array_;
+    const PixelArray<double>& array_;
     Rows<double> reached_, speed_;
     Rows<i64> since_;
     double dark_, white_, leak_;
@@ -192,7 +192,7 @@ Keys::Result advance_receptors(Rows<const u8> frame, Rows<const u8> previous, i6
                                Span<u64> place) {
     Light<double> light{frame, previous, first_weight, given};
     Sensor<double> sensor{table, dark, thresholds, each, leak};
-    Array<double> array{level, memory, dirty, wake};
+    PixelArray<double> array{level, memory, dirty, wake};
     check_sensor(light, sensor, array, before, now);
     check_pixels(reached.rows(), reached.columns(), level.rows(), level.columns());
     check_pixels(speed.rows(), speed.columns(), level.rows(), level.columns());

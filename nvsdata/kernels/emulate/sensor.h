@@ -46,7 +46,7 @@ private:
 };
 
 template <class Number>
-struct Array {
+struct PixelArray {
     Rows<Number> level, memory;
     Rows<bool> dirty;
     Rows<i64> wake;
@@ -55,7 +55,7 @@ struct Array {
 };
 
 template <class Number>
-void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, const Array<Number>& array, i64 before, i64 now) {
+void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array, i64 before, i64 now) {
     i64 height = array.height(), width = array.width();
     i64 bytes = check_frames(light.frame, light.previous, height, width);
     if (light.given.rows())
@@ -78,7 +78,7 @@ void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, cons
 template <class Number>
 class Rousing {
 public:
-    Rousing(const Light<Number>& light, const Sensor<Number>& sensor, const Array<Number>& array)
+    Rousing(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array)
         : end(array.width()), light_(light), sensor_(sensor), array_(array), thousandths_(array.width()),
           active_(new bool[std::size_t(array.dirty.columns()) + 1]) {
         if (i64 bytes = array.width() ? light.frame.columns() / array.width() : 0)
@@ -132,7 +132,7 @@ public:
 private:
     const Light<Number>& light_;
     const Sensor<Number>& sensor_;
-    const Array<Number>& array_;
+    const PixelArray<Number>& array_;
     std::vector<i32> thousandths_;
     std::unique_ptr<bool[]> active_;
 
