@@ -18,8 +18,8 @@ public:
     Marks changed;  // cells whose maxima may have
 
     Queues(Grid grid, i64 capacity, i64 channels)
-        : changed(grid.size()), grid_(grid), head_(grid.size()), tail_(grid.size()), settled_(grid.size()), after_(capacity),
-          previous_(capacity), newer_(grid.size(), channels) {
+        : changed(grid.size()), grid_(grid), head_(grid.size()), tail_(grid.size()), settled_(grid.size()),
+          after_(capacity), previous_(capacity), newer_(grid.size(), channels) {
         head_.fill(-1), tail_.fill(-1), settled_.fill(-1);
     }
 
@@ -70,7 +70,7 @@ public:
 
 private:
     Grid grid_;
-    Column<i64> head_, tail_, settled_;  // by cell: numbers of the first event, the last, and the last of the older part
+    Column<i64> head_, tail_, settled_;  // by cell: number of the first event, the last, the last of the older part
     Column<i64> after_, previous_;       // of each event in its queue, by row; -1 for none
     Table<float> newer_;                 // maxima of the newer parts
 
@@ -100,9 +100,11 @@ public:
         events.check(network_, last_);
         require_size(together > 0);
         turns_.begin_change();
+        Interrupt interrupt;
         i64 from = 0;
-        for (; events.size() - from > together; from += together) advance(INT64_MIN, events.part(from, from + together));
-        advance(until, events.part(from, events.size()));
+        for (; events.size() - from > together; from += together)
+            advance(INT64_MIN, events.part(from, from + together), interrupt);
+        advance(until, events.part(from, events.size()), interrupt);
         turns_.end_change();
     }
 
@@ -143,7 +145,7 @@ private:
     Turns turns_;
 
     // Neighbors of events are among those of the last `age_` µs when they came.
-    void advance(i64 until, const Events& events) {
+    void advance(i64 until, const Events& events, Interrupt& interrupt) {
         // those whose last rows are still in queues, too
         i64 count = window_.next - queues_.first + events.size(), first = window_.next;
         if (count > window_.capacity()) grow(capacity_for(count));
@@ -153,13 +155,14 @@ private:
             window_.push(events.t[n], events.x[n], events.y[n]);
             window_.search(first + n, *network_.metric);
             rows_.push_back(window_.row_of(first + n));
+            if (n % 256 == 0) interrupt.poll();
             features_[0](rows_.back(), 0) = 2 * float(events.p[n]) - 1;
             last_ = events.t[n];
         }
-        for (std::size_t layer = 0; layer < layers_.size(); ++layer) {
-            convolve(layers_[layer], window_, features_[layer], Span<const i64>(rows_), features_[layer + 1]);
+        for (std::size_t n = 0; n < layers_.size(); ++n) {
+            convolve(layers_[n], window_, features_[n], Span<const i64>(rows_), features_[n + 1], interrupt);
             for (i64 row : rows_)
-                for (float& value : features_[layer + 1][row]) value = std::max(value, 0.0f);
+                for (float& value : features_[n + 1][row]) value = std::max(value, 0.0f);
         }
         forget(until);
         while (queues_.first < std::min(window_.first, first)) queues_.leave(window_, features_.back());
@@ -186,7 +189,8 @@ CausalNetwork causal_network(const Network& network, i64 age) {
     if (network.layers.empty() || !network.hidden || network.last().is_average)
         throw std::invalid_argument("the last layer must be pooled by maxima, and the network complete");
     for (const Network::Layer& layer : network.layers)
-        if (layer.is_pooled != (&layer == &network.last())) throw std::invalid_argument("only the last layer may be pooled");
+        if (layer.is_pooled != (&layer == &network.last()))
+            throw std::invalid_argument("only the last layer may be pooled");
     return {network, age};
 }
 

@@ -1,7 +1,7 @@
 // Pooled graphs that follow changes of the graph below: the clusters of `kernels.pool`, as integers that add up.
 //
-// A cluster is a cell of a grid and its number is its node's. Positions are sums over members, edges are counted, so that
-// members and edges can go. A step marks what it touches; `settle` then finds what is different from before.
+// A cluster is a cell of a grid and its number is its node's. Positions are sums over members, edges are counted, so
+// that members and edges can go. A step marks what it touches; `settle` then finds what is different from before.
 #pragma once
 
 #include <algorithm>
@@ -14,26 +14,25 @@ namespace nvsdata::streaming {
 struct Grid {
     i64 width, height;  // of a cell in pixels
     i64 columns, rows;
+
+    // As many cells as cover the sensor.
+    static Grid of(i64 sensor_width, i64 sensor_height, i64 width, i64 height) {
+        return {width, height, (sensor_width - 1) / width + 1, (sensor_height - 1) / height + 1};
+    }
     i64 size() const { return columns * rows; }
-    i64 cell_of(i64 x, i64 y) const { return std::min(y / height, rows - 1) * columns + std::min(x / width, columns - 1); }
+    i64 cell_of(i64 x, i64 y) const {
+        return std::min(y / height, rows - 1) * columns + std::min(x / width, columns - 1);
+    }
 };
 
 inline i64 floor_quotient(i64 a, i64 b) { return a / b - (a % b < 0); }
 
-// x, y and t of a node, or of a source as seen from a target.
-struct Place {
-    i64 x = 0, y = 0, t = 0;
-    // sums of far times may have wrapped around
-    Place operator-(const Place& other) const { return {x - other.x, y - other.y, i64(u64(t) - u64(other.t))}; }
-    bool operator==(const Place& other) const { return x == other.x && y == other.y && t == other.t; }
-};
-
 class Cells {
 public:
     Grid grid;
-    i64 across, down;  // most cells between the ends of an edge; its place among a cell's `offsets` determines the source
+    i64 across, down;  // most cells between the ends of an edge
     bool has_time;     // without it, the time of places stays 0, because it changes with each event
-    i64 offsets;
+    i64 offsets;       // from a cell to those around it: an edge's source
     Column<i64> members;       // number of nodes below
     Column<Place> place, was;  // of the nodes now, without meaning if there are no members, and before they `moved`
     Column<u8> alive;          // whether there was a node when the last step settled
@@ -55,9 +54,11 @@ public:
         head.fill(-1);
     }
 
-    // Pixels that its own nodes are apart at most if an edge joins them.
-    i64 far_x() const { return across * grid.width + grid.width - 1; }
-    i64 far_y() const { return down * grid.height + grid.height - 1; }
+    // A graph pooled of this one.
+    Cells pooled(Grid cells) const {
+        i64 far_x = across * grid.width + grid.width - 1, far_y = down * grid.height + grid.height - 1;
+        return {cells, far_x, far_y, grid.size(), has_time};
+    }
 
     // Call `each(offset, cell)` for the cells around one, itself included.
     template <class Each>

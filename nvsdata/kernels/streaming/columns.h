@@ -1,6 +1,7 @@
 // Arrays that are owned: zeros at first, whose memory costs nothing until it is touched.
 #pragma once
 
+#include <algorithm>
 #include <cstdlib>
 #include <new>
 #include <utility>
@@ -57,7 +58,11 @@ private:
 template <class T>
 class Table {
 public:
-    explicit Table(i64 rows = 0, i64 columns = 0) : rows_(rows), columns_(columns), values_(std::size_t(rows * columns)) {}
+    explicit Table(i64 rows = 0, i64 columns = 0)
+        : rows_(rows), columns_(columns), values_(std::size_t(rows * columns)) {}
+    explicit Table(Rows<const T> values) : Table(values.rows(), values.columns()) {
+        std::copy(values.flat().begin(), values.flat().end(), values_.begin());
+    }
     Span<T> operator[](i64 row) { return Rows<T>(values_.data(), rows_, columns_)[row]; }
     Span<const T> operator[](i64 row) const { return Rows<const T>(values_.data(), rows_, columns_)[row]; }
     T& operator()(i64 row, i64 column) { return Rows<T>(values_.data(), rows_, columns_)(row, column); }
@@ -91,6 +96,14 @@ void widen(Table<T>& table, i64 capacity, i64 first, i64 next) {
     }
     table = std::move(wide);
 }
+
+// x, y and t of a node, or of a source as seen from a target.
+struct Place {
+    i64 x = 0, y = 0, t = 0;
+    // sums of far times may have wrapped around
+    Place operator-(const Place& other) const { return {x - other.x, y - other.y, i64(u64(t) - u64(other.t))}; }
+    bool operator==(const Place& other) const { return x == other.x && y == other.y && t == other.t; }
+};
 
 // A set of numbers that loops fill and work off: each number once, in the order in which it came.
 class Marks {

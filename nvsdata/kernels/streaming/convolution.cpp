@@ -2,7 +2,6 @@
 #include "convolution.h"
 
 #include "../native/clones.h"
-#include "../native/interrupt.h"
 
 namespace nvsdata::streaming {
 
@@ -11,7 +10,8 @@ namespace {
 constexpr i64 INPUTS = 16;  // whose weights serve all targets while they are in the cache
 
 // Sum of products added to `sum`, in order.
-inline void add_products(float* __restrict sum, const float* value, const float* const* weight, i64 count, i64 channels) {
+inline void add_products(float* __restrict sum, const float* value, const float* const* weight, i64 count,
+                         i64 channels) {
     i64 n = 0;
     for (; n + 4 <= count; n += 4) {
         float a = value[n], b = value[n + 1], c = value[n + 2], d = value[n + 3];
@@ -40,11 +40,23 @@ NVSDATA_CLONES i64 multiply_row(float* __restrict values, const float* weights, 
     return count;
 }
 
-NVSDATA_CLONES void add_scaled(float* __restrict sum, const float* features, const float* less, float part, i64 channels) {
+NVSDATA_CLONES void add_scaled(float* __restrict sum, const float* features, const float* less, float part,
+                               i64 channels) {
     if (less)
         for (i64 c = 0; c < channels; ++c) sum[c] += part * (features[c] - less[c]);
     else
         for (i64 c = 0; c < channels; ++c) sum[c] += part * features[c];
+}
+
+// Add products over the edges, then of the node itself, to the sums, and forget them.
+NVSDATA_CLONES void collect_row(double* __restrict edges, double* __restrict self, float* __restrict product,
+                                float* __restrict out, double share, i64 channels) {
+    for (i64 o = 0; o < channels; ++o) {
+        edges[o] += product[o];
+        self[o] += product[channels + o];
+        out[o] = float(edges[o] * share + self[o]);
+        product[o] = product[channels + o] = 0;
+    }
 }
 
 struct Between {
@@ -99,24 +111,14 @@ void Convolution::multiply(i64 targets) {
     }
 }
 
-NVSDATA_CLONES static void collect_row(double* edges, double* self, float* product, float* out, double share, i64 channels) {
-    for (i64 o = 0; o < channels; ++o) {
-        edges[o] += product[o];
-        self[o] += product[channels + o];
-        out[o] = float(edges[o] * share + self[o]);
-        product[o] = product[channels + o] = 0;
-    }
-}
-
 void Convolution::collect(i64 at, i64 degree, Span<double> edges, Span<double> self, Span<float> out) {
     double share = degree ? 1.0 / double(degree) : 0.0;
     collect_row(edges.data(), self.data(), product_[at].data(), out.data(), share, kernel_->out);
 }
 
 void convolve(Convolution& layer, const Window& window, const Table<float>& features, Span<const i64> rows,
-              Table<float>& out) {
+              Table<float>& out, Interrupt& interrupt) {
     const Kernel& kernel = layer.kernel();
-    Interrupt interrupt;
     std::vector<double> edges(std::size_t(kernel.out)), self(edges);
     for (i64 start = 0; start < rows.size(); start += TOGETHER) {
         interrupt.poll();
@@ -125,8 +127,7 @@ void convolve(Convolution& layer, const Window& window, const Table<float>& feat
             i64 row = some[at];
             for (i32 n = 0; n < window.degree[row]; ++n) {
                 i64 other = window.row_of(window.source(row, n));
-                Place away{window.x[other] - window.x[row], window.y[other] - window.y[row], window.t[other] - window.t[row]};
-                layer.add(at, features[other], {}, away, 1);
+                layer.add(at, features[other], {}, window.place(other) - window.place(row), 1);
             }
             layer.add_self(at, features[row], {});
         }
@@ -139,10 +140,9 @@ void convolve(Convolution& layer, const Window& window, const Table<float>& feat
     }
 }
 
-void CellLayer::update(const Cells& cells, Features& features) {
+void CellLayer::update(const Cells& cells, Features& features, Interrupt& interrupt) {
     mark_targets(cells, features);
     dirty_.drain(rows, [&](i64 cell) { return cells.members[cell] > 0; });
-    Interrupt interrupt;
     i64 degree[TOGETHER], count = i64(rows.size());
     for (i64 start = 0; start < count; start += TOGETHER) {
         interrupt.poll();

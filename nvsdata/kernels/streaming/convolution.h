@@ -7,6 +7,7 @@
 
 #include <memory>
 
+#include "../native/interrupt.h"
 #include "cells.h"
 #include "window.h"
 
@@ -69,7 +70,8 @@ private:
 };
 
 // A convolution of events, each row from scratch: they have few features.
-void convolve(Convolution& layer, const Window& window, const Table<float>& features, Span<const i64> rows, Table<float>& out);
+void convolve(Convolution& layer, const Window& window, const Table<float>& features, Span<const i64> rows,
+              Table<float>& out, Interrupt& interrupt);
 
 // A convolution of a pooled graph.
 class CellLayer {
@@ -82,7 +84,7 @@ public:
           age_(nodes), dirty_(nodes) {}
 
     // Compute the rows whose inputs changed.
-    void update(const Cells& cells, Features& features);
+    void update(const Cells& cells, Features& features, Interrupt& interrupt);
 
     i64 products() const { return convolution_.products; }
 

@@ -33,26 +33,21 @@ void add_layer(Network& network, Rows<const float> weight, Span<const float> bia
     require(weight.rows() == (cells + 1) * in && weight.columns() > 0 && bias.size() == weight.columns(),
             "weights don't fit the kernel");
     for (float end : reach) require(end > 0, "an axis of the pseudo-coordinates must not end at 0");
-    Table<float> weights(weight.rows(), weight.columns());
-    for (i64 row = 0; row < weight.rows(); ++row) std::copy(weight[row].begin(), weight[row].end(), weights[row].begin());
-    auto kernel = std::make_shared<const Kernel>(Kernel{size, loops, own, is_signed, {reach.begin(), reach.end()}, cells, in,
-                                                        weight.columns(), std::move(weights), {bias.begin(), bias.end()}});
     // 0 pixels: not pooled
-    require(cluster_width >= 0 && cluster_height >= 0, "no such clusters");
-    bool is_pooled = cluster_width > 0 && cluster_height > 0;
+    bool is_pooled = cluster_width || cluster_height;
+    require(!is_pooled || (cluster_width > 0 && cluster_height > 0), "no such clusters");
+    std::vector<float> ends(reach.begin(), reach.end()), biases(bias.begin(), bias.end());
+    Kernel kernel{size, loops, own, is_signed, ends, cells, in, weight.columns(), Table<float>(weight), biases};
     Grid grid{};
-    if (is_pooled)
-        grid = {cluster_width, cluster_height, (network.width - 1) / cluster_width + 1, (network.height - 1) / cluster_height + 1};
-    network.layers.push_back({kernel, is_pooled, is_average, grid});
+    if (is_pooled) grid = Grid::of(network.width, network.height, cluster_width, cluster_height);
+    network.layers.push_back({std::make_shared<const Kernel>(std::move(kernel)), is_pooled, is_average, grid});
 }
 
 void set_hidden(Network& network, Rows<const float> weight) {
     require(!network.layers.empty(), "a network without layers");
     require(weight.columns() == 0 || weight.rows() == network.grid().size() * network.last().kernel->out,
             "weights don't fit the last layer");
-    Table<float> hidden(weight.rows(), weight.columns());
-    for (i64 row = 0; row < weight.rows(); ++row) std::copy(weight[row].begin(), weight[row].end(), hidden[row].begin());
-    network.hidden = std::make_shared<const Table<float>>(std::move(hidden));
+    network.hidden = std::make_shared<const Table<float>>(weight);
 }
 
 }  // namespace

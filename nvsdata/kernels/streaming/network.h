@@ -24,7 +24,7 @@ struct Network {
     Grid grid() const {
         for (auto layer = layers.rbegin(); layer != layers.rend(); ++layer)
             if (layer->is_pooled) return layer->grid;
-        return {1, 1, width, height};
+        return Grid::of(width, height, 1, 1);
     }
     Window window() const { return Window(width, height, 256, k); }
     Readout readout() const { return Readout(hidden, grid().size(), last().kernel->out); }
@@ -37,7 +37,9 @@ struct Events {
     Span<const u8> p;
 
     i64 size() const { return t.size(); }
-    Events part(i64 from, i64 to) const { return {t.part(from, to), x.part(from, to), y.part(from, to), p.part(from, to)}; }
+    Events part(i64 from, i64 to) const {
+        return {t.part(from, to), x.part(from, to), y.part(from, to), p.part(from, to)};
+    }
 
     // Throws if kernels can't trust them: they must be on the sensor, and no earlier than `time`.
     void check(const Network& network, i64 time) const {
@@ -67,10 +69,5 @@ private:
     std::unique_ptr<std::mutex> mutex_ = std::make_unique<std::mutex>();
     bool is_changing_ = false;
 };
-
-// Arrays that are to be filled must fit.
-inline void require_size(bool fits) {
-    if (!fits) throw std::invalid_argument("an array of another size is needed");
-}
 
 }  // namespace nvsdata::streaming

@@ -5,6 +5,11 @@
 
 namespace nvsdata::streaming {
 
+// Arrays that are to be filled must fit.
+inline void require_size(bool fits) {
+    if (!fits) throw std::invalid_argument("an array of another size is needed");
+}
+
 // Set the features of a node, and mark it if they changed.
 inline void set_features(Features& features, i64 node, Span<const float> values) {
     Span<float> row = features.values[node];
@@ -75,18 +80,18 @@ public:
     std::vector<double> sum;  // by hidden unit
     Table<float> shown;       // features that it has, by cell
 
-    // Rows of `weight`: of each cell, those of each channel. A network without such a layer has weights without columns.
+    // Rows of `weight`: of each cell, those of each channel. A network without the layer has weights without columns.
     Readout(std::shared_ptr<const Table<float>> weight, i64 cells, i64 channels)
         : sum(std::size_t(weight->columns())), shown(cells, channels), weight_(std::move(weight)) {}
 
     void copy_sum(Span<double> out) const {
-        if (out.size() != i64(sum.size())) throw std::invalid_argument("an array of another size is needed");
+        require_size(out.size() == i64(sum.size()));
         std::copy(sum.begin(), sum.end(), out.begin());
     }
     void copy_shown(Rows<float> out) const {
-        if (out.rows() != shown.rows() || out.columns() != shown.columns())
-            throw std::invalid_argument("an array of another size is needed");
-        for (i64 cell = 0; cell < out.rows(); ++cell) std::copy(shown[cell].begin(), shown[cell].end(), out[cell].begin());
+        require_size(out.rows() == shown.rows() && out.columns() == shown.columns());
+        for (i64 cell = 0; cell < out.rows(); ++cell)
+            std::copy(shown[cell].begin(), shown[cell].end(), out[cell].begin());
     }
 
     // Set the features of a cell. O(changed features · hidden).

@@ -20,7 +20,7 @@ public:
             bool is_first = &layer == &network.layers[0];
             if (!is_first) layers_.emplace_back(layer.kernel, graph().grid.size());
             if (layer.is_pooled && !is_first)
-                pooled_.emplace_back(layer.grid, graph().far_x(), graph().far_y(), graph().grid.size(), graph().has_time);
+                pooled_.push_back(graph().pooled(layer.grid));
             poolings_.emplace_back(layer.is_average, layer.kernel->out);
             features_.emplace_back(graph().grid.size(), layer.kernel->out);
         }
@@ -30,12 +30,13 @@ public:
         auto turn = turns_.take();
         events.check(network_, last_);
         turns_.begin_change();
+        Interrupt interrupt;
         if (events.size() && count_before(until) == size()) {
             // times begin again where they may, so that their sums stay small
-            advance(until, {});
+            advance(until, {}, interrupt);
             origin_ = events.t[0];
         }
-        advance(until, events);
+        advance(until, events, interrupt);
         turns_.end_change();
     }
 
@@ -94,7 +95,7 @@ private:
     Cells& graph() { return pooled_.empty() ? graph_.cells : pooled_.back(); }
 
     // Remove the events before time `until`, append others, and bring everything up to date.
-    void advance(i64 until, const Events& events) {
+    void advance(i64 until, const Events& events, Interrupt& interrupt) {
         if (size() + events.size() > window().capacity()) grow(capacity_for(size() + events.size()));
         std::vector<i64> t(std::size_t(events.size()));
         for (i64 n = 0; n < events.size(); ++n) {
@@ -102,17 +103,17 @@ private:
             t[n] -= origin_;
             polarity_(window().row_of(window().next + n), 0) = 2 * float(events.p[n]) - 1;
         }
-        graph_.slide(std::max(until, origin_) - origin_, Span<const i64>(t), events.x, events.y);
+        graph_.slide(std::max(until, origin_) - origin_, Span<const i64>(t), events.x, events.y, interrupt);
         Cells* cells = &graph_.cells;
         for (Cells& above : pooled_) {
             cells->lift(above);
             cells = &above;
         }
-        update_events();
+        update_events(interrupt);
         std::size_t level = 0;
         for (std::size_t n = 0; n < layers_.size(); ++n) {
             Cells& below = level ? pooled_[level - 1] : graph_.cells;
-            layers_[n].update(below, features_[n]);
+            layers_[n].update(below, features_[n], interrupt);
             if (!network_.layers[n + 1].is_pooled) {
                 activate(layers_[n], features_[n + 1]);
                 continue;
@@ -126,11 +127,11 @@ private:
         for (Cells& pooled : pooled_) pooled.rest();
     }
 
-    void update_events() {
+    void update_events(Interrupt& interrupt) {
         i64 first = window().first, next = window().next;
         // of the events that have not gone
         graph_.dirty.drain(rows_, [&](i64 row) { return first + window().row_of(row - first) < next; });
-        convolve(events_, window(), polarity_, Span<const i64>(rows_), out_);
+        convolve(events_, window(), polarity_, Span<const i64>(rows_), out_, interrupt);
         for (i64 row : rows_) graph_.cells.rescan.mark(graph_.cell_of(row));
         poolings_[0].update(graph_.cells, out_, features_[0]);
     }
@@ -145,7 +146,8 @@ private:
 
 SlidingNetwork sliding_network(const Network& network) { return SlidingNetwork(network); }
 
-void step(SlidingNetwork& network, i64 until, Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p) {
+void step(SlidingNetwork& network, i64 until, Span<const i64> t, Span<const i16> x, Span<const i16> y,
+          Span<const u8> p) {
     network.step(until, {t, x, y, p});
 }
 

@@ -22,7 +22,11 @@ public:
           near_(window.pixels.size()) {}
 
     // Remove the events before time `until` and append others, for which there is room and which are no earlier.
-    void slide(i64 until, Span<const i64> t, Span<const i16> x, Span<const i16> y) {
+    void slide(i64 until, Span<const i64> t, Span<const i16> x, Span<const i16> y, Interrupt& interrupt) {
+        unsigned steps = 0;
+        auto poll = [&] {
+            if (++steps % 256 == 0) interrupt.poll();
+        };
         for (; window.size() && window.t[window.row_of(window.first)] < until; poll()) leave();
         i64 first = window.first;
         for (i64 pixel : near_.numbers()) {
@@ -36,7 +40,7 @@ public:
         }
         near_.clear();
         if (window.size() == 0) {
-            fill(t, x, y);
+            fill(t, x, y, poll);
         } else {
             for (i64 n = 0; n < t.size(); ++n, poll()) {
                 window.push(t[n], x[n], y[n]);
@@ -57,16 +61,9 @@ public:
 private:
     std::shared_ptr<const Metric> metric_;
     Marks near_;  // pixels near events that went
-    Interrupt interrupt_;
-    unsigned steps_ = 0;
-
-    void poll() {
-        if (++steps_ % 256 == 0) interrupt_.poll();
-    }
-    Place place_of(i64 row) const { return {window.x[row], window.y[row], window.t[row]}; }
-
     // Append events to an empty window: all neighbors at once, which takes less time than one after the other.
-    void fill(Span<const i64> t, Span<const i16> x, Span<const i16> y) {
+    template <class Poll>
+    void fill(Span<const i64> t, Span<const i16> x, Span<const i16> y, Poll poll) {
         i64 n = t.size(), first = window.next, k = std::max(std::min(window.k, n - 1), i64(1));
         std::vector<i32> degree(n), sources(n * (k + 1));
         Rows<i32> source(sources.data(), n, k + 1);
@@ -82,7 +79,7 @@ private:
                 window.far(row, m) = metric_->alpha * double(dx * dx + dy * dy) + metric_->beta * (gap * gap);
             }
             window.find_farthest(row);
-            cells.add_member(cell_of(row), first + i, place_of(row));
+            cells.add_member(cell_of(row), first + i, window.place(row));
             dirty.mark(row);
             count_own(row, 1);
         }
@@ -92,7 +89,7 @@ private:
     void leave() {
         i64 row = window.row_of(window.first), home = cell_of(row);
         count_own(row, -1);
-        cells.remove_member(home, window.first, place_of(row));
+        cells.remove_member(home, window.first, window.place(row));
         cells.rescan.mark(home);
         window.pop();
         i64 x = window.x[row], y = window.y[row];
@@ -136,7 +133,7 @@ private:
     // Find the neighbors of an event that has come, and whose neighbor it is.
     void arrive(i64 number) {
         i64 row = window.row_of(number), home = cell_of(row), k = window.k;
-        cells.add_member(home, number, place_of(row));
+        cells.add_member(home, number, window.place(row));
         window.search(number, *metric_);
         count_own(row, 1);
         dirty.mark(row);

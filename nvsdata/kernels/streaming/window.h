@@ -1,9 +1,9 @@
 // The neighbors of events in a window that slides: lists that are those of `near_sources` after every step.
 //
-// Events have numbers in the order in which they come. Each pixel has its events' numbers in a row, so that those next to
-// a time are found by halving. An event that comes can be among the k nearest only of the newest k events of a pixel, and
-// one that goes only of the oldest k, because events of a pixel are nearer to each other: so a step looks at k events of
-// each pixel near it, however many there are.
+// Events have numbers in the order in which they come. Each pixel has its events' numbers in a row, so that those next
+// to a time are found by halving. An event that comes can be among the k nearest only of the newest k events of a
+// pixel, and one that goes only of the oldest k, because events of a pixel are nearer to each other: so a step looks at
+// k events of each pixel near it, however many there are.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,8 @@ struct Metric {
         i64 side = i64(std::min(radius / std::sqrt(alpha) + 1, double(most)));
         for (i64 y = -side; y <= side; ++y)
             for (i64 x = -side; x <= side; ++x)
-                if (double apart = alpha * double(x * x + y * y); apart <= limit) offsets.push_back({i32(x), i32(y), apart});
+                if (double apart = alpha * double(x * x + y * y); apart <= limit)
+                    offsets.push_back({i32(x), i32(y), apart});
         std::stable_sort(offsets.begin(), offsets.end(), [](const Offset& a, const Offset& b) {
             return i64(a.x) * a.x + i64(a.y) * a.y < i64(b.x) * b.x + i64(b.y) * b.y;
         });
@@ -58,13 +59,14 @@ public:
     Column<i64> slots;  // numbers of the pixels' events, ascending
 
     Window(i64 wide, i64 high, i64 room, i64 neighbors)
-        : width(wide), height(high), k(neighbors), t(room), x(room), y(room), source(room, k), far(room, k), degree(room),
-          worst(room), pixels(width * height), slots(4 * room + 4) {}
+        : width(wide), height(high), k(neighbors), t(room), x(room), y(room), source(room, k), far(room, k),
+          degree(room), worst(room), pixels(width * height), slots(4 * room + 4) {}
 
     i64 capacity() const { return t.size(); }
     i64 size() const { return next - first; }
     i64 row_of(i64 number) const { return number & (t.size() - 1); }
     bool is_inside(i64 u, i64 v) const { return u >= 0 && u < width && v >= 0 && v < height; }
+    Place place(i64 row) const { return {x[row], y[row], t[row]}; }
     i64 pixel_of(i64 row) const { return y[row] * width + x[row]; }
     // Number of the oldest event whose row isn't written again: rows of events that have gone may still be needed.
     i64 oldest() const { return std::max(next - t.size(), i64(0)); }
