@@ -1,7 +1,7 @@
 // Prophesee EVT2 and EVT 2.1 words to event columns and back; see evt2.py.
 #include "../native/bind.h"
 #include "../native/bits.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "events.h"
 #include "evt.h"
 
@@ -88,10 +88,16 @@ Found evt2_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
     return {count, bad};
 }
 
-NVSDATA_CLONES i64 evt21_count(Span<const u8> raw) {
+NVSDATA_INLINE void evt21_add(Span<const u8> raw, i64* count) {
     Words<u64> words(raw);
+    i64 sum = 0;
+    for (i64 i = 0; i < words.size(); ++i) sum += kind(head(words[i])) <= ON ? ones(pixels(words[i])) : 0;
+    *count += sum;
+}
+
+i64 evt21_count(Span<const u8> raw) {
     i64 count = 0;
-    for (i64 i = 0; i < words.size(); ++i) count += kind(head(words[i])) <= ON ? ones(pixels(words[i])) : 0;
+    best<evt21_add>(raw, &count);
     return count;
 }
 

@@ -1,7 +1,7 @@
 // Prophesee EVT3 words to event columns and back; see evt3.py.
 #include "../native/bind.h"
 #include "../native/bits.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "events.h"
 #include "evt.h"
 
@@ -90,10 +90,9 @@ void evt3_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, R
     noted.keep(seen);
 }
 
-NVSDATA_CLONES i64 evt3_count(Span<const u8> raw) {
+NVSDATA_INLINE void evt3_add(Span<const u8> raw, i64* count) {
     constexpr i64 BLOCK = 4096;  // words with fewer events than 16 bits count
     Words<u16> words(raw);
-    i64 count = 0;
     for (i64 start = 0; start < words.size(); start += BLOCK) {
         u16 sum = 0;
         for (i64 i = start, stop = std::min(start + BLOCK, words.size()); i < stop; ++i) {
@@ -105,8 +104,13 @@ NVSDATA_CLONES i64 evt3_count(Span<const u8> raw) {
             bits = u16((bits + (bits >> 4)) & 0x0F0F);
             sum = u16(sum + u16(bits + (bits >> 8)) % 256);
         }
-        count += sum;
+        *count += sum;
     }
+}
+
+i64 evt3_count(Span<const u8> raw) {
+    i64 count = 0;
+    best<evt3_add>(raw, &count);
     return count;
 }
 

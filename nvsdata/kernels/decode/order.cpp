@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "../native/bind.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "../native/interrupt.h"
 #include "events.h"
 
@@ -16,25 +16,34 @@ constexpr i64 BLOCK = 4096;
 constexpr int DIGIT = 11;  // bits of the times that are sorted by at a time
 constexpr u64 MASK = (1 << DIGIT) - 1;
 
-NVSDATA_CLONES std::pair<i64, i64> ends(Span<const i64> t) {
+NVSDATA_INLINE void find_ends(Span<const i64> t, i64* ends) {
     i64 low = t[0], high = t[0];
     for (i64 i = 1; i < t.size(); ++i) {
         low = std::min(low, t[i]);
         high = std::max(high, t[i]);
     }
-    return {low, high};
+    ends[0] = low, ends[1] = high;
+}
+
+NVSDATA_INLINE void find_falls(Span<const i64> t, bool* falls) {
+    for (i64 start = 1; start < t.size() && !*falls; start += BLOCK) {
+        i64 count = 0;
+        // no exit within a block, so that it is vectorized
+        for (i64 i = start, stop = std::min(start + BLOCK, t.size()); i < stop; ++i) count += t[i] < t[i - 1];
+        *falls = count > 0;
+    }
 }
 
 // Copy indices and times, in the order of one digit.
-NVSDATA_CLONES void sort_by_digit(Span<const i32> order, Span<const u64> key, int shift, Span<i32> next_order,
-                                  Span<u64> next_key, Interrupt& interrupt) {
+NVSDATA_INLINE void sort_by_digit(Span<const i32> order, Span<const u64> key, int shift, Span<i32> next_order,
+                                  Span<u64> next_key, Interrupt* interrupt) {
     i64 n = order.size();
     u32 places[MASK + 1] = {};  // of the next event of each value
     for (i64 i = 0; i < n; ++i) ++places[key[i] >> shift & MASK];
     u32 begin = 0;
     for (u32& place : places) begin += std::exchange(place, begin);
     for (i64 start = 0; start < n; start += BLOCK) {
-        interrupt.poll();
+        interrupt->poll();
         for (i64 i = start, stop = std::min(start + BLOCK, n); i < stop; ++i) {
             // below n, because as many were counted
             i64 to = places[key[i] >> shift & MASK]++;
@@ -44,16 +53,26 @@ NVSDATA_CLONES void sort_by_digit(Span<const i32> order, Span<const u64> key, in
     }
 }
 
+NVSDATA_INLINE void move(Span<const i64> t, Span<const float> moves, double sigma, i64 start, i64 end, Span<i64> out) {
+    for (i64 i = 0; i < t.size(); ++i) {
+        double move = std::rint(double(moves[i]) * sigma);
+        double back = double(i64(u64(start) - u64(t[i]))), ahead = double(i64(u64(end) - u64(t[i])));
+        // compared before it's added, because it may be beyond int64
+        if (move >= ahead)
+            out[i] = end;
+        else if (move > back)
+            out[i] = t[i] + i64(move);
+        else
+            out[i] = start;
+    }
+}
+
 }  // namespace
 
-NVSDATA_CLONES bool is_sorted(Span<const i64> t) {
-    for (i64 start = 1; start < t.size(); start += BLOCK) {
-        i64 falls = 0;
-        // no exit within a block, so that it is vectorized
-        for (i64 i = start, stop = std::min(start + BLOCK, t.size()); i < stop; ++i) falls += t[i] < t[i - 1];
-        if (falls) return false;
-    }
-    return true;
+bool is_sorted(Span<const i64> t) {
+    bool falls = false;
+    best<find_falls>(t, &falls);
+    return !falls;
 }
 
 i64 late(Span<const i64> t, Span<i64> found) {
@@ -99,33 +118,25 @@ void stable_order(Span<const i64> t, Rows<i32> orders, Rows<u64> keys) {
             "two numbers of each kind for each time");
     if (n == 0) return;
     Interrupt interrupt;
-    auto [low, high] = ends(t);
-    u64 span = u64(high) - u64(low);
+    i64 ends[2];
+    best<find_ends>(t, &ends[0]);
+    u64 low = u64(ends[0]), span = u64(ends[1]) - low;
     int passes = 0;
     while (DIGIT * passes < 64 && span >> (DIGIT * passes)) ++passes;
     // times move along, because looking them up by index is slow
     int from = passes % 2;  // the last pass writes to row 0
     for (i64 i = 0; i < n; ++i) {
         orders(from, i) = i32(i);
-        keys(from, i) = u64(t[i]) - u64(low);
+        keys(from, i) = u64(t[i]) - low;
     }
     for (int pass = 0; pass < passes; ++pass, from ^= 1)
-        sort_by_digit(orders[from], keys[from], DIGIT * pass, orders[from ^ 1], keys[from ^ 1], interrupt);
+        best<sort_by_digit>(Span<const i32>(orders[from]), Span<const u64>(keys[from]), DIGIT * pass, orders[from ^ 1],
+                            keys[from ^ 1], &interrupt);
 }
 
-NVSDATA_CLONES void moved(Span<const i64> t, Span<const float> moves, double sigma, i64 start, i64 end, Span<i64> out) {
+void moved(Span<const i64> t, Span<const float> moves, double sigma, i64 start, i64 end, Span<i64> out) {
     require(moves.size() == t.size() && out.size() == t.size(), "one move for each time");
-    for (i64 i = 0; i < t.size(); ++i) {
-        double move = std::rint(double(moves[i]) * sigma);
-        double back = double(i64(u64(start) - u64(t[i]))), ahead = double(i64(u64(end) - u64(t[i])));
-        // compared before it's added, because it may be beyond int64
-        if (move >= ahead)
-            out[i] = end;
-        else if (move > back)
-            out[i] = t[i] + i64(move);
-        else
-            out[i] = start;
-    }
+    best<move>(t, moves, sigma, start, end, out);
 }
 
 void define_order(nb::module_& module) {
