@@ -58,7 +58,9 @@ NVSDATA_INLINE void summarize(Span<const u64> words, Summary* out) {
 }
 
 Summary summary(Span<const u8> raw) {
-    alignas(64) u64 words[BLOCK + 1] = {0};  // the first one: the record before, at first one of time 0
+    alignas(64) u64 room[BLOCK + 8];
+    u64* words = room + 7;  // the record before, at first one of time 0, and from an aligned place on the others
+    words[0] = 0;
     Summary found;
     for (i64 from = 0, size = raw.size() / SIZE; from < size; from += BLOCK) {
         i64 some = std::min(BLOCK, size - from);

@@ -16,7 +16,28 @@ namespace {
 // An index finds how long a block lasts, up to whole wraps, from its first word and the next block's. It reads all
 // words of blocks that seem to last longer than SOON_US, or no time, or whose first PEEK records exceed PEEK_US.
 constexpr i64 SOON_US = 1 << 26, PEEK = 16, PEEK_US = 100'000;
-constexpr i64 OFTEN = 1 << 14;  // records between two polls for Ctrl-C
+constexpr i64 OFTEN = 1 << 14;   // records between two polls for Ctrl-C
+constexpr i64 TOGETHER = 512;    // words that are looked at together
+
+// Steps in time between successive words of a 32-bit counter.
+struct Steps {
+    i64 words[TOGETHER + 1];
+    i64 step[TOGETHER];
+    int falls = 0, jumps = 0;  // not 0 if a step went back; if one was no camera's
+};
+
+NVSDATA_INLINE void find_steps(i64 count, Steps* steps) {
+    int falls = 0, jumps = 0;
+    for (i64 i = 0; i < count; ++i) {
+        i64 word = steps->words[i + 1], before = steps->words[i], step = i32(u32(word) - u32(before));
+        steps->step[i] = step;
+        falls |= int(step < 0);
+        // a step forward to a smaller word crosses a wrap
+        jumps |= int(step < -BACK_US) | (int(step > SILENT_US) & int(word < before));
+    }
+    steps->falls |= falls;
+    steps->jumps |= jumps;
+}
 
 }  // namespace
 
@@ -27,18 +48,21 @@ void Clock::begin(i64 raw) const {
 void Clock::unwrap(Span<i64> t, i64 block) const {
     if (t.empty()) return;
     begin(t[0]);
-    i64 time = last(), shown = time & (WRAP_US - 1);
-    bool falls = false, jumps = false;
-    for (i64& value : t) {
-        i64 word = value, step = i32(u32(u64(word) - u64(shown)));
-        value = time = plus(time, step);
-        falls |= step < 0;
-        // a step forward to a smaller word crosses a wrap
-        jumps |= (step < -BACK_US) | (time < 0) | ((step > SILENT_US) & (word < shown));
-        shown = word;
+    i64 time = last(), lowest = 0;
+    Steps steps;
+    steps.words[0] = time & (WRAP_US - 1);
+    for (i64 from = 0; from < t.size(); from += TOGETHER) {
+        Span<i64> part = t.part(from, std::min(from + TOGETHER, t.size()));
+        std::copy(part.begin(), part.end(), steps.words + 1);
+        best<find_steps>(part.size(), &steps);
+        for (i64 i = 0; i < part.size(); ++i) {
+            part[i] = time = plus(time, steps.step[i]);
+            lowest = std::min(lowest, time);
+        }
+        steps.words[0] = steps.words[part.size()];
     }
-    if (falls) fell() = 1;
-    if (jumps && jump() < 0) {
+    if (steps.falls) fell() = 1;
+    if ((steps.jumps || lowest < 0) && jump() < 0) {
         i64 i = 0, before = last();
         for (; i < t.size() && !is_jump(before, t[i], 32, BACK_US, SILENT_US); ++i) before = t[i];
         jump() = plus(next(), i);

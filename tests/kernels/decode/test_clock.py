@@ -1,5 +1,7 @@
 """Times of counters that wrap, at exactly the bounds between a camera's times and damage."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -204,3 +206,24 @@ def test_first_lowest_and_highest_time_of_blocks(n):
     extremes(t, 4, *rows)
     blocks = [t[k : k + 4].tolist() for k in range(0, n, 4)]
     assert rows.tolist() == [[block[0] for block in blocks], [min(block) for block in blocks], list(map(max, blocks))]
+
+
+def test_many_words_are_unwrapped_as_one_by_one():
+    rng = np.random.default_rng(0)
+    for start in (9, -7, 5 * WRAP - 400):
+        words = (start + np.cumsum(rng.choice((0, 1, 7, -3, 150_000, -99_000), 1_500))) % WRAP
+        state, t, times = clock_at(start, 0), words.copy(), []
+        unwrap(state, t, 100)
+        for word in words.tolist():
+            times.append(nearest(word, times[-1] if times else start, 32))
+        assert t.tolist() == times
+        steps = list(pairwise([start, *times]))
+        jumps = [is_jump(*step, 32, BACK_US, SILENT_US) for step in steps]
+        assert state[JUMP] == (jumps.index(True) if True in jumps else -1)
+        assert state[FELL] == any(after < before for before, after in steps)
+
+
+def test_a_time_below_0_before_the_words_is_none_of_theirs():
+    state = clock_at(-7, 0)
+    unwrap(state, np.arange(5), 100)
+    assert state[[FELL, JUMP]].tolist() == [0, -1]
