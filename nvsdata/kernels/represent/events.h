@@ -20,9 +20,10 @@ inline void require_margin(i64 margin, i64 rows, i64 columns) {
     require_shapes(margin >= 0 && margin <= std::min(rows, columns) / 2);
 }
 
-// Differences and sums of any times: those beyond int64 wrap.
+// Arithmetic of any times: what is beyond int64 wraps.
 inline i64 minus(i64 a, i64 b) { return i64(u64(a) - u64(b)); }
 inline i64 plus(i64 a, i64 b) { return i64(u64(a) + u64(b)); }
+inline i64 times(i64 a, i64 b) { return i64(u64(a) * u64(b)); }
 
 // Rounded down; b > 0.
 inline i64 floor_divide(i64 a, i64 b) {

@@ -15,14 +15,14 @@ struct Sums {
     const Epochs& clock;
 
     void enter(i64 place, double value, i64 epoch) const {
-        values[place] = values[place] * clock.faded(epoch - epochs[place]) + value;
+        values[place] = values[place] * clock.faded(minus(epoch, epochs[place])) + value;
         epochs[place] = epoch;
         ++members[place];
     }
     void leave(i64 place, double value, i64 epoch) const {
         --members[place];
         // the oldest value is the smallest, so little is lost; nothing at all of the last one
-        values[place] = members[place] ? values[place] - value * clock.faded(epochs[place] - epoch) : 0.0;
+        values[place] = members[place] ? values[place] - value * clock.faded(minus(epochs[place], epoch)) : 0.0;
     }
 };
 
@@ -68,7 +68,7 @@ void sum_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
             for (i64 c = x0; c < x1; ++c) {
                 double near = kept.values[from + c];
                 // mostly nothing was there
-                if (near != 0) out.values[to + c] += near * clock.faded(epoch - kept.epochs[from + c]) * shrink;
+                if (near != 0) out.values[to + c] += near * clock.faded(minus(epoch, kept.epochs[from + c])) * shrink;
             }
         }
     });
