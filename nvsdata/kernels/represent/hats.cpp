@@ -37,7 +37,8 @@ void sum_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
     Pixels events{x, y, p, Polarity::on_first};
     require_columns(t.size(), events);
     require(cell >= 1 && cell <= 32768 && radius >= 0 && radius <= 32768, "cell must be at least 1, radius at least 0");
-    i64 height = sums.shape[1], width = sums.shape[2], rows = (height + cell - 1) / cell, columns = (width + cell - 1) / cell;
+    i64 height = sums.shape[1], width = sums.shape[2];
+    i64 rows = (height + cell - 1) / cell, columns = (width + cell - 1) / cell;
     i64 side = 2 * radius + 1, around = side * side;
     require_shapes(sums.shape[0] == 2 && epochs.shape == sums.shape && members.shape == sums.shape &&
                    counts.size() == rows * columns && out.shape == std::array<i64, 4>{counts.size(), 2, side, side});

@@ -80,14 +80,15 @@ void logarithms_of_ages(Span<const i64> t, Span<const i16> x, Span<const i16> y,
             i64 place = places[i - from];
             u32 slot = u32(have.values[place]);
             if (slot >= u64(depth)) continue;
-            out.values[place + ((1 - p[i]) * (depth - 1) + slot) * images.size] = float(logarithm(minus(end, t[i]), least, most));
+            i64 image = (1 - p[i]) * (depth - 1) + slot;
+            out.values[place + image * images.size] = float(logarithm(minus(end, t[i]), least, most));
             have.values[place] = i32(slot + 1);
         }
         interrupt.poll();
     }
 }
 
-// Of each pixel and polarity, a ring of `depth` bins of time: their numbers, and the sum of times within and their number.
+// Of each pixel and polarity, a ring of bins of time: their numbers, and the sum of times within and their number.
 void queue_bins(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 origin, i64 duration,
                 Array<i64, 4> bins, Array<double, 5> within, Array<i64, 3> used) {
     Pixels events{x, y, p, Polarity::off_first};
