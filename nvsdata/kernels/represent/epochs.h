@@ -24,7 +24,7 @@ struct Epochs {
     }
     // Of a time since the first event.
     i64 of(i64 since) const { return floor_divide(since, length); }
-    double value(i64 since, i64 epoch) const { return std::exp(double(since - epoch * length) / tau); }
+    double value(i64 since, i64 epoch) const { return std::exp(double(minus(since, times(epoch, length))) / tau); }
     double faded(i64 epochs) const { return epochs == 0 ? 1.0 : epochs == 1 ? old : 0.0; }
 };
 

@@ -20,9 +20,10 @@ inline void require_margin(i64 margin, i64 rows, i64 columns) {
     require_shapes(margin >= 0 && margin <= std::min(rows, columns) / 2);
 }
 
-// Differences and sums of any times: those beyond int64 wrap.
+// Arithmetic of any times: what is beyond int64 wraps.
 inline i64 minus(i64 a, i64 b) { return i64(u64(a) - u64(b)); }
 inline i64 plus(i64 a, i64 b) { return i64(u64(a) + u64(b)); }
+inline i64 times(i64 a, i64 b) { return i64(u64(a) * u64(b)); }
 
 // Rounded down; b > 0.
 inline i64 floor_divide(i64 a, i64 b) {
@@ -64,7 +65,8 @@ inline void place_all(const Images& images, const Pixels& events, i64 from, i64 
 
 // Calls some(from, count, places) for every STEPS of the events; throws before any that isn't on the sensor.
 template <class Some>
-NVSDATA_LOOP some_events(const Images& images, const Pixels& events, i64 from, i64 to, Interrupt& interrupt, Some some) {
+NVSDATA_LOOP some_events(const Images& images, const Pixels& events, i64 from, i64 to,
+                         Interrupt& interrupt, Some some) {
     i64 places[STEPS];
     while (from < to) {
         i64 count = std::min(STEPS, to - from);
@@ -77,7 +79,8 @@ NVSDATA_LOOP some_events(const Images& images, const Pixels& events, i64 from, i
 
 // Calls each(i, place) for the events i from `from` up to `to`.
 template <class Each>
-NVSDATA_LOOP each_event(const Images& images, const Pixels& events, i64 from, i64 to, Interrupt& interrupt, Each each) {
+NVSDATA_LOOP each_event(const Images& images, const Pixels& events, i64 from, i64 to,
+                        Interrupt& interrupt, Each each) {
     some_events(images, events, from, to, interrupt, [&](i64 begin, i64 count, const i64* places) {
         for (i64 k = 0; k < count; ++k) each(begin + k, places[k]);
     });
@@ -101,8 +104,8 @@ inline void check_frame(Span<const i64> bounds, i64 n, i64 size) {
 
 // Calls each(n, i, place) for the events i of each frame n, from bounds[n] up to bounds[n + 1], then done(n).
 template <class Each, class Done>
-NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames, Each each,
-                          Done done) {
+NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
+                                  Each each, Done done) {
     require_columns(events.x.size(), events);
     require(bounds.size() == frames + 1, "frames must be one fewer than their bounds");
     Interrupt interrupt;
@@ -115,7 +118,8 @@ NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Sp
 }
 
 template <class Each>
-NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames, Each each) {
+NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
+                                  Each each) {
     each_event_of_frames(images, events, bounds, frames, each, [](i64) {});
 }
 

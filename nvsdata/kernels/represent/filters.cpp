@@ -58,7 +58,7 @@ void within_rate(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 si
     require_shapes(keep.size() == t.size());
     Boxes boxes = boxes_of(side, due.columns());
     Span<i64> over = due.flat();
-    i64 ahead = i64(u64(burst - 1) * u64(interval));
+    i64 ahead = times(minus(burst, 1), interval);
     each_event(sensor_of(boxes, due.rows()), {x, y}, [&](i64 i, i64) {
         i64 place = boxes.place(x[i], y[i]);
         keep[i] = over[place] <= plus(t[i], ahead);
@@ -70,8 +70,8 @@ void in_company(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 row
                 Span<bool> keep) {
     require_columns(t.size(), {x, y});
     require_shapes(keep.size() == t.size() && rows >= 2 && columns >= 2 && rows <= 32770 && columns <= 32770);
-    std::vector<i64> times(std::size_t(rows * columns), NEVER);
-    Span<i64> last(times);
+    std::vector<i64> latest_of(std::size_t(rows * columns), NEVER);
+    Span<i64> last(latest_of);
     each_event({columns - 2, rows - 2, columns, rows * columns}, {x, y}, [&](i64 i, i64 place) {
         // the place of the pixel up and to the left, because of the border
         Span<i64> above = last.part(place, place + 3), same = last.part(place + columns, place + columns + 3);

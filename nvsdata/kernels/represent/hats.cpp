@@ -15,14 +15,14 @@ struct Sums {
     const Epochs& clock;
 
     void enter(i64 place, double value, i64 epoch) const {
-        values[place] = values[place] * clock.faded(epoch - epochs[place]) + value;
+        values[place] = values[place] * clock.faded(minus(epoch, epochs[place])) + value;
         epochs[place] = epoch;
         ++members[place];
     }
     void leave(i64 place, double value, i64 epoch) const {
         --members[place];
         // the oldest value is the smallest, so little is lost; nothing at all of the last one
-        values[place] = members[place] ? values[place] - value * clock.faded(epochs[place] - epoch) : 0.0;
+        values[place] = members[place] ? values[place] - value * clock.faded(minus(epochs[place], epoch)) : 0.0;
     }
 };
 
@@ -37,7 +37,8 @@ void sum_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
     Pixels events{x, y, p, Polarity::on_first};
     require_columns(t.size(), events);
     require(cell >= 1 && cell <= 32768 && radius >= 0 && radius <= 32768, "cell must be at least 1, radius at least 0");
-    i64 height = sums.shape[1], width = sums.shape[2], rows = (height + cell - 1) / cell, columns = (width + cell - 1) / cell;
+    i64 height = sums.shape[1], width = sums.shape[2];
+    i64 rows = (height + cell - 1) / cell, columns = (width + cell - 1) / cell;
     i64 side = 2 * radius + 1, around = side * side;
     require_shapes(sums.shape[0] == 2 && epochs.shape == sums.shape && members.shape == sums.shape &&
                    counts.size() == rows * columns && out.shape == std::array<i64, 4>{counts.size(), 2, side, side});
@@ -68,7 +69,7 @@ void sum_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<
             for (i64 c = x0; c < x1; ++c) {
                 double near = kept.values[from + c];
                 // mostly nothing was there
-                if (near != 0) out.values[to + c] += near * clock.faded(epoch - kept.epochs[from + c]) * shrink;
+                if (near != 0) out.values[to + c] += near * clock.faded(minus(epoch, kept.epochs[from + c])) * shrink;
             }
         }
     });

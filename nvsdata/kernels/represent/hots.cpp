@@ -1,4 +1,4 @@
-// Layers of HOTS (Lagorce et al. 2017): the time surfaces of features around events, and the prototypes nearest to them.
+// Layers of HOTS (Lagorce et al. 2017): time surfaces of features around events, and the prototypes nearest to them.
 //
 // A value of a surface is kept as exp((t - t_0) / tau), so that a later look at it costs a product.
 #include <cmath>
@@ -54,7 +54,8 @@ void feature_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, S
         float* surface = out.values.data() + m++ * channels * side * side;
         for (i64 f = 0; f < channels; ++f)
             for (i64 r = 0; r < side; ++r)
-                for (i64 c = 0; c < side; ++c) *surface++ = float(grown.values[f * size + corner + r * columns + c] / value);
+                for (i64 c = 0; c < side; ++c)
+                    *surface++ = float(grown.values[f * size + corner + r * columns + c] / value);
     });
 }
 
@@ -72,7 +73,8 @@ void nearest_prototypes(Span<const i64> t, Span<const i16> x, Span<const i16> y,
         float* flat = surface.data();
         for (i64 f = 0; f < channels; ++f)
             for (i64 r = 0; r < side; ++r)
-                for (i64 c = 0; c < side; ++c) *flat++ = float(grown.values[f * size + corner + r * columns + c] * shrink);
+                for (i64 c = 0; c < side; ++c)
+                    *flat++ = float(grown.values[f * size + corner + r * columns + c] * shrink);
         for (i64 k = 0; k < count; ++k) {
             // the surface's own square is the same for all
             double distance = squares[k] - 2 * double(product(&prototypes.values[k * length], surface.data(), length));

@@ -24,7 +24,8 @@ NVSDATA_CLONES bool are_bits(const u8* values, i64 count) {
     return all < 2;
 }
 
-NVSDATA_CLONES bool place_pixels(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride, i64* places) {
+NVSDATA_CLONES bool place_pixels(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride,
+                                 i64* places) {
     u16 signs = 0;
     for (i64 i = 0; i < count; ++i) {
         signs |= sign_of(x[i], right) | sign_of(y[i], bottom);
@@ -63,8 +64,9 @@ bool are_inside(const Images& images, const Pixels& events) {
 bool place(const Images& images, const Pixels& events, i64 from, i64 to, i64* places) {
     const i16 *x = events.x.part(from, to).data(), *y = events.y.part(from, to).data();
     i64 count = to - from;
+    i16 right = last_of(images.width), bottom = last_of(images.height);
     // larger images than 2^32 pixels high and wide don't exist
-    if (!place_pixels(x, y, count, last_of(images.width), last_of(images.height), u32(images.stride), places)) return false;
+    if (!place_pixels(x, y, count, right, bottom, u32(images.stride), places)) return false;
     if (!events.p.data()) return true;
     const u8* p = events.p.part(from, to).data();
     if (events.image != Polarity::same_image)

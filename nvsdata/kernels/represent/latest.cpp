@@ -42,7 +42,8 @@ void remember(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
     Images images{width, height};
     u64 depth = u64(k);
     each_event(images, events, [&](i64 i, i64 place) {
-        u64 slot = u64(counts.values[place]++) % depth, polarity = 1 - p[i];
+        u64 count = u64(counts.values[place]), slot = count % depth, polarity = 1 - p[i];
+        counts.values[place] = i64(count + 1);
         // a polarity's images of all slots come before the other's
         times.values[place + i64((polarity * (depth - 1) + slot) * u64(images.size))] = t[i];
     });
@@ -79,14 +80,15 @@ void logarithms_of_ages(Span<const i64> t, Span<const i16> x, Span<const i16> y,
             i64 place = places[i - from];
             u32 slot = u32(have.values[place]);
             if (slot >= u64(depth)) continue;
-            out.values[place + ((1 - p[i]) * (depth - 1) + slot) * images.size] = float(logarithm(minus(end, t[i]), least, most));
+            i64 image = (1 - p[i]) * (depth - 1) + slot;
+            out.values[place + image * images.size] = float(logarithm(minus(end, t[i]), least, most));
             have.values[place] = i32(slot + 1);
         }
         interrupt.poll();
     }
 }
 
-// Of each pixel and polarity, a ring of `depth` bins of time: their numbers, and the sum of times within and their number.
+// Of each pixel and polarity, a ring of bins of time: their numbers, and the sum of times within and their number.
 void queue_bins(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 origin, i64 duration,
                 Array<i64, 4> bins, Array<double, 5> within, Array<i64, 3> used) {
     Pixels events{x, y, p, Polarity::off_first};
@@ -97,7 +99,7 @@ void queue_bins(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<co
                    within.shape == std::array<i64, 5>{2, height, width, depth, 2});
     each_event({width, height}, events, [&, depth = u64(depth)](i64 i, i64 place) {
         i64 since = minus(t[i], origin), number = floor_divide(since, duration);
-        double gap = double(since - number * duration);
+        double gap = double(minus(since, times(number, duration)));
         u64 begun = u64(used.values[place]);
         i64 slot = place * i64(depth) + i64((begun - 1) % depth);
         if (begun && bins.values[slot] == number) {
@@ -124,7 +126,7 @@ void ages_of_bins(i64 since, i64 duration, Array<i64, 4> bins, Array<double, 5> 
         i64 begun = used.values[place];
         for (i64 back = 0; back < std::min(begun, i64(depth)); ++back) {
             i64 slot = place * depth + (begun - 1 - back) % depth;
-            double begin = double(i64(u64(since) - u64(bins.values[slot]) * u64(duration)));
+            double begin = double(minus(since, times(bins.values[slot], duration)));
             double age = begin - within.values[2 * slot] / within.values[2 * slot + 1];
             double fallen = 1 - std::log1p(std::max(age / double(duration), 0.0)) / 8.7;
             out.values[(depth - 1 - back) * places + place] = float(std::max(fallen, 0.0));

@@ -16,9 +16,11 @@ struct Pieces {
     Span<const i32> nearby;
     double scale;
 
-    Pieces(Span<const double> ends, Span<const i32> nearby) : ends(ends), nearby(nearby), scale(0.5 * double(nearby.size() - 1)) {
+    Pieces(Span<const double> ends, Span<const i32> nearby)
+        : ends(ends), nearby(nearby), scale(0.5 * double(nearby.size() - 1)) {
         // so that a search ends within the pieces
-        require(!ends.empty() && ends.back() == std::numeric_limits<double>::infinity(), "the last piece must have no end");
+        constexpr double never = std::numeric_limits<double>::infinity();
+        require(!ends.empty() && ends.back() == never, "the last piece must have no end");
         require(!nearby.empty(), "places must have pieces nearby");
         for (i32 piece : nearby) require(piece >= 0 && piece < ends.size(), "pieces nearby must exist");
     }

@@ -15,7 +15,10 @@ void around_events(Span<const i16> x, Span<const i16> y, i64 queue, Span<const i
     require_shapes(y.size() == n && dy.size() == offsets && weights.rows() == offsets && out.rows() == n &&
                    out.columns() == bins);
     for (i64 m = 0; m < offsets; ++m)
-        margin = std::max({margin, dx[m], dy[m], minus(0, dx[m]), minus(0, dy[m])});
+        for (i64 d : {dx[m], dy[m]}) {
+            require(d >= -32768 && d <= 32768, "offsets must lie on a sensor");
+            margin = std::max(margin, std::abs(d));
+        }
     i64 rows = count.rows(), stride = count.columns();
     require_margin(margin, rows, stride);
     // of each offset the step to its pixel, and the bins that it reaches, one after the other

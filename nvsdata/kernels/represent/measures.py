@@ -38,7 +38,7 @@ def tokens(
 ) -> None:
     """Add events to `out` [K, 2, 2, patch², H', W']: their number, and the sum of their times from 0 to 1. O(N).
 
-    Axes of `out`, float32: part of the time, from `bounds[part]` to `bounds[part + 1]`, polarity (OFF first), which of both, place in the
-    patch, patch.
+    Axes of `out`, float32: part of the time, from `bounds[part]` to `bounds[part + 1]`, polarity (OFF first), which of
+    both, place in the patch, patch.
     """
     _native.tokens(t, x, y, p, bounds, patch, out)

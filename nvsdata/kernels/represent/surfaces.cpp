@@ -75,7 +75,7 @@ void event_surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Spa
         i64 since = minus(t[i], t[0]), epoch = clock.of(since);
         double value = clock.value(since, epoch);
         // from 1 on, because 0 is that of no event
-        ++epoch;
+        epoch = plus(epoch, 1);
         grown.values[place + middle] = value;
         epochs.values[place + middle] = epoch;
         double shrink = 1 / value;
