@@ -5,11 +5,11 @@
 #include <stdexcept>
 #include <tuple>
 #include <utility>
-#include <vector>
 
 #include "../native/bind.h"
 #include "../native/indexes.h"
 #include "../native/interrupt.h"
+#include "../native/vector.h"
 
 namespace nvsdata {
 
@@ -39,8 +39,8 @@ struct Step {
 };
 
 // Steps to the pixels within MARGIN, nearest first: all but the first come in fours of equal distance.
-std::vector<Step> steps_around() {
-    std::vector<Step> steps;
+Vector<Step> steps_around() {
+    Vector<Step> steps;
     for (i64 dy = -MARGIN; dy <= MARGIN; ++dy)
         for (i64 dx = -MARGIN; dx <= MARGIN; ++dx)
             if (dy * dy + dx * dx <= MARGIN * MARGIN) steps.push_back({dy * dy + dx * dx, dy, dx});
@@ -60,11 +60,11 @@ Float lesser(Float a, Float b) {
 void search_cells(const Spikes& from, const Spikes& to, i64 height, i64 width, double weight, double settled,
                   Span<double> best) {
     i64 rows = (height + CELL - 1) / CELL, columns = (width + CELL - 1) / CELL;
-    std::vector<i64> begins(rows * columns + 1), order(to.x.size());
+    Vector<i64> begins(rows * columns + 1), order(to.x.size());
     auto cell_of = [&](i64 j) { return to.y[j] / CELL * columns + to.x[j] / CELL; };
     for (i64 j = 0; j < to.x.size(); ++j) ++begins[cell_of(j) + 1];
     for (i64 cell = 0; cell < rows * columns; ++cell) begins[cell + 1] += begins[cell];
-    std::vector<i64> next = begins;
+    Vector<i64> next = begins;
     for (i64 j = 0; j < to.x.size(); ++j) order[next[cell_of(j)]++] = j;
     Interrupt interrupt;
     for (i64 i = 0; i < from.x.size(); ++i) {
@@ -143,11 +143,11 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
         return search_cells(from, to, height, width, weight, -1, best);
     i64 stride = width + 2 * MARGIN;
     // an empty pixel is infinitely far: so no branch tests for it, which would be unpredictable
-    std::vector<float> memory((height + 2 * MARGIN) * stride, std::numeric_limits<float>::infinity());
+    Vector<float> memory((height + 2 * MARGIN) * stride, std::numeric_limits<float>::infinity());
     Span<float> lattice(memory);
     for (i64 j = 0; j < bx.size(); ++j) lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = float(bvalue[j]);
-    static const std::vector<Step> around = steps_around();
-    std::vector<i64> memory_of_steps(around.size());
+    static const Vector<Step> around = steps_around();
+    Vector<i64> memory_of_steps(around.size());
     Span<i64> steps(memory_of_steps);
     for (i64 k = 0; k < steps.size(); ++k) steps[k] = around[k].dy * stride + around[k].dx;
     Interrupt interrupt;

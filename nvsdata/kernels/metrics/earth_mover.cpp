@@ -8,11 +8,11 @@
 #include <limits>
 #include <stdexcept>
 #include <utility>
-#include <vector>
 
 #include "../native/bind.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
+#include "../native/vector.h"
 
 namespace nvsdata {
 
@@ -123,9 +123,9 @@ private:
     const Points &from_, &to_;
     i64 surplus_;
     i32 root_;
-    std::vector<Node> nodes_;
-    std::vector<double> potential_, offers_;
-    std::vector<i32> stack_;
+    Vector<Node> nodes_;
+    Vector<double> potential_, offers_;
+    Vector<i32> stack_;
 
     // The arc from a source whose reduced cost is least.
     Arc best_arc(i32 source) {

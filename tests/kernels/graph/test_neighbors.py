@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from strategies import events
 
 from nvsdata import Events
-from nvsdata.kernels.graph.neighbors import near_edges
-from nvsdata.kernels.graph.neighbors import pairs_in_time
+from nvsdata.kernels.graph.neighbors import near_edges, pairs_in_time
 from nvsdata.transforms import knn_graph, radius_graph
 from nvsdata.transforms.defaults import BETA, LITERAL_BETA
 
