@@ -37,7 +37,8 @@ void check_clusters(i64 nodes, Span<const i64> cluster, i64 count) {
 }
 
 template <class Float>
-NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
+NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best,
+                                Rows<i32> where) {
     Vector<u8> seen(best.rows());
     for (i64 i = 0; i < cluster.size(); ++i) {
         Span<const Float> given = features[i];

@@ -32,11 +32,11 @@ struct Edges {
 // Of some edges the kernel cells at the 2^D corners around each, and its shares of them, for B-splines of degree 1.
 template <class Float>
 struct Corners {
-    Vector<i64> steps{0};    // from the cell at corner 0 to those at the others
-    Vector<i32> first;       // the cell at each edge's corner 0
-    Vector<Float> memory;    // shares, corner by corner: 0 where an edge doesn't touch the cell
+    Vector<i64> steps{0};       // from the cell at corner 0 to those at the others
+    Vector<i32> first;          // the cell at each edge's corner 0
+    Vector<Float> memory;       // shares, corner by corner: 0 where an edge doesn't touch the cell
     Vector<double> place, low, high;
-    Vector<Float> members;   // number of the edges of each edge's target
+    Vector<Float> members;      // number of the edges of each edge's target: exact up to 2^24
 
     explicit Corners(const Edges<Float>& edges)
         : first(TOGETHER), place(TOGETHER), low(TOGETHER), high(TOGETHER), members(TOGETHER) {
@@ -203,8 +203,8 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
     std::fill(cell_start.begin(), cell_start.end(), 0);
     // not Vector, which writes zeros
     std::unique_ptr<i32[]> memory(new i32[3 * row.size()]);
-    Span<i32> cell(memory.get(), row.size());              // of each entry
-    Span<i32> row_cell(cell.end(), row.size());            // of each row, as nodes have them
+    Span<i32> cell(memory.get(), row.size());    // of each entry
+    Span<i32> row_cell(cell.end(), row.size());  // of each row, in order of nodes
     Span<i32> node_of(row_cell.end(), row.size());
     for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         for (i64 e = 0; e < count; ++e) {

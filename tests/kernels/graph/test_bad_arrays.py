@@ -66,7 +66,7 @@ def test_sizes_that_differ():
 
 @pytest.mark.parametrize("ptr", [(), (1, 3), (0, 2), (0, 4), (0, 2, 1, 3), (0, -1, 3), (0, 2**62, 3)])
 def test_graphs_that_do_not_have_all_nodes(ptr):
-    with pytest.raises(ValueError, match="ptr|clusters"):
+    with pytest.raises(ValueError, match=r"ptr|clusters"):
         pool.clusters(np.zeros((3, 2), np.float32), ints(0, 1, 2), ints(*ptr), 2, 2, 4, 4)
 
 
