@@ -88,7 +88,7 @@ class Emulator(Run):
             pixels.plane[:] = perceived(settings, brightness(frame, settings.hue), pixels.plane.dtype)
         if rule.contrast:
             both = settings.mode == "LICE"
-            kernels.contrast(pixels.plane, tiles.affected, both, rule.t_log, rule.slope, pixels.level)
+            kernels.contrast(pixels.plane, tiles.affected, both, float(rule.t_log), float(rule.slope), pixels.level)
 
 
 def _rule(settings: Settings, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:

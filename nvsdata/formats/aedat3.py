@@ -150,8 +150,8 @@ class Aedat3Recording(FileRecording):
                 # 31-bit times with a sign
                 since = (some.t - packets[k, ADDED]).astype(np.uint32).view(np.int32).astype(np.int64)
                 fits = kept_words(since, 40, DISORDER_US) & (since >= 0)
-                lost += count - np.count_nonzero(fits)
-                count = np.count_nonzero(fits)
+                left = int(np.count_nonzero(fits))
+                lost, count = lost + count - left, left
                 for column, fitting in zip(columns, some.take(fits), strict=True):
                     column[kept : kept + count] = fitting
             kept += count

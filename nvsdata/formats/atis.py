@@ -156,7 +156,7 @@ def write(pieces: Pieces, path: Path) -> None:
             if events.t[0] < 0 or events.t[-1] >= MAX_WRITTEN_US:
                 raise ValueError(f"ATIS .bin holds times from 0 to {MAX_WRITTEN_US - 1} µs only")
             raw, offset = atis_encode(*events.columns, offset)
-            file.write(raw)
+            file.write(raw.data)
 
 
 FORMAT = Format("atis", (".bin", ".bs2"), AtisRecording, looks_like=looks_like, write=write)

@@ -169,8 +169,8 @@ def _(
 ) -> Tensors:
     if pos.device.type == "meta":
         # as many as there can be, because nobody knows how many there are
-        nodes = min(pos.shape[0], (ptr.shape[0] - 1) * grid[0] * grid[1])
-        edges = edge_index.shape[1]
+        nodes: Any = min(pos.shape[0], (ptr.shape[0] - 1) * grid[0] * grid[1])
+        edges: Any = edge_index.shape[1]
     else:
         nodes, edges = get_ctx().new_dynamic_size(), get_ctx().new_dynamic_size()
     return (

@@ -30,7 +30,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
         here = x.numel() // self.num_features
         if torch.compiler.is_compiling():
             # how many nodes there are isn't known then
-            torch._check(here >= 2)
+            torch._check(here >= 2)  # type: ignore[no-untyped-call]
         count = here if processes() == 1 else int(all_reduce_sum(torch.tensor(float(here), device=x.device)))
         if count < 2:
             return self._by_running(x)

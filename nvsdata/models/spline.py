@@ -79,7 +79,8 @@ class SplineConv(nn.Module):
                 return self.forward(x.to(self.weight.dtype), edge_index, edge_attr)
         out = _local(x, self.root, self.bias, self.out_channels)
         if traced(x):
-            return out + summed(x, edge_index, edge_attr.detach(), self.weight, self.kernel_size)
+            sums: torch.Tensor = summed(x, edge_index, edge_attr.detach(), self.weight, self.kernel_size)
+            return out + sums
         return spline_sum(out, x, edge_index, edge_attr, self.weight, self.kernel_size)
 
     def extra_repr(self) -> str:

@@ -241,7 +241,8 @@ def self_loops(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The edges, and a self-loop of each node with pseudo-coordinates `at`; grouped by target on the CPU."""
     if traced(edge_index):
-        return _looped(edge_index, edge_attr, nodes, at)
+        looped: tuple[torch.Tensor, torch.Tensor] = _looped(edge_index, edge_attr, nodes, at)
+        return looped
     if edge_index.device.type == "cpu":
         source, target, u = grouped(edge_index, edge_attr, nodes)
         edges, attributes = with_self_loops(source.numpy(), target.numpy(), u.numpy(), nodes, at)

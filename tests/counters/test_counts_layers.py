@@ -1,14 +1,12 @@
-"""Layers of graph networks: they touch the nodes, edges and kernel cells that there are.
-
-Run as a script by the fixture `counts`, without compiled kernels, so that arrays can count what is read and written.
-"""
-
-import json
-from collections import Counter
+"""Layers of graph networks: they touch the nodes, edges and kernel cells that there are."""
 
 import numpy as np
 import pytest
-from counting_work import flat, touches, uncompiled, watched
+
+from nvsdata.kernels import _native
+from nvsdata.kernels.graph import pool, spline
+
+counted = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indexes counts them")
 
 SIZE, DIM, CHANNELS = 5, 2, 3
 NODES, EDGES = 60, 150
@@ -37,104 +35,83 @@ def pairs(source, target, u, size, nodes):
     return found
 
 
-def planned(edges):
-    """What the plan of a convolution takes, and its rows and entries."""
-    from nvsdata.kernels import spline
-
-    with touches(spline) as tally:
-        starts, rows, entries, *_ = spline.spline_plan(*edges)
-    return flat(tally) | {"rows": len(rows), "entries": len(entries), "cells": int((np.diff(starts) > 0).sum())}
+def touched(function, *arguments):
+    """Elements that a call touches, and its result."""
+    _native.touched()
+    found = function(*arguments)
+    return _native.touched(), found
 
 
-def added(edges):
-    from nvsdata.kernels import spline
+def test_a_plan_has_the_pairs_of_node_and_cell_that_edges_use():
+    found = pairs(*graph())
+    starts, rows, entries, *_ = spline.spline_plan(*graph())
+    assert len(entries) == len(found)
+    assert len(rows) == len(set(found))
+    assert np.count_nonzero(np.diff(starts)) == len({cell for _, cell in found})
 
-    _, rows, into, of, share = spline.spline_plan(*edges)
-    tally = Counter()
-    out = watched(np.zeros((len(rows), CHANNELS), np.float32), "out", tally)
-    features = watched(np.ones((NODES, CHANNELS), np.float32), "features", tally)
-    spline.add_shares(out, into, features, of, share)
-    return flat(tally)
+
+@counted
+@pytest.mark.parametrize("edges", [EDGES, 4 * EDGES])
+def test_a_plan_touches_each_edge_and_each_of_its_cells(edges):
+    # of each corner of an edge a share is made, divided, counted and put into its row
+    once, _ = touched(spline.spline_plan, *graph(edges=edges))
+    assert once <= 28 * 2**DIM * edges + 8 * SIZE**DIM
+    # lonely nodes cost nothing
+    assert touched(spline.spline_plan, *graph(10 * NODES, edges))[0] == once
+
+
+@counted
+@pytest.mark.parametrize("channels", [1, 3, 6])
+def test_each_entry_adds_its_channels_once(channels):
+    source, target, u, size, nodes = graph()
+    x = np.ones((nodes, channels), np.float32)
+    _, rows, into, of, share = spline.spline_plan(*graph())
+    adding = len(into) * 2 * channels
+    # of an entry two indexes, the rows that they name, and a share
+    out = np.zeros((len(rows), channels), np.float32)
+    assert touched(spline.add_shares, out, into, x, of, share)[0] <= adding + 5 * len(into) + 16
+    # edges share out and add in one go
+    cost, sums = touched(spline.dense_sums, source, target, u, size, x)
+    assert cost <= adding + 21 * 2**DIM * EDGES
+    assert touched(spline.dense_gradient, source, target, u, size, sums, nodes)[0] <= adding + 21 * 2**DIM * EDGES
 
 
 def pooled(nodes, edges, grid, graphs=1):
-    """What pooling takes: clusters, merged edges, and features."""
-    from nvsdata.kernels import pool
-
+    """What pooling touches: clusters, merged edges, and features; and the number of clusters."""
     rng = np.random.default_rng(0)
-    tally = Counter()
     # the same 16 x 16 clusters are occupied, however large the grid is
-    pos = watched(rng.integers(0, 64, (nodes, 2)).astype(np.float32), "pos", tally)
+    pos = rng.integers(0, 64, (nodes, 2)).astype(np.float32)
     ptr = np.linspace(0, nodes, graphs + 1).astype(np.int64)
-    with touches(pool) as found:
-        cluster, position, *_ = pool.clusters(pos, np.zeros(nodes, np.int64), ptr, 4, 4, *grid)
-    cluster, count = np.asarray(cluster), len(position)
-    source, target = (watched(rng.integers(0, nodes, edges), name, tally) for name in ("source", "target"))
-    with touches(pool) as merging:
-        pool.merged_edges(source, target, cluster, count)
-    x = watched(rng.random((nodes, CHANNELS)), "x", tally)
-    with touches(pool) as largest:
-        pool.max_rows(x, cluster, count)
-    parts = {"clusters": found, "merged": merging, "largest": largest}
-    return flat(tally) | {name: flat(part)["touched"] for name, part in parts.items()} | {"count": count}
+    clusters, (cluster, position, *_) = touched(pool.clusters, pos, np.zeros(nodes, np.int64), ptr, 4, 4, *grid)
+    count = len(position)
+    source, target = rng.integers(0, nodes, edges), np.sort(rng.integers(0, nodes, edges))
+    merged, _ = touched(pool.merged_edges, source, target, cluster, count)
+    x = rng.random((nodes, CHANNELS))
+    largest, (best, where) = touched(pool.max_rows, x, cluster, count)
+    back, _ = touched(pool.max_rows_back, best, where, nodes)
+    mean, _ = touched(pool.mean_rows, x, cluster, count)
+    return {"clusters": clusters, "merged": merged, "largest": largest, "back": back, "mean": mean}, count
 
 
-def work():
-    """All counts, by scenario."""
-    return {
-        "plan": planned(graph()),
-        "plan with lonely nodes": planned(graph(10 * NODES)),
-        "shares": added(graph()),
-        "pooled": pooled(NODES, EDGES, (16, 16)),
-        "pooled twice": pooled(2 * NODES, 2 * EDGES, (16, 16)),
-        "pooled on a large sensor": pooled(NODES, EDGES, (100, 100)),
-        "pooled on a large sensor, 4": pooled(NODES, EDGES, (100, 100), 4),
-    }
+@counted
+@pytest.mark.parametrize("times", [1, 2, 4])
+def test_pooling_visits_each_node_and_edge_once(times):
+    nodes, edges = times * NODES, times * EDGES
+    found, count = pooled(nodes, edges, (16, 16))
+    # its place, the cell's cluster, and its share of the mean
+    assert found["clusters"] <= 2 * 16 * 16 + 24 * nodes + 10 * count
+    assert found["merged"] <= 8 * edges + 12 * nodes + 6 * count
+    assert found["largest"] <= 5 * nodes * CHANNELS + 6 * nodes + count
+    assert found["mean"] <= 2 * nodes * CHANNELS + 7 * nodes + count * (2 * CHANNELS + 4)
+    assert found["back"] <= count * (4 * CHANNELS + 2)
 
 
-@pytest.fixture(scope="module")
-def counts():
-    return uncompiled(__file__)
-
-
-def test_a_plan_has_the_pairs_of_node_and_cell_that_edges_use(counts):
-    found = pairs(*graph())
-    assert counts["plan"]["entries"] == len(found)
-    assert counts["plan"]["rows"] == len(set(found))
-    assert counts["plan"]["cells"] == len({cell for _, cell in found})
-    # of an edge's entries each is made, shared out, counted and put into its row; cells and nodes are counted
-    assert counts["plan"]["touched"] <= 25 * 2**DIM * EDGES + 8 * SIZE**DIM + 8 * NODES
-
-
-def test_lonely_nodes_cost_no_more_than_the_memory_of_their_degree(counts):
-    without, lonely = counts["plan"], counts["plan with lonely nodes"]
-    assert lonely["touched"] == without["touched"]
-    assert lonely["spline made"] - without["spline made"] == 9 * NODES
-
-
-def test_each_entry_adds_its_channels_once(counts):
-    n = counts["plan"]["entries"] * CHANNELS
-    assert counts["shares"] == {"features read": n, "out read": n, "out written": n, "touched": 3 * n}
-
-
-def test_pooling_visits_each_node_and_edge_once(counts):
-    for name, n, edges in (("pooled", NODES, EDGES), ("pooled twice", 2 * NODES, 2 * EDGES)):
-        found = counts[name]
-        # its cell, then its share of the mean; two numbers each time
-        assert found["pos read"] == 4 * n
-        # edges are counted and then put into order by their targets
-        assert found["target read"] == 2 * edges
-        assert found["source read"] == edges
-        # a channel is compared with the largest so far, and taken if it is larger
-        assert n * CHANNELS <= found["x read"] <= 2 * n * CHANNELS
-        assert found["largest"] <= 6 * n * CHANNELS + 3 * n
-        assert found["merged"] <= 12 * edges + 8 * found["count"]
-
-
-def test_pooling_looks_twice_at_each_cell_of_a_graph_however_large_the_sensor(counts):
-    nodes = counts["pooled"]["clusters"] - 2 * 16 * 16
-    for name, graphs in (("pooled on a large sensor", 1), ("pooled on a large sensor, 4", 4)):
-        assert counts[name]["clusters"] <= 2 * graphs * 100 * 100 + 1.2 * nodes
+@counted
+def test_pooling_looks_once_at_each_cell_of_a_graph_however_large_the_sensor():
+    nodes = pooled(NODES, EDGES, (16, 16))[0]["clusters"] - 16 * 16
+    for graphs in (1, 4):
+        found, _ = pooled(NODES, EDGES, (100, 100), graphs)
+        assert found["clusters"] <= graphs * 100 * 100 + 1.2 * nodes
 
 
 @pytest.fixture
@@ -217,8 +194,3 @@ def Products():
             return function(*args, **(kwargs or {}))
 
     return Seen()
-
-
-if __name__ == "__main__":
-    np.seterr(all="ignore")
-    print(json.dumps(work()))

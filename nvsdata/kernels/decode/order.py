@@ -44,7 +44,8 @@ def stable_order(t: np.ndarray) -> np.ndarray:
     # memory of numpy, which asks for large pages
     orders = np.empty((2, t.size), np.int32)
     _native.stable_order(t, orders, np.empty((2, t.size), np.uint64))
-    return orders[0]
+    order: np.ndarray = orders[0]
+    return order
 
 
 def moved(t: np.ndarray, moves: np.ndarray, sigma: float, start: int, end: int) -> np.ndarray:

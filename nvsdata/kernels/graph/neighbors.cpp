@@ -5,6 +5,7 @@
 
 #include "../native/bind.h"
 #include "../native/bits.h"
+#include "../native/vector.h"
 #include "neighbors.h"
 #include "pixels.h"
 
@@ -62,7 +63,7 @@ public:
 
 private:
     std::size_t k_;
-    std::vector<Candidate> found_;
+    Vector<Candidate> found_;
 };
 
 // Sets of events of two kinds, that come out in order.
@@ -90,7 +91,7 @@ public:
     }
 
 private:
-    std::vector<u64> words_, used_;
+    Vector<u64> words_, used_;
 };
 
 class Search {
@@ -128,8 +129,8 @@ private:
     Marks marks_;
     Nearest nearest_;
     double slack_ = 0;  // what the longest difference in time adds to a distance
-    std::vector<Near> near_;
-    std::vector<i32> whole_, last_, place_;
+    Vector<Near> near_;
+    Vector<i32> whole_, last_, place_;
 
     const i32* begin(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel]; }
     const i32* end(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel + 1]; }
@@ -288,7 +289,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
         return Candidate{distance(i, j), std::abs(t[j] - t[i]), i32(j)} <
                Candidate{distance(i, other), std::abs(t[other] - t[i]), i32(other)};
     };
-    std::vector<i32> worst(n);
+    Vector<i32> worst(n);
     auto find_worst = [&](i64 i) {
         worst[i] = 0;
         for (i32 other = 1; other < k; ++other)
@@ -306,13 +307,13 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     };
     std::size_t first = 0;
     double side = std::floor(std::sqrt(limit / metric.alpha)) + 1;
-    std::vector<u32> place(n);
+    Vector<u32> place(n);
     for (std::size_t i = 0; i < n; ++i) place[i] = u32(y[i]) << 16 | u32(x[i]);
     // both differences lie in 0..2 side, or in the next power of two, if no bit outside is set
     u32 wide = 1;
     while (wide < u32(2 * side + 1)) wide *= 2;
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
-    std::vector<i32> near(n + 1);
+    Vector<i32> near(n + 1);
     for (std::size_t i = 0; i < n; ++i) {
         while (t[i] - t[first] > reach) ++first;
         u32 corner = place[i] - margin;

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <numeric>
-#include <vector>
 
 #include "../native/span.h"
+#include "../native/vector.h"
 
 namespace nvsdata {
 
@@ -15,14 +15,14 @@ constexpr i64 SPACIOUS = 64;        // places per event up to which a map of all
 
 // Offsets of squared length up to `furthest`, nearest first; rings of equal length.
 struct Offsets {
-    std::vector<i64> steps;   // to the neighbor's place in the map
-    std::vector<i64> begins;  // first offset of each ring, and their number at the end
-    std::vector<i64> lengths; // squared, of each ring
+    Vector<i64> steps;   // to the neighbor's place in the map
+    Vector<i64> begins;  // first offset of each ring, and their number at the end
+    Vector<i64> lengths; // squared, of each ring
 
     Offsets(i64 furthest, i64 columns) {
         i64 reach = 0;
         while ((reach + 1) * (reach + 1) <= furthest) ++reach;
-        std::vector<std::pair<i64, i64>> all;
+        Vector<std::pair<i64, i64>> all;
         for (i64 dy = -reach; dy <= reach; ++dy)
             for (i64 dx = -reach; dx <= reach; ++dx)
                 if (dx * dx + dy * dy <= furthest) all.emplace_back(dx * dx + dy * dy, dy * columns + dx);
@@ -46,11 +46,11 @@ struct Near {
 
 // The pixels that have events, row by row. O(N), or O(N log N) where they lie far apart.
 struct Pixels {
-    std::vector<i32> order, first;  // events pixel by pixel, in order within each; where those of each pixel begin
-    std::vector<i32> x, y;          // of each pixel, from the corner of the box around all events, LISTED pixels wider
-    std::vector<i32> map;           // the pixel at each place of that box, -1 where none is; empty if it were large
-    std::vector<i32> row, begins;   // rows that have pixels, and where the pixels of each begin
-    std::vector<i32> row_of;        // of each pixel, index of its row
+    Vector<i32> order, first;  // events pixel by pixel, in order within each; where those of each pixel begin
+    Vector<i32> x, y;          // of each pixel, from the corner of the box around all events, LISTED pixels wider
+    Vector<i32> map;           // the pixel at each place of that box, -1 where none is; empty if it were large
+    Vector<i32> row, begins;   // rows that have pixels, and where the pixels of each begin
+    Vector<i32> row_of;        // of each pixel, index of its row
     i64 columns = 0;
 
     template <class Coordinate>
@@ -77,7 +77,7 @@ struct Pixels {
             map.assign(places, 0);
             for (std::size_t i = 0; i < n; ++i) ++map[place(i)];
             i32 begin = 0;
-            std::vector<i32> next;
+            Vector<i32> next;
             for (i64 at = 0; at < places; ++at) {
                 i32 count = map[at];
                 map[at] = count ? add(at, begin) : -1;
@@ -87,7 +87,7 @@ struct Pixels {
             for (std::size_t i = 0; i < n; ++i) order[next[map[place(i)]]++] = i32(i);
         } else {
             std::iota(order.begin(), order.end(), 0);
-            std::vector<i64> places_of(n);
+            Vector<i64> places_of(n);
             for (std::size_t i = 0; i < n; ++i) places_of[i] = place(i);
             std::stable_sort(order.begin(), order.end(), [&](i32 a, i32 b) { return places_of[a] < places_of[b]; });
             for (std::size_t e = 0; e < n; ++e)
@@ -103,7 +103,7 @@ struct Pixels {
     // The pixels around one, itself included, nearest first, none further than `furthest`; how many events they have.
     // As soon as pixels up to some distance have `enough` events together, others are left out unless they are nearer
     // than that plus `blur`.
-    i64 near(i32 pixel, i64 enough, i64 furthest, i64 blur, const Offsets& offsets, std::vector<Near>& found) const {
+    i64 near(i32 pixel, i64 enough, i64 furthest, i64 blur, const Offsets& offsets, Vector<Near>& found) const {
         found.clear();
         return map.empty() || furthest > LISTED * LISTED ? outward(pixel, enough, furthest, blur, found)
                                                          : listed(pixel, enough, furthest, blur, offsets, found);
@@ -123,7 +123,7 @@ private:
         return pixel;
     }
 
-    i64 listed(i32 pixel, i64 enough, i64 furthest, i64 blur, const Offsets& offsets, std::vector<Near>& found) const {
+    i64 listed(i32 pixel, i64 enough, i64 furthest, i64 blur, const Offsets& offsets, Vector<Near>& found) const {
         const i32* here = map.data() + y[pixel] * columns + x[pixel];
         i64 total = 0, bound = furthest;
         std::size_t m = 0;
@@ -144,7 +144,7 @@ private:
     }
 
     // Row by row, and pixel by pixel within a row, the nearest first.
-    i64 outward(i32 pixel, i64 enough, i64 furthest, i64 blur, std::vector<Near>& found) const {
+    i64 outward(i32 pixel, i64 enough, i64 furthest, i64 blur, Vector<Near>& found) const {
         i64 total = 0, bound = furthest;
         std::size_t full = 0;
         auto cut = [&] {

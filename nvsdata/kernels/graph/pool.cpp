@@ -3,11 +3,11 @@
 #include <cmath>
 #include <stdexcept>
 #include <utility>
-#include <vector>
 
 #include "../native/bind.h"
-#include "../native/levels.h"
 #include "../native/indexes.h"
+#include "../native/levels.h"
+#include "../native/vector.h"
 
 namespace nvsdata {
 
@@ -37,8 +37,9 @@ void check_clusters(i64 nodes, Span<const i64> cluster, i64 count) {
 }
 
 template <class Float>
-NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
-    std::vector<u8> seen(best.rows());
+NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best,
+                                Rows<i32> where) {
+    Vector<u8> seen(best.rows());
     for (i64 i = 0; i < cluster.size(); ++i) {
         Span<const Float> given = features[i];
         Span<Float> most = best[cluster[i]];
@@ -94,8 +95,8 @@ i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 
         last = after;
     }
     if (ptr[0] != 0 || last != nodes) throw std::invalid_argument("ptr leaves nodes out");
-    std::vector<Sum> sums;
-    std::vector<i64> slot(columns * rows);
+    Vector<Sum> sums;
+    Vector<i64> slot(columns * rows);
     new_ptr[0] = 0;
     for (i64 b = 0; b < graphs; ++b) {
         std::fill(slot.begin(), slot.end(), -1);
@@ -103,10 +104,10 @@ i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 
             cluster[i] = cell_at(pos(i, 1), height, rows) * columns + cell_at(pos(i, 0), width, columns);
             slot[cluster[i]] = 0;
         }
-        for (i64& place : slot)
-            if (place == 0) {
-                place = i64(sums.size());
-                graph[place] = b;
+        for (i64 cell = 0; cell < columns * rows; ++cell)
+            if (slot[cell] == 0) {
+                slot[cell] = i64(sums.size());
+                graph[slot[cell]] = b;
                 sums.push_back({});
             }
         for (i64 i = ptr[b]; i < ptr[b + 1]; ++i) {
@@ -135,14 +136,14 @@ i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64>
     check_below(cluster, count, "a node's cluster doesn't exist");
     if (!std::is_sorted(target.begin(), target.end())) throw std::invalid_argument("edges aren't grouped by target");
     // where the edges of each node begin, and the nodes of each cluster
-    std::vector<i64> first(nodes + 1), begin(count + 1), members(nodes), mark(count, -1);
+    Vector<i64> first(nodes + 1), begin(count + 1), members(nodes), mark(count, -1);
     for (i64 node : target) ++first[node + 1];
     for (i64 node = 0; node < nodes; ++node) {
         first[node + 1] += first[node];
         ++begin[cluster[node] + 1];
     }
     for (i64 c = 0; c < count; ++c) begin[c + 1] += begin[c];
-    std::vector<i64> next = begin;
+    Vector<i64> next = begin;
     for (i64 node = 0; node < nodes; ++node) members[next[cluster[node]]++] = node;
     Span<i64> sources = edges[0], targets = edges[1];
     for (i64 c = 0; c < count; ++c) {
@@ -183,7 +184,7 @@ template <class Float>
 void mean_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> mean, Span<Float> members) {
     check_clusters(features.rows(), cluster, mean.rows());
     // in double precision: sums may be beyond single precision where the mean isn't
-    std::vector<double> memory(mean.rows() * mean.columns());
+    Vector<double> memory(mean.rows() * mean.columns());
     Rows<double> sums(memory.data(), mean.rows(), mean.columns());
     best<add_up<Float>>(features, cluster, sums, mean, members);
 }

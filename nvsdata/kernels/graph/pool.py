@@ -33,7 +33,7 @@ def clusters(
         (likewise) and `graph` int64 [M]; and `new_ptr` int64 [B + 1].
     """
     nodes, graphs = t.size, ptr.size - 1
-    if pos.shape != (nodes, 2) or graphs < 0 or not 0 < columns * rows < 2**31 or width < 1 or height < 1:
+    if pos.shape != (nodes, 2) or graphs < 0 or min(width, height, columns, rows) < 1 or columns * rows >= 2**31:
         raise ValueError(f"no clusters of positions {pos.shape}, {nodes} times, {columns} x {rows} cells")
     most = min(nodes, graphs * columns * rows)
     cluster, new_ptr = np.empty(nodes, np.int64), np.empty(graphs + 1, np.int64)

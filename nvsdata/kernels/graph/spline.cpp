@@ -2,12 +2,12 @@
 #include <algorithm>
 #include <memory>
 #include <stdexcept>
-#include <vector>
 
 #include "../native/bind.h"
+#include "../native/indexes.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
-#include "../native/indexes.h"
+#include "../native/vector.h"
 
 namespace nvsdata {
 
@@ -32,11 +32,11 @@ struct Edges {
 // Of some edges the kernel cells at the 2^D corners around each, and its shares of them, for B-splines of degree 1.
 template <class Float>
 struct Corners {
-    std::vector<i64> steps{0};    // from the cell at corner 0 to those at the others
-    std::vector<i32> first;       // the cell at each edge's corner 0
-    std::vector<Float> memory;    // shares, corner by corner: 0 where an edge doesn't touch the cell
-    std::vector<double> place, low, high;
-    std::vector<Float> members;   // number of the edges of each edge's target
+    Vector<i64> steps{0};       // from the cell at corner 0 to those at the others
+    Vector<i32> first;          // the cell at each edge's corner 0
+    Vector<Float> memory;       // shares, corner by corner: 0 where an edge doesn't touch the cell
+    Vector<double> place, low, high;
+    Vector<Float> members;      // number of the edges of each edge's target: exact up to 2^24
 
     explicit Corners(const Edges<Float>& edges)
         : first(TOGETHER), place(TOGETHER), low(TOGETHER), high(TOGETHER), members(TOGETHER) {
@@ -146,7 +146,7 @@ void dense_sums(Span<const i64> source, Span<const i64> target, Rows<const Float
                         add_scaled(sums[target[from + e] * cells + corners.cell(corner, e)], share,
                                    features[source[from + e]]);
         });
-    std::vector<Float> values(TOGETHER);
+    Vector<Float> values(TOGETHER);
     for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         Span<Float> value(values), out = sums.flat();
         for (i64 e = 0; e < count; ++e) value[e] = features.flat()[source[from + e]];
@@ -199,12 +199,12 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
                                 Span<Float> share) {
     Edges<Float> edges{source, target, u, size, nodes};
     i64 cells = cell_start.size() - 1, entries = 0, rows = 0;
-    std::vector<i64> latest(cells, -1);  // node of the last row of each cell
+    Vector<i64> latest(cells, -1);  // node of the last row of each cell
     std::fill(cell_start.begin(), cell_start.end(), 0);
-    // not std::vector, which writes zeros
+    // not Vector, which writes zeros
     std::unique_ptr<i32[]> memory(new i32[3 * row.size()]);
-    Span<i32> cell(memory.get(), row.size());              // of each entry
-    Span<i32> row_cell(cell.end(), row.size());            // of each row, as nodes have them
+    Span<i32> cell(memory.get(), row.size());    // of each entry
+    Span<i32> row_cell(cell.end(), row.size());  // of each row, in order of nodes
     Span<i32> node_of(row_cell.end(), row.size());
     for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         for (i64 e = 0; e < count; ++e) {
@@ -229,7 +229,7 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
     });
     for (i64 at = 0; at < cells; ++at) cell_start[at + 1] += cell_start[at];
     for (i64 n = 0; n < entries; ++n) row[n] += i32(cell_start[cell[n]]);
-    std::vector<i64> next(cell_start.begin(), cell_start.end());
+    Vector<i64> next(cell_start.begin(), cell_start.end());
     for (i64 r = 0; r < rows; ++r) row_node[next[row_cell[r]]++] = node_of[r];
     return {rows, entries};
 }

@@ -5,11 +5,11 @@
 #include <stdexcept>
 #include <tuple>
 #include <utility>
-#include <vector>
 
 #include "../native/bind.h"
 #include "../native/indexes.h"
 #include "../native/interrupt.h"
+#include "../native/vector.h"
 
 namespace nvsdata {
 
@@ -25,7 +25,8 @@ struct Spikes {
     Span<const i64> x, y, value;
 
     void check(i64 height, i64 width) const {
-        if (x.size() != y.size() || x.size() != value.size()) throw std::invalid_argument("columns of spikes differ in length");
+        if (x.size() != y.size() || x.size() != value.size())
+            throw std::invalid_argument("columns of spikes differ in length");
         check_below(x, width, "a spike is outside the frame");
         check_below(y, height, "a spike is outside the frame");
     }
@@ -39,8 +40,8 @@ struct Step {
 };
 
 // Steps to the pixels within MARGIN, nearest first: all but the first come in fours of equal distance.
-std::vector<Step> steps_around() {
-    std::vector<Step> steps;
+Vector<Step> steps_around() {
+    Vector<Step> steps;
     for (i64 dy = -MARGIN; dy <= MARGIN; ++dy)
         for (i64 dx = -MARGIN; dx <= MARGIN; ++dx)
             if (dy * dy + dx * dx <= MARGIN * MARGIN) steps.push_back({dy * dy + dx * dx, dy, dx});
@@ -60,11 +61,11 @@ Float lesser(Float a, Float b) {
 void search_cells(const Spikes& from, const Spikes& to, i64 height, i64 width, double weight, double settled,
                   Span<double> best) {
     i64 rows = (height + CELL - 1) / CELL, columns = (width + CELL - 1) / CELL;
-    std::vector<i64> begins(rows * columns + 1), order(to.x.size());
+    Vector<i64> begins(rows * columns + 1), order(to.x.size());
     auto cell_of = [&](i64 j) { return to.y[j] / CELL * columns + to.x[j] / CELL; };
     for (i64 j = 0; j < to.x.size(); ++j) ++begins[cell_of(j) + 1];
     for (i64 cell = 0; cell < rows * columns; ++cell) begins[cell + 1] += begins[cell];
-    std::vector<i64> next = begins;
+    Vector<i64> next = begins;
     for (i64 j = 0; j < to.x.size(); ++j) order[next[cell_of(j)]++] = j;
     Interrupt interrupt;
     for (i64 i = 0; i < from.x.size(); ++i) {
@@ -87,7 +88,8 @@ void search_cells(const Spikes& from, const Spikes& to, i64 height, i64 width, d
             for (i64 r = std::max(row - ring, i64(0)); r < std::min(row + ring + 1, rows); ++r) {
                 i64 left = column - ring, right = column + ring;
                 if (r == row - ring || r == row + ring) {
-                    for (i64 c = std::max(left, i64(0)); c < std::min(right + 1, columns); ++c) look_into(r * columns + c);
+                    for (i64 c = std::max(left, i64(0)); c < std::min(right + 1, columns); ++c)
+                        look_into(r * columns + c);
                 } else {
                     if (left >= 0) look_into(r * columns + left);
                     if (right < columns) look_into(r * columns + right);
@@ -104,7 +106,8 @@ template <class Coordinate, class Sum>
 i64 sum_polarity(Span<const Coordinate> x, Span<const Coordinate> y, Span<const u8> p, Rows<Sum> sums,
                  Span<i64> touched) {
     i64 n = x.size(), width = sums.columns(), count = 0;
-    if (y.size() != n || p.size() != n || touched.size() < n) throw std::invalid_argument("columns of events differ in length");
+    if (y.size() != n || p.size() != n || touched.size() < n)
+        throw std::invalid_argument("columns of events differ in length");
     check_below(x, width, "an event is outside the frame");
     check_below(y, sums.rows(), "an event is outside the frame");
     Span<Sum> flat = sums.flat();
@@ -143,11 +146,11 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
         return search_cells(from, to, height, width, weight, -1, best);
     i64 stride = width + 2 * MARGIN;
     // an empty pixel is infinitely far: so no branch tests for it, which would be unpredictable
-    std::vector<float> memory((height + 2 * MARGIN) * stride, std::numeric_limits<float>::infinity());
+    Vector<float> memory((height + 2 * MARGIN) * stride, std::numeric_limits<float>::infinity());
     Span<float> lattice(memory);
     for (i64 j = 0; j < bx.size(); ++j) lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = float(bvalue[j]);
-    static const std::vector<Step> around = steps_around();
-    std::vector<i64> memory_of_steps(around.size());
+    static const Vector<Step> around = steps_around();
+    Vector<i64> memory_of_steps(around.size());
     Span<i64> steps(memory_of_steps);
     for (i64 k = 0; k < steps.size(); ++k) steps[k] = around[k].dy * stride + around[k].dx;
     Interrupt interrupt;
@@ -169,9 +172,11 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
         offer(1, of_four(home - 1, home + 1, up, down));
         offer(2, of_four(up - 1, up + 1, down - 1, down + 1));
         offer(4, of_four(home - 2, home + 2, top, bottom));
-        offer(5, lesser(of_four(up - 2, up + 2, down - 2, down + 2), of_four(top - 1, top + 1, bottom - 1, bottom + 1)));
+        offer(5, of_four(up - 2, up + 2, down - 2, down + 2));
+        offer(5, of_four(top - 1, top + 1, bottom - 1, bottom + 1));
         for (i64 k = UNASKED; k < steps.size() && double(around[k].square) < least; k += 4)
-            offer(double(around[k].square), of_four(home + steps[k], home + steps[k + 1], home + steps[k + 2], home + steps[k + 3]));
+            offer(double(around[k].square),
+                  of_four(home + steps[k], home + steps[k + 1], home + steps[k + 2], home + steps[k + 3]));
         best[i] = least;
         lonely |= least > MARGIN * MARGIN;
     }
@@ -179,7 +184,8 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
 }
 
 void cancel(Span<const i64> place_a, Span<i64> a, Span<const i64> place_b, Span<i64> b) {
-    if (place_a.size() != a.size() || place_b.size() != b.size()) throw std::invalid_argument("places and masses differ in number");
+    if (place_a.size() != a.size() || place_b.size() != b.size())
+        throw std::invalid_argument("places and masses differ in number");
     for (i64 i = 0, j = 0; i < a.size() && j < b.size();) {
         if (place_a[i] < place_b[j]) {
             ++i;

@@ -8,11 +8,11 @@
 #include <limits>
 #include <stdexcept>
 #include <utility>
-#include <vector>
 
 #include "../native/bind.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
+#include "../native/vector.h"
 
 namespace nvsdata {
 
@@ -30,11 +30,13 @@ struct Points {
     i64 size() const { return x.size(); }
     // The sum of masses.
     i64 check() const {
-        if (y.size() != size() || mass.size() != size()) throw std::invalid_argument("columns of points differ in length");
+        if (y.size() != size() || mass.size() != size())
+            throw std::invalid_argument("columns of points differ in length");
         if (size() == 0) throw std::invalid_argument("no points to move mass from or to");
         i64 sum = 0;
         for (i64 one : mass) {
-            if (one <= 0 || one >= MOST - sum) throw std::invalid_argument("masses must be positive, and fewer than 2^62 together");
+            if (one <= 0 || one >= MOST - sum)
+                throw std::invalid_argument("masses must be positive, and less than 2^62 together");
             sum += one;
         }
         return sum;
@@ -80,7 +82,8 @@ struct Node {
 
 class Tree {
 public:
-    Tree(const Points& from, const Points& to, i64 surplus) : from_(from), to_(to), surplus_(surplus), offers_(to.size()) {
+    Tree(const Points& from, const Points& to, i64 surplus)
+        : from_(from), to_(to), surplus_(surplus), offers_(to.size()) {
         i64 sources = from.size(), sinks = to.size();
         // the last sink takes the surplus, from anywhere at no cost
         root_ = i32(sources + sinks + (surplus > 0));
@@ -123,9 +126,9 @@ private:
     const Points &from_, &to_;
     i64 surplus_;
     i32 root_;
-    std::vector<Node> nodes_;
-    std::vector<double> potential_, offers_;
-    std::vector<i32> stack_;
+    Vector<Node> nodes_;
+    Vector<double> potential_, offers_;
+    Vector<i32> stack_;
 
     // The arc from a source whose reduced cost is least.
     Arc best_arc(i32 source) {
@@ -142,8 +145,8 @@ private:
     // Bring the arc into the tree, and push as much mass along its cycle as possible.
     void pivot(const Arc& arc) {
         i32 u = arc.from, v = arc.to, a = u, b = v;
-        // where the two paths to the root meet, and the arc that blocks first: there is one, because the arcs of a source
-        // point up, those of a sink down
+        // where the two paths to the root meet, and the arc that blocks first: there is one, because arcs of sources point
+        // up, those of sinks down
         i64 least = MOST;
         i32 out = -1;
         bool below_u = true;

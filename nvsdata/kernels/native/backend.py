@@ -6,9 +6,19 @@ import os
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 from scikit_build_core import build
-from scikit_build_core.build import *  # noqa: F403
+from scikit_build_core.build import build_sdist, get_requires_for_build_sdist
+
+__all__ = [
+    "build_editable",
+    "build_sdist",
+    "build_wheel",
+    "get_requires_for_build_editable",
+    "get_requires_for_build_sdist",
+    "get_requires_for_build_wheel",
+]
 
 COMPILERS = ("c++", "g++", "clang++", "cl")
 
@@ -22,23 +32,23 @@ def _with_zig(required: list[str]) -> list[str]:
     return required if _has_compiler() else [*required, "ziglang"]
 
 
-def get_requires_for_build_wheel(settings=None):
+def get_requires_for_build_wheel(settings: Any = None) -> list[str]:
     """Return what a wheel's build needs."""
     return _with_zig(build.get_requires_for_build_wheel(settings))
 
 
-def get_requires_for_build_editable(settings=None):
+def get_requires_for_build_editable(settings: Any = None) -> list[str]:
     """Return what an editable installation's build needs."""
     return _with_zig(build.get_requires_for_build_editable(settings))
 
 
-def build_wheel(folder, settings=None, metadata=None):
+def build_wheel(folder: str, settings: Any = None, metadata: str | None = None) -> str:
     """Build a wheel."""
     _choose_compiler()
     return build.build_wheel(folder, settings, metadata)
 
 
-def build_editable(folder, settings=None, metadata=None):
+def build_editable(folder: str, settings: Any = None, metadata: str | None = None) -> str:
     """Build an editable wheel."""
     _choose_compiler()
     return build.build_editable(folder, settings, metadata)
