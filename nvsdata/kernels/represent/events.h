@@ -55,9 +55,12 @@ bool are_inside(const Images& images, const Pixels& events);
 // Times since the first one, times scale / span; whether all are from 0 to `most` before they are scaled.
 bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, double span, double* out);
 
+inline void require_inside(bool inside) {
+    if (!inside) throw std::out_of_range("events lie outside of the sensor, or have polarities other than 0 and 1");
+}
+
 inline void place_all(const Images& images, const Pixels& events, i64 from, i64 to, i64* places) {
-    if (!place(images, events, from, to, places))
-        throw std::out_of_range("events lie outside of the sensor, or have polarities other than 0 and 1");
+    require_inside(place(images, events, from, to, places));
 }
 
 // Loops are inlined, so that what a kernel keeps from event to event stays in registers.

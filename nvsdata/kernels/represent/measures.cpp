@@ -40,10 +40,11 @@ void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
                 values[k] = quantity == COUNT ? 1.0 : quantity == POLARITY ? 2.0 * p[from + k] - 1 : 0.0;
         for (i64 k = 0; k < count; ++k) {
             if (wanted >= 0 && p[from + k] != wanted) continue;
-            double value = values[k], before = total[places[k]];
-            number[places[k]] += 1;
-            squares[places[k]] += value * value;
-            total[places[k]] = measure == MAX ? (before < value ? value : before) : before + value;
+            i64 place = places[k];
+            double value = values[k], before = total[place], larger = before < value ? value : before;
+            number[place] += 1;
+            squares[place] += value * value;
+            total[place] = measure == MAX ? larger : before + value;
         }
     });
     measure_pixels(number.data(), total.data(), squares.data(), images.size, measure, out.data());
