@@ -16,8 +16,8 @@ void weigh(Span<const u8> row, i64 first_weight, Span<i32> thousandths);
 template <class Thousandths>
 void logarithm(Span<const Thousandths> thousandths, float t_log, float slope, Span<float> out);
 
-// std::invalid_argument unless pixels are of one byte, or of three with weights, and a table of this size has a value for
-// each brightness. Colors need none where logarithms are calculated.
+// std::invalid_argument unless pixels are of one byte, or of three with weights, and a table of this size has a value
+// for each brightness. Colors need none where logarithms are calculated.
 void check_light(i64 bytes, i64 first_weight, i64 table, bool calculated);
 
 template <class Place, class Number>

@@ -74,10 +74,24 @@ template <class Number, class Time>
 class Crossings {
 public:
     Crossings(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array, i64 before, i64 now)
-        : rousing_(light, sensor, array), sensor_(sensor), array_(array), now_(now), span_(now - before),
-          past_(Number(sensor.leak * double(before))), drift_(Number(sensor.leak * double(now))), marks_(array.width()),
-          rise_(array.width()), moved_(array.width()), step_(array.width()), later_(array.width()), first_(array.width()),
-          count_(array.width()), low_(array.width()), one_(array.width()), two_(array.width()), three_(array.width()) {}
+        : rousing_(light, sensor, array),
+          sensor_(sensor),
+          array_(array),
+          now_(now),
+          span_(now - before),
+          past_(Number(sensor.leak * double(before))),
+          drift_(Number(sensor.leak * double(now))),
+          marks_(array.width()),
+          rise_(array.width()),
+          moved_(array.width()),
+          step_(array.width()),
+          later_(array.width()),
+          first_(array.width()),
+          count_(array.width()),
+          low_(array.width()),
+          one_(array.width()),
+          two_(array.width()),
+          three_(array.width()) {}
 
     void run(Keys& keys) {
         Interrupt interrupt;
@@ -119,7 +133,8 @@ private:
             if (on.empty())
                 best<mark_crossed<Number>>(level, memory, drift_, sensor_.off(), sensor_.on(), mark);
             else
-                best<mark_crossed_each<Number>>(level, memory, drift_, off.part(left, right), on.part(left, right), mark);
+                best<mark_crossed_each<Number>>(level, memory, drift_, off.part(left, right), on.part(left, right),
+                                                mark);
             done = right;
         });
         marks_.clear(done, width);
@@ -142,12 +157,14 @@ private:
         Span<i32> count(count_.data(), m);
         Span<u32> low(low_.data(), m), one(one_.data(), m), two(two_.data(), m), three(three_.data(), m);
         i64 total;
-        best<time_events<Number, Time>>(moved, rise, step, x, u32(y) << 17, Time(span_), count, later, first, low, &total);
+        best<time_events<Number, Time>>(moved, rise, step, x, u32(y) << 17, Time(span_), count, later, first, low,
+                                        &total);
         for (i64 j = 0; j < m; ++j) {
             double spent = double(step[j]) * count[j];
             Number& kept = memory[x[j]];
             kept = Number(double(kept) + (moved[j] > 0 ? spent : -spent));
-            if (double(std::abs(moved[j])) - spent >= double(step[j])) array_.wake(y / TILE_ROWS, x[j] / TILE_COLUMNS) = now_;
+            if (double(std::abs(moved[j])) - spent >= double(step[j]))
+                array_.wake(y / TILE_ROWS, x[j] / TILE_COLUMNS) = now_;
         }
         best<three_times<Time>>(first, later, one, two, three);
         u64* out = keys.room(total + FEW);

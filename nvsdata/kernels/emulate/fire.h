@@ -37,7 +37,8 @@ NVSDATA_INLINE void count_events(Span<const Number> difference, Span<const u16> 
 
 // Times of the first three events of positions, k span / ratio; those beyond the span don't count.
 template <class Number, class Time>
-NVSDATA_INLINE void three_times(Span<const Number> ratio, Time span, Span<u32> first, Span<u32> second, Span<u32> third) {
+NVSDATA_INLINE void three_times(Span<const Number> ratio, Time span, Span<u32> first, Span<u32> second,
+                                Span<u32> third) {
     Time top = largest_i32<Time>, half = Time(0.5);
     for (i64 j = 0; j < ratio.size(); ++j) {
         Time step = span / ratio[j], a = step + half, b = a + step, c = b + step;
@@ -57,8 +58,19 @@ template <class Number, class Time>
 class Fire {
 public:
     Fire(i64 width, Number threshold, i64 most, Timing timing, i64 span, u64 seed)
-        : threshold_(threshold), most_(i32(std::min<i64>(most, 0x7FFFFFFF))), timing_(timing), span_(span), seed_(seed),
-          marks_(width), ratio_(width), gap_(width), count_(width), low_(width), first_(width), second_(width), third_(width) {}
+        : threshold_(threshold),
+          most_(i32(std::min<i64>(most, 0x7FFFFFFF))),
+          timing_(timing),
+          span_(span),
+          seed_(seed),
+          marks_(width),
+          ratio_(width),
+          gap_(width),
+          count_(width),
+          low_(width),
+          first_(width),
+          second_(width),
+          third_(width) {}
 
     // Add events where |difference| >= threshold in active tiles, (3.6) and (3.8), in raster order.
     // `difference` begins at row `top` of the frame. Times are k span / |d| for the k-th of a position (INTERPOLATED),
@@ -127,7 +139,8 @@ private:
             Span<Time> gap(gap_.data(), ratio.size());
             best<gaps<Number, Time>>(ratio, Time(span_), gap);
             // at most about the span, because k is at most the ratio
-            write_at(count, low, out, [&](i64 j, i32 k) { return u64(i64(double(k + i64(1)) * double(gap[j]) + 0.5)); });
+            write_at(count, low, out,
+                     [&](i64 j, i32 k) { return u64(i64(double(k + i64(1)) * double(gap[j]) + 0.5)); });
         } else if (timing_ == RANDOM) {
             write_at(count, low, out, [&](i64 j, i32 k) {
                 return random_bits(seed_ + ((u64(low[j]) << 16) + u64(k) + 1) * step) % u64(span_);

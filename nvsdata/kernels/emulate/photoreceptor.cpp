@@ -14,7 +14,8 @@ constexpr double MOST_PARTS = 1e6;  // from one light to another; more only if o
 constexpr double CLOSE = 0.01;  // µs to which a crossing is found
 constexpr int TRIES = 60;       // after which halving alone has found it
 constexpr double EARLY = 1.0;   // µs by which tiles wake early, because times are known to rounding only
-constexpr double TINY = 1e-12;  // of the logarithm of light: a lag that doesn't turn a curve, and what rounding may add up to
+// of the logarithm of light: a lag that doesn't turn a curve, and what rounding may add up to
+constexpr double TINY = 1e-12;
 
 // In 1/µs: v2e's (I + 20) / 275 of that at white, `speed`.
 double rate(double light, double dark, double speed) { return speed * (light - dark / 1000 + 20) / 275; }
@@ -52,10 +53,20 @@ struct Pixel {
 
 class Receptors {
 public:
-    Receptors(const Light<double>& light, const Sensor<double>& sensor, const PixelArray<double>& array, Rows<double> reached,
-              Rows<double> speed, Rows<i64> since, double white, i64 before, i64 now, Keys& keys)
-        : rousing_(light, sensor, array), sensor_(sensor), array_(array), reached_(reached), speed_(speed), since_(since),
-          dark_(double(sensor.dark)), white_(white), leak_(sensor.leak), before_(before), now_(now), keys_(keys) {}
+    Receptors(const Light<double>& light, const Sensor<double>& sensor, const PixelArray<double>& array,
+              Rows<double> reached, Rows<double> speed, Rows<i64> since, double white, i64 before, i64 now, Keys& keys)
+        : rousing_(light, sensor, array),
+          sensor_(sensor),
+          array_(array),
+          reached_(reached),
+          speed_(speed),
+          since_(since),
+          dark_(double(sensor.dark)),
+          white_(white),
+          leak_(sensor.leak),
+          before_(before),
+          now_(now),
+          keys_(keys) {}
 
     void run() {
         i64 height = array_.height();
@@ -107,7 +118,8 @@ private:
                 level[i] = end[i];
                 reached[i] = end[i] - lag;
             }
-            if (wake > now_) wake = std::min(wake, next(level[i] - memory[i], level[i] - reached[i], speed[i], origin, pixel));
+            if (wake > now_)
+                wake = std::min(wake, next(level[i] - memory[i], level[i] - reached[i], speed[i], origin, pixel));
         }
     }
 
@@ -133,7 +145,8 @@ private:
             // what it follows, it doesn't overtake
             double highest = std::max(std::max(light - lag, light), light + change);
             double lowest = std::min(std::min(light - lag, light), light + change);
-            if (highest - memory + leak_ * (since + span) >= pixel.on || lowest - memory + leak_ * since <= -pixel.off) {
+            if (highest - memory + leak_ * (since + span) >= pixel.on ||
+                lowest - memory + leak_ * since <= -pixel.off) {
                 Curve curve{light - behind - memory + leak_ * since, change / span + leak_, lag - behind, speed};
                 memory = fire(curve, 0, span, double(-k) * span, pixel, memory);
             }
@@ -185,10 +198,11 @@ private:
 
 }  // namespace
 
-Keys::Result advance_receptors(Rows<const u8> frame, Rows<const u8> previous, i64 first_weight, Rows<const double> given,
-                               Span<const double> table, i64 dark, Span<const double> thresholds, Span<const double> each,
-                               double leak, double white, Rows<double> level, Rows<double> memory, Rows<double> reached,
-                               Rows<double> speed, Rows<bool> dirty, Rows<i64> wake, Rows<i64> since, i64 before, i64 now,
+Keys::Result advance_receptors(Rows<const u8> frame, Rows<const u8> previous, i64 first_weight,
+                               Rows<const double> given, Span<const double> table, i64 dark,
+                               Span<const double> thresholds, Span<const double> each, double leak, double white,
+                               Rows<double> level, Rows<double> memory, Rows<double> reached, Rows<double> speed,
+                               Rows<bool> dirty, Rows<i64> wake, Rows<i64> since, i64 before, i64 now,
                                Span<u64> place) {
     Light<double> light{frame, previous, first_weight, given};
     Sensor<double> sensor{table, dark, thresholds, each, leak};

@@ -94,8 +94,8 @@ struct Around {
 
 // Only the pixels at the ends of a row have a neighbor in common with themselves.
 template <class Number>
-NVSDATA_INLINE void subtract_neighbors(Span<const Number> level, Around<Number> around, Method method, i64 begin, i64 end,
-                                       Span<Number> difference) {
+NVSDATA_INLINE void subtract_neighbors(Span<const Number> level, Around<Number> around, Method method, i64 begin,
+                                       i64 end, Span<Number> difference) {
     i64 last = level.size() - 1;
     if (method == AVERAGE)
         for (i64 x = std::max<i64>(begin, 1); x < std::min(end, last); ++x)
@@ -123,7 +123,8 @@ void differ(const Rule<Number>& rule, Rows<const Number> level, Rows<const Numbe
             if (rule.method == CO_LOCATED) {
                 best<subtract<Number>>(level[y].part(left, right), reference[y].part(left, right), out);
             } else {
-                Around<Number> around{reference[std::max<i64>(y - 1, 0)], reference[y], reference[std::min(y + 1, height - 1)]};
+                Around<Number> around{reference[std::max<i64>(y - 1, 0)], reference[y],
+                                      reference[std::min(y + 1, height - 1)]};
                 best<subtract_neighbors<Number>>(level[y], around, rule.method, left, right, difference[y]);
             }
             if (rule.sensitivity.rows()) best<multiply<Number>>(out, sensitivity[y].part(left, right));
@@ -139,7 +140,8 @@ NVSDATA_INLINE void update_tile(const Rule<Number>* rule, Rows<const Number> lev
     bool jumps = alpha >= 1, everywhere = rule->everywhere, alone = rule->method == CO_LOCATED;
     int found = 0;
     for (i64 y = box.top; y < box.bottom; ++y) {
-        Span<const Number> level = levels[y].part(box.left, box.right), difference = differences[y].part(box.left, box.right);
+        Span<const Number> level = levels[y].part(box.left, box.right),
+                           difference = differences[y].part(box.left, box.right);
         Span<Number> reference = references[y].part(box.left, box.right);
         for (i64 x = 0; x < level.size(); ++x) {
             Number here = level[x], before = reference[x];
@@ -181,14 +183,16 @@ NVSDATA_INLINE void follow(Span<const Number> level, Number alpha, Span<Number> 
 
 // Update moving averages that are behind, (3.10), by exactly the omitted steps, until none changes a value.
 template <class Number>
-void catch_up(Rows<Number> reference, Rows<const Number> level, Number alpha, Rows<i64> behind, Rows<const bool> tiles) {
+void catch_up(Rows<Number> reference, Rows<const Number> level, Number alpha, Rows<i64> behind,
+              Rows<const bool> tiles) {
     Interrupt interrupt;
     each_tile(tiles, level.rows(), level.columns(), [&](i64 r, i64 c, Box box) {
         bool moved = true;
         for (i64 n = behind(r, c); n > 0 && moved; --n) {
             moved = false;
             for (i64 y = box.top; y < box.bottom; ++y)
-                best<follow<Number>>(level[y].part(box.left, box.right), alpha, reference[y].part(box.left, box.right), &moved);
+                best<follow<Number>>(level[y].part(box.left, box.right), alpha, reference[y].part(box.left, box.right),
+                                     &moved);
             interrupt.poll();
         }
         behind(r, c) = 0;
@@ -223,7 +227,8 @@ bool look(Rows<const u8> frame, Rows<const u8> previous, bool contrast, Method m
     } else {
         std::fill(active.begin(), active.end(), false);
     }
-    bool found = false, follows = everywhere && alpha < 1;  // whether references also move in tiles that aren't processed
+    // whether references also move in tiles that aren't processed
+    bool found = false, follows = everywhere && alpha < 1;
     for (i64 i = 0; i < active.size(); ++i) {
         found |= active[i];
         tiles.behind.flat()[i] += follows && !active[i];
@@ -262,7 +267,8 @@ template <class Number>
 void luminance(Rows<const u8> frame, i64 first_weight, Span<const Number> table, double t_log, double slope,
                Rows<const bool> tiles, Rows<Number> plane) {
     check_tiles(tiles, plane.rows(), plane.columns());
-    check_light(check_frames(frame, frame, plane.rows(), plane.columns()), first_weight, table.size(), sizeof(Number) == 4);
+    check_light(check_frames(frame, frame, plane.rows(), plane.columns()), first_weight, table.size(),
+                sizeof(Number) == 4);
     see(frame, first_weight, table, Number(t_log), Number(slope), tiles, plane);
 }
 
@@ -273,10 +279,12 @@ void contrast(Rows<const double> plane, Rows<const bool> tiles, bool then_log, d
     check_pixels(level.rows(), level.columns(), height, width);
     each_box(tiles, height, width, [&](Box box) {
         for (i64 y = box.top; y < box.bottom; ++y) {
-            Span<const double> row = plane[y], up = plane[std::max<i64>(y - 1, 0)], down = plane[std::min(y + 1, height - 1)];
+            Span<const double> row = plane[y], up = plane[std::max<i64>(y - 1, 0)],
+                               down = plane[std::min(y + 1, height - 1)];
             for (i64 x = box.left; x < box.right; ++x) {
                 double here = row[x];
-                double sides = std::abs(here - row[std::max<i64>(x - 1, 0)]) + std::abs(here - row[std::min(x + 1, width - 1)]);
+                double sides =
+                    std::abs(here - row[std::max<i64>(x - 1, 0)]) + std::abs(here - row[std::min(x + 1, width - 1)]);
                 double value = (sides + std::abs(here - up[x]) + std::abs(here - down[x])) / 4;
                 if (then_log) value = value > t_log ? std::log(value) : value * slope;
                 level(y, x) = value;
@@ -298,11 +306,12 @@ bool look_at(Rows<const u8> frame, Rows<const u8> previous, bool contrast, i64 m
 }
 
 template <class Number>
-Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first_weight, bool contrast, Span<const Number> table,
-                  double t_log, double slope, i64 method, Rows<const Number> sensitivity, i64 side, double threshold,
-                  i64 most, i64 timing, double alpha, bool everywhere, double calm, Rows<bool> dirty, Rows<bool> affected,
-                  Rows<bool> active, Rows<bool> still, Rows<i64> behind, Rows<Number> plane, Rows<Number> level,
-                  Rows<Number> reference, Rows<Number> difference, i64 span, u64 seed, Span<u64> place) {
+Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first_weight, bool contrast,
+                        Span<const Number> table, double t_log, double slope, i64 method,
+                        Rows<const Number> sensitivity, i64 side, double threshold, i64 most, i64 timing, double alpha,
+                        bool everywhere, double calm, Rows<bool> dirty, Rows<bool> affected, Rows<bool> active,
+                        Rows<bool> still, Rows<i64> behind, Rows<Number> plane, Rows<Number> level,
+                        Rows<Number> reference, Rows<Number> difference, i64 span, u64 seed, Span<u64> place) {
     Rule<Number> rule{table, Number(t_log), Number(slope), method_of(method), sensitivity, side, Number(threshold),
                       Number(alpha), everywhere, Number(calm)};
     Pixels<Number> pixels{plane, level, reference, difference};
@@ -323,7 +332,8 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
     Keys keys(place);
     if (frame.rows()) {
         check_light(check_frames(frame, previous, height, width), first_weight, table.size(), sizeof(Number) == 4);
-        if (!look(frame, previous, contrast, rule.method, side, rule.alpha, everywhere, tiles, pixels)) return keys.result();
+        if (!look(frame, previous, contrast, rule.method, side, rule.alpha, everywhere, tiles, pixels))
+            return keys.result();
     }
     // in float32, time has 24 bits
     if (sizeof(Number) == 8 || span > 1 << 21)

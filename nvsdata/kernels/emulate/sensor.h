@@ -55,7 +55,8 @@ struct PixelArray {
 };
 
 template <class Number>
-void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array, i64 before, i64 now) {
+void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array, i64 before,
+                  i64 now) {
     i64 height = array.height(), width = array.width();
     i64 bytes = check_frames(light.frame, light.previous, height, width);
     if (light.given.rows())

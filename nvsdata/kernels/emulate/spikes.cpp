@@ -77,14 +77,16 @@ NVSDATA_INLINE void pass_on(Readout* readout) {
     for (i64 i = 0; i < t.size(); ++i) {
         u64 pixel = u64(i64(y[i])) * u64(width) + u64(i64(x[i]));
         if (pixel >= u64(ready.size())) throw std::out_of_range("an event lies outside the sensor");
-        i64 sees = ready[i64(pixel)];
-        kept[i] = t[i] >= sees;
-        if (!kept[i]) continue;
-        double free = std::max(double(i64(u64(t[i]) - u64(start))), busy);
+        i64 time = t[i];
+        bool seen = time >= ready[i64(pixel)];
+        kept[i] = seen;
+        if (!seen) continue;
+        double free = std::max(double(i64(u64(time) - u64(start))), busy);
         if (!(free < LATEST)) throw std::out_of_range("the readout falls too far behind");
         busy = free + gap;
-        out[i] = i64(u64(start) + u64(i64(std::ceil(free))));
-        ready[i64(pixel)] = i64(u64(std::max(out[i], t[i])) + u64(refractory));
+        i64 leaves = i64(u64(start) + u64(i64(std::ceil(free))));
+        out[i] = leaves;
+        ready[i64(pixel)] = i64(u64(std::max(leaves, time)) + u64(refractory));
     }
     readout->busy = busy;
 }

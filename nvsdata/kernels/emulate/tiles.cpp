@@ -68,7 +68,8 @@ void spread(Rows<const bool> marks, Rows<bool> out) {
         for (i64 c = 0; c < columns; ++c) {
             u8 found = 0;
             for (i64 i = std::max<i64>(r - 1, 0); i < std::min(r + 2, rows); ++i)
-                for (i64 j = std::max<i64>(c - 1, 0); j < std::min(c + 2, columns); ++j) found |= given[i * columns + j];
+                for (i64 j = std::max<i64>(c - 1, 0); j < std::min(c + 2, columns); ++j)
+                    found |= given[i * columns + j];
             out(r, c) = found;
         }
 }

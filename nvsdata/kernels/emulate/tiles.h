@@ -17,7 +17,8 @@ struct Box {
 };
 
 inline Box tile_box(i64 r, i64 c, i64 height, i64 width) {
-    return {r * TILE_ROWS, std::min((r + 1) * TILE_ROWS, height), c * TILE_COLUMNS, std::min((c + 1) * TILE_COLUMNS, width)};
+    return {r * TILE_ROWS, std::min((r + 1) * TILE_ROWS, height), c * TILE_COLUMNS,
+            std::min((c + 1) * TILE_COLUMNS, width)};
 }
 
 // Call each(left, right), columns of pixels, for the runs of marked tiles in a row of tiles.

@@ -67,7 +67,9 @@ struct Levels<body> {
     static void v2(A... given) { body(given...); }
 #ifdef NVSDATA_LEVELS
     __attribute__((target("avx2,bmi,bmi2"))) static void v3(A... given) { body(given...); }
-    __attribute__((target("avx2,bmi,bmi2,avx512f,avx512bw,avx512dq,avx512vl"))) static void v4(A... given) { body(given...); }
+    __attribute__((target("avx2,bmi,bmi2,avx512f,avx512bw,avx512dq,avx512vl"))) static void v4(A... given) {
+        body(given...);
+    }
 #endif
 };
 
