@@ -71,7 +71,7 @@ NVSDATA_INLINE void look_around(Span<const i64> x, Span<const i64> y, Span<const
             return lesser(lesser(apart(a), apart(b)), lesser(apart(c), apart(d)));
         };
         double nearest = least[i];
-        auto offer = [&](double square, float value) { nearest = lesser(nearest, cost(square, weight, double(value))); };
+        auto offer = [&](double square, float apart) { nearest = lesser(nearest, cost(square, weight, apart)); };
         // the first are looked at in any case, because when to stop is unpredictable, and a wrong prediction costs more
         i64 up = home - stride, down = home + stride, top = up - stride, bottom = down + stride;
         offer(0, apart(home));

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <cstring>
 #include <stdexcept>
 #include <string>
 
@@ -21,6 +22,14 @@
 #endif
 
 namespace nvsdata {
+
+// The same bits as another type.
+template <class To, class From>
+NVSDATA_INLINE To bits_of(From value) {
+    To bits;
+    std::memcpy(&bits, &value, sizeof(To));
+    return bits;
+}
 
 // The highest level that the processor has: 2, 3 or 4.
 inline int processor_level() {
@@ -58,7 +67,9 @@ struct Levels<body> {
     static void v2(A... given) { body(given...); }
 #ifdef NVSDATA_LEVELS
     __attribute__((target("avx2,bmi,bmi2"))) static void v3(A... given) { body(given...); }
-    __attribute__((target("avx2,bmi,bmi2,avx512f,avx512bw,avx512dq,avx512vl"))) static void v4(A... given) { body(given...); }
+    __attribute__((target("avx2,bmi,bmi2,avx512f,avx512bw,avx512dq,avx512vl"))) static void v4(A... given) {
+        body(given...);
+    }
 #endif
 };
 
