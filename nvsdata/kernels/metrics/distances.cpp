@@ -9,6 +9,7 @@
 #include "../native/bind.h"
 #include "../native/indexes.h"
 #include "../native/interrupt.h"
+#include "../native/levels.h"
 #include "../native/vector.h"
 
 namespace nvsdata {
@@ -55,6 +56,36 @@ double cost(double square, double weight, double apart) { return square + weight
 template <class Float>
 Float lesser(Float a, Float b) {
     return b < a ? b : a;
+}
+
+// Look at the map around each spike, and lower the least costs.
+NVSDATA_INLINE void look_around(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<const float> lattice,
+                                i64 stride, Span<const i64> steps, Span<const double> squares, double weight,
+                                Span<double> least, bool* lonely) {
+    for (i64 i = 0; i < x.size(); ++i) {
+        i64 home = (y[i] + MARGIN) * stride + x[i] + MARGIN;
+        // whole numbers: their differences are exact in single precision
+        float own = float(value[i]);
+        auto apart = [&](i64 at) { return std::abs(own - lattice[at]); };
+        auto of_four = [&](i64 a, i64 b, i64 c, i64 d) {
+            return lesser(lesser(apart(a), apart(b)), lesser(apart(c), apart(d)));
+        };
+        double nearest = least[i];
+        auto offer = [&](double square, float apart) { nearest = lesser(nearest, cost(square, weight, apart)); };
+        // the first are looked at in any case, because when to stop is unpredictable, and a wrong prediction costs more
+        i64 up = home - stride, down = home + stride, top = up - stride, bottom = down + stride;
+        offer(0, apart(home));
+        offer(1, of_four(home - 1, home + 1, up, down));
+        offer(2, of_four(up - 1, up + 1, down - 1, down + 1));
+        offer(4, of_four(home - 2, home + 2, top, bottom));
+        offer(5, of_four(up - 2, up + 2, down - 2, down + 2));
+        offer(5, of_four(top - 1, top + 1, bottom - 1, bottom + 1));
+        for (i64 k = UNASKED; k < steps.size() && squares[k] < nearest; k += 4)
+            offer(squares[k],
+                  of_four(home + steps[k], home + steps[k + 1], home + steps[k + 2], home + steps[k + 3]));
+        least[i] = nearest;
+        *lonely |= nearest > MARGIN * MARGIN;
+    }
 }
 
 // Spikes by cells of CELL pixels; lowers the best costs of others where they are above `settled`.
@@ -137,13 +168,13 @@ i64 spikes(Rows<Sum> sums, Span<i64> places, Span<i64> x, Span<i64> y, Span<i64>
 }
 
 void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<const i64> bx, Span<const i64> by,
-             Span<const i64> bvalue, i64 height, i64 width, double weight, double limit, Span<double> best) {
+             Span<const i64> bvalue, i64 height, i64 width, double weight, double limit, Span<double> least) {
     Spikes from{x, y, value}, to{bx, by, bvalue};
     from.check(height, width);
     to.check(height, width);
-    std::fill(best.begin(), best.end(), limit + 1);
+    std::fill(least.begin(), least.end(), limit + 1);
     if (double(bx.size()) * SPARSE < double(height) * double(width))
-        return search_cells(from, to, height, width, weight, -1, best);
+        return search_cells(from, to, height, width, weight, -1, least);
     i64 stride = width + 2 * MARGIN;
     // an empty pixel is infinitely far: so no branch tests for it, which would be unpredictable
     Vector<float> memory((height + 2 * MARGIN) * stride, std::numeric_limits<float>::infinity());
@@ -151,36 +182,22 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
     for (i64 j = 0; j < bx.size(); ++j) lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = float(bvalue[j]);
     static const Vector<Step> around = steps_around();
     Vector<i64> memory_of_steps(around.size());
+    Vector<double> memory_of_squares(around.size());
     Span<i64> steps(memory_of_steps);
-    for (i64 k = 0; k < steps.size(); ++k) steps[k] = around[k].dy * stride + around[k].dx;
+    Span<double> squares(memory_of_squares);
+    for (i64 k = 0; k < steps.size(); ++k) {
+        steps[k] = around[k].dy * stride + around[k].dx;
+        squares[k] = double(around[k].square);
+    }
     Interrupt interrupt;
     bool lonely = false;
-    for (i64 i = 0; i < x.size(); ++i) {
-        if (i % PATIENCE == 0) interrupt.poll();
-        i64 home = (y[i] + MARGIN) * stride + x[i] + MARGIN;
-        // whole numbers: their differences are exact in single precision
-        float own = float(value[i]);
-        auto apart = [&](i64 at) { return std::abs(own - lattice[at]); };
-        auto of_four = [&](i64 a, i64 b, i64 c, i64 d) {
-            return lesser(lesser(apart(a), apart(b)), lesser(apart(c), apart(d)));
-        };
-        double least = best[i];
-        auto offer = [&](double square, float value) { least = lesser(least, cost(square, weight, double(value))); };
-        // the first are looked at in any case, because when to stop is unpredictable, and a wrong prediction costs more
-        i64 up = home - stride, down = home + stride, top = up - stride, bottom = down + stride;
-        offer(0, apart(home));
-        offer(1, of_four(home - 1, home + 1, up, down));
-        offer(2, of_four(up - 1, up + 1, down - 1, down + 1));
-        offer(4, of_four(home - 2, home + 2, top, bottom));
-        offer(5, of_four(up - 2, up + 2, down - 2, down + 2));
-        offer(5, of_four(top - 1, top + 1, bottom - 1, bottom + 1));
-        for (i64 k = UNASKED; k < steps.size() && double(around[k].square) < least; k += 4)
-            offer(double(around[k].square),
-                  of_four(home + steps[k], home + steps[k + 1], home + steps[k + 2], home + steps[k + 3]));
-        best[i] = least;
-        lonely |= least > MARGIN * MARGIN;
+    for (i64 i = 0; i < x.size(); i += PATIENCE) {
+        interrupt.poll();
+        i64 to = std::min(x.size(), i + PATIENCE);
+        best<look_around>(x.part(i, to), y.part(i, to), value.part(i, to), lattice, stride, steps, squares, weight,
+                          least.part(i, to), &lonely);
     }
-    if (lonely && limit > MARGIN * MARGIN) search_cells(from, to, height, width, weight, MARGIN * MARGIN, best);
+    if (lonely && limit > MARGIN * MARGIN) search_cells(from, to, height, width, weight, MARGIN * MARGIN, least);
 }
 
 void cancel(Span<const i64> place_a, Span<i64> a, Span<const i64> place_b, Span<i64> b) {

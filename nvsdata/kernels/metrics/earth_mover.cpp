@@ -145,8 +145,8 @@ private:
     // Bring the arc into the tree, and push as much mass along its cycle as possible.
     void pivot(const Arc& arc) {
         i32 u = arc.from, v = arc.to, a = u, b = v;
-        // where the two paths to the root meet, and the arc that blocks first: there is one, because arcs of sources point
-        // up, those of sinks down
+        // where the two paths to the root meet, and the arc that blocks first: there is one, because arcs of sources
+        // point up, those of sinks down
         i64 least = MOST;
         i32 out = -1;
         bool below_u = true;
