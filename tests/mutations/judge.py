@@ -1,9 +1,9 @@
 """The test command of the mutations: the tests that run the changed line, the nearest first.
 
 Ends with pytest's exit code; the first failure ends it. The changed module is what differs from the last commit. Which
-tests run a line is read from `.coverage`, which pytest-cov writes (docs/contributing.md). Compiled kernels leave no
-trace in it: for them it's the tests of the lines that call them. For lines that run at import, or in other processes,
-and without a map, it's all tests that run anything of the module, or stand in its room.
+tests run a line is read from `.coverage`, which pytest-cov writes (docs/contributing.md). For lines that run at import, or
+in other processes, and without a map, it's all tests that run anything of the module, or stand in its room. Last come
+the tests of whole commands in processes of their own, which leave no trace in the map.
 """
 
 import ast
@@ -13,7 +13,6 @@ import tempfile
 from pathlib import Path
 
 import coverage
-from compiled import forget, is_kernel, uses
 
 ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "tests"
@@ -32,20 +31,7 @@ IN_PROCESSES = ("cli.py", "commands", "common", "emulation", "recording", "train
 def main() -> int:
     """Judge the change that stands in the working tree."""
     changed, lines = change()
-    if not is_kernel(changed):
-        return judged(changed, running(changed, lines))
-    forget(changed)
-    try:
-        return judged(changed, running_kernel(changed, lines))
-    finally:
-        forget(changed)
-
-
-def judged(changed: str, tests: set[str]) -> int:
-    """Exit code of the tests that are known to run the change, or of all near it, the nearest first.
-
-    Then of those that run whole commands in processes of their own, which leave no trace in the map.
-    """
+    tests = running(changed, lines)
     code = run(sorted(tests or near(changed), key=lambda test: distance(changed, test)))
     processes = (TESTS / "faults").glob("test_*.py") if Path(changed).parts[1] in IN_PROCESSES else ()
     return code or run(sorted(path.relative_to(ROOT).as_posix() for path in processes))
@@ -97,20 +83,6 @@ def running(module: str, lines: set[int]) -> set[str]:
     contexts = {context for line in lines for context in ran.get(line, ())}
     split = [context.rpartition("|") for context in contexts if "|" in context]
     return once({test if phase == "run" else test.partition("::")[0] for test, _, phase in split})
-
-
-def running_kernel(module: str, lines: set[int]) -> set[str]:
-    """Tests that run a line which calls a compiled function that holds any of the lines."""
-    tests = set()
-    for file, places in uses(module, lines):
-        path = file.relative_to(ROOT).as_posix()
-        if path.startswith("tests/"):
-            tests |= {path} if file.name.startswith("test_") else set()
-            continue
-        tree = ast.parse(file.read_text())
-        calling = set().union(*(statement(tree, place) for place in places))
-        tests |= running(path, calling) or running(path, all_lines(path))
-    return once(tests)
 
 
 def all_lines(module: str) -> set[int]:

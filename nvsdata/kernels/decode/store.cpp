@@ -45,7 +45,8 @@ NVSDATA_INLINE void convert(const From* from, To* to, i64 size) {
     for (i64 i = 0; i < size; ++i) to[i] = To(from[i]);
 }
 
-// Write the times from `start` up to `stop`, with `base` added; `t` may lie where they are written. Returns the index of
+// Write the times from `start` up to `stop`, with `base` added; `t` may lie where they are written. Returns the index
+// of
 // the first one, and their number.
 template <class Time>
 std::pair<i64, i64> times_between(Span<const Time> t, i64 base, i64 start, i64 stop, Span<i64> out) {

@@ -1,6 +1,6 @@
 // Loops compiled for several instruction sets of x86-64, of which the processor's best one runs.
 //
-// `best<body>(arguments...)` calls `body`, an NVSDATA_INLINE function without a result. The environment variable
+// `best<body>(arguments...)` calls `body`, an NVSDATA_INLINE function. The environment variable
 // NVSDATA_CPU (v2, v3, v4) sets the highest level; v2 is the code that every function has, and all that other compilers
 // and processors get. Results are the same at all levels: no level contracts products and sums (-ffp-contract=off).
 #pragma once
@@ -62,25 +62,25 @@ inline int level() {
 template <auto body>
 struct Levels;
 
-template <class... A, void (*body)(A...)>
+template <class R, class... A, R (*body)(A...)>
 struct Levels<body> {
-    static void v2(A... given) { body(given...); }
+    static R v2(A... given) { return body(given...); }
 #ifdef NVSDATA_LEVELS
-    __attribute__((target("avx2,bmi,bmi2"))) static void v3(A... given) { body(given...); }
-    __attribute__((target("avx2,bmi,bmi2,avx512f,avx512bw,avx512dq,avx512vl"))) static void v4(A... given) {
-        body(given...);
+    __attribute__((target("avx2,bmi,bmi2"))) static R v3(A... given) { return body(given...); }
+    __attribute__((target("avx2,bmi,bmi2,avx512f,avx512bw,avx512dq,avx512vl"))) static R v4(A... given) {
+        return body(given...);
     }
 #endif
 };
 
 template <auto body, class... A>
-void best(A... given) {
+auto best(A... given) {
 #ifdef NVSDATA_LEVELS
     int which = level();
     if (which == 4) return Levels<body>::v4(given...);
     if (which == 3) return Levels<body>::v3(given...);
 #endif
-    Levels<body>::v2(given...);
+    return Levels<body>::v2(given...);
 }
 
 }  // namespace nvsdata

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "../native/bind.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "events.h"
 
 namespace nvsdata {
@@ -15,7 +15,7 @@ namespace {
 
 constexpr i64 LANES = 16;  // sums that are made at once, whatever the processor has
 
-NVSDATA_CLONES float product(const float* a, const float* b, i64 count) {
+NVSDATA_INLINE float product_loop(const float* a, const float* b, i64 count) {
     float sums[LANES] = {};
     i64 i = 0;
     for (; i + LANES <= count; i += LANES)
@@ -25,6 +25,8 @@ NVSDATA_CLONES float product(const float* a, const float* b, i64 count) {
     for (float sum : sums) total += sum;
     return total;
 }
+
+float product(const float* a, const float* b, i64 count) { return best<product_loop>(a, b, count); }
 
 // Calls each(i, value, corner) for each event i, whose value is in `grown` then; its surface begins at `corner`.
 template <class Each>

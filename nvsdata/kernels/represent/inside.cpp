@@ -1,6 +1,6 @@
 // Whether events lie on their sensor, and where in images.
 #include "../native/bind.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "events.h"
 
 namespace nvsdata {
@@ -12,20 +12,24 @@ u16 sign_of(i16 value, i16 last) { return u16(value | (last - value)); }
 
 i16 last_of(i64 size) { return i16(std::clamp<i64>(size, 0, 32768) - 1); }
 
-NVSDATA_CLONES bool are_within(const i16* values, i64 count, i16 last) {
+NVSDATA_INLINE bool are_within_loop(const i16* values, i64 count, i16 last) {
     u16 signs = 0;
     for (i64 i = 0; i < count; ++i) signs |= sign_of(values[i], last);
     return signs >> 15 == 0;
 }
 
-NVSDATA_CLONES bool are_bits(const u8* values, i64 count) {
+bool are_within(const i16* values, i64 count, i16 last) { return best<are_within_loop>(values, count, last); }
+
+NVSDATA_INLINE bool are_bits_loop(const u8* values, i64 count) {
     u8 all = 0;
     for (i64 i = 0; i < count; ++i) all |= values[i];
     return all < 2;
 }
 
-NVSDATA_CLONES bool place_pixels(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride,
-                                 i64* places) {
+bool are_bits(const u8* values, i64 count) { return best<are_bits_loop>(values, count); }
+
+NVSDATA_INLINE bool place_pixels_loop(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride,
+                                      i64* places) {
     u16 signs = 0;
     for (i64 i = 0; i < count; ++i) {
         signs |= sign_of(x[i], right) | sign_of(y[i], bottom);
@@ -34,8 +38,16 @@ NVSDATA_CLONES bool place_pixels(const i16* x, const i16* y, i64 count, i16 righ
     return signs >> 15 == 0;
 }
 
-NVSDATA_CLONES void choose_images(const u8* p, i64 count, u8 first, i64 size, i64* places) {
+bool place_pixels(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride, i64* places) {
+    return best<place_pixels_loop>(x, y, count, right, bottom, stride, places);
+}
+
+NVSDATA_INLINE void choose_images_loop(const u8* p, i64 count, u8 first, i64 size, i64* places) {
     for (i64 i = 0; i < count; ++i) places[i] += p[i] == first ? 0 : size;
+}
+
+void choose_images(const u8* p, i64 count, u8 first, i64 size, i64* places) {
+    return best<choose_images_loop>(p, count, first, size, places);
 }
 
 bool inside(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 width, i64 height) {
@@ -45,7 +57,8 @@ bool inside(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
 
 }  // namespace
 
-NVSDATA_CLONES bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, double span, double* out) {
+NVSDATA_INLINE bool scale_times_loop(const i64* t, i64 count, i64 first, u64 most, double scale, double span,
+                                     double* out) {
     u64 longest = 0;
     for (i64 k = 0; k < count; ++k) {
         i64 since = minus(t[k], first);
@@ -53,6 +66,10 @@ NVSDATA_CLONES bool scale_times(const i64* t, i64 count, i64 first, u64 most, do
         out[k] = double(since) * scale / span;
     }
     return longest <= most;
+}
+
+bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, double span, double* out) {
+    return best<scale_times_loop>(t, count, first, most, scale, span, out);
 }
 
 bool are_inside(const Images& images, const Pixels& events) {

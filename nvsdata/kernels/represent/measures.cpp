@@ -1,6 +1,6 @@
 // Measures of each pixel's events, and sums in patches of pixels.
 #include "../native/bind.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "events.h"
 
 namespace nvsdata {
@@ -10,13 +10,18 @@ namespace {
 enum Quantity { COUNT, POLARITY, TIME };
 enum Measure { SUM, MEAN, MAX, VARIANCE };
 
-NVSDATA_CLONES void measure_pixels(const double* number, const double* total, const double* squares, i64 count,
-                                   int measure, float* out) {
+NVSDATA_INLINE void measure_pixels_loop(const double* number, const double* total, const double* squares, i64 count,
+                                        int measure, float* out) {
     for (i64 q = 0; q < count; ++q) {
         double events = number[q] > 1.0 ? number[q] : 1.0, mean = total[q] / events;
         double variance = squares[q] / events - mean * mean;
         out[q] = float(measure == VARIANCE ? (variance < 0.0 ? 0.0 : variance) : measure == MEAN ? mean : total[q]);
     }
+}
+
+void measure_pixels(const double* number, const double* total, const double* squares, i64 count, int measure,
+                    float* out) {
+    return best<measure_pixels_loop>(number, total, squares, count, measure, out);
 }
 
 void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 start, i64 span,

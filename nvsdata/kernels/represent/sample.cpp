@@ -2,7 +2,7 @@
 #include <vector>
 
 #include "../native/bind.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "../native/interrupt.h"
 #include "../native/random.h"
 #include "events.h"
@@ -18,7 +18,7 @@ struct Range {
     i64 side() const { return i64(most) - least; }
 };
 
-NVSDATA_CLONES Range range_of(const i16* values, i64 count) {
+NVSDATA_INLINE Range range_of_loop(const i16* values, i64 count) {
     i16 least = values[0], most = values[0];
     for (i64 i = 1; i < count; ++i) {
         i16 value = values[i];
@@ -27,6 +27,8 @@ NVSDATA_CLONES Range range_of(const i16* values, i64 count) {
     }
     return {least, most};
 }
+
+Range range_of(const i16* values, i64 count) { return best<range_of_loop>(values, count); }
 
 // A value, and how many equal ones come before the place that was searched.
 struct Border {

@@ -1,6 +1,6 @@
 // Time surfaces: how long ago pixels had their last event, as exponentials.
 #include "../native/bind.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 #include "epochs.h"
 
 namespace nvsdata {
@@ -9,8 +9,12 @@ namespace {
 
 constexpr i64 TABLE = 64;  // µs between events up to which the exponential is looked up
 
-NVSDATA_CLONES void scale(const double* values, i64 count, double factor, float* out) {
+NVSDATA_INLINE void scale_loop(const double* values, i64 count, double factor, float* out) {
     for (i64 i = 0; i < count; ++i) out[i] = float(values[i] * factor);
+}
+
+void scale(const double* values, i64 count, double factor, float* out) {
+    return best<scale_loop>(values, count, factor, out);
 }
 
 // Values of a square of pixels at a moment of an epoch: `shrink` is by what those of the same epoch are multiplied.

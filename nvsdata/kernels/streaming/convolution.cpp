@@ -1,7 +1,7 @@
 // B-spline convolutions of graphs that change.
 #include "convolution.h"
 
-#include "../native/clones.h"
+#include "../native/levels.h"
 
 namespace nvsdata::streaming {
 
@@ -26,7 +26,8 @@ inline void add_products(float* __restrict sum, const float* value, const float*
 }
 
 // Add products of the values that aren't zero, which are set to zero; returns their number.
-NVSDATA_CLONES i64 multiply_row(float* __restrict values, const float* weights, i64 inputs, i64 channels, float* sum) {
+NVSDATA_INLINE i64 multiply_row_loop(float* __restrict values, const float* weights, i64 inputs, i64 channels,
+                                     float* sum) {
     float value[INPUTS];
     const float* weight[INPUTS];
     i64 count = 0;
@@ -40,23 +41,36 @@ NVSDATA_CLONES i64 multiply_row(float* __restrict values, const float* weights, 
     return count;
 }
 
-NVSDATA_CLONES void add_scaled(float* __restrict sum, const float* features, const float* less, float part,
-                               i64 channels) {
+i64 multiply_row(float* __restrict values, const float* weights, i64 inputs, i64 channels, float* sum) {
+    return best<multiply_row_loop>(values, weights, inputs, channels, sum);
+}
+
+NVSDATA_INLINE void add_scaled_loop(float* __restrict sum, const float* features, const float* less, float part,
+                                    i64 channels) {
     if (less)
         for (i64 c = 0; c < channels; ++c) sum[c] += part * (features[c] - less[c]);
     else
         for (i64 c = 0; c < channels; ++c) sum[c] += part * features[c];
 }
 
+void add_scaled(float* __restrict sum, const float* features, const float* less, float part, i64 channels) {
+    return best<add_scaled_loop>(sum, features, less, part, channels);
+}
+
 // Add products over the edges, then of the node itself, to the sums, and forget them.
-NVSDATA_CLONES void collect_row(double* __restrict edges, double* __restrict self, float* __restrict product,
-                                float* __restrict out, double share, i64 channels) {
+NVSDATA_INLINE void collect_row_loop(double* __restrict edges, double* __restrict self, float* __restrict product,
+                                     float* __restrict out, double share, i64 channels) {
     for (i64 o = 0; o < channels; ++o) {
         edges[o] += product[o];
         self[o] += product[channels + o];
         out[o] = float(edges[o] * share + self[o]);
         product[o] = product[channels + o] = 0;
     }
+}
+
+void collect_row(double* __restrict edges, double* __restrict self, float* __restrict product, float* __restrict out,
+                 double share, i64 channels) {
+    return best<collect_row_loop>(edges, self, product, out, share, channels);
 }
 
 struct Between {

@@ -2,7 +2,7 @@
 #include "network.h"
 
 #include "../native/bind.h"
-#include "../native/clones.h"
+#include "../native/levels.h"
 
 namespace nvsdata {
 
@@ -14,8 +14,12 @@ void require(bool is_so, const char* message) {
     if (!is_so) throw std::invalid_argument(message);
 }
 
-NVSDATA_CLONES void add_row(double* __restrict sum, const float* weight, double factor, i64 size) {
+NVSDATA_INLINE void add_row_loop(double* __restrict sum, const float* weight, double factor, i64 size) {
     for (i64 o = 0; o < size; ++o) sum[o] += factor * weight[o];
+}
+
+void add_row(double* __restrict sum, const float* weight, double factor, i64 size) {
+    return best<add_row_loop>(sum, weight, factor, size);
 }
 
 Network network(i64 width, i64 height, double radius, double alpha, double beta, i64 k) {
