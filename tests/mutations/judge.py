@@ -1,9 +1,9 @@
 """The test command of the mutations: the tests that run the changed line, the nearest first.
 
 Ends with pytest's exit code; the first failure ends it. The changed module is what differs from the last commit. Which
-tests run a line is read from `.coverage`, which pytest-cov writes (docs/contributing.md). For lines that run at import or
-in other processes, and without a map, it's all tests that run anything of the module, or stand in its room. Last come
-the tests of whole commands in processes of their own, which leave no trace in the map.
+tests run a line is read from `.coverage`, which pytest-cov writes (docs/contributing.md). For lines that run at import
+or in other processes, and without a map, it's all tests that run anything of the module, or stand in its room. Last
+come the tests of whole commands in processes of their own, which leave no trace in the map.
 """
 
 import ast
