@@ -185,7 +185,7 @@ def test_the_command_measures_in_processes_and_writes_what_it_found(tmp_path, ca
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["nothing"], 2, "unknown task 'nothing': choose from decode, load,"),
+        (["nothing"], 2, "unknown task 'nothing': choose from start, decode, load,"),
         (["--data", "nowhere"], 1, "nowhere: no folder with recordings"),
         (["--compare", "nowhere.json"], 1, "nowhere.json"),
         (["decode", "--only", "no such work"], 1, "no work's name contains 'no such work'"),

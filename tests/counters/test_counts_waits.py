@@ -96,7 +96,7 @@ def test_networks_of_graphs_wait_only_where_they_pool(waits, name):
     model, sample = GRAPHS[name]()
     poolings = sum(isinstance(part, models.GraphPool) for part in model.modules())
     trained(model.train(), sample)
-    assert waits == {"pool.py": POOLED * poolings}
+    assert waits == {"clusters.py": POOLED * poolings}
 
 
 @pytest.mark.parametrize("name", INPUTS)
@@ -144,7 +144,8 @@ def test_a_worker_packs_a_batch_by_one_copy(monkeypatch):
     sent = ForkingPickler.dumps(batch)
     assert seen == [1]
     tensors = [value for value in (*vars(batch.inputs).values(), batch.targets) if torch.is_tensor(value)]
-    size = sum(tensor.nbytes for tensor in tensors)
+    # numbers of nodes take half as much on the way
+    size = sum(tensor.nbytes for tensor in tensors) - batch.inputs.edge_index.nbytes // 2
     assert size <= len(sent) <= size + 4096
 
 

@@ -248,7 +248,7 @@ def test_a_sieve_of_a_smaller_sensor_refuses_events_outside_it():
 def test_a_sensor_never_becomes_larger_than_events_can_address():
     line = Events([0, 1, 2], [0, 150, 299], [0, 0, 0], [0, 1, 1], (300, 1))
     with pytest.raises(
-        ValueError, match=r"300x1 can't become 76800x256 pixels: events have at most 32767 along an axis"
+        ValueError, match=r"300x1 can't become 76800x256 pixels: events have at most 32767 pixels along an axis"
     ):
         T.Resize(256)(line)
     largest = T.Resize(109)(line)

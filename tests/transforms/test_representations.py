@@ -79,6 +79,26 @@ def test_frames_have_each_event_once(ev, way, values):
         assert frames.sum() == len(ev)
 
 
+@pytest.mark.parametrize("values", ["count", "binary", "sum"])
+@pytest.mark.parametrize("kind", ["int16", "uint8"])
+def test_frames_of_whole_numbers_stay_at_the_end_of_their_range(values, kind):
+    if (values, kind) == ("sum", "uint8"):
+        with pytest.raises(ValueError, match="choose int16"):
+            T.ToFrames(2, values=values, dtype=kind)
+        return
+    rng = np.random.default_rng(0)
+    n = 80_000
+    t = np.sort(rng.integers(0, 1_000, n))
+    # most of them at one pixel, and OFF
+    x, y = (np.where(rng.random(n) < 0.9, 3, rng.integers(0, 6, n)) for _ in range(2))
+    ev = Events(t, x, y, rng.random(n) < 0.05, (6, 6))
+    found, expected = T.ToFrames(1, values=values, dtype=kind)(ev), T.ToFrames(1, values=values)(ev)
+    limits = torch.iinfo(found.dtype)
+    assert str(found.dtype) == f"torch.{kind}"
+    assert values == "binary" or not (limits.min <= expected.min() and expected.max() <= limits.max)
+    assert torch.equal(found.float(), expected.clamp(limits.min, limits.max))
+
+
 @given(ev=few, bins=st.integers(1, 9), way=st.sampled_from(("linear", "nearest")))
 def test_a_voxel_grid_divides_polarity_between_bins(ev, bins, way):
     expected = grid(ev, bins)

@@ -1,4 +1,6 @@
 // Events summed into the cells of a grid in time and space.
+#include <limits>
+
 #include "../native/bind.h"
 #include "events.h"
 
@@ -9,6 +11,15 @@ namespace {
 float sign(u8 p) {
     static constexpr float signs[] = {-1, 1};
     return signs[p];
+}
+
+// Add to a count; one of whole numbers stays at the end of its range.
+template <class T>
+void add(T& count, int step) {
+    if constexpr (std::is_integral_v<T>)
+        count = T(std::clamp<int>(count + step, std::numeric_limits<T>::min(), std::numeric_limits<T>::max()));
+    else
+        count += T(step);
 }
 
 void sum_frames(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds, i64 width, i64 height,
@@ -37,16 +48,18 @@ void sum_frames(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<con
     each_event_of_frames(images, events, bounds, frames, add, average);
 }
 
-void counted(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds, Array<float, 4> out) {
+template <class T>
+void counted(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds, Array<T, 4> out) {
     i64 channels = out.shape[1];
     require(channels == 1 || channels == 2, "frames must have one or two channels");
     Images images{out.shape[3], out.shape[2]};
     if (channels == 1)
-        each_event_of_frames(images, {x, y, p}, bounds, out.shape[0],
-                             [&](i64 n, i64 i, i64 place) { out.values[n * images.size + place] += sign(p[i]); });
+        each_event_of_frames(images, {x, y, p}, bounds, out.shape[0], [&](i64 n, i64 i, i64 place) {
+            add(out.values[n * images.size + place], 2 * p[i] - 1);
+        });
     else
         each_event_of_frames(images, {x, y, p, Polarity::on_first}, bounds, out.shape[0],
-                             [&](i64 n, i64, i64 place) { out.values[2 * n * images.size + place] += 1; });
+                             [&](i64 n, i64, i64 place) { add(out.values[2 * n * images.size + place], 1); });
 }
 
 void counted_by_polarity(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds,
@@ -59,7 +72,8 @@ void counted_by_polarity(Span<const i16> x, Span<const i16> y, Span<const u8> p,
                          [&](i64 n, i64, i64 place) { out.values[n * size + place] += 1; });
 }
 
-void marked(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds, Array<float, 4> out) {
+template <class T>
+void marked(Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds, Array<T, 4> out) {
     require_shapes(out.shape[1] == 2);
     Images images{out.shape[3], out.shape[2]};
     each_event_of_frames(images, {x, y, p, Polarity::on_first}, bounds, out.shape[0],
@@ -96,9 +110,13 @@ void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
 
 void define_frames(nb::module_& module) {
     define<sum_frames>(module, "sum_frames");
-    define<counted>(module, "counted");
+    define<counted<float>>(module, "counted");
+    define<counted<u8>>(module, "counted");
+    define<counted<i16>>(module, "counted");
     define<counted_by_polarity>(module, "counted_by_polarity");
-    define<marked>(module, "marked");
+    define<marked<float>>(module, "marked");
+    define<marked<u8>>(module, "marked");
+    define<marked<i16>>(module, "marked");
     define<spread>(module, "spread");
 }
 

@@ -29,7 +29,7 @@ def sum_frames(
 
 
 def counted(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out: np.ndarray) -> None:
-    """Add events to frames, `out` float32 [T, C, H, W]. O(N).
+    """Add events to frames, `out` float32, uint8 or int16 [T, C, H, W]; whole numbers stay at their limits. O(N).
 
     With two channels, 1 to that of their polarity, ON first; with one, +1 or -1.
     """
@@ -42,7 +42,7 @@ def counted_by_polarity(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.
 
 
 def marked(x: np.ndarray, y: np.ndarray, p: np.ndarray, bounds: np.ndarray, out: np.ndarray) -> None:
-    """Set `out` float32 [T, 2, H, W] to 1 wherever a frame has events of a polarity, ON first. O(N)."""
+    """Set `out` float32, uint8 or int16 [T, 2, H, W] to 1 wherever a frame has events of a polarity, ON first. O(N)."""
     _native.marked(x, y, p, bounds, out)
 
 
