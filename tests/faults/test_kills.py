@@ -172,3 +172,54 @@ def test_tune_at_many_moments(videos, tmp_path):
         kill_after(moment.uniform(0.2 * seconds, seconds), *words, out)
         finish(*words, out)
         assert {path.name: path.read_bytes() for path in out.iterdir()} == expected, f"killed at moment {n}"
+
+
+FILLING = """
+import sys
+import nvsdata
+from nvsdata import EventFolder
+from nvsdata import transforms as T
+from nvsdata import collate
+from torch.utils.data import DataLoader
+
+folder, place = sys.argv[1:]
+pipeline = T.Compose([T.Window(0, 60_000), T.RadiusGraph(radius=3, max_degree=8)])
+data = nvsdata.cache(EventFolder(folder, transform=pipeline, sensor_size=(34, 34)), place)
+for graph, _ in DataLoader(data, batch_size=4, num_workers=2, collate_fn=collate):
+    print(graph.num_edges, flush=True)
+"""
+
+
+def filled(folder: Path, place: Path) -> bytes:
+    command = [sys.executable, "-c", FILLING, str(folder), str(place)]
+    return subprocess.run(command, stdout=subprocess.PIPE, check=True, timeout=120).stdout
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGKILL])
+def test_a_cache_that_is_being_filled(folder, tmp_path, sign):
+    began = time.monotonic()
+    expected = filled(folder, tmp_path / "unkilled")
+    seconds = time.monotonic() - began
+    samples = {path.name: path.read_bytes() for path in (tmp_path / "unkilled").rglob("*.pt")}
+    moment = random.Random(int(sign))
+    for n in range(MOMENTS // 2):
+        place = tmp_path / f"killed-{n}"
+        process = subprocess.Popen(
+            [sys.executable, "-c", FILLING, str(folder), str(place)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        time.sleep(moment.uniform(0.4 * seconds, seconds))
+        process.send_signal(sign)
+        process.communicate(timeout=60)
+        deadline = time.monotonic() + 30
+        while in_session(process.pid):
+            assert time.monotonic() < deadline, "a worker outlives the process that started it"
+            time.sleep(0.02)
+        for path in place.rglob("*.pt"):
+            assert path.read_bytes() == samples[path.name], f"killed at moment {n}"
+        assert filled(folder, place) == expected, f"killed at moment {n}"
+        left = [path for path in place.rglob("*") if path.is_file() and path.name.startswith(".")]
+        assert not left, f"killed at moment {n}"
