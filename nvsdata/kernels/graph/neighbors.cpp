@@ -96,7 +96,7 @@ private:
 
 class Search {
 public:
-    Search(Span<const i64> t, Pixels&& pixels, const Metric& metric, const Sources& sources)
+    Search(Span<const i64> t, PixelLists&& pixels, const Metric& metric, const Sources& sources)
         : t_(t), pixels_(std::move(pixels)), metric_(metric), sources_(sources), marks_(t.size()), nearest_(metric.k) {}
 
     void run() {
@@ -123,7 +123,7 @@ public:
 
 private:
     Span<const i64> t_;
-    Pixels pixels_;
+    PixelLists pixels_;
     const Metric& metric_;
     Sources sources_;
     Marks marks_;
@@ -359,7 +359,7 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
         swept = pairs_in_time(t, reach) <= sweep_below * n;
         if (swept) sweep(t, x, y, metric, reach, sources);
     }
-    if (!swept) Search(t, Pixels(x, y, alpha > 0), metric, sources).run();
+    if (!swept) Search(t, PixelLists(x, y, alpha > 0), metric, sources).run();
     return std::accumulate(degree.begin(), degree.end(), i64(0));
 }
 

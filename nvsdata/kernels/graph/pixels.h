@@ -45,7 +45,7 @@ struct Near {
 };
 
 // The pixels that have events, row by row. O(N), or O(N log N) where they lie far apart.
-struct Pixels {
+struct PixelLists {
     Vector<i32> order, first;  // events pixel by pixel, in order within each; where those of each pixel begin
     Vector<i32> x, y;          // of each pixel, from the corner of the box around all events, LISTED pixels wider
     Vector<i32> map;           // the pixel at each place of that box, -1 where none is; empty if it were large
@@ -54,7 +54,7 @@ struct Pixels {
     i64 columns = 0;
 
     template <class Coordinate>
-    Pixels(Span<const Coordinate> xs, Span<const Coordinate> ys, bool apart) {
+    PixelLists(Span<const Coordinate> xs, Span<const Coordinate> ys, bool apart) {
         std::size_t n = xs.size();
         if (n == 0) {
             first.push_back(0);
