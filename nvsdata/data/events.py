@@ -36,7 +36,7 @@ class Columns(NamedTuple):
     def empty(cls, size: int) -> Columns:
         """Uninitialized columns of `size` events.
 
-        Allocated by numpy, which asks for large pages: numba's memory costs a page fault every 4 KiB.
+        Allocated by numpy, which asks for large pages: other memory costs a page fault every 4 KiB.
         """
         xy = np.empty(size, np.int16), np.empty(size, np.int16)
         return cls(np.empty(size, np.int64), *xy, np.empty(size, np.uint8))

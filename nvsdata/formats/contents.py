@@ -53,7 +53,7 @@ class Contents:
         assert self._file is not None
         with self._file.opened() as file:
             file.fill(start, out)
-        # like the bytes in memory: numba compiles a kernel again for writable arrays
+        # like the bytes in memory
         out.flags.writeable = False
         return out
 

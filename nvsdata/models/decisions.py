@@ -36,7 +36,7 @@ class Decider:
         self._work = 0.0
 
     def prepare(self) -> None:
-        """Compile the kernels, which takes seconds once, before events come."""
+        """Decide on made-up events, so that what torch loads at its first use doesn't delay a real decision."""
         many = np.arange(100)
         for start, count in ((0, 100), (100, 1), (101, 1), (102, 1)):
             same = np.zeros(count, int)

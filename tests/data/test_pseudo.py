@@ -1,4 +1,4 @@
-"""Pseudo-coordinates of every kind against a slow loop, by numba and by torch."""
+"""Pseudo-coordinates of every kind against a slow loop, by our kernel and by torch."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def by_torch(pos, t, edge_index, reach, kind):
         return pseudo(Elsewhere(pos), Elsewhere(t), Elsewhere(edge_index), reach, kind).value
 
 
-WAYS = {"numba": pseudo, "torch": by_torch}
+WAYS = {"kernel": pseudo, "torch": by_torch}
 
 
 @pytest.mark.parametrize("kind", KINDS)
