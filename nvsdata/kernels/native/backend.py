@@ -52,13 +52,15 @@ def get_requires_for_build_editable(settings: Any = None) -> list[str]:
 def build_wheel(folder: str, settings: Any = None, metadata: str | None = None) -> str:
     """Build a wheel."""
     _choose_compiler()
-    return build.build_wheel(folder, settings, metadata)
+    wheel: str = build.build_wheel(folder, settings, metadata)
+    return wheel
 
 
 def build_editable(folder: str, settings: Any = None, metadata: str | None = None) -> str:
     """Build an editable wheel."""
     _choose_compiler()
-    return build.build_editable(folder, settings, metadata)
+    wheel: str = build.build_editable(folder, settings, metadata)
+    return wheel
 
 
 def _choose_compiler() -> None:
