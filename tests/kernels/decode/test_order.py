@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from nvsdata import Events
 from nvsdata.data.events import Columns, sort_by_time
-from nvsdata.kernels.decode.order import is_sorted, late, stable_order
+from nvsdata.kernels.decode.order import is_sorted, late, moved, stable_order
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 4_095, 4_096, 4_097, 9_000])
@@ -59,3 +59,9 @@ def test_a_few_late_events_are_put_where_they_belong(t, strays, late_by):
     assert late(t, t.size).tolist() == wanted
     for most in (0, 2):
         assert late(t, most).tolist() == (wanted if len(wanted) <= most else [-1] * (most + 1))
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_moved_times_end_at_the_end_even_where_float64_has_no_odd_numbers(beyond):
+    end = 2**53 + 3
+    assert moved(np.array([beyond]), np.ones(1, np.float32), end + 1.0, 0, end + beyond).tolist() == [end + beyond]

@@ -74,3 +74,14 @@ def test_measures_of_other_shapes():
     kernel.measure(rows, 0, 340, 35, three, three.copy(), np.empty(2, np.float32))
     with pytest.raises(ValueError, match="different shapes"):
         kernel.measure(rows, 0, 340, 35, three, three.copy(), np.empty(1, np.float32))
+
+
+def test_a_frame_as_wide_as_can_be_is_decoded_in_parts():
+    side = 0xFFFF
+    # a region of one row, then a frame of it with a reset column
+    words = [0x5100, 0x5200, 0x5200, 0x51FF, 0x52FE, 0x5100, 0x5200, 0x0008, 0x000B]
+    given = arguments(words) | {"pixels": np.zeros(side, np.uint16)}
+    given["setting"][2:4] = side, 1
+    assert kernel.decode(**given)[0] == len(words)
+    assert side in given["state"]
+    assert kernel.decode(**given | {"words": np.array([0x000D, EVENT], np.uint16)})[:2] == (2, 1)
