@@ -45,3 +45,15 @@ def test_a_step_of_one_event_costs_the_same_however_many_the_window_has(causal):
         live = LiveCausal(parts, window) if causal else LiveNetwork(parts)
         found.append(touched(live, events_of(count, 10), window, 100))
     assert found[1] < 2 * found[0]
+
+
+@pytest.mark.parametrize("size", [(128, 1_024), (1_024, 128)])
+def test_a_step_of_one_event_costs_the_same_however_large_the_sensor_is(size):
+    graph, found = T.RadiusGraph(max_degree=8), []
+    for sensor_size in ((128, 128), size):
+        torch.manual_seed(0)
+        # the last clusters are as many
+        clusters = ((2, 2), (8, 8), tuple(side // 4 for side in sensor_size))
+        network = models.RGCNN(3, clusters=clusters, **SMALL | {"sensor_size": sensor_size}).eval()
+        found.append(touched(LiveNetwork(Parts(network, graph)), events_of(2_000, 10), 10_000, 100))
+    assert found[1] < 1.5 * found[0]
