@@ -212,13 +212,17 @@ class Store:
             reason = "its events fail their checksum: the store is damaged, pack the recording again"
             _, size, begin = self._places[0] if self._places else (None, 0, 0)
             raise FormatError(f"{self.path}:{self.names[number]}", reason, offset=begin + lo * size if size else None)
+        self._check(number, raw)
+        return raw
+
+    def _check(self, number: int, raw: list[np.ndarray]) -> None:
+        """FormatError unless the index fits all events of a recording, whose checksum is right; it is verified then."""
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
-        ends = (raw[0][0], raw[0][-1]) if hi > lo else (0, self._duration[number])
+        ends = (raw[0][0], raw[0][-1]) if raw[0].size else (0, self._duration[number])
         if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
             raise FormatError(self.root, f"its index has other times than {shown(self.names[number])}: pack it again")
         self.check_inside(number, raw[1], raw[2], raw[3], self.sensor_size(number))
         self._verified.values[number] = True
-        return raw
 
     def check_inside(self, number: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]) -> None:
         """FormatError unless events of a recording are on a sensor of this size and have polarities."""
@@ -264,15 +268,15 @@ class Store:
         return items
 
     def fault(self, name: str) -> str:
-        """Why the events of a recording can't be read, or that they fail their checksum; empty if they are sound."""
+        """Why the events of a recording can't be read, or aren't those that were packed; empty if they are sound."""
         number = self._number[name]
         try:
             raw = self._raw(self._offset[number], self._offset[number + 1])
+            if crc_of(raw) != int(self._crc[number]):
+                return "its events fail their checksum"
+            self._check(number, raw)
         except FormatError as error:
             return error.reason
-        if crc_of(raw) != int(self._crc[number]):
-            return "its events fail their checksum"
-        self._verified.values[number] = True
         return ""
 
 

@@ -138,6 +138,10 @@ def test_an_index_with_a_right_checksum_that_states_a_smaller_sensor(store, monk
     for window in ((), (0, 10**5)):
         with pytest.raises(FormatError, match="outside the sensor of 5x5"):
             recording.read(*window)
+    # verifying must not make it trusted
+    assert "outside the sensor of 5x5" in opened.fault(opened.names[0])
+    with pytest.raises(FormatError, match="outside the sensor of 5x5"):
+        opened.open(opened.names[0], None).read()
 
 
 def test_a_smaller_sensor_than_the_packed_one(store):
