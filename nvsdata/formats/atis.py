@@ -49,6 +49,7 @@ class AtisRecording(IndexedFile):
 
     def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
         super().__init__(Contents(path, head), sensor_size, strict)
+        self._given = self._size
 
     def decode_size(self) -> tuple[int, int]:
         if self.strict and not self._short:
@@ -84,7 +85,8 @@ class AtisRecording(IndexedFile):
     def _index(self) -> Blocks:
         walk, times, offsets = self._walk()
         self._extent = int(walk[RIGHT]), int(walk[BOTTOM])
-        self._size = self._size or self._extent
+        # not that of an index that proved wrong
+        self._size = self._given or self._extent
         return Blocks(times, offsets, not walk[FALLS], (int(walk[ATIS_FIRST]), int(walk[ATIS_LAST])))
 
     def _entry(self, blocks: Blocks, block: int) -> Entry:
@@ -105,7 +107,7 @@ class AtisRecording(IndexedFile):
     def _restored(self, kept: dict[str, np.ndarray]) -> Blocks:
         self._extent = check_sensor_size(kept["extent"].tolist())
         blocks = super()._restored(kept)
-        self._size = self._size or self._extent
+        self._size = self._given or self._extent
         return blocks
 
     def _state(self, record: int) -> np.ndarray:

@@ -53,7 +53,13 @@ def other_span(arrays):
     arrays["span"] = np.array([5, 7])
 
 
-ALTERED = (shift_times, squeeze_times, reverse_times, wild_states, huge_states, one_state, other_span)
+def small_extent(arrays):
+    """Of the events, which ATIS files don't state."""
+    if "extent" in arrays:
+        arrays["extent"] = np.array([20, 20])
+
+
+ALTERED = (shift_times, squeeze_times, reverse_times, wild_states, huge_states, one_state, other_span, small_extent)
 
 
 @every
