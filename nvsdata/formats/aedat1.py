@@ -27,7 +27,6 @@ class Aedat1Recording(aedat2.Aedat2Recording):
     def _wide(self, raw: np.ndarray) -> np.ndarray:
         wide = np.zeros((raw.size // 6, 8), np.uint8)
         wide[:, 2:] = raw.reshape(-1, 6)
-        wide.flags.writeable = False
         return wide.reshape(-1)
 
 

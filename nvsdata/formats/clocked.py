@@ -89,7 +89,6 @@ class ClockedFile(PiecedFile):
             if self._keep is not None:
                 records = raw.reshape(-1, self.record_size)
                 raw = records[self._keep[lo : lo + len(records)]].reshape(-1)
-                raw.flags.writeable = False
                 lo += len(records)
             yield raw
 

@@ -124,7 +124,6 @@ class EvtRecording(IndexedFile):
                 inside = self._dropped[(self._dropped >= first) & (self._dropped < lo)] - first
                 # the byte of the word's type
                 raw.reshape(-1, self.record_size)[inside, min(self.record_size, 4) - 1] = IGNORED << 4
-                raw.flags.writeable = False
             yield raw
 
     def _state(self, record: int) -> np.ndarray:

@@ -20,7 +20,7 @@ from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import WorkerOutcome, WorkResult
 from judge import MAP
 
-FASTER = {"njit", "cache", "lru_cache", "cached_property", "overload", "wraps", "register_jitable"}
+FASTER = {"cache", "lru_cache", "cached_property", "wraps"}
 Span = tuple[tuple[int, int], tuple[int, int]]
 
 
