@@ -15,12 +15,12 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
 from nvsdata.data.pseudo import Pseudo, Reach, axes, check_pseudo, pseudo
 from nvsdata.data.recording import Recording, as_events, misplaced
+from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.kernels.graph.edges import event_graph
 from nvsdata.kernels.graph.neighbors import near_edges
 from nvsdata.kernels.streaming.earlier import earlier_edges
 from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
 
-MOST = 2**31 - 1  # neighbors; a kernel takes no larger number, and no graph has more
 SHORTEST = float(np.finfo(np.float32).tiny)
 LARGEST = 2**26  # pixels around the nodes of a causal graph
 FURTHEST = 32_767  # pixels between nodes, as between events
@@ -73,7 +73,7 @@ class RadiusGraph:
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
         sample = sample if isinstance(sample, Graph) else as_events(sample)
-        metric = float(self.radius), float(self.alpha), float(self.beta), min(int(self.max_degree), MOST)
+        metric = float(self.radius), float(self.alpha), float(self.beta), int(self.max_degree)
         reach = self.reach(sample.sensor_size or (1, 1))
         if self.causal:
             return _joined_again(_nodes(sample), self._earlier, reach, self.pseudo)
@@ -124,7 +124,7 @@ class KNNGraph:
         positive("reach_t", self.reach_t)
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
-        metric = math.inf, 1.0, 0.0, min(int(self.k), MOST)
+        metric = math.inf, 1.0, 0.0, int(self.k)
         return _joined(sample, metric, _reach(self.reach, self.reach, self.reach_t, self.pseudo), self.pseudo)
 
 
@@ -205,9 +205,10 @@ def _joined_again(graph: Graph, near: Near, reach: Reach, kind: Pseudo) -> Graph
         raise ValueError(f"nodes must be at finite positions, at most {FURTHEST} pixels apart along an axis")
     x, y = places.T.astype(np.int32)
     edges = near(graph.t.numpy()[order], x, y)
-    source, target = order[edges]
-    # by target again, if the nodes weren't in order of time
-    edges = np.stack((source, target))[:, np.lexsort((source, target))]
+    if not is_sorted(order):
+        # by target again, because the nodes weren't in order of time
+        edges = order[edges]
+        edges = edges[:, np.lexsort(edges)]
     edge_index = torch.from_numpy(edges)
     edge_attr = pseudo(graph.pos, graph.t, edge_index, reach, kind)
     return replace(graph, edge_index=edge_index, edge_attr=edge_attr, reach=reach, pseudo=kind)
