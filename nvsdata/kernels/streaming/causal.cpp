@@ -219,10 +219,10 @@ void define_causal(nb::module_& module) {
     nb::class_<streaming::CausalNetwork>(module, "CausalNetwork");
     define<streaming::causal_network>(module, "causal_network");
     define<streaming::step>(module, "causal_step");
-    define<streaming::size>(module, "causal_size");
-    define<streaming::products>(module, "causal_products");
-    define<streaming::hidden>(module, "causal_hidden");
-    define<streaming::shown>(module, "causal_shown");
+    define<streaming::size>(module, "live_size");
+    define<streaming::products>(module, "live_products");
+    define<streaming::hidden>(module, "live_hidden");
+    define<streaming::shown>(module, "live_shown");
 }
 
 }  // namespace nvsdata

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from nvsdata.kernels import _native
+from nvsdata.kernels.streaming.network import LiveState
 
 FOREVER = 2**63 - 1  # µs
 TOGETHER = 4096  # events that are taken at once, so that rows of those that have gone are used again
 
 
-class CausalNetwork:
+class CausalNetwork(LiveState):
     """A network's rows for events whose neighbors are those before them: a row is computed once, when its event comes.
-
-    Its arrays belong to the extension: their numbers are indexes of each other, so nothing else may write them.
 
     Args:
         network: see `streaming_network`; only its last layer is pooled, by maxima.
@@ -23,12 +22,7 @@ class CausalNetwork:
     """
 
     def __init__(self, network: _native.StreamingNetwork, age: int | None, shape: tuple[int, int], units: int) -> None:
-        self._state = _native.causal_network(network, FOREVER if age is None else age)
-        self._shape, self._units = shape, units
-
-    def __len__(self) -> int:
-        """Return the number of events in the window."""
-        return int(_native.causal_size(self._state))
+        super().__init__(_native.causal_network(network, FOREVER if age is None else age), shape, units)
 
     def step(self, until: int, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
         """Take events, and forget those before time `until`.
@@ -45,22 +39,3 @@ class CausalNetwork:
             RuntimeError: an earlier step was interrupted.
         """
         _native.causal_step(self._state, until, t, x, y, p, TOGETHER)
-
-    @property
-    def hidden(self) -> np.ndarray:
-        """Sums of the first fully connected layer, without its bias: float64 [units]."""
-        found = np.empty(self._units)
-        _native.causal_hidden(self._state, found)
-        return found
-
-    @property
-    def shown(self) -> np.ndarray:
-        """Maxima of the cells, float32 [cells, channels]."""
-        found = np.empty(self._shape, np.float32)
-        _native.causal_shown(self._state, found)
-        return found
-
-    @property
-    def products(self) -> int:
-        """Multiplications so far."""
-        return int(_native.causal_products(self._state))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,3 +55,41 @@ def streaming_network(
         _native.add_streaming_layer(made, weight, layer.bias, ends, *kernel, *pooling)
     _native.set_streaming_hidden(made, hidden)
     return made
+
+
+class LiveState:
+    """A network's rows for events.
+
+    Its arrays belong to the extension: their numbers are indexes of each other, so nothing else may write them.
+
+    Args:
+        state: of the extension, a `SlidingNetwork` or a `CausalNetwork`.
+        shape: cells and channels of its last pooled graph.
+        units: of its first fully connected layer.
+    """
+
+    def __init__(self, state: Any, shape: tuple[int, int], units: int) -> None:
+        self._state, self._shape, self._units = state, shape, units
+
+    def __len__(self) -> int:
+        """Return the number of events in the window."""
+        return int(_native.live_size(self._state))
+
+    @property
+    def hidden(self) -> np.ndarray:
+        """Sums of the first fully connected layer, without its bias: float64 [units]."""
+        found = np.empty(self._units)
+        _native.live_hidden(self._state, found)
+        return found
+
+    @property
+    def shown(self) -> np.ndarray:
+        """Features of the last graph's cells, float32 [cells, channels]."""
+        found = np.empty(self._shape, np.float32)
+        _native.live_shown(self._state, found)
+        return found
+
+    @property
+    def products(self) -> int:
+        """Multiplications so far."""
+        return int(_native.live_products(self._state))

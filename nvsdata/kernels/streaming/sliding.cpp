@@ -232,12 +232,12 @@ void define_sliding(nb::module_& module) {
     nb::class_<streaming::SlidingNetwork>(module, "SlidingNetwork");
     define<streaming::sliding_network>(module, "sliding_network");
     define<streaming::step>(module, "sliding_step");
-    define<streaming::size>(module, "sliding_size");
+    define<streaming::size>(module, "live_size");
     define<streaming::count_before>(module, "sliding_count_before");
-    define<streaming::products>(module, "sliding_products");
+    define<streaming::products>(module, "live_products");
     define<streaming::events>(module, "sliding_events");
-    define<streaming::hidden>(module, "sliding_hidden");
-    define<streaming::shown>(module, "sliding_shown");
+    define<streaming::hidden>(module, "live_hidden");
+    define<streaming::shown>(module, "live_shown");
     define<streaming::edges>(module, "sliding_edges");
     define<streaming::places>(module, "sliding_places");
 }

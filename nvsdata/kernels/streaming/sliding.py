@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from nvsdata.kernels import _native
+from nvsdata.kernels.streaming.network import LiveState
 
 
-class SlidingNetwork:
+class SlidingNetwork(LiveState):
     """A network's rows for the events in a window that slides: only rows that change are computed.
-
-    Its arrays belong to the extension: their numbers are indexes of each other, so nothing else may write them.
 
     Args:
         network: see `streaming_network`; its first layer is pooled.
@@ -19,12 +18,7 @@ class SlidingNetwork:
     """
 
     def __init__(self, network: _native.StreamingNetwork, shape: tuple[int, int], units: int) -> None:
-        self._state = _native.sliding_network(network)
-        self._shape, self._units = shape, units
-
-    def __len__(self) -> int:
-        """Return the number of events."""
-        return int(_native.sliding_size(self._state))
+        super().__init__(_native.sliding_network(network), shape, units)
 
     def step(self, until: int, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
         """Remove events before time `until`, and append others.
@@ -52,25 +46,6 @@ class SlidingNetwork:
         found = np.empty(n, np.int64), np.empty(n, np.int16), np.empty(n, np.int16), np.empty(n, np.uint8)
         _native.sliding_events(self._state, *found)
         return found
-
-    @property
-    def hidden(self) -> np.ndarray:
-        """Sums of the first fully connected layer, without its bias: float64 [units]."""
-        found = np.empty(self._units)
-        _native.sliding_hidden(self._state, found)
-        return found
-
-    @property
-    def shown(self) -> np.ndarray:
-        """Features of the last graph's cells, float32 [cells, channels]."""
-        found = np.empty(self._shape, np.float32)
-        _native.sliding_shown(self._state, found)
-        return found
-
-    @property
-    def products(self) -> int:
-        """Multiplications so far."""
-        return int(_native.sliding_products(self._state))
 
     def edges(self, level: int) -> np.ndarray:
         """Return source and target of the edges between events, or between cells pooled `level` times: int64 [2, E]."""
