@@ -33,7 +33,7 @@ class Structure(NamedTuple):
 def structure(batch: GraphBatch, cluster: Size, grid: Size) -> Structure:
     """The graphs whose nodes are clusters of (width, height) pixels, of which `grid` fit on the sensor."""
     if traced(batch.pos):
-        given = batch.x, batch.pos, batch.t, batch.edge_index, batch.edge_attr, batch.batch, batch.ptr
+        given = batch.pos, batch.t, batch.edge_index, batch.edge_attr, batch.batch, batch.ptr
         return Structure(*_structure(*given, list(cluster), list(grid)))
     return (clusters_cpu if batch.pos.device.type == "cpu" else clusters_torch)(batch, cluster, grid)
 
@@ -138,7 +138,6 @@ Tensors = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor, torch.Te
 
 @custom_op("nvsdata::clusters", mutates_args=())
 def _structure(
-    x: torch.Tensor,
     pos: torch.Tensor,
     t: torch.Tensor,
     edge_index: torch.Tensor,
@@ -149,7 +148,8 @@ def _structure(
     grid: list[int],
 ) -> Tensors:
     """`structure`, as an operator."""
-    given = GraphBatch(x=x, pos=pos, t=t, edge_index=edge_index, edge_attr=edge_attr, batch=batch, ptr=ptr)
+    # features have no part in it
+    given = GraphBatch(x=pos, pos=pos, t=t, edge_index=edge_index, edge_attr=edge_attr, batch=batch, ptr=ptr)
     found = structure(given, (cluster[0], cluster[1]), (grid[0], grid[1]))
     cluster_of, *others, edges = found
     return cluster_of, *others, edges.contiguous()  # type: ignore[return-value]
@@ -157,7 +157,6 @@ def _structure(
 
 @_structure.register_fake
 def _(
-    x: torch.Tensor,
     pos: torch.Tensor,
     t: torch.Tensor,
     edge_index: torch.Tensor,

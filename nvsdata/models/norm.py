@@ -52,9 +52,7 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
             # PyTorch's function asks whether there are nodes, which isn't known then
             assert self.running_mean is not None
             assert self.running_var is not None
-            shape = [1, -1] + [1] * (x.ndim - 2)
-            scale = self.weight * (self.running_var + self.eps).rsqrt()
-            return x * scale.view(shape) + (self.bias - self.running_mean * scale).view(shape)
+            return self._scaled(x - self._of_channels(self.running_mean, x), self.running_var)
         return functional.batch_norm(
             x, self.running_mean, self.running_var, self.weight, self.bias, False, 0.0, self.eps
         )
@@ -69,13 +67,22 @@ class BatchNorm(nn.modules.batchnorm._BatchNorm):
 
     def _shared(self, x: torch.Tensor, count: int, factor: torch.Tensor) -> torch.Tensor:
         """Normalize by the statistics over the values of all processes."""
-        over, shape = [0, *range(2, x.ndim)], [1, -1] + [1] * (x.ndim - 2)
+        over = [0, *range(2, x.ndim)]
         mean = all_reduce_sum(x.sum(over)) / count
-        centered = x - mean.view(shape)
+        centered = x - self._of_channels(mean, x)
         variance = all_reduce_sum(centered.square().sum(over)) / count
         self._learn(mean, variance * (count / (count - 1)), factor)
-        scale = (self.weight * (variance + self.eps).rsqrt()).view(shape)
-        return centered * scale + self.bias.view(shape)
+        return self._scaled(centered, variance)
+
+    def _scaled(self, centered: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
+        """Values [N, C, ...] of mean 0, by their variance [C], the weight and the bias."""
+        scale = self._of_channels(self.weight * (variance + self.eps).rsqrt(), centered)
+        return centered * scale + self._of_channels(self.bias, centered)
+
+    @staticmethod
+    def _of_channels(values: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+        """Values [C] in the shape that goes with `x` [N, C, ...]."""
+        return values.view([1, -1] + [1] * (x.ndim - 2))
 
     def _check_input_dim(self, x: torch.Tensor) -> None:
         pass
