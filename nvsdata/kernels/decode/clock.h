@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "../native/span.h"
+#include "../native/wrap.h"
 
 namespace nvsdata {
 
@@ -18,10 +19,6 @@ constexpr i64 BACK_US = 100'000;
 constexpr i64 SILENT_US = 300'000'000;
 constexpr i64 WRAP_US = i64(1) << 32;     // wrap of a 32-bit counter of µs
 constexpr i64 UNKNOWN = -(i64(1) << 62);  // the time before a counter's first word
-
-// Sums and differences of times that a caller may choose: they wrap instead of being undefined.
-inline i64 plus(i64 a, i64 b) { return i64(u64(a) + u64(b)); }
-inline i64 minus(i64 a, i64 b) { return i64(u64(a) - u64(b)); }
 
 // The time nearest to `last` that a counter of `bits` bits (1 to 62) shows as `raw`.
 inline i64 nearest(i64 raw, i64 last, int bits) {

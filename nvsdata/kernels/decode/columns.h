@@ -3,8 +3,7 @@
 // A decoder takes some records of a file, as bytes, and the state before them, which it updates to that after them.
 // It fills the columns t, x, y and p (int64 µs, int16, int16, uint8) from index `kept` on, and returns the number of
 // events, and the index of the first record whose coordinates lie outside the sensor, or whose polarity is neither 0
-// nor
-// 1 (-1 if none; a width of 0 means "unknown").
+// nor 1 (-1 if none; a width of 0 means "unknown").
 #pragma once
 
 #include <cstring>

@@ -106,8 +106,7 @@ void by_blocks(i64 words, i64 block, i64 before, i64 blocks, Begin begin, Pass p
 }
 
 // The high part, of `bits` bits, to write after `before` on the way to `high`, both without wraps taken off; -1 before
-// the
-// first.
+// the first.
 inline i64 shown_next(i64 before, i64 high, int bits) {
     i64 half = i64(1) << (bits - 1), end = before | (2 * half - 1);
     return before == end ? plus(end, 1) : std::min({plus(before, half - 1), end, high});

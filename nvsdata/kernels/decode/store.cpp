@@ -46,8 +46,7 @@ NVSDATA_INLINE void convert(const From* from, To* to, i64 size) {
 }
 
 // Write the times from `start` up to `stop`, with `base` added; `t` may lie where they are written. Returns the index
-// of
-// the first one, and their number.
+// of the first one, and their number.
 template <class Time>
 std::pair<i64, i64> times_between(Span<const Time> t, i64 base, i64 start, i64 stop, Span<i64> out) {
     i64 first = bisect(t, base, start), count = std::max(bisect(t, base, stop) - first, i64(0));

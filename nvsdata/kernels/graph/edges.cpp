@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "../native/bind.h"
+#include "../native/wrap.h"
 
 namespace nvsdata {
 
@@ -22,7 +23,7 @@ struct Pseudo {
     void place(Span<float> out, i64 source, i64 target) const {
         out[0] = fraction((pos(source, 0) - pos(target, 0)) / wide, is_signed);
         out[1] = fraction((pos(source, 1) - pos(target, 1)) / high, is_signed);
-        if (out.size() == 3) out[2] = fraction(float(t[source] - t[target]) / longest, is_signed);
+        if (out.size() == 3) out[2] = fraction(float(minus(t[source], t[target])) / longest, is_signed);
     }
 };
 

@@ -6,6 +6,7 @@
 #include "../native/bind.h"
 #include "../native/bits.h"
 #include "../native/vector.h"
+#include "../native/wrap.h"
 #include "neighbors.h"
 #include "pixels.h"
 
@@ -101,7 +102,7 @@ public:
 
     void run() {
         double alpha = metric_.alpha, limit = metric_.limit();
-        double span = t_.empty() ? 0 : double(t_[t_.size() - 1] - t_[0]);
+        double span = t_.empty() ? 0 : double(minus(t_[t_.size() - 1], t_[0]));
         // rounded like a distance, because at exactly the radius a bit decides
         slack_ = metric_.beta * (span * span);
         i64 furthest = 0, blur = 0;
@@ -154,9 +155,8 @@ private:
     // Whether some event of one pixel and another of the other are at most `dt` µs apart.
     bool any_within(double dt, i32 a, i32 b) const {
         for (auto i = begin(a), j = begin(b); i != end(a) && j != end(b);) {
-            i64 apart = t_[*i] - t_[*j];
-            if (double(std::abs(apart)) <= dt) return true;
-            apart < 0 ? ++i : ++j;
+            if (double(gap(t_[*i], t_[*j])) <= dt) return true;
+            t_[*i] < t_[*j] ? ++i : ++j;
         }
         return false;
     }
@@ -201,7 +201,7 @@ private:
         auto time = [&](std::size_t n) { return t_[last_[n]]; };
         while (from + some < last_.size()) {
             i64 later = time(from + some), earlier = time(from);
-            if (later != earlier && std::abs(later - t_[i]) >= std::abs(earlier - t_[i])) break;
+            if (later != earlier && gap(later, t_[i]) >= gap(earlier, t_[i])) break;
             ++from;
         }
         std::size_t stop = from + some;
@@ -258,7 +258,7 @@ private:
     // that is not before event i. Of equal times the smaller indices come first.
     void outward(i32 i, double base, const i32* first, const i32* later, const i32* end) {
         auto offer = [&](i32 j) {
-            i64 dt = std::abs(t_[j] - t_[i]);
+            i64 dt = gap(t_[j], t_[i]);
             double d = base + metric_.beta * (double(dt) * double(dt));
             return d <= metric_.limit() && nearest_.offer({d, dt, j});
         };
@@ -282,12 +282,12 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     i64 k = metric.k;
     double limit = metric.limit();
     auto distance = [&](i64 i, i64 j) {
-        double dx = i32(x[i]) - i32(x[j]), dy = i32(y[i]) - i32(y[j]), dt = double(t[i] - t[j]);
+        double dx = i32(x[i]) - i32(x[j]), dy = i32(y[i]) - i32(y[j]), dt = double(minus(t[i], t[j]));
         return metric.alpha * (dx * dx + dy * dy) + metric.beta * (dt * dt);
     };
     auto nearer = [&](i64 i, i64 j, i64 other) {
-        return Candidate{distance(i, j), std::abs(t[j] - t[i]), i32(j)} <
-               Candidate{distance(i, other), std::abs(t[other] - t[i]), i32(other)};
+        return Candidate{distance(i, j), gap(t[j], t[i]), i32(j)} <
+               Candidate{distance(i, other), gap(t[other], t[i]), i32(other)};
     };
     Vector<i32> worst(n);
     auto find_worst = [&](i64 i) {
@@ -315,7 +315,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
     Vector<i32> near(n + 1);
     for (std::size_t i = 0; i < n; ++i) {
-        while (t[i] - t[first] > reach) ++first;
+        while (minus(t[i], t[first]) > reach) ++first;
         u32 corner = place[i] - margin;
         std::size_t found = 0;
         // no branch, because which events are near is unpredictable
@@ -337,7 +337,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
 i64 pairs_in_time(Span<const i64> t, i64 reach) {
     i64 pairs = 0, first = 0;
     for (i64 i = 0; i < i64(t.size()); ++i) {
-        while (t[i] - t[first] > reach) ++first;
+        while (minus(t[i], t[first]) > reach) ++first;
         pairs += i - first;
     }
     return pairs;

@@ -8,6 +8,7 @@
 #include "../native/indexes.h"
 #include "../native/levels.h"
 #include "../native/vector.h"
+#include "../native/wrap.h"
 
 namespace nvsdata {
 
@@ -27,8 +28,7 @@ i64 cell_at(double place, i64 side, i64 count) {
 
 // First time plus the rounded mean; what is beyond 64 bits wraps.
 i64 mean_time(const Sum& sum) {
-    i64 mean = sum.t / sum.members - (sum.t % sum.members < 0);
-    return i64(u64(sum.first) + u64(mean));
+    return plus(sum.first, floor_divide(sum.t, sum.members));
 }
 
 void check_clusters(i64 nodes, Span<const i64> cluster, i64 count) {
@@ -116,7 +116,7 @@ i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 
             sum.x += double(pos(i, 0));
             sum.y += double(pos(i, 1));
             if (sum.members++ == 0) sum.first = t[i];
-            sum.t = i64(u64(sum.t) + u64(t[i]) - u64(sum.first));
+            sum.t = plus(sum.t, minus(t[i], sum.first));
         }
         new_ptr[b + 1] = i64(sums.size());
     }

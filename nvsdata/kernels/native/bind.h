@@ -2,8 +2,8 @@
 //
 // An array's dtype, its number of dimensions and, unless it is const, whether it may be written are checked; values are
 // never converted. Arrays that are read may be strided or misaligned: they are copied then. Python's lock is released
-// while a function
-// runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python face.
+// while a function runs. Results are numbers or tuples of them: arrays that a kernel fills are allocated by its Python
+// face.
 #pragma once
 
 #include <nanobind/nanobind.h>

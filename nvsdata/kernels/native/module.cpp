@@ -1,4 +1,4 @@
-// The compiled module: each source file defines its own functions, and one line here names its `define_...`.
+// The compiled module: each source file defines its own functions, by a `define_NAME` whose name has a line here.
 #include <utility>
 
 #include "bind.h"
@@ -9,55 +9,57 @@
 #define NVSDATA_CHECKS false
 #endif
 
+#define NVSDATA_FILES(define) \
+    define(aedat2) \
+    define(aedat3) \
+    define(aedat4) \
+    define(aedat_frames) \
+    define(atis) \
+    define(brightness) \
+    define(causal) \
+    define(clock) \
+    define(crossings) \
+    define(dat) \
+    define(davis_stream) \
+    define(decoder_errors) \
+    define(distances) \
+    define(earlier) \
+    define(earth_mover) \
+    define(edges) \
+    define(evt) \
+    define(evt2) \
+    define(evt3) \
+    define(filters) \
+    define(frames) \
+    define(hats) \
+    define(hots) \
+    define(inside) \
+    define(latest) \
+    define(learned) \
+    define(log_polar) \
+    define(measures) \
+    define(neighbors) \
+    define(order) \
+    define(patches) \
+    define(photoreceptor) \
+    define(pix2nvs) \
+    define(pool) \
+    define(reading) \
+    define(sample) \
+    define(select) \
+    define(sliding) \
+    define(spikes) \
+    define(spline) \
+    define(store) \
+    define(streaming_network) \
+    define(surfaces) \
+    define(text) \
+    define(tiles)
+
 namespace nvsdata {
 
-void define_decoder_errors(nb::module_& module);
-void define_aedat2(nb::module_& module);
-void define_aedat3(nb::module_& module);
-void define_davis_stream(nb::module_& module);
-void define_store(nb::module_& module);
-void define_reading(nb::module_& module);
-void define_aedat_frames(nb::module_& module);
-void define_aedat4(nb::module_& module);
-void define_atis(nb::module_& module);
-void define_clock(nb::module_& module);
-void define_dat(nb::module_& module);
-void define_distances(nb::module_& module);
-void define_earth_mover(nb::module_& module);
-void define_edges(nb::module_& module);
-void define_evt(nb::module_& module);
-void define_evt2(nb::module_& module);
-void define_evt3(nb::module_& module);
-void define_brightness(nb::module_& module);
-void define_crossings(nb::module_& module);
-void define_edges(nb::module_& module);
-void define_photoreceptor(nb::module_& module);
-void define_pix2nvs(nb::module_& module);
-void define_spikes(nb::module_& module);
-void define_tiles(nb::module_& module);
-void define_neighbors(nb::module_& module);
-void define_order(nb::module_& module);
-void define_select(nb::module_& module);
-void define_text(nb::module_& module);
-void define_causal(nb::module_& module);
-void define_earlier(nb::module_& module);
-void define_sliding(nb::module_& module);
-void define_streaming_network(nb::module_& module);
-void define_pool(nb::module_& module);
-void define_spline(nb::module_& module);
-void define_filters(nb::module_& module);
-void define_frames(nb::module_& module);
-void define_hats(nb::module_& module);
-void define_hots(nb::module_& module);
-void define_inside(nb::module_& module);
-void define_latest(nb::module_& module);
-void define_learned(nb::module_& module);
-void define_log_polar(nb::module_& module);
-void define_measures(nb::module_& module);
-void define_neighbors(nb::module_& module);
-void define_patches(nb::module_& module);
-void define_sample(nb::module_& module);
-void define_surfaces(nb::module_& module);
+#define NVSDATA_DECLARE(name) void define_##name(nb::module_& module);
+NVSDATA_FILES(NVSDATA_DECLARE)
 
 }  // namespace nvsdata
 
@@ -67,51 +69,6 @@ NB_MODULE(_native, module) {
 #ifdef NVSDATA_BOUNDS
     module.def("touched", [] { return std::exchange(nvsdata::touched, 0); });
 #endif
-    nvsdata::define_decoder_errors(module);
-    nvsdata::define_aedat2(module);
-    nvsdata::define_aedat3(module);
-    nvsdata::define_davis_stream(module);
-    nvsdata::define_store(module);
-    nvsdata::define_reading(module);
-    nvsdata::define_aedat_frames(module);
-    nvsdata::define_aedat4(module);
-    nvsdata::define_atis(module);
-    nvsdata::define_clock(module);
-    nvsdata::define_dat(module);
-    nvsdata::define_distances(module);
-    nvsdata::define_earth_mover(module);
-    nvsdata::define_edges(module);
-    nvsdata::define_evt(module);
-    nvsdata::define_evt2(module);
-    nvsdata::define_evt3(module);
-    nvsdata::define_brightness(module);
-    nvsdata::define_crossings(module);
-    nvsdata::define_edges(module);
-    nvsdata::define_photoreceptor(module);
-    nvsdata::define_pix2nvs(module);
-    nvsdata::define_spikes(module);
-    nvsdata::define_tiles(module);
-    nvsdata::define_neighbors(module);
-    nvsdata::define_order(module);
-    nvsdata::define_select(module);
-    nvsdata::define_text(module);
-    nvsdata::define_causal(module);
-    nvsdata::define_earlier(module);
-    nvsdata::define_sliding(module);
-    nvsdata::define_streaming_network(module);
-    nvsdata::define_pool(module);
-    nvsdata::define_spline(module);
-    nvsdata::define_filters(module);
-    nvsdata::define_frames(module);
-    nvsdata::define_hats(module);
-    nvsdata::define_hots(module);
-    nvsdata::define_inside(module);
-    nvsdata::define_latest(module);
-    nvsdata::define_learned(module);
-    nvsdata::define_log_polar(module);
-    nvsdata::define_measures(module);
-    nvsdata::define_neighbors(module);
-    nvsdata::define_patches(module);
-    nvsdata::define_sample(module);
-    nvsdata::define_surfaces(module);
+#define NVSDATA_DEFINE(name) nvsdata::define_##name(module);
+    NVSDATA_FILES(NVSDATA_DEFINE)
 }

@@ -1,34 +1,22 @@
-// What loops over events share: checked places in images, arithmetic of times, answers to Ctrl-C.
+// What loops over events share: checked places in images, answers to Ctrl-C.
 #pragma once
 
 #include <algorithm>
 #include <stdexcept>
 
 #include "../native/interrupt.h"
+#include "../native/levels.h"
+#include "../native/require.h"
 #include "../native/span.h"
+#include "../native/wrap.h"
 
 namespace nvsdata {
-
-inline void require(bool fits, const char* otherwise) {
-    if (!fits) throw std::invalid_argument(otherwise);
-}
 
 inline void require_shapes(bool fit) { require(fit, "the arrays' shapes don't belong together"); }
 
 // Images that have a margin around the sensor.
 inline void require_margin(i64 margin, i64 rows, i64 columns) {
     require_shapes(margin >= 0 && margin <= std::min(rows, columns) / 2);
-}
-
-// Arithmetic of any times: what is beyond int64 wraps.
-inline i64 minus(i64 a, i64 b) { return i64(u64(a) - u64(b)); }
-inline i64 plus(i64 a, i64 b) { return i64(u64(a) + u64(b)); }
-inline i64 times(i64 a, i64 b) { return i64(u64(a) * u64(b)); }
-
-// Rounded down; b > 0.
-inline i64 floor_divide(i64 a, i64 b) {
-    i64 quotient = a / b;
-    return quotient - (a % b < 0);
 }
 
 // Images of all pixels, row by row, one after the other; rows and images may be larger than the sensor.
@@ -63,12 +51,11 @@ inline void place_all(const Images& images, const Pixels& events, i64 from, i64 
     require_inside(place(images, events, from, to, places));
 }
 
-// Loops are inlined, so that what a kernel keeps from event to event stays in registers.
-#define NVSDATA_LOOP [[gnu::always_inline]] inline void
+// The loops below are inlined always, so that what a kernel keeps from event to event stays in registers.
 
 // Calls some(from, count, places) for every STEPS of the events; throws before any that isn't on the sensor.
 template <class Some>
-NVSDATA_LOOP some_events(const Images& images, const Pixels& events, i64 from, i64 to,
+NVSDATA_INLINE void some_events(const Images& images, const Pixels& events, i64 from, i64 to,
                          Interrupt& interrupt, Some some) {
     i64 places[STEPS];
     while (from < to) {
@@ -82,7 +69,7 @@ NVSDATA_LOOP some_events(const Images& images, const Pixels& events, i64 from, i
 
 // Calls each(i, place) for the events i from `from` up to `to`.
 template <class Each>
-NVSDATA_LOOP each_event(const Images& images, const Pixels& events, i64 from, i64 to,
+NVSDATA_INLINE void each_event(const Images& images, const Pixels& events, i64 from, i64 to,
                         Interrupt& interrupt, Each each) {
     some_events(images, events, from, to, interrupt, [&](i64 begin, i64 count, const i64* places) {
         for (i64 k = 0; k < count; ++k) each(begin + k, places[k]);
@@ -95,7 +82,7 @@ inline void require_columns(i64 size, const Pixels& events) {
 }
 
 template <class Each>
-NVSDATA_LOOP each_event(const Images& images, const Pixels& events, Each each) {
+NVSDATA_INLINE void each_event(const Images& images, const Pixels& events, Each each) {
     require_columns(events.x.size(), events);
     Interrupt interrupt;
     each_event(images, events, 0, events.x.size(), interrupt, each);
@@ -107,7 +94,7 @@ inline void check_frame(Span<const i64> bounds, i64 n, i64 size) {
 
 // Calls each(n, i, place) for the events i of each frame n, from bounds[n] up to bounds[n + 1], then done(n).
 template <class Each, class Done>
-NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
+NVSDATA_INLINE void each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
                                   Each each, Done done) {
     require_columns(events.x.size(), events);
     require(bounds.size() == frames + 1, "frames must be one fewer than their bounds");
@@ -121,7 +108,7 @@ NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Sp
 }
 
 template <class Each>
-NVSDATA_LOOP each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
+NVSDATA_INLINE void each_event_of_frames(const Images& images, const Pixels& events, Span<const i64> bounds, i64 frames,
                                   Each each) {
     each_event_of_frames(images, events, bounds, frames, each, [](i64) {});
 }

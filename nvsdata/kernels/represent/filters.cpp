@@ -89,14 +89,10 @@ void count_into(Span<const i16> x, Span<const i16> y, Rows<i64> out) {
     for (i64 i = 0; i < x.size(); ++i) ++out(y[i], x[i]);
 }
 
-NVSDATA_INLINE void mark_within_loop(const i16* x, const i16* y, i64 count, i16 left, i16 right, i16 top, i16 bottom,
+NVSDATA_INLINE void mark_within(const i16* x, const i16* y, i64 count, i16 left, i16 right, i16 top, i16 bottom,
                                      bool* inside) {
     for (i64 i = 0; i < count; ++i)
         inside[i] = (x[i] >= left) & (x[i] <= right) & (y[i] >= top) & (y[i] <= bottom);
-}
-
-void mark_within(const i16* x, const i16* y, i64 count, i16 left, i16 right, i16 top, i16 bottom, bool* inside) {
-    return best<mark_within_loop>(x, y, count, left, right, top, bottom, inside);
 }
 
 i16 coordinate(i64 value) { return i16(std::clamp<i64>(value, -32768, 32767)); }
@@ -107,7 +103,7 @@ void in_rectangle(Span<const i16> x, Span<const i16> y, i64 left, i64 top, i64 r
     if (left > 32767 || top > 32767 || right < -32768 || bottom < -32768)
         std::fill(inside.begin(), inside.end(), false);
     else
-        mark_within(x.data(), y.data(), x.size(), coordinate(left), coordinate(right), coordinate(top),
+        best<mark_within>(x.data(), y.data(), x.size(), coordinate(left), coordinate(right), coordinate(top),
                     coordinate(bottom), inside.data());
 }
 

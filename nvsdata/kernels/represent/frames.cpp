@@ -89,6 +89,7 @@ void spread(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const 
     require(last >= 0, "there must be a bin");
     Images images{out.shape[2], out.shape[1]};
     i64 first = t[0], duration = minus(t.back(), first);
+    require(duration >= 0, "times must not decrease");
     // of equal times all are in the first bin
     double scale = duration ? double(last) : 0, span = duration ? double(duration) : 1;
     Interrupt interrupt;

@@ -15,7 +15,7 @@ namespace {
 
 constexpr i64 LANES = 16;  // sums that are made at once, whatever the processor has
 
-NVSDATA_INLINE float product_loop(const float* a, const float* b, i64 count) {
+NVSDATA_INLINE float product(const float* a, const float* b, i64 count) {
     float sums[LANES] = {};
     i64 i = 0;
     for (; i + LANES <= count; i += LANES)
@@ -25,8 +25,6 @@ NVSDATA_INLINE float product_loop(const float* a, const float* b, i64 count) {
     for (float sum : sums) total += sum;
     return total;
 }
-
-float product(const float* a, const float* b, i64 count) { return best<product_loop>(a, b, count); }
 
 // Calls each(i, value, corner) for each event i, whose value is in `grown` then; its surface begins at `corner`.
 template <class Each>
@@ -71,7 +69,7 @@ void nearest_prototypes(Span<const i64> t, Span<const i16> x, Span<const i16> y,
     for (i64 k = 0; k < count; ++k)
         for (float value : prototypes.values.part(k * length, (k + 1) * length)) squares[k] += value * value;
     each_surface(t, x, y, feature, tau, radius, grown, [&](i64 i, double value, i64 corner) {
-        double shrink = 1 / value, best = std::numeric_limits<double>::infinity();
+        double shrink = 1 / value, least = std::numeric_limits<double>::infinity();
         float* flat = surface.data();
         for (i64 f = 0; f < channels; ++f)
             for (i64 r = 0; r < side; ++r)
@@ -79,8 +77,9 @@ void nearest_prototypes(Span<const i64> t, Span<const i16> x, Span<const i16> y,
                     *flat++ = float(grown.values[f * size + corner + r * columns + c] * shrink);
         for (i64 k = 0; k < count; ++k) {
             // the surface's own square is the same for all
-            double distance = squares[k] - 2 * double(product(&prototypes.values[k * length], surface.data(), length));
-            if (distance < best) best = distance, found[i] = k;
+            float product_k = best<product>(&prototypes.values[k * length], surface.data(), length);
+            double distance = squares[k] - 2 * double(product_k);
+            if (distance < least) least = distance, found[i] = k;
         }
     });
 }

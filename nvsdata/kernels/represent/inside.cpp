@@ -12,23 +12,19 @@ u16 sign_of(i16 value, i16 last) { return u16(value | (last - value)); }
 
 i16 last_of(i64 size) { return i16(std::clamp<i64>(size, 0, 32768) - 1); }
 
-NVSDATA_INLINE bool are_within_loop(const i16* values, i64 count, i16 last) {
+NVSDATA_INLINE bool are_within(const i16* values, i64 count, i16 last) {
     u16 signs = 0;
     for (i64 i = 0; i < count; ++i) signs |= sign_of(values[i], last);
     return signs >> 15 == 0;
 }
 
-bool are_within(const i16* values, i64 count, i16 last) { return best<are_within_loop>(values, count, last); }
-
-NVSDATA_INLINE bool are_bits_loop(const u8* values, i64 count) {
+NVSDATA_INLINE bool are_bits(const u8* values, i64 count) {
     u8 all = 0;
     for (i64 i = 0; i < count; ++i) all |= values[i];
     return all < 2;
 }
 
-bool are_bits(const u8* values, i64 count) { return best<are_bits_loop>(values, count); }
-
-NVSDATA_INLINE bool place_pixels_loop(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride,
+NVSDATA_INLINE bool place_pixels(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride,
                                       i64* places) {
     u16 signs = 0;
     for (i64 i = 0; i < count; ++i) {
@@ -38,16 +34,8 @@ NVSDATA_INLINE bool place_pixels_loop(const i16* x, const i16* y, i64 count, i16
     return signs >> 15 == 0;
 }
 
-bool place_pixels(const i16* x, const i16* y, i64 count, i16 right, i16 bottom, u32 stride, i64* places) {
-    return best<place_pixels_loop>(x, y, count, right, bottom, stride, places);
-}
-
-NVSDATA_INLINE void choose_images_loop(const u8* p, i64 count, u8 first, i64 size, i64* places) {
+NVSDATA_INLINE void choose_images(const u8* p, i64 count, u8 first, i64 size, i64* places) {
     for (i64 i = 0; i < count; ++i) places[i] += p[i] == first ? 0 : size;
-}
-
-void choose_images(const u8* p, i64 count, u8 first, i64 size, i64* places) {
-    return best<choose_images_loop>(p, count, first, size, places);
 }
 
 bool inside(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 width, i64 height) {
@@ -73,9 +61,9 @@ bool scale_times(const i64* t, i64 count, i64 first, u64 most, double scale, dou
 }
 
 bool are_inside(const Images& images, const Pixels& events) {
-    return are_within(events.x.data(), events.x.size(), last_of(images.width)) &&
-           are_within(events.y.data(), events.y.size(), last_of(images.height)) &&
-           are_bits(events.p.data(), events.p.size());
+    return best<are_within>(events.x.data(), events.x.size(), last_of(images.width)) &&
+           best<are_within>(events.y.data(), events.y.size(), last_of(images.height)) &&
+           best<are_bits>(events.p.data(), events.p.size());
 }
 
 bool place(const Images& images, const Pixels& events, i64 from, i64 to, i64* places) {
@@ -83,12 +71,12 @@ bool place(const Images& images, const Pixels& events, i64 from, i64 to, i64* pl
     i64 count = to - from;
     i16 right = last_of(images.width), bottom = last_of(images.height);
     // larger images than 2^32 pixels high and wide don't exist
-    if (!place_pixels(x, y, count, right, bottom, u32(images.stride), places)) return false;
+    if (!best<place_pixels>(x, y, count, right, bottom, u32(images.stride), places)) return false;
     if (!events.p.data()) return true;
     const u8* p = events.p.part(from, to).data();
     if (events.image != Polarity::same_image)
-        choose_images(p, count, events.image == Polarity::on_first, images.size, places);
-    return are_bits(p, count);
+        best<choose_images>(p, count, events.image == Polarity::on_first, images.size, places);
+    return best<are_bits>(p, count);
 }
 
 void define_inside(nb::module_& module) { define<inside>(module, "inside"); }

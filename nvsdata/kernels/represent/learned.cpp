@@ -34,8 +34,8 @@ struct Pieces {
 
 // Calls each(s, p, place, b) for the events of each sample b, s going from 0 at its first to 1 at its last.
 template <class Each>
-NVSDATA_LOOP each_of_samples(Span<const i64> t, const Images& images, const Pixels& events, Span<const i64> offsets,
-                     i64 samples, Each each) {
+NVSDATA_INLINE void each_of_samples(Span<const i64> t, const Images& images, const Pixels& events,
+                                    Span<const i64> offsets, i64 samples, Each each) {
     require_columns(t.size(), events);
     require(offsets.size() == samples + 1, "samples must be one fewer than their offsets");
     Interrupt interrupt;
@@ -54,8 +54,8 @@ NVSDATA_LOOP each_of_samples(Span<const i64> t, const Images& images, const Pixe
 }
 
 template <class Image, class Each>
-NVSDATA_LOOP through(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> offsets,
-             const Pieces& pieces, const Image& image, Each each) {
+NVSDATA_INLINE void through(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p,
+                            Span<const i64> offsets, const Pieces& pieces, const Image& image, Each each) {
     auto [samples, polarities, bins, height, width] = image.shape;
     require_shapes(polarities == 2);
     Images images{width, height};

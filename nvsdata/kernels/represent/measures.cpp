@@ -10,18 +10,13 @@ namespace {
 enum Quantity { COUNT, POLARITY, TIME };
 enum Measure { SUM, MEAN, MAX, VARIANCE };
 
-NVSDATA_INLINE void measure_pixels_loop(const double* number, const double* total, const double* squares, i64 count,
+NVSDATA_INLINE void measure_pixels(const double* number, const double* total, const double* squares, i64 count,
                                         int measure, float* out) {
     for (i64 q = 0; q < count; ++q) {
         double events = number[q] > 1.0 ? number[q] : 1.0, mean = total[q] / events;
         double variance = squares[q] / events - mean * mean;
         out[q] = float(measure == VARIANCE ? (variance < 0.0 ? 0.0 : variance) : measure == MEAN ? mean : total[q]);
     }
-}
-
-void measure_pixels(const double* number, const double* total, const double* squares, i64 count, int measure,
-                    float* out) {
-    return best<measure_pixels_loop>(number, total, squares, count, measure, out);
 }
 
 void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 start, i64 span,
@@ -52,7 +47,7 @@ void measured(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
             total[place] = measure == MAX ? larger : before + value;
         }
     });
-    measure_pixels(number.data(), total.data(), squares.data(), images.size, measure, out.data());
+    best<measure_pixels>(number.data(), total.data(), squares.data(), images.size, measure, out.data());
 }
 
 void tokens(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<const i64> bounds,

@@ -18,7 +18,7 @@ struct Range {
     i64 side() const { return i64(most) - least; }
 };
 
-NVSDATA_INLINE Range range_of_loop(const i16* values, i64 count) {
+NVSDATA_INLINE Range range_of(const i16* values, i64 count) {
     i16 least = values[0], most = values[0];
     for (i64 i = 1; i < count; ++i) {
         i16 value = values[i];
@@ -27,8 +27,6 @@ NVSDATA_INLINE Range range_of_loop(const i16* values, i64 count) {
     }
     return {least, most};
 }
-
-Range range_of(const i16* values, i64 count) { return best<range_of_loop>(values, count); }
 
 // A value, and how many equal ones come before the place that was searched.
 struct Border {
@@ -44,11 +42,12 @@ Border median(Span<const i16> values, Range range, i64 nth) {
     while ((last - first) >> shift >= BUCKETS) ++shift;
     i64 before = 0;
     for (;; shift = 0) {
-        std::fill_n(counts.begin(), ((last - first) >> shift) + 1, 0);
+        u32 most = u32(last - first) >> shift;
+        std::fill_n(counts.begin(), most + 1, 0);
         for (i16 value : values) {
-            // a value below `first` wraps to a large number; of one above `last` no count is used
+            // a value below `first` wraps to a large number
             u32 bucket = u32(value - first) >> shift;
-            if (bucket < BUCKETS) ++counts[bucket];
+            if (bucket <= most) ++counts[bucket];
         }
         i32 bucket = 0;
         // ends within the range, because that has more than nth values
@@ -107,7 +106,7 @@ private:
 
     // Moves events to either side of the middle, at the median of the box's widest side.
     void split(i64 low, i64 middle, i64 high) {
-        Range x = range_of(&column(0)[low], high - low), y = range_of(&column(1)[low], high - low);
+        Range x = best<range_of>(&column(0)[low], high - low), y = best<range_of>(&column(1)[low], high - low);
         double side_x = double(x.side()) * wx_, side_y = double(y.side()) * wx_;
         double side_t = double(minus(t_[index()[high - 1]], t_[index()[low]])) * wt_;
         if (!(side_t < side_x || side_t < side_y)) return;

@@ -9,12 +9,8 @@ namespace {
 
 constexpr i64 TABLE = 64;  // µs between events up to which the exponential is looked up
 
-NVSDATA_INLINE void scale_loop(const double* values, i64 count, double factor, float* out) {
+NVSDATA_INLINE void scale(const double* values, i64 count, double factor, float* out) {
     for (i64 i = 0; i < count; ++i) out[i] = float(values[i] * factor);
-}
-
-void scale(const double* values, i64 count, double factor, float* out) {
-    return best<scale_loop>(values, count, factor, out);
 }
 
 // Values of a square of pixels at a moment of an epoch: `shrink` is by what those of the same epoch are multiplied.
@@ -50,14 +46,15 @@ void surfaces(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<cons
         check_frame(bounds, n, t.size());
         each_event(images, events, bounds[n], bounds[n + 1], interrupt, [&](i64 i, i64 place) {
             u64 gap = u64(minus(t[i], since));
-            if (__builtin_expect(value > 1e-200 && gap < u64(TABLE), 1))
+            if (value > 1e-200 && gap < u64(TABLE))
                 value *= steps[gap];
             else
                 value = std::exp(double(minus(t[i], begin)) / tau);
             since = t[i];
             grown.values[place] = value;
         });
-        scale(grown.values.data(), size, std::exp(double(minus(begin, times[n])) / tau), out.values.data() + n * size);
+        double faded = std::exp(double(minus(begin, times[n])) / tau);
+        best<scale>(grown.values.data(), size, faded, out.values.data() + n * size);
         interrupt.poll();
     }
 }

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "../native/wrap.h"
 #include "columns.h"
 
 namespace nvsdata::streaming {
@@ -24,8 +25,6 @@ struct Grid {
         return std::min(y / height, rows - 1) * columns + std::min(x / width, columns - 1);
     }
 };
-
-inline i64 floor_quotient(i64 a, i64 b) { return a / b - (a % b < 0); }
 
 class Cells {
 public:
@@ -184,7 +183,7 @@ private:
         const Sums& sums = sums_[cell];
         i64 n = members[cell];
         // rounded down, times before the first event, too
-        return {i64(sums.x) / n, i64(sums.y) / n, has_time ? floor_quotient(i64(sums.t), n) : 0};
+        return {i64(sums.x) / n, i64(sums.y) / n, has_time ? floor_divide(i64(sums.t), n) : 0};
     }
 
     // Add, or take away, all edges of a node in the graph above.

@@ -26,7 +26,7 @@ inline void add_products(float* __restrict sum, const float* value, const float*
 }
 
 // Add products of the values that aren't zero, which are set to zero; returns their number.
-NVSDATA_INLINE i64 multiply_row_loop(float* __restrict values, const float* weights, i64 inputs, i64 channels,
+NVSDATA_INLINE i64 multiply_row(float* __restrict values, const float* weights, i64 inputs, i64 channels,
                                      float* sum) {
     float value[INPUTS];
     const float* weight[INPUTS];
@@ -41,11 +41,7 @@ NVSDATA_INLINE i64 multiply_row_loop(float* __restrict values, const float* weig
     return count;
 }
 
-i64 multiply_row(float* __restrict values, const float* weights, i64 inputs, i64 channels, float* sum) {
-    return best<multiply_row_loop>(values, weights, inputs, channels, sum);
-}
-
-NVSDATA_INLINE void add_scaled_loop(float* __restrict sum, const float* features, const float* less, float part,
+NVSDATA_INLINE void add_scaled(float* __restrict sum, const float* features, const float* less, float part,
                                     i64 channels) {
     if (less)
         for (i64 c = 0; c < channels; ++c) sum[c] += part * (features[c] - less[c]);
@@ -53,12 +49,8 @@ NVSDATA_INLINE void add_scaled_loop(float* __restrict sum, const float* features
         for (i64 c = 0; c < channels; ++c) sum[c] += part * features[c];
 }
 
-void add_scaled(float* __restrict sum, const float* features, const float* less, float part, i64 channels) {
-    return best<add_scaled_loop>(sum, features, less, part, channels);
-}
-
 // Add products over the edges, then of the node itself, to the sums, and forget them.
-NVSDATA_INLINE void collect_row_loop(double* __restrict edges, double* __restrict self, float* __restrict product,
+NVSDATA_INLINE void collect_row(double* __restrict edges, double* __restrict self, float* __restrict product,
                                      float* __restrict out, double share, i64 channels) {
     for (i64 o = 0; o < channels; ++o) {
         edges[o] += product[o];
@@ -66,11 +58,6 @@ NVSDATA_INLINE void collect_row_loop(double* __restrict edges, double* __restric
         out[o] = float(edges[o] * share + self[o]);
         product[o] = product[channels + o] = 0;
     }
-}
-
-void collect_row(double* __restrict edges, double* __restrict self, float* __restrict product, float* __restrict out,
-                 double share, i64 channels) {
-    return best<collect_row_loop>(edges, self, product, out, share, channels);
 }
 
 struct Between {
@@ -91,7 +78,7 @@ Between place(const Kernel& kernel, std::size_t axis, i64 difference) {
 
 void Convolution::add_to(i64 at, i64 cell, Span<const float> features, Span<const float> less, float part) {
     used_(at, cell) = 1;
-    add_scaled(share_[at * (kernel_->cells + 1) + cell].data(), features.data(), less.data(), part, kernel_->in);
+    best<add_scaled>(share_[at * (kernel_->cells + 1) + cell].data(), features.data(), less.data(), part, kernel_->in);
 }
 
 void Convolution::add(i64 at, Span<const float> features, Span<const float> less, const Place& away, float way) {
@@ -119,7 +106,7 @@ void Convolution::multiply(i64 targets) {
             for (i64 n = 0; n < count; ++n) {
                 float* values = share_[users[n] * (kernel.cells + 1) + cell].data() + first;
                 float* sum = product_[users[n]].data() + (cell == kernel.cells ? kernel.out : 0);
-                products += kernel.out * multiply_row(values, weights, inputs, kernel.out, sum);
+                products += kernel.out * best<multiply_row>(values, weights, inputs, kernel.out, sum);
             }
         }
     }
@@ -127,7 +114,7 @@ void Convolution::multiply(i64 targets) {
 
 void Convolution::collect(i64 at, i64 degree, Span<double> edges, Span<double> self, Span<float> out) {
     double share = degree ? 1.0 / double(degree) : 0.0;
-    collect_row(edges.data(), self.data(), product_[at].data(), out.data(), share, kernel_->out);
+    best<collect_row>(edges.data(), self.data(), product_[at].data(), out.data(), share, kernel_->out);
 }
 
 void convolve(Convolution& layer, const Window& window, const Table<float>& features, Span<const i64> rows,

@@ -3,6 +3,7 @@
 
 #include "../native/bind.h"
 #include "../native/levels.h"
+#include "../native/require.h"
 
 namespace nvsdata {
 
@@ -10,16 +11,8 @@ namespace streaming {
 
 namespace {
 
-void require(bool is_so, const char* message) {
-    if (!is_so) throw std::invalid_argument(message);
-}
-
-NVSDATA_INLINE void add_row_loop(double* __restrict sum, const float* weight, double factor, i64 size) {
+NVSDATA_INLINE void add_row(double* __restrict sum, const float* weight, double factor, i64 size) {
     for (i64 o = 0; o < size; ++o) sum[o] += factor * weight[o];
-}
-
-void add_row(double* __restrict sum, const float* weight, double factor, i64 size) {
-    return best<add_row_loop>(sum, weight, factor, size);
 }
 
 Network network(i64 width, i64 height, double radius, double alpha, double beta, i64 k) {
@@ -63,7 +56,7 @@ void Readout::show(i64 cell, Span<const float> values) {
         double difference = double(values[c]) - row[c];
         if (difference == 0) continue;
         row[c] = values[c];
-        if (units) add_row(sum.data(), (*weight_)[cell * row.size() + c].data(), difference, units);
+        if (units) best<add_row>(sum.data(), (*weight_)[cell * row.size() + c].data(), difference, units);
         products += units;
     }
 }

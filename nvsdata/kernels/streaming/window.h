@@ -10,6 +10,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "../native/wrap.h"
 #include "columns.h"
 
 namespace nvsdata::streaming {
@@ -149,10 +150,7 @@ private:
     i32 used_ = 0;  // end of the room in `slots` that pixels have
 
     // Differences of graphs' times may be as large as there are 64-bit numbers.
-    i64 gap_to(i64 row, i64 other) const {
-        u64 gap = u64(t[row_of(other)]) - u64(t[row]);
-        return i64(i64(gap) < 0 ? 0 - gap : gap);
-    }
+    i64 gap_to(i64 row, i64 other) const { return gap(t[row_of(other)], t[row]); }
 
     // Room for another event of a pixel, at least twice its events now and then.
     void make_room(Pixel& pixel) {

@@ -177,6 +177,16 @@ def test_times_that_decrease_do_not_leave_the_arrays():
     patches.merged_pixels(far, x, y, p)
 
 
+def test_times_that_end_before_they_began_are_refused():
+    _, x, y, p = (column[:3] for column in columns())
+    for linear in (True, False):
+        for t in ([10, 11, 5], [10, 100, 5]):
+            out = np.zeros((2, *SHAPE), np.float32)
+            with pytest.raises(ValueError, match="times must not decrease"):
+                frames.spread(np.array(t), x, y, p, linear, out)
+            assert not out.any()
+
+
 def test_patches_around_nodes_that_are_no_pixels_are_empty():
     _, x, y, p = columns()
     pos = np.array([[np.nan, 0], [np.inf, 0], [0, -np.inf], [1e30, -1e30], [-3e4, 3e4]], np.float32)
