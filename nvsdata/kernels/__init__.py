@@ -4,7 +4,8 @@
 """
 
 try:
-    from nvsdata.kernels import _native
+    # not `from ... import`, whose error would speak of a circle
+    import nvsdata.kernels._native as _native
 except ImportError as error:
     raise ImportError(
         f"nvsdata's compiled kernels can't be loaded ({error}): they are missing, or were built for another Python or "
