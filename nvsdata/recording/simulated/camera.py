@@ -141,8 +141,9 @@ class SimulatedDavis:
         return len(sent)
 
     def _write(self, module: int, parameter: int, number: int) -> None:
-        while self._see():
-            # what was seen until now is sent as its registers were
+        now = self._now()
+        while self._see(now):
+            # what was seen until now is sent as its registers were; not what a slow scene gives in the meantime
             pass
         self.registers[module, parameter] = number
         if (module, parameter) == (MUX, 2) and number:
@@ -168,17 +169,20 @@ class SimulatedDavis:
         """Move the camera's time on."""
         self._extra += microseconds
 
-    def _see(self, least: int = 1) -> bool:
-        """Put what the pixels saw since the last call into the FIFO, if at least `least` µs have passed.
+    def _now(self) -> int:
+        """Return the camera's time (µs) up to which the scene's events are known; 0 unless it streams."""
+        if self._began is None:
+            return 0
+        return int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
+
+    def _see(self, now: int, least: int = 1) -> bool:
+        """Put what the pixels saw since the last call, up to `now`, into the FIFO if it is `least` µs or more.
 
         Without a limited `room` it is at most `SLICE`; returns whether more is left for the next call.
         """
-        if self._began is None or self.stalled:
+        if self._began is None or self.stalled or now < self._time + least:
             return False
         rate = self.speed or 1.0
-        now = int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
-        if now < self._time + least:
-            return False
         behind = False
         if self.room is None:
             self._skip(now - MOST_BEHIND - self._time)
@@ -256,7 +260,7 @@ class SimulatedDavis:
             time.sleep(1e-4)
         with self._lock:
             if not self._fifo:
-                self._see(GLANCE)
+                self._see(self._now(), GLANCE)
             count = min(len(buffer), len(self._fifo)) // 2 * 2
             if count:
                 memoryview(buffer)[:count] = bytes(self._fifo[:count])

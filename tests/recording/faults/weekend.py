@@ -168,11 +168,11 @@ class Camera(SimulatedDavis):
         self.sent.append((t, seen.x, seen.y, seen.p))
         return super()._words(t, seen, pulses, now)
 
-    def _see(self, least: int = 1) -> bool:
+    def _see(self, now: int, least: int = 1) -> bool:
         day = self.weekend
         early = day.kind == "early" and day.fading
         self.lossy = 1.0 if early or (day.kind == "drops" and day.first and day.within(100_000, 200_000)) else 0.0
-        return super()._see(least)
+        return super()._see(now, least)
 
 
 class Plugs(Backend):

@@ -215,6 +215,19 @@ def test_a_busy_computer_loses_nothing(host):
     assert len(ours.feed(sent(camera))) == pytest.approx(200_000, rel=0.02)
 
 
+def test_a_scene_that_takes_longer_than_it_lasts_holds_no_request_up(host):
+    class Slow(Told):
+        def events(self, start, stop):
+            assert len(self.asked) < 60, "it sees what happens while it looks, and so on without end"
+            host[0] += 2 * (stop - start)
+            return super().events(start, stop)
+
+    camera = running(Slow(), speed=1)
+    host[0] += 1e6
+    write(camera, (MUX, 0), 0)
+    assert camera.scene.asked[-1][1] == 1_000_000 == 50 * module.SLICE
+
+
 def test_an_hour_s_pause_is_not_caught_up_on(host):
     camera = running(Outlines(noise=0), speed=1)
     host[0] += 3_600e6
