@@ -31,11 +31,11 @@ from torch.utils.data import Dataset
 
 from nvsdata import EventFolder, models
 from nvsdata import transforms as T
+from nvsdata.batch.folder import videos_in
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
 from nvsdata.training import Team, Trainer, accuracies, data_of, loader, run, sgd, team
 from nvsdata.transforms.defaults import SCALES
-from nvsdata.video.folder import videos_in
 from nvsdata.video.frames import frames_of
 
 SIZE, SMALLER_SIDE, FRAMES = 224, 256, 3

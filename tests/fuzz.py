@@ -49,7 +49,9 @@ from structures import BY_SUFFIX
 
 import nvsdata
 from nvsdata import FormatError
-from nvsdata.formats import atis, hdf5, hdf5_columns, npy, text
+from nvsdata.formats import atis, npy, text
+from nvsdata.formats.hdf5 import columns as hdf5_columns
+from nvsdata.formats.hdf5 import layouts as hdf5
 
 SLOW_S, HANGING_S = 5.0, 60.0
 COSTLY = (".h5", "v73.mat")

@@ -29,6 +29,7 @@ from structures import hdf5
 import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata import transforms as T
+from nvsdata.batch.folder import sha256
 from nvsdata.common.checksum import crc32
 from nvsdata.common.files import Journal, sealed
 from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
@@ -40,7 +41,6 @@ from nvsdata.formats import contents, kept_index, reading
 from nvsdata.kernels.recording.davis_stream import encode
 from nvsdata.recording.davis.file import MARK, header
 from nvsdata.recording.davis.stream import Decoder
-from nvsdata.video.folder import sha256
 
 Rng = np.random.Generator
 SECRET = b"a file that nothing may read or change\n" * 9

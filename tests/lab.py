@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from nvsdata.recording.rig import clock_fit, playback, take
+from nvsdata.rig import clock_fit, playback, take
 
 
 def make_video(path, frames=12, fps=30, size=(80, 60), seed=0):

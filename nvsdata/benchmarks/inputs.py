@@ -11,7 +11,7 @@ import numpy as np
 from nvsdata import formats
 from nvsdata.benchmarks.case import Options
 from nvsdata.data.events import Events
-from nvsdata.transforms.crops import resize_events
+from nvsdata.transforms.events.crops import resize_events
 
 DIGITS = 34, 34
 SENSOR = 240, 180

@@ -16,7 +16,7 @@ from nvsdata.benchmarks.inputs import WINDOW, digits, outlines
 from nvsdata.data.batching import collate
 from nvsdata.data.graph import GraphBatch
 from nvsdata.models.distributed import Dropout
-from nvsdata.transforms.crops import resize_events
+from nvsdata.transforms.events.crops import resize_events
 
 VOLUMES = 4  # graphs per sequence
 

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the data, train, print the accuracy, write two pictures."""
-    from nvsdata.commands.demo_training import train
+    from nvsdata.training.demo import train
 
     train(args.out, args.epochs, args.seed)
     return 0

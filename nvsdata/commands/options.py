@@ -116,7 +116,7 @@ def shard(text: str) -> tuple[int, int]:
 
 def add_videos(add: Callable[..., Any]) -> None:
     """Add the options that all commands with a folder of videos have."""
-    from nvsdata.video.folder import FORMATS
+    from nvsdata.batch.folder import FORMATS
 
     add("--format", choices=FORMATS, default="hdf5", help="format of the recordings")
     add("--limit", type=at_least_1, metavar="N", help="the first N videos only (default: all)")

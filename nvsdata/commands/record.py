@@ -11,7 +11,7 @@ from nvsdata.commands.options import UsageError, add_json, add_videos, path, pos
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    from nvsdata.recording.rig.monitor import Scaling
+    from nvsdata.rig.monitor import Scaling
 
     add = parser.add_argument
     place = ("X", "Y", "WIDTH", "HEIGHT")
@@ -68,9 +68,10 @@ def run(args: argparse.Namespace) -> int:
     """Record, calibrate, or play and record: 1 if anything was lost, 3 if a batch gave up."""
     from nvsdata.recording import session
     from nvsdata.recording.simulated.options import Simulation
+    from nvsdata.rig import session as rig
 
     if args.status is not None:
-        return session.run_status(args.status, as_json=args.json)
+        return rig.run_status(args.status, as_json=args.json)
     if args.doctor or args.list:
         screen = args.live or args.calibrate or args.monitor is not None
         folder = args.out if screen and not args.live else args.out and args.out.parent
@@ -95,12 +96,12 @@ def run(args: argparse.Namespace) -> int:
     screen = {"display": args.display, "region": region, "scaling": args.scaling}
     if args.calibrate:
         out, overwrite = args.out or Path("calibration"), args.overwrite
-        return session.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
+        return rig.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
     chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
     chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live, "as_json": args.json}
     chosen |= {"until_full": args.until_full}
-    return session.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
+    return rig.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 
 def _check(args: argparse.Namespace) -> None:

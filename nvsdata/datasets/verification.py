@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from nvsdata.batch.manifest import NAME, fault_of
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
@@ -17,7 +18,6 @@ from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
-from nvsdata.video.manifest import NAME, fault_of
 
 KINDS = {"nvsdata-videos", "nvsdata-recordings"}  # first keys of the manifests of `convert-videos` and `record`
 

@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from dataclasses import asdict, replace
 from functools import partial
 from math import inf
-from multiprocessing import active_children
 from pathlib import Path
-from typing import TypeVar
 
-from nvsdata.common.prefetch import stay_in_one_thread
-from nvsdata.common.processes import pool
+from nvsdata.batch.folder import videos_in
+from nvsdata.batch.run import FolderReport, FolderRun
+from nvsdata.batch.scheduler import as_done
+from nvsdata.batch.shards import manifest_of
 from nvsdata.common.progress import bar
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.preview import preview_of, save_preview
 from nvsdata.emulation.protocol import EventEmulator, settings_of
-from nvsdata.formats.aedat2 import chip_for
-from nvsdata.video.folder import videos_in
+from nvsdata.formats.aedat.aedat2 import chip_for
 from nvsdata.video.frames import frames_of
-from nvsdata.video.manifest import FolderReport, FolderRun
-from nvsdata.video.shards import manifest_of
 from nvsdata.video.view import ALL, View
 
 KIND = "nvsdata-videos"
 DONE = ("converted",)
 WITH_FILMS = (*DONE, "truncated")
-Result = TypeVar("Result")
 
 
 def convert_videos(
@@ -99,7 +91,7 @@ def convert_videos(
             waiting = [videos[video] for video in run.waiting]
             alone = scheduler is None and (jobs == 1 or len(waiting) < 2)
             work = partial(convert, progress=run.within) if alone else convert
-            with closing(_results(work, waiting, jobs, scheduler)) as results:
+            with closing(as_done(work, waiting, jobs, scheduler)) as results:
                 for line in results:
                     _drop_films(manifest.replaced.get(line["video"]), target / run.add(line), target)
         if preview:
@@ -121,7 +113,7 @@ def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) 
     lacking = [job for job in jobs if _age(preview_of(job.video.target, out)) < _age(job.video.target)]
     with (
         bar(None, "previews", total=len(lacking), unit="video") as shown,
-        closing(_results(partial(_film, out=out), lacking, processes, scheduler)) as results,
+        closing(as_done(partial(_film, out=out), lacking, processes, scheduler)) as results,
     ):
         failed = {}
         for name, reason in results:
@@ -187,40 +179,3 @@ def _check_chip(jobs: list[Job]) -> None:
         if size is not None:
             chip_for(*size)
             return
-
-
-def _results(
-    work: Callable[[Job], Result], jobs: list[Job], processes: int, scheduler: str | None
-) -> Generator[Result]:
-    """What `work` makes of each job, in the order in which they are done."""
-    if scheduler is not None:
-        from nvsdata.emulation.cluster import results
-
-        yield from results(work, jobs, scheduler)
-    elif processes == 1 or len(jobs) < 2:
-        yield from map(work, jobs)
-    else:
-        yield from _by_processes(work, jobs, min(processes, len(jobs)))
-
-
-def _by_processes(work: Callable[[Job], Result], jobs: list[Job], count: int) -> Iterator[Result]:
-    with pool(count, __name__, _prepare) as workers:
-        try:
-            for future in as_completed([workers.submit(work, job) for job in jobs]):
-                yield future.result()
-        except BrokenProcessPool:
-            raise OSError("a process that converted was killed (out of memory?)") from None
-        except BaseException:
-            # conversions in progress may take minutes; the next run does them again
-            workers.shutdown(wait=False, cancel_futures=True)
-            for process in (children := active_children()):
-                process.terminate()
-            for process in children:
-                process.join()
-            raise
-
-
-def _prepare() -> None:
-    """Set up a worker: Ctrl-C is for the process that started it, and other workers use the other cores."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    stay_in_one_thread()

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats
+from nvsdata.batch.folder import Video, sha256
+from nvsdata.batch.manifest import file_facts
+from nvsdata.batch.run import noted
 from nvsdata.common.files import remove_link
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
 from nvsdata.emulation.from_frames import FromFrames
 from nvsdata.emulation.protocol import EventEmulator, settings_of
-from nvsdata.video.folder import Video, sha256
 from nvsdata.video.frames import TruncatedVideo, frames_of
 from nvsdata.video.length import length_of
-from nvsdata.video.manifest import file_facts, noted
 from nvsdata.video.view import ALL, View
 
 
@@ -31,6 +32,11 @@ class Job:
     size: tuple[int, int] | None
     fps: float | None
     view: View = ALL
+
+    @property
+    def name(self) -> str:
+        """Name of the video, below the folder of videos."""
+        return self.video.name
 
     def events(self) -> Iterator[Events]:
         """The events of each of the video's frames in turn."""

@@ -20,8 +20,8 @@ from nvsdata.data.events import Columns
 from nvsdata.formats.columns import integers, polarity
 from nvsdata.formats.contents import Contents
 from nvsdata.formats.file_recording import FileRecording
-from nvsdata.formats.hdf5_chunks import values_of
-from nvsdata.formats.hdf5_file import check_stored, found_in, opened
+from nvsdata.formats.hdf5.chunks import values_of
+from nvsdata.formats.hdf5.file import check_stored, found_in, opened
 from nvsdata.formats.inflation import Allowance, ZlibError, decompressobj, most_bytes
 from nvsdata.formats.registry import Format
 

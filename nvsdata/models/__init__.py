@@ -19,6 +19,7 @@ from nvsdata.models.fusing import fused
 from nvsdata.models.graph_cnn import GCNN, RGCNN, Pooling
 from nvsdata.models.graph_cnn3d import RGCNN3D
 from nvsdata.models.grid import Graph2Grid
+from nvsdata.models.incremental.streaming import stream
 from nvsdata.models.matrix_lstm import MatrixLSTM
 from nvsdata.models.norm import BatchNorm
 from nvsdata.models.operations import Complexity, complexity
@@ -26,7 +27,6 @@ from nvsdata.models.pool import GraphPool
 from nvsdata.models.prediction import Trained
 from nvsdata.models.registry import NETWORKS, register_network
 from nvsdata.models.spline import SplineConv
-from nvsdata.models.streaming import stream
 from nvsdata.models.temporal import TEMPORAL
 
 __all__ = [

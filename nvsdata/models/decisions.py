@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from nvsdata.data.events import Events
+from nvsdata.models.incremental.streaming import stream
 from nvsdata.models.prediction import Trained
-from nvsdata.models.streaming import stream
 from nvsdata.transforms.compose import Compose
-from nvsdata.transforms.features import NodeFeatures
-from nvsdata.transforms.graph import RadiusGraph
-from nvsdata.transforms.looking_back import LookingBack
-from nvsdata.transforms.windows import RandomWindow
+from nvsdata.transforms.events.causal_filters import LookingBack
+from nvsdata.transforms.events.windows import RandomWindow
+from nvsdata.transforms.graphs.edges import RadiusGraph
+from nvsdata.transforms.graphs.features import NodeFeatures
 
 
 class Decider:

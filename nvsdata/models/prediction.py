@@ -17,7 +17,7 @@ from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.models.voting import vote
-from nvsdata.transforms.draws import of_voter
+from nvsdata.transforms.rng import of_voter
 
 One = str | os.PathLike[str] | Recording | Events
 """A recording: its path, an opened `Recording`, or decoded `Events`."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from nvsdata.common.errors import message_of, shown
-from nvsdata.common.files import claimed, creating
+from nvsdata.common.files import creating
 from nvsdata.common.locks import check_place
 from nvsdata.common.progress import bar as progress
 from nvsdata.common.terminal import remark, say, tell
@@ -20,30 +20,15 @@ from nvsdata.data.events import Events
 from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.deciding import Deciding
-from nvsdata.recording.doctor import examine
+from nvsdata.recording.diagnostics import examine
 from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
+from nvsdata.recording.live_view import LiveView
+from nvsdata.recording.online_inference import Deciding
 from nvsdata.recording.recorder import Recorder
-from nvsdata.recording.rig.batch import DONE, manifest_of, record_videos, status_before
-from nvsdata.recording.rig.calibrate import calibrate
-from nvsdata.recording.rig.calibration import FIGURES, corners_in, write_calibration
-from nvsdata.recording.rig.calibration import summary as calibration_summary
-from nvsdata.recording.rig.estimate import estimate
-from nvsdata.recording.rig.live_view import LiveView
-from nvsdata.recording.rig.monitor import Monitor
-from nvsdata.recording.rig.report import REPORT, write_report
-from nvsdata.recording.rig.status import STATUS
-from nvsdata.recording.rig.status import told as status_of
-from nvsdata.recording.rig.verification import format_of, verify
-from nvsdata.recording.rig.watch import BatchStopped
 from nvsdata.recording.simulated.options import Simulation
-from nvsdata.video.folder import videos_in
 
 if TYPE_CHECKING:
     from nvsdata.models import Decider
-
-GAVE_UP = 3  # exit code
-WINDOW = (640, 480)  # of a monitor that a simulated camera looks at
 
 
 def run(
@@ -181,140 +166,6 @@ def _shown(
         finally:
             report = recorder.finish()
     return report
-
-
-def run_calibration(
-    out: Path,
-    seconds: float | None,
-    serial: str | None,
-    settings: Settings,
-    simulate: Simulation | None,
-    screen: dict[str, Any],
-    *,
-    overwrite: bool,
-) -> int:
-    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`. Returns 0.
-
-    FileExistsError if there are some already, unless `overwrite` is true.
-    """
-    backend, look = _watched(simulate)
-    out.mkdir(parents=True, exist_ok=True)
-    with claimed(out):
-        if (out / FIGURES).exists() and not overwrite:
-            raise FileExistsError(f"{out / FIGURES} is there already: --overwrite replaces it and the files beside it")
-        with (
-            Davis.find(serial, backend=backend) as camera,
-            Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
-        ):
-            _tell_odd(monitor, simulate)
-            say("aim and focus until the picture is sharp, then press Enter (Escape to leave)")
-            found = calibrate(camera, monitor, settings, seconds)
-            size = (camera.facts.width, camera.facts.height)
-        write_calibration(found, replace(settings, region=found.roi), size, out)
-    print(calibration_summary(found, size))
-    print(f"figures and pictures are in {shown(out)}; record with --settings {shown(out / 'settings.json')}")
-    return 0
-
-
-def run_batch(
-    source: Path,
-    out: Path,
-    serial: str | None,
-    settings: Settings,
-    simulate: Simulation | None,
-    screen: dict[str, Any],
-    *,
-    format: str,
-    limit: int | None,
-    resume: bool,
-    check: bool,
-    calibration: Path | None = None,
-    strict: bool = False,
-    accept_quiet: bool = False,
-    on_alarm: str | None = None,
-    note: str | None = None,
-    live: bool = False,
-    until_full: bool = False,
-    as_json: bool = False,
-) -> int:
-    """Play and record a folder of videos, or `check` what was recorded.
-
-    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1. OSError
-    if the disk is too small, unless `until_full`.
-    """
-    videos = videos_in(source, out, format_of(out) if check else format)
-    check_format(videos[0].target, settings)
-    if check:
-        found = verify(videos, out, limit)
-        tell("\n".join(map(shown, found.told())), {"sound": found.sound} | asdict(found), as_json=as_json)
-        return 0 if found.well else 1
-    videos = videos[:limit]
-    how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
-    how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm, "live": live}
-    backend, look = _watched(simulate)
-    window = WINDOW if simulate else None
-    with (
-        Monitor(**screen, window=window, look=look) as monitor,
-        manifest_of(out, settings, format, monitor, videos, resume=resume) as manifest,
-    ):
-        _tell_odd(monitor, simulate)
-
-        def find() -> Davis:
-            camera = Davis.find(serial, backend=backend)
-            camera.note = note
-            return camera
-
-        videos = manifest.as_before(videos)
-        left = [video for video in videos if not manifest.has(video, DONE)]
-        expected = estimate(left, list(manifest.videos.values()), out, monitor.refresh)
-        remark(expected.text)
-        if expected.short and not until_full:
-            reason = f"{expected.text}: free some, choose another disk, or record until it is full by --until-full"
-            status_before(out, videos, manifest).set(state="stopped", reason=reason)
-            raise OSError(reason)
-        try:
-            result = record_videos(videos, out, manifest, find, monitor, settings, **how)
-        except BatchStopped as error:
-            say(message_of(error))
-            return GAVE_UP
-        finally:
-            # what ended the batch is more important than a page about it
-            with suppress(OSError):
-                write_report(list(manifest.videos.values()), manifest.head, out)
-    for told in result.told():
-        print(told, file=sys.stderr)
-    for name, line in manifest.videos.items():
-        if doubts := line.get("look"):
-            say(shown(f"{name}: have a look: {'; '.join(doubts)}"))
-    done = [line for video in videos if (line := manifest.videos.get(video.name, {})).get("status") in DONE]
-    text = f"figures, and what to look at, are in {shown(out / REPORT)}\n"
-    text += f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed; "
-    events = sum(line["events"] for line in done)
-    text += f"{len(done):,} of {len(videos):,} videos, with {events:,} events, are in {shown(out)}"
-    odd = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
-    tell(text, asdict(result) | {"look": odd, "out": out}, as_json=as_json)
-    return 1 if result.failed else 0
-
-
-def _watched(simulate: Simulation | None) -> tuple[Any, Any]:
-    """What a simulated camera needs to see the monitor, see `Simulation.watched`."""
-    if simulate is None:
-        return None, None
-    remark("preparing the simulated camera; the first time, this may take a minute")
-    return simulate.watched()
-
-
-def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:
-    """Say what is odd about a real screen's refresh."""
-    if simulate is None and (odd := monitor.odd()):
-        say(odd)
-
-
-def run_status(out: Path, *, as_json: bool = False) -> int:
-    """Print how the batch that records to `out` is going; return 0 if it is going or ended well, else 1."""
-    text, well = status_of(out)
-    tell(text, json.loads((out / STATUS).read_text("utf-8")) | {"well": well} if as_json else {}, as_json=as_json)
-    return 0 if well else 1
 
 
 def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool, folder: Path | None) -> int:

@@ -12,12 +12,12 @@ from nvsdata import plots
 from nvsdata import transforms as T
 from nvsdata.common.errors import shown
 from nvsdata.common.files import put
+from nvsdata.training.accuracy_by_window import accuracy_by_length
 from nvsdata.training.evaluation import Votes
-from nvsdata.training.lengths import accuracy_by_length
 from nvsdata.training.summary import Mistake, Summary, as_json, mistakes_of, summarized
 from nvsdata.training.trainer import Trainer
 from nvsdata.transforms.defaults import T_VOL
-from nvsdata.transforms.draws import of_voter
+from nvsdata.transforms.rng import of_voter
 
 REPORT = "report.json"
 PICTURES = ("confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "mistakes.png")

@@ -4,8 +4,43 @@ Random transforms draw from torch's default generator, so they follow `torch.man
 seeds.
 """
 
-from nvsdata.transforms.active_focus import TAF, taf
-from nvsdata.transforms.augment import (
+from nvsdata.transforms.boxes import WithBoxes
+from nvsdata.transforms.compose import Compose, Each
+from nvsdata.transforms.events.causal_filters import (
+    FirstOfBoxes,
+    RateLimit,
+    RefractoryPeriod,
+    first_of_each_box,
+    limit_rate,
+    refractory_period,
+)
+from nvsdata.transforms.events.crops import Crop, Downsample, crop_events, downsample, resize_events
+from nvsdata.transforms.events.filters import BackgroundActivity, HotPixels, background_activity, drop_hot_pixels
+from nvsdata.transforms.events.noise import (
+    DropByArea,
+    DropByTime,
+    RandomRun,
+    SpatialJitter,
+    UniformNoise,
+    add_noise,
+    drop_interval,
+    drop_rectangle,
+    jitter_space,
+)
+from nvsdata.transforms.events.polarity import MergePolarities, RandomPolarityFlip, SelectPolarity, flip_polarity
+from nvsdata.transforms.events.sampling import DropEvents, NonUniformSample, drop, nonuniform_sample
+from nvsdata.transforms.events.times import (
+    RandomTimeFlip,
+    RandomTimeScale,
+    RelativeTime,
+    TimeJitter,
+    flip_time,
+    jitter_time,
+    relative_time,
+    scale_time,
+)
+from nvsdata.transforms.events.windows import RandomWindow, Volumes, Window, random_window, volumes, window
+from nvsdata.transforms.graphs.augment import (
     RandomAffine,
     RandomFlip,
     RandomRotate,
@@ -17,18 +52,19 @@ from nvsdata.transforms.augment import (
     scale,
     shift,
 )
-from nvsdata.transforms.averaged_surfaces import HATS, hats
-from nvsdata.transforms.bags import BagOfEvents, bag_of_events, bag_weights
-from nvsdata.transforms.boxes import WithBoxes
-from nvsdata.transforms.cascades import FilterCascade, filter_cascade
-from nvsdata.transforms.choice import RandomApply, RandomChoice
-from nvsdata.transforms.compose import Compose, Each
-from nvsdata.transforms.crops import Crop, Downsample, crop_events, downsample, resize_events
-from nvsdata.transforms.event_frames import ToFrames, to_frames
-from nvsdata.transforms.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, merge_pixels
-from nvsdata.transforms.filters import BackgroundActivity, HotPixels, background_activity, drop_hot_pixels
-from nvsdata.transforms.flow_image import FourChannels, four_channels
-from nvsdata.transforms.frames import (
+from nvsdata.transforms.graphs.edges import KNNGraph, RadiusGraph, knn_graph, radius_graph
+from nvsdata.transforms.graphs.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, merge_pixels
+from nvsdata.transforms.graphs.grid import Graph2Grid, graph2grid
+from nvsdata.transforms.parse import from_repr
+from nvsdata.transforms.random_apply import RandomApply, RandomChoice
+from nvsdata.transforms.registry import TRANSFORMS, register_transform
+from nvsdata.transforms.tensors.active_focus import TAF, taf
+from nvsdata.transforms.tensors.averaged_surfaces import HATS, hats
+from nvsdata.transforms.tensors.bags import BagOfEvents, bag_of_events, bag_weights
+from nvsdata.transforms.tensors.cascades import FilterCascade, filter_cascade
+from nvsdata.transforms.tensors.event_frames import ToFrames, to_frames
+from nvsdata.transforms.tensors.flow_image import FourChannels, four_channels
+from nvsdata.transforms.tensors.frames import (
     FourCrops,
     MedianDenoise,
     MotionCrop,
@@ -42,10 +78,13 @@ from nvsdata.transforms.frames import (
     sum_frames,
     volume,
 )
-from nvsdata.transforms.graph import KNNGraph, RadiusGraph, knn_graph, radius_graph
-from nvsdata.transforms.grid import Graph2Grid, graph2grid
-from nvsdata.transforms.histograms import MixedDensityStack, StackedHistogram, mixed_density_stack, stacked_histogram
-from nvsdata.transforms.image import (
+from nvsdata.transforms.tensors.histograms import (
+    MixedDensityStack,
+    StackedHistogram,
+    mixed_density_stack,
+    stacked_histogram,
+)
+from nvsdata.transforms.tensors.image import (
     CenterCrop,
     EventImage,
     Normalize,
@@ -58,49 +97,15 @@ from nvsdata.transforms.image import (
     normalize,
     resize,
 )
-from nvsdata.transforms.latest import TORE, tore
-from nvsdata.transforms.leaky import LeakyFrame, leaky_frame
-from nvsdata.transforms.lengths import longest_window, window_length, with_window_length
-from nvsdata.transforms.log_polar import DART, dart
-from nvsdata.transforms.looking_back import (
-    FirstOfBoxes,
-    RateLimit,
-    RefractoryPeriod,
-    first_of_each_box,
-    limit_rate,
-    refractory_period,
-)
-from nvsdata.transforms.noise import (
-    DropByArea,
-    DropByTime,
-    RandomRun,
-    SpatialJitter,
-    UniformNoise,
-    add_noise,
-    drop_interval,
-    drop_rectangle,
-    jitter_space,
-)
-from nvsdata.transforms.ordered import ERGO12, ergo12
-from nvsdata.transforms.parse import from_repr
-from nvsdata.transforms.point_sets import Points, points
-from nvsdata.transforms.polarity import MergePolarities, RandomPolarityFlip, SelectPolarity, flip_polarity
-from nvsdata.transforms.registry import TRANSFORMS, register_transform
-from nvsdata.transforms.sample import DropEvents, NonUniformSample, drop, nonuniform_sample
-from nvsdata.transforms.surfaces import EventSurfaces, TimeSurface, event_surfaces, time_surface
-from nvsdata.transforms.times import (
-    RandomTimeFlip,
-    RandomTimeScale,
-    RelativeTime,
-    TimeJitter,
-    flip_time,
-    jitter_time,
-    relative_time,
-    scale_time,
-)
-from nvsdata.transforms.tokens import GroupTokens, group_tokens
-from nvsdata.transforms.voxels import VoxelGrid, voxel_grid
-from nvsdata.transforms.windows import RandomWindow, Volumes, Window, random_window, volumes, window
+from nvsdata.transforms.tensors.latest import TORE, tore
+from nvsdata.transforms.tensors.leaky import LeakyFrame, leaky_frame
+from nvsdata.transforms.tensors.log_polar import DART, dart
+from nvsdata.transforms.tensors.ordered import ERGO12, ergo12
+from nvsdata.transforms.tensors.point_sets import Points, points
+from nvsdata.transforms.tensors.surfaces import EventSurfaces, TimeSurface, event_surfaces, time_surface
+from nvsdata.transforms.tensors.tokens import GroupTokens, group_tokens
+from nvsdata.transforms.tensors.voxels import VoxelGrid, voxel_grid
+from nvsdata.transforms.window_length import longest_window, window_length, with_window_length
 
 __all__ = [
     "DART",

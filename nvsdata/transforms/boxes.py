@@ -12,8 +12,8 @@ import torch
 from nvsdata.common import validation
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.recording import misplaced
+from nvsdata.transforms.apply import followed, size_of
 from nvsdata.transforms.compose import is_deterministic
-from nvsdata.transforms.together import followed, size_of
 
 OF_IMAGE = ("image_id", "size", "orig_size")  # of a target, as torchvision names them
 

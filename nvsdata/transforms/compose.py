@@ -8,7 +8,7 @@ from typing import Any
 
 from nvsdata.common import validation
 from nvsdata.data.recording import misplaced
-from nvsdata.transforms.together import each
+from nvsdata.transforms.apply import each
 
 
 @dataclass(frozen=True)

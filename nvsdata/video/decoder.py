@@ -152,3 +152,11 @@ def quiet() -> Iterator[None]:
             _quiet["streams"] -= 1
             if _quiet["streams"] == 0:
                 logging.setLogLevel(_quiet["level"])
+
+
+def check_name(path: str | os.PathLike[str]) -> None:
+    """FormatError for a name that isn't UTF-8: OpenCV would end the process in a crash."""
+    try:
+        os.fspath(path).encode()
+    except UnicodeEncodeError:
+        raise FormatError(path, "a name that isn't UTF-8, which OpenCV can't open: rename the file") from None

@@ -16,8 +16,7 @@ from nvsdata.common.prefetch import prefetch
 from nvsdata.common.validation import positive
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.recording import Recording
-from nvsdata.video.decoder import Decoder
-from nvsdata.video.folder import check_name
+from nvsdata.video.decoder import Decoder, check_name
 from nvsdata.video.picture import Frame, picture
 from nvsdata.video.recorded import of_folder, of_recording
 from nvsdata.video.view import View

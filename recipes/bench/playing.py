@@ -19,13 +19,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from nvsdata.batch.folder import videos_in
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.rig import batch, take
-from nvsdata.recording.rig.monitor import Monitor
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
-from nvsdata.video.folder import videos_in
+from nvsdata.rig import batch, take
+from nvsdata.rig.monitor import Monitor
 
 TIMES_BEGIN = 2  # of a camera's clock per take: when the stream starts, and at the reset
 

@@ -15,11 +15,11 @@ from processes_of_others import dead_owner
 import nvsdata
 from nvsdata import Events
 from nvsdata.cli import CODES, COMMANDS, _parser, main
-from nvsdata.commands import demo_training
 from nvsdata.commands.emulation_settings import HELP
 from nvsdata.commands.options import Help
 from nvsdata.common.locks import locked
 from nvsdata.emulation import DVS
+from nvsdata.training import demo as demo_training
 
 # what there is without them needs no words
 NO_DEFAULT = ("out", "bias", "simulate", "monitor", "scheduler", "sensor_size")

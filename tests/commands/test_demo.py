@@ -8,7 +8,7 @@ import pytest
 import nvsdata
 from nvsdata import Events, plots
 from nvsdata import transforms as T
-from nvsdata.commands import demo_training as demo
+from nvsdata.training import demo
 
 # points of each shape of about radius 1, and how far they are from its edge: inside is below 0
 DISTANCES = {

@@ -11,13 +11,13 @@ import pytest
 
 import nvsdata
 from nvsdata import Events, cli
+from nvsdata.batch.run import FolderReport
 from nvsdata.cli import main
 from nvsdata.commands.view import save
 from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
 from nvsdata.plots.films import Film
-from nvsdata.video.manifest import FolderReport
 from nvsdata.video.view import View
 
 
@@ -244,7 +244,7 @@ def test_a_download_tells_its_folders(monkeypatch, capsys):
 
 def test_the_demo_is_asked_for(monkeypatch):
     asked = []
-    monkeypatch.setattr("nvsdata.commands.demo_training.train", lambda *args: asked.append(args))
+    monkeypatch.setattr("nvsdata.training.demo.train", lambda *args: asked.append(args))
     assert main(["demo", "--epochs", "3"]) == 0
     assert asked == [(Path("nvsdata-demo"), 3, 0)]
 

@@ -15,6 +15,7 @@ from clips import write_video
 
 import nvsdata
 from nvsdata import EventFolder, FormatError
+from nvsdata.batch import manifest
 from nvsdata.benchmarks.line import Line
 from nvsdata.benchmarks.page import page as bench_page
 from nvsdata.cli import COMMANDS, main
@@ -27,9 +28,8 @@ from nvsdata.datasets.cache import TAG as CACHE_CONTENT
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.plots.gallery import Shelf, gallery
 from nvsdata.plots.page import page as view_page
-from nvsdata.recording.rig.report import page as report_page
+from nvsdata.rig.report import page as report_page
 from nvsdata.training import main as recipes
-from nvsdata.video import manifest
 
 # a title, a line of its own, a line that overwrites, C1, right to left, a byte that isn't UTF-8, a tag, an attribute
 BAD = "\x1b]0;owned\x07\nowned: 3\rowned\x9b31m\u202e\u2028\udcff<owned>\"'&onowned=1 äß日本\u3099"

@@ -118,7 +118,7 @@ def test_cameras_and_what_lacks(said, capsys, monkeypatch):
 def test_only_what_is_needed_for_what_was_asked_is_a_failure(capsys, monkeypatch, tmp_path, asked, code):
     from types import SimpleNamespace
 
-    from nvsdata.recording import doctor
+    from nvsdata.recording import diagnostics as doctor
 
     monkeypatch.setattr(doctor.importlib.util, "find_spec", lambda name: None)
     how = ["record", "--doctor", "--simulate", "--out", str(tmp_path / "none/a.h5"), *asked]
@@ -252,7 +252,7 @@ def test_quiet_leaves_notes_and_progress_out(monkeypatch, capsys, tmp_path):
 
 def test_verbose_tells_each_step_and_leaves_no_handler(videos, capsys, tmp_path):
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), "-v"]) == 0
-    assert "nvsdata.video.manifest: run/0.avi: converted, " in capsys.readouterr().err
+    assert "nvsdata.batch.manifest: run/0.avi: converted, " in capsys.readouterr().err
     assert not logging.getLogger("nvsdata").handlers
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "more")]) == 0
     assert capsys.readouterr().err == ""
@@ -300,7 +300,7 @@ def test_arrays_are_lists_in_json(capsys):
 
 
 def test_a_rule_that_cannot_be_read_is_no_rule(monkeypatch, tmp_path):
-    from nvsdata.recording import doctor
+    from nvsdata.recording import diagnostics as doctor
 
     (tmp_path / "a.rules").symlink_to(tmp_path / "gone")
     monkeypatch.setattr(doctor, "_rules", lambda: [tmp_path / "a.rules"])

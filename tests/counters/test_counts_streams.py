@@ -8,8 +8,8 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.data.events import Columns
 from nvsdata.kernels import _native
-from nvsdata.models.live_causal import LiveCausal
-from nvsdata.models.live_network import LiveNetwork, Parts
+from nvsdata.models.incremental.causal import LiveCausal
+from nvsdata.models.incremental.network import LiveNetwork, Parts
 
 pytestmark = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indices counts them")
 SMALL = {"channels": (4, 6, 5), "hidden": 9, "sensor_size": (128, 128)}

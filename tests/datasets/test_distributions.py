@@ -235,7 +235,7 @@ def test_gesture_without_its_lists_goes_by_user(home):
 
 
 def test_a_gesture_reads_only_its_own_packets(tmp_path, monkeypatch):
-    from nvsdata.formats import aedat3
+    from nvsdata.formats.aedat import aedat3
     from nvsdata.kernels.decode.aedat3 import NUMBER
 
     ev = trees.some(0, 400_000, (128, 128), first=80_000_000, gap=60)

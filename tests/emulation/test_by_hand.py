@@ -10,6 +10,7 @@ from test_pix2nvs import clip, looks_everywhere
 
 import nvsdata
 from nvsdata import Events
+from nvsdata.batch.folder import Video, sha256
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation import convert as conversion
 from nvsdata.emulation.convert import default_out, plan
@@ -18,7 +19,6 @@ from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.protocol import settings_of
 from nvsdata.emulation.run import brightness
-from nvsdata.video.folder import Video, sha256
 from nvsdata.video.frames import Frame
 
 GRAY, LIGHT = np.full((6, 8), 100, np.uint8), np.full((6, 8), 200, np.uint8)

@@ -16,16 +16,16 @@ from processes_of_others import dead_owner
 
 import nvsdata
 from nvsdata import EventFolder
+from nvsdata.batch.folder import FORMATS, Video, videos_in
+from nvsdata.batch.manifest import as_before
 from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.emulation import PIX2NVS, cluster, convert, preview
 from nvsdata.emulation.convert import convert_videos, plan
 from nvsdata.emulation.estimate import estimate
-from nvsdata.formats import hdf5
+from nvsdata.formats.hdf5 import layouts as hdf5
 from nvsdata.plots import event_image
-from nvsdata.video.folder import FORMATS, Video, videos_in
 from nvsdata.video.frames import frames_of
-from nvsdata.video.manifest import as_before
 from nvsdata.video.view import View
 
 

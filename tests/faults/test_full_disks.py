@@ -49,7 +49,7 @@ def tried(events, path):
 
 
 def small_chunks(monkeypatch):
-    from nvsdata.formats import hdf5_writer
+    from nvsdata.formats.hdf5 import writer as hdf5_writer
 
     monkeypatch.setattr(hdf5_writer, "CHUNK", 512)
     monkeypatch.setattr(hdf5_writer, "CONTIGUOUS", 2)

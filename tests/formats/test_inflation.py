@@ -12,8 +12,9 @@ from lookalikes import MATLAB_73, aedat4_events, aedat4_packet, hdf5_bytes
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.formats import aedat4, inflation
-from nvsdata.formats.hdf5_chunks import Chunks
+from nvsdata.formats import inflation
+from nvsdata.formats.aedat import aedat4
+from nvsdata.formats.hdf5.chunks import Chunks
 from nvsdata.formats.inflation import Allowance
 
 EV = Events([1, 5], [1, 2], [3, 4], [0, 1], (320, 240))

@@ -12,7 +12,7 @@ from nvsdata import Events, FormatError
 from nvsdata.common.files import atomic
 from nvsdata.data.events import Columns
 from nvsdata.formats import kept_index
-from nvsdata.formats.aedat4 import Aedat4Recording
+from nvsdata.formats.aedat.aedat4 import Aedat4Recording
 
 KINDS = {"evt2": ".raw", "evt2.1": ".raw", "evt3": ".raw", "atis": ".bin"}
 every = pytest.mark.parametrize("kind", KINDS)

@@ -14,8 +14,8 @@ import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.data.pieces import cut
 from nvsdata.data.samples import Frame, Inertial, Piece
-from nvsdata.formats.aedat2_samples import merged
-from nvsdata.formats.hdf5_samples import Beside
+from nvsdata.formats.aedat.aedat2_samples import merged
+from nvsdata.formats.hdf5.samples import Beside
 from nvsdata.kernels.decode.aedat2 import DAVIS
 
 SIZE = (240, 180)
@@ -353,7 +353,7 @@ def test_frames_of_a_rolling_shutter_and_broken_ones(tmp_path):
 
 
 def test_inertial_samples_that_lack_words_are_left_out(tmp_path, monkeypatch):
-    monkeypatch.setattr("nvsdata.formats.aedat2.Aedat2Recording.block", 5)
+    monkeypatch.setattr("nvsdata.formats.aedat.aedat2.Aedat2Recording.block", 5)
     monkeypatch.setattr("nvsdata.formats.records.PIECE", 40)
     words = [(1 << 31 | code << 28 | 8192 << 12 | 3 << 10, n) for n in range(6) for code in range(7)]
     del words[16], words[1]

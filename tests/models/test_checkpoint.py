@@ -14,7 +14,7 @@ import nvsdata
 from nvsdata import Events, FormatError, models
 from nvsdata import transforms as T
 from nvsdata.models.checkpoint import _digest, _same_kinds
-from nvsdata.transforms.draws import of_voter
+from nvsdata.transforms.rng import of_voter
 
 PIPELINE = T.Compose([T.Window(0, 30_000), T.NonUniformSample(8), T.RadiusGraph(3.0)])
 

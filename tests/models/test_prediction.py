@@ -12,7 +12,7 @@ import nvsdata
 from nvsdata import Events, models
 from nvsdata import transforms as T
 from nvsdata.models import Trained
-from nvsdata.transforms.draws import of_voter, place, randint, uniform
+from nvsdata.transforms.rng import of_voter, place, randint, uniform
 
 GRAPHS = T.Compose([T.RandomWindow(20_000), T.NonUniformSample(2), T.RadiusGraph(3.0)])
 POINTS = T.Compose([T.RandomWindow(50_000), T.RandomAffine(shift=2), T.DropEvents(0.5), T.Points(16)])

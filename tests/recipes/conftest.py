@@ -3,7 +3,8 @@
 import pytest
 from pipelines import changes, transforms_of
 
-from nvsdata.training import evaluation, lengths
+from nvsdata.training import accuracy_by_window as lengths
+from nvsdata.training import evaluation
 
 
 @pytest.fixture(autouse=True)

@@ -14,7 +14,8 @@ from places import RECIPES
 
 import nvsdata
 from nvsdata import models, training
-from nvsdata.training import lengths, sgd
+from nvsdata.training import accuracy_by_window as lengths
+from nvsdata.training import sgd
 from nvsdata.training.actions import FRAME_NETWORKS, Actions
 
 

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from nvsdata import transforms as T
-from nvsdata.training import Team, lengths
+from nvsdata.training import Team
+from nvsdata.training import accuracy_by_window as lengths
 
 WINDOW = T.Compose([T.RandomWindow(1_000), T.Points(4)])
 

@@ -12,8 +12,8 @@ from places import RECIPES
 
 from nvsdata import Events, GraphBatch
 from nvsdata import transforms as T
-from nvsdata.commands import demo_training
 from nvsdata.training import actions, objects
+from nvsdata.training import demo as demo_training
 from nvsdata.training.actions import Actions
 from nvsdata.training.objects import Objects
 

@@ -8,7 +8,7 @@ import torch
 
 from nvsdata import Events
 from nvsdata import transforms as T
-from nvsdata.transforms import draws
+from nvsdata.transforms import rng as draws
 
 LATEST = 2**62  # µs, which no time reaches
 EVENTS = Events([3, 5, 8], [0, 2, 6], [1, 4, 0], [1, 0, 1], (7, 5))

@@ -11,7 +11,7 @@ import nvsdata
 from nvsdata import Events
 from nvsdata import transforms as T
 from nvsdata.data.boxes import Boxes
-from nvsdata.transforms.augment import _affine_boxes
+from nvsdata.transforms.graphs.augment import _affine_boxes
 
 WIDTH, HEIGHT = 60, 40
 BOX = (20, 12, 33, 25)  # left, top, right and bottom edge

@@ -15,9 +15,8 @@ from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, b
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
-from nvsdata.formats.hdf5 import STORE
-from nvsdata.formats.hdf5_chunks import Chunks, values_of
-from nvsdata.formats.hdf5_file import (
+from nvsdata.formats.hdf5.chunks import Chunks, values_of
+from nvsdata.formats.hdf5.file import (
     check_version,
     dataset_of,
     links_are_followed,
@@ -25,6 +24,7 @@ from nvsdata.formats.hdf5_file import (
     opened,
     text_of,
 )
+from nvsdata.formats.hdf5.layouts import STORE
 from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import read_into
 from nvsdata.kernels.decode.order import is_sorted

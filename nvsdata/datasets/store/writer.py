@@ -5,29 +5,28 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from nvsdata.batch.scheduler import in_order
 from nvsdata.common.errors import shown
 from nvsdata.common.files import atomic, creating, named
-from nvsdata.common.processes import pool
 from nvsdata.common.progress import bar
 from nvsdata.common.terminal import say
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.source import Source, joined
 from nvsdata.datasets.store.part import Part
 from nvsdata.datasets.store.reader import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, packed
-from nvsdata.formats.hdf5 import STORE
-from nvsdata.formats.hdf5_disk import created
+from nvsdata.formats.hdf5.disk import created
+from nvsdata.formats.hdf5.layouts import STORE
 
 COPIED = 1 << 24  # events copied at once
 MOST_SIDE_BYTES = 1 << 24  # files that aren't recordings are left out if they are larger
-AHEAD = 8  # recordings that each process decodes ahead of the writer
 NARROW = np.iinfo(np.uint32).max
 
 
@@ -78,7 +77,8 @@ def pack(
             what, begun = f"packing {dataset.info.name}", len(names) - len(todo)
             try:
                 with bar(None, what, total=len(names), initial=begun, unit="rec") as progress:
-                    for name, result in _decoded(dataset, todo, jobs):
+                    decode = partial(_decode, dataset.source, dataset.opened_with)
+                    for name, result in zip(todo, in_order(decode, todo, jobs), strict=True):
                         part.add(name, result)
                         progress.update()
             except BaseException:
@@ -100,7 +100,7 @@ def pack(
 Decoded = tuple[dict[str, Any], list[np.ndarray]] | str
 
 
-def _decode(source: Source, name: str, size: tuple[int, int] | None) -> Decoded:
+def _decode(source: Source, size: tuple[int, int] | None, name: str) -> Decoded:
     """Facts and columns of a recording, or why it can't be packed."""
     try:
         stamp = source.stamp(name) if name not in source.left_out else ()
@@ -124,27 +124,6 @@ def _decode(source: Source, name: str, size: tuple[int, int] | None) -> Decoded:
         "stamp": stamp,
     }
     return facts, columns
-
-
-def _decoded(dataset: EventDataset, names: list[str], jobs: int) -> Iterator[tuple[str, Decoded]]:
-    """Every recording decoded, in order, by `jobs` processes that work a little ahead."""
-    size = dataset.opened_with
-    if jobs == 1:
-        for name in names:
-            yield name, _decode(dataset.source, name, size)
-        return
-    try:
-        with pool(jobs, __name__) as workers:
-            waiting: list[tuple[str, Any]] = []
-            for name in names:
-                waiting.append((name, workers.submit(_decode, dataset.source, name, size)))
-                if len(waiting) >= AHEAD * jobs:
-                    first, future = waiting.pop(0)
-                    yield first, future.result()
-            for name, future in waiting:
-                yield name, future.result()
-    except BrokenProcessPool:
-        raise OSError("a process that decoded was killed (out of memory?); run again to go on") from None
 
 
 def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nvsdata.data.events import LATEST, Columns
-from nvsdata.formats.aedat4_packets import EVENT
+from nvsdata.formats.aedat.aedat4_packets import EVENT
 from nvsdata.kernels.decode.aedat4 import aedat4_decode
 
 SIZE = 5, 3

@@ -33,13 +33,13 @@ from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events
 from nvsdata.recording import capture
 from nvsdata.recording.davis import driver
-from nvsdata.recording.rig import batch, playback, take, watch
-from nvsdata.recording.rig.monitor import Monitor
-from nvsdata.recording.rig.sync import synced
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.recording.simulated.scenes import PIXELS, Watched
 from nvsdata.recording.simulated.usb_backend import Backend
+from nvsdata.rig import batch, playback, take, watch
+from nvsdata.rig.monitor import Monitor
+from nvsdata.rig.sync import synced
 
 REFRESH = 1e6 / 59.94  # µs; the display says 60 Hz
 DRIFT = 150.0  # ppm, at most

@@ -1,0 +1,1 @@
+"""Running over folders of files: manifests, shards, workers, estimates, resuming."""

@@ -1,0 +1,87 @@
+"""Folders of videos, and the recordings that they are to become."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from nvsdata import formats
+from nvsdata.video.decoder import check_name
+
+# formats that recordings are written in, and their extensions
+WRITTEN = "hdf5", "hdf5-gzip", "aedat2", "aedat3", "aedat4", "text"
+FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in WRITTEN}
+VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
+# errors of the disk or the folder, not of one video: the videos after it would fail, too
+FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+
+
+class Video(NamedTuple):
+    """A video.
+
+    - `name`: its name below the folder of videos, with slashes
+    - `path`: its file
+    - `target`: the recording that it is to become
+    - `format`: in which that is written (default None: by its extension)
+    """
+
+    name: str
+    path: Path
+    target: Path
+    format: str | None = None
+
+
+def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:
+    """A video, or every video below a folder, sorted; recordings go to `out`, in the same tree of folders.
+
+    A recording is named as its video, without the extension unless two would have the same name. Hidden files, such as
+    those that macOS puts beside others, and hidden folders are left out.
+
+    FileNotFoundError if there is no video, ValueError for an unknown format, FormatError for a name that isn't UTF-8.
+    """
+    if format not in FORMATS:
+        raise ValueError(f"format must be one of {', '.join(FORMATS)}, not {format!r}")
+    if not source.exists():
+        raise FileNotFoundError(f"{source}: no such folder or video")
+    root = source if source.is_dir() else source.parent
+    paths = sorted(_below(source)) if source.is_dir() else [source]
+    if not paths:
+        raise FileNotFoundError(f"no videos below {source}; they end in {' '.join(sorted(VIDEOS))}")
+    for path in paths:
+        check_name(path)
+    names = {path.relative_to(root) for path in paths}
+    stems = Counter(name.with_suffix("") for name in names)
+    found = []
+    for path in paths[:limit]:
+        name = path.relative_to(root)
+        # a.avi, a.mp4 and a.avi.mp4 side by side keep their extensions
+        short = name.with_suffix("")
+        kept = name if stems[short] > 1 or short in names else short
+        found.append(Video(name.as_posix(), path, out / kept.with_name(kept.name + FORMATS[format]), format))
+    return found
+
+
+def _below(source: Path) -> Iterator[Path]:
+    for folder, folders, files in os.walk(source):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            if not name.startswith(".") and Path(name).suffix.lower() in VIDEOS:
+                yield Path(folder) / name
+
+
+def fatal(error: OSError, video: Path) -> bool:
+    """Whether an error with a video is the disk's or the folder's, so that other videos would have it, too."""
+    if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
+        return False
+    return error.errno in FATAL
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,165 @@
+"""Work on many items: in this process, by processes, or by the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import CancelledError, Future, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import active_children
+from threading import Event, Thread
+from typing import Any, TypeVar
+
+from nvsdata.common.prefetch import stay_in_one_thread
+from nvsdata.common.processes import pool
+from nvsdata.common.progress import say_beside
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+AHEAD = 8  # items that each process works on ahead of those whose results were taken, if order matters
+RETRIES = 3  # of an item whose worker was lost
+LOOK_S = 5.0  # between two looks at the cluster's workers
+PATIENCE_S = 300.0  # without any worker
+
+
+def as_done(
+    work: Callable[[Item], Result], items: Sequence[Item], processes: int = 1, scheduler: str | None = None
+) -> Generator[Result]:
+    """Yield the results of `work` as they are done.
+
+    - `processes`: that work at once (default 1: this one)
+    - `scheduler`: address of a Dask cluster whose workers do it instead; items then have a `name`. A worker that is
+      lost is replaced by another. If there is none, a line on stderr says so, and the items wait for one, at most five
+      minutes (default: none)
+
+    ImportError without `nvsdata[distributed]`. OSError if a process was killed, if the scheduler doesn't answer or goes
+    away, if there is no worker for five minutes, or if an item ended one worker after the other.
+    """
+    if scheduler is not None:
+        yield from _by_cluster(work, items, scheduler)
+    elif processes == 1 or len(items) < 2:
+        yield from map(work, items)
+    else:
+        with _workers(min(processes, len(items)), _module_of(work)) as workers:
+            for future in as_completed([workers.submit(work, item) for item in items]):
+                yield future.result()
+
+
+def in_order(work: Callable[[Item], Result], items: Sequence[Item], processes: int = 1) -> Generator[Result]:
+    """Yield the results of `work` in the order of the items, by processes that work a little ahead.
+
+    OSError if a process was killed.
+    """
+    if processes == 1:
+        yield from map(work, items)
+        return
+    with _workers(processes, _module_of(work)) as workers:
+        waiting: deque[Future[Result]] = deque()
+        for item in items:
+            waiting.append(workers.submit(work, item))
+            if len(waiting) >= AHEAD * processes:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _module_of(work: Callable[..., Any]) -> str:
+    """Return the module of a function, or of a partial of one."""
+    return str(getattr(work, "func", work).__module__)
+
+
+@contextmanager
+def _workers(count: int, module: str) -> Iterator[Any]:
+    """Processes that have imported a module; work that hasn't been taken ends with the block if that raises."""
+    with pool(count, module, _prepare) as workers:
+        try:
+            yield workers
+        except BrokenProcessPool:
+            raise OSError("a process that worked was killed (out of memory?): the same command resumes") from None
+        except BaseException:
+            # work in progress may take minutes; the next run does it again
+            workers.shutdown(wait=False, cancel_futures=True)
+            for process in (children := active_children()):
+                process.terminate()
+            for process in children:
+                process.join()
+            raise
+
+
+def _prepare() -> None:
+    """Set up a worker: Ctrl-C is for the process that started it, and other workers use the other cores."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stay_in_one_thread()
+
+
+def _by_cluster(work: Callable[[Item], Result], items: Sequence[Item], scheduler: str) -> Iterator[Result]:
+    """Yield the results of a Dask cluster's workers as they are done."""
+    try:
+        from distributed import Client, KilledWorker
+        from distributed import as_completed as as_completed_there
+    except ImportError:
+        raise ImportError("a scheduler needs Dask: pip install 'nvsdata[distributed]'") from None
+    # its log would print the traceback of a connection that is lost, which the error below reports
+    with _only_critical(logging.getLogger("distributed.client")), Client(scheduler) as client:
+        # not pure: a run that resumes must do an item again, even if the cluster still holds its earlier result
+        futures = client.map(work, items, pure=False, retries=RETRIES)
+        named = {future.key: item for future, item in zip(futures, items, strict=True)}
+        with _watched(client, scheduler, futures) as reasons:
+            try:
+                for future in as_completed_there(futures):
+                    try:
+                        yield future.result()
+                    except KilledWorker as error:
+                        raise OSError(f"{getattr(named[future.key], 'name', '')}: {error}") from None
+                    except CancelledError:
+                        raise OSError(reasons[0] if reasons else f"the scheduler at {scheduler} is gone") from None
+            finally:
+                if client.status == "running":
+                    client.cancel(futures)
+
+
+@contextmanager
+def _only_critical(log: logging.Logger) -> Iterator[None]:
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+@contextmanager
+def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[str]]:
+    """While the block runs, look for workers; if there is none for too long, cancel the futures, and say why."""
+    reasons: list[str] = []
+    ended = Event()
+
+    def watch() -> None:
+        seen, waiting = time.monotonic(), False
+        while not ended.wait(LOOK_S):
+            try:
+                workers = len(client.nthreads())
+            except Exception:
+                # a scheduler that is gone cancels the futures
+                return
+            if workers:
+                seen, waiting = time.monotonic(), False
+            elif not waiting:
+                waiting = True
+                say_beside(f"no worker at {scheduler}: waiting for one, at most {PATIENCE_S:.0f} s")
+            elif time.monotonic() - seen > PATIENCE_S:
+                reasons.append(f"no worker at {scheduler} for {PATIENCE_S:.0f} s")
+                client.cancel(futures, force=True)
+                return
+
+    thread = Thread(target=watch, name="nvsdata-workers", daemon=True)
+    thread.start()
+    try:
+        yield reasons
+    finally:
+        ended.set()
+        thread.join()

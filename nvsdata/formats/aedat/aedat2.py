@@ -1,0 +1,152 @@
+"""AEDAT 1.0 and 2.0 (jAER): MNIST-DVS, CIFAR10-DVS, UCF50-DVS, HMDB51-DVS.
+
+Header lines begin with `#` and end with CR LF. Records are big-endian: a 32-bit address (1.0: 16 bits)
+and a 32-bit time in µs that wraps. The meaning of the address bits depends on the camera, which
+the line `# AEChip:` names; without that line it follows from `sensor_size` or from the addresses themselves. nvsdata's
+own files of a smaller sensor state its size in another comment.
+
+- DVS128: bit 0 polarity (0 is ON), bits 1-7 x, bits 8-14 y, bit 15 external event
+- DAVIS: bit 11 polarity (1 is ON), bits 12-21 x, bits 22-30 y, bit 31 frame or inertial sample
+  (`nvsdata.formats.aedat.aedat2_samples`), bit 10 external event
+
+x is mirrored and y counts from the bottom; both are converted, so that the origin is top left.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nvsdata.common.errors import FormatError
+from nvsdata.data.events import Columns
+from nvsdata.data.samples import Frame, Inertial, within
+from nvsdata.formats.aedat.aedat2_samples import WRITTEN, Scales, frames_of, inertial_of, merged
+from nvsdata.formats.clocked import ClockedFile, with_times_of_32_bits
+from nvsdata.formats.contents import Contents
+from nvsdata.formats.records import stated_size
+from nvsdata.formats.registry import Format, starts_with
+from nvsdata.formats.writing import Pieces, headed, stated_time, time_comment
+from nvsdata.kernels.decode.aedat2 import DAVIS, DVS128, aedat2_decode
+
+# camera (the end of the class name in `# AEChip:`): size, layout, the class name that is written
+CHIPS = {
+    "DVS128": ((128, 128), DVS128, "ch.unizh.ini.jaer.chip.retina.DVS128"),
+    "DAVIS240": ((240, 180), DAVIS, "eu.seebetter.ini.chips.davis.DAVIS240C"),
+    "DAVIS346": ((346, 260), DAVIS, "eu.seebetter.ini.chips.davis.Davis346red"),
+}
+
+_SENSOR = re.compile(r"# nvsdata sensor (\d+)x(\d+)")
+
+
+class Aedat2Recording(ClockedFile):
+    """An AEDAT 2.0 file; AEDAT 1.0 differs in the size of a record."""
+
+    format = "aedat2"
+    holds_samples = True
+    record_size = 8
+
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
+        contents = Contents(path, head)
+        lines, end = contents.header(b"#")
+        super().__init__(contents, sensor_size, strict, header_size=end)
+        chip = next((m[1].upper() for line in lines if (m := re.match(r"#\s*AEChip:.*?(\w+)\s*$", line))), None)
+        self.chip_size, self.layout = self._camera(chip)
+        self._size = self._size or self._stated(lines) or self.chip_size
+        self._lasts(stated_time(lines))
+        self._scales = Scales.stated(lines)
+
+    def _camera(self, chip: str | None) -> tuple[tuple[int, int], int]:
+        """Size and address layout: from the header, else from the sensor's size, else from the addresses."""
+        for name, (size, layout, _) in CHIPS.items():
+            if chip is not None and chip.startswith(name):
+                return size, layout
+        if chip is not None:
+            raise FormatError(self.path, f"recorded by a {chip}; known are {', '.join(CHIPS)}", offset=0)
+        for size, layout, _ in CHIPS.values():
+            if self._size == size:
+                return size, layout
+        # a DVS128's addresses have 16 bits
+        first = self._wide(self.contents.read(self._byte(0), self._byte(min(self.records, self.block))))
+        name = "DVS128" if not first.reshape(-1, 8)[:, :2].any() else "DAVIS240"
+        return CHIPS[name][:2]
+
+    def _stated(self, lines: Sequence[str]) -> tuple[int, int] | None:
+        """The size of a sensor smaller than the chip that its file was written for."""
+        found = next((m for line in lines if (m := _SENSOR.fullmatch(line.rstrip()))), None)
+        if found is None:
+            return None
+        width, height = stated_size(self.path, *found.groups())
+        if width > self.chip_size[0] or height > self.chip_size[1]:
+            what = "{}x{}, more than the {}x{} of its chip".format(width, height, *self.chip_size)
+            raise FormatError(self.path, f"the header states a sensor of {what}", offset=0)
+        return width, height
+
+    def _wide(self, raw: np.ndarray) -> np.ndarray:
+        """The records in the layout of AEDAT 2.0."""
+        return raw
+
+    def _times(self, raw: np.ndarray) -> np.ndarray:
+        return self._wide(raw).view(">u4")[1::2].astype(np.uint32)
+
+    def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
+        sizes = (*self.chip_size, *self.sensor_size)
+        count, bad = aedat2_decode(self._wide(raw), self.block, self.layout, *sizes, state, kept, *columns)
+        return count, bad
+
+    def frames(self, start: int | None = None, stop: int | None = None) -> Iterator[Frame]:
+        if not self.holds_samples:
+            return super().frames(start, stop)
+        if self.layout != DAVIS:
+            return iter(())
+        return within(frames_of(self._timed(), self.chip_size), start, stop)
+
+    def inertial(self, start: int | None = None, stop: int | None = None) -> Inertial:
+        if not self.holds_samples:
+            return super().inertial(start, stop)
+        if self.layout != DAVIS:
+            return Inertial.empty()
+        return inertial_of(self._timed(), self._scales).window(start, stop)
+
+
+def write(pieces: Pieces, path: Path) -> None:
+    """Write AEDAT 2.0 records of the smallest of DVS128, DAVIS240C and DAVIS346 that holds the sensor.
+
+    ValueError for a larger sensor; and, because a reader could not unwrap the 32-bit times, for a first time outside
+    [0, 2^32 - 1) µs, a gap of 2^31 µs or more, or a gap of more than five minutes where the 32 bits wrap.
+    """
+    size, layout, name = chip_for(*pieces.sensor_size)
+    told = WRITTEN.lines if layout == DAVIS else ()
+    with headed(path, pieces, partial(header, "2.0", name, told=told)) as file:
+        records: Any
+        for records in with_times_of_32_bits(merged(pieces, layout, size), "AEDAT 2.0"):
+            file.write(records.raw.data)
+
+
+def chip_for(width: int, height: int) -> tuple[tuple[int, int], Any, str]:
+    """Size, layout and name of the smallest chip that holds a sensor of so many pixels. ValueError if none does."""
+    for chip in CHIPS.values():
+        if width <= chip[0][0] and height <= chip[0][1]:
+            return chip
+    raise ValueError(f"AEDAT 2.0 is written for sensors up to 346x260, not {width}x{height}")
+
+
+def header(version: str, chip: str, pieces: Pieces, told: Sequence[str] = ()) -> bytes:
+    """The header of a file; `told`: further lines in it."""
+    size = "# nvsdata sensor {}x{}".format(*pieces.sensor_size)
+    lines = (f"#!AER-DAT{version}", "# Written by nvsdata", "# Timestamps tick is 1 us", f"# AEChip: {chip}", size)
+    return "".join(f"{line}\r\n" for line in (*lines, *told, time_comment(pieces), "#End Of ASCII Header")).encode()
+
+
+FORMAT = Format(
+    "aedat2",
+    (".aedat",),
+    Aedat2Recording,
+    begins=starts_with(b"#!AER-DAT2."),
+    write=write,
+    holds_samples=True,
+)

@@ -1,0 +1,1 @@
+"""Prophesee RAW files: EVT2, EVT 2.1 and EVT3."""

@@ -1,0 +1,41 @@
+"""Prophesee RAW, EVT3: words of 16 bits, with rows, times and vectors of pixels of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from nvsdata.formats.evt.raw import EvtRecording, extrapolated, names_encoding, write_words
+from nvsdata.formats.registry import Format
+from nvsdata.formats.writing import Pieces
+from nvsdata.kernels.decode.evt3 import evt3_count, evt3_decode, evt3_encode, evt3_triggers, evt3_walk
+
+
+class Evt3Recording(EvtRecording):
+    """An EVT3 file."""
+
+    format = "evt3"
+    record_size = 2
+    low_bits, high_bits = 12, 12
+    state_size = 5
+    walk, decode_words = evt3_walk, evt3_decode
+    find_triggers = evt3_triggers
+
+    def _heads(self, raw: np.ndarray) -> np.ndarray:
+        return raw.view(np.uint16)
+
+    def _most(self, raw: np.ndarray) -> int:
+        # one more, because words that are no events are written, too, and then written over
+        return int(evt3_count(raw)) + 1
+
+    def _room(self, most: int, done: int, total: int) -> int:
+        return extrapolated(most, done, total)
+
+
+def write(pieces: Pieces, path: Path) -> None:
+    """Write EVT3. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^40 µs (0.5 MB of wraps)."""
+    write_words(pieces, path, "3.0", evt3_encode, state=3, bits=40)
+
+
+FORMAT = Format("evt3", (".raw",), Evt3Recording, begins=names_encoding("3"), write=write)

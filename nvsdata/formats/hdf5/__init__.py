@@ -1,0 +1,1 @@
+"""HDF5 files of events: the layouts that are read, and nvsdata's own, which is written."""

@@ -1,0 +1,150 @@
+"""Columns of HDF5 files: read directly where the file holds plain values, else by the HDF5 library."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from functools import cache
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+
+from nvsdata.common.errors import FormatError
+from nvsdata.formats.hdf5.chunks import Chunks
+from nvsdata.formats.hdf5.file import check_stored, dataset_of, opened, places_of
+from nvsdata.formats.inflation import Allowance
+from nvsdata.formats.ondisk import OnDisk, OpenFile
+from nvsdata.kernels.decode.order import is_sorted
+
+BLOCK = 1 << 20  # bytes that are converted at a time: few enough to stay in the cache
+SCANNED = 1 << 20  # values that are checked at a time
+BISECTED = 512  # this many values or fewer are read instead of bisected further
+
+
+class Source(OpenFile):
+    """A file, open while a block reads its columns; the HDF5 library opens it only for columns that it must decode."""
+
+    __slots__ = ("_chunks", "_library")
+
+    def __enter__(self) -> Source:
+        super().__enter__()
+        self._library: AbstractContextManager[Any] | None = None
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        super().__exit__(kind, error, tb)
+        if self._library is not None:
+            self._library.__exit__(kind, error, tb)
+
+    def chunks(self, name: str) -> Chunks:
+        """A dataset's values, which the HDF5 library or this process decodes."""
+        if self._library is None:
+            self._library = opened(self.file.path, "can't read the events")
+            file = self._library.__enter__()
+            # one object per dataset, because it keeps the chunk that it has decompressed
+            self._chunks = cache(lambda name: Chunks(self.file.path, dataset_of(self.file.path, file, name)))
+        return self._chunks(name)
+
+
+class Column(ABC):
+    """A column of `size` integers."""
+
+    def __init__(self, name: str, size: int) -> None:
+        self.name, self.size = name, size
+        self._seen: dict[int, int] = {}  # values that bisections have read: many bisections share their first ones
+
+    def value(self, source: Source, i: int) -> int:
+        """The value at index i."""
+        if i not in self._seen:
+            self._seen[i] = int(self.read(source, i, i + 1)[0])
+        return self._seen[i]
+
+    @abstractmethod
+    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+        """Values lo..hi in new memory: of type `kind` if it holds all values of the stored type, else of that type."""
+
+
+class Plain(Column):
+    """A column that the file holds as plain values: `length` values at each of the bytes `places`."""
+
+    def __init__(self, file: OnDisk, name: str, kind: Any, size: int, places: Sequence[int], length: int) -> None:
+        super().__init__(name, size)
+        self.kind, self._places, self._length = kind, places, length
+        for i, place in enumerate(places):
+            if place + min(length, size - i * length) * kind.itemsize > file.size:
+                raise FormatError(file.path, f"truncated within /{name}", offset=place)
+
+    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+        widened = kind is not None and np.can_cast(self.kind, kind)
+        values = np.empty(max(hi - lo, 0), kind if widened else self.kind)
+        room = np.empty(min(values.size, BLOCK // self.kind.itemsize), self.kind) if widened else values
+        done = 0
+        while done < values.size:
+            part, first = divmod(lo + done, self._length)
+            count = min(values.size - done, self._length - first, max(room.size, 1))
+            target = values[done : done + count]
+            raw = target if room is values else room[:count]
+            source.fill(self._places[part] + first * self.kind.itemsize, raw)
+            if raw is not target:
+                target[:] = raw
+            done += count
+        return values
+
+
+class Stored(Column):
+    """A column, or a field of a table, that the HDF5 library reads: it is compressed, or its values aren't adjacent."""
+
+    def __init__(self, name: str, size: int, field: str | None = None) -> None:
+        super().__init__(name, size)
+        self._field = field
+
+    def read(self, source: Source, lo: int, hi: int, kind: Any = None) -> np.ndarray:
+        rows = source.chunks(self.name).read(lo, max(lo, hi))
+        # in one piece: kernels take no numbers that lie between others
+        values = np.ascontiguousarray(rows if self._field is None else rows[self._field])
+        if values.shape != (max(hi - lo, 0),) or values.dtype.kind not in "iub":
+            raise FormatError(source.file.path, f"/{self.name} was changed while it was read: open the file again")
+        values = values.astype(np.uint8) if values.dtype.kind == "b" else values
+        return values.astype(kind, copy=False) if kind is not None and np.can_cast(values.dtype, kind) else values
+
+
+def column_of(file: OnDisk, name: str, dataset: Any, left: Allowance) -> Column:
+    """The column of an object of h5py's low-level API; FormatError if it is not a column of integers.
+
+    `left`: how far it may inflate together with others.
+    """
+    if not isinstance(dataset, h5py.h5d.DatasetID):
+        raise FormatError(file.path, f"/{name} is not a dataset")
+    layout, shape = check_stored(file.path, dataset, left)
+    kind = dataset.dtype
+    if len(shape) != 1 or kind.kind not in "iub":
+        raise FormatError(file.path, f"/{name} is not a column of integers")
+    places, length = places_of(dataset, layout, shape[0])
+    if not places:
+        return Stored(name, shape[0])
+    return Plain(file, name, np.dtype(np.uint8) if kind.kind == "b" else kind, shape[0], places, length)
+
+
+def narrowed(column: Column, source: Source, value: int) -> tuple[int, int]:
+    """Two indices at most `BISECTED` apart, between which a column that never falls first reaches `value`."""
+    lo, hi = 0, column.size
+    while hi - lo > BISECTED:
+        middle = (lo + hi) // 2
+        if column.value(source, middle) < value:
+            lo = middle + 1
+        else:
+            hi = middle
+    return lo, hi
+
+
+def rises(column: Column, source: Source) -> bool:
+    """Whether no value of a column is smaller than the one before it."""
+    for lo in range(0, column.size, SCANNED):
+        values = column.read(source, max(lo - 1, 0), min(lo + SCANNED, column.size))
+        # values beyond int64 wrap, so the column falls
+        if not is_sorted(values.astype(np.int64, copy=False)):
+            return False
+    return True

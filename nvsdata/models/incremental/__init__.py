@@ -1,0 +1,1 @@
+"""Networks whose scores follow events, one event at a time."""

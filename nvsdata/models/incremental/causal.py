@@ -1,0 +1,20 @@
+"""Networks on causal graphs that follow events: each event's rows are computed once."""
+
+from __future__ import annotations
+
+from nvsdata.kernels.streaming.causal import CausalNetwork
+from nvsdata.models.incremental.network import Parts
+
+
+class LiveCausal(CausalNetwork):
+    """A network's rows for events whose neighbors are those before them.
+
+    ValueError for average pooling.
+    """
+
+    def __init__(self, network: Parts, window: int | None) -> None:
+        pool = network.pools[-1]
+        assert pool is not None, "the last block is pooled"
+        if pool.mode != "max":
+            raise ValueError(f"{pool} can't stream on a causal graph: maxima can")
+        super().__init__(network.weights, window, network.shape, network.units)

@@ -1,0 +1,102 @@
+"""A window that shows events as they come."""
+
+from __future__ import annotations
+
+import os
+from threading import Lock
+from typing import Any, Self
+
+import cv2
+import numpy as np
+
+from nvsdata.common.clock import host_time
+from nvsdata.data.events import Events, concatenate
+from nvsdata.plots import event_image
+
+EVERY = 33_000  # µs between pictures
+SPAN = 33_000  # µs of events in a picture
+ZOOM = 3
+
+
+class DisplayError(OSError):
+    """Reason why a display can't show anything, in one line."""
+
+
+class LiveView:
+    """Shows the events of the last 33 ms, their rate, and how sharp they are; use it in a `with` block.
+
+    `add` may be called from any thread; `draw` from the main thread only, often. `closed` says whether the window has
+    been closed. `DisplayError` if there is no display.
+    """
+
+    def __init__(self, sensor_size: tuple[int, int]) -> None:
+        self.size = sensor_size
+        self._pygame = pygame = pygame_or_error()
+        try:
+            pygame.display.init()
+            self._window = pygame.Window("nvsdata", (sensor_size[0] * ZOOM, sensor_size[1] * ZOOM))
+            self._surface = self._window.get_surface()
+        except pygame.error as error:
+            raise DisplayError(f"events can't be shown: {error}") from None
+        self._lock = Lock()
+        self._events = Events.empty(sensor_size, 0)
+        self._drawn = 0.0
+        self.closed = False
+
+    def add(self, events: Events) -> None:
+        """Add the next events; those older than 33 ms are dropped."""
+        if len(events) == 0:
+            return
+        with self._lock:
+            both = Events.trusted(concatenate([self._events.columns, events.columns]), self.size, 0)
+            self._events = both.window(start=int(both.t[-1]) - SPAN)
+
+    def draw(self) -> None:
+        """Show what came, if 33 ms have passed since the last picture."""
+        now = host_time()
+        if now - self._drawn < EVERY:
+            return
+        self._drawn = now
+        with self._lock:
+            events = self._events
+        self._window.title = f"{len(events) * 1e3 / SPAN:,.0f} k events/s, sharpness {sharpness(events):.2f}"
+        picture = np.ascontiguousarray(event_image(events, ZOOM)[..., ::-1])
+        self._surface.blit(self._pygame.image.frombuffer(picture, picture.shape[1::-1], "RGB"), (0, 0))
+        self._window.flip()
+
+    def attend(self) -> None:
+        """Handle window and keyboard, where no `Monitor` does: Escape or closing the window sets `closed`."""
+        for event in self._pygame.event.get():
+            escape = event.type == self._pygame.KEYDOWN and event.key == self._pygame.K_ESCAPE
+            self.closed |= escape or event.type in (self._pygame.QUIT, self._pygame.WINDOWCLOSE)
+
+    def close(self) -> None:
+        """Close the window."""
+        self._window.destroy()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+
+def sharpness(events: Events) -> float:
+    """How sharp the picture of events is: the energy of its Laplacian over its own energy; lower if blurred."""
+    width, height = events.sensor_size
+    signed = np.bincount(events.y * np.intp(width) + events.x, events.p * 2.0 - 1, width * height)
+    picture = cv2.GaussianBlur(signed.reshape(height, width).astype(np.float64), (0, 0), 1)
+    energy = float((picture**2).mean())
+    return float((cv2.Laplacian(picture, cv2.CV_64F) ** 2).mean()) / energy if energy else 0.0
+
+
+def pygame_or_error() -> Any:
+    """The module pygame, or an ImportError that says how to install it."""
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    # a click into the other window must not minimize the one that shows videos
+    os.environ.setdefault("SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS", "0")
+    try:
+        import pygame
+    except ImportError:
+        raise ImportError("a monitor or window needs pygame-ce: pip install 'nvsdata[monitor]'") from None
+    return pygame

@@ -1,0 +1,268 @@
+"""What a recording of a video shows, beside what a video of its motion should give."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from nvsdata.data.frame_edges import MICROSECONDS
+from nvsdata.data.recording import Recording
+from nvsdata.rig import playback
+from nvsdata.rig.calibration import outline_of, response
+from nvsdata.rig.clock_fit import ClockFit, NoSync
+from nvsdata.rig.monitor import Monitor
+from nvsdata.rig.motion import BIN, emulated, histogram
+from nvsdata.rig.sync import Take, TakeRejected, around_flashes
+
+BLOCK = 5  # bins in which events may come early or late
+FEWEST = 1_000  # events that a video must give within a second for its motion to be judged by
+ABSENT = 0.1  # of what is expected: less counts as missing
+SILENT = 30  # expected events of noise without which silence means that something is missing
+COUNTED = 50  # expected events from which their absence means something
+# limits of what is let pass; those of the batch are relative to the median of its other recordings
+LONGEST_GAP = 100.0  # ms
+LEAST_COVER = 0.25  # of the sensor
+MOST_ASPECT = 1.35  # by which the screen's width to height may be off
+MOST_HIDDEN, MOST_STRAY, MOST_NOISE = 0.25, 0.2, 10.0
+LEAST_SCALE, MOST_SCALE = 0.1, 10.0
+RELATIVE = {"scale": (0.3, 3.3), "cover": (0.8, 1.25), "seen": (0.7, np.inf)}
+MOVED = 5.0  # pixels that a corner may be off
+ENOUGH = 3  # recordings from which their median means something
+
+
+@dataclass(frozen=True)
+class Content:
+    """Figures of a recording.
+
+    - `emulated`: events that PIX2NVS gives for the video in the same view
+    - `scale`: events recorded per event emulated, in the median over time; None for a quiet video
+    - `gap`: ms, the longest time without events in which the video moves
+    - `hidden`: share of the video's motion, by place, that gave no events
+    - `stray`: share of the recorded events that the video's motion doesn't explain
+    - `noise`: Hz per pixel while the first picture stood still
+    - `cover`: share of the sensor that sees the screen; `seen`: share of its pixels that saw a flash, in the mean
+    - `corners`: of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels; None if there are none
+    """
+
+    emulated: int
+    scale: float | None
+    gap: float
+    hidden: float
+    stray: float
+    noise: float
+    cover: float
+    seen: float
+    corners: list[list[float]] | None
+
+    @property
+    def quiet(self) -> bool:
+        """Whether the video moves so little that few events are right."""
+        return self.scale is None and self.corners is not None
+
+    def told(self) -> dict[str, Any]:
+        """The figures for a manifest."""
+        return {k: round(v, 4) if isinstance(v, float) else v for k, v in asdict(self).items()}
+
+
+class Span(NamedTuple):
+    """A take whose events and whose host's time go together: its video lasts from `start` to `stop` (µs, camera)."""
+
+    take: Take
+    recording: Recording
+    line: ClockFit
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class Inspector:
+    """Judges the recordings of a batch, each beside those before it.
+
+    - `monitor`: that shows the videos
+    - `corners`: where the screen is in view by calibration, [4, 2] (default: as most recordings show it)
+    - `others`: figures of the batch's recordings so far, as `Content.told` gives them
+    - `strict`: refuse recordings that are odd (default False: note it)
+    - `accept_quiet`: accept recordings with hardly any events of videos that move (default False)
+    """
+
+    monitor: Monitor
+    corners: list[list[float]] | None = None
+    others: list[dict[str, Any]] = field(default_factory=list)
+    strict: bool = False
+    accept_quiet: bool = False
+
+    def judged(self, span: Span, video: Path, events: int) -> dict[str, Any]:
+        """What the manifest is to say of a recording with so many events: figures, and what is to be looked at.
+
+        `TakeRejected` if it has too few events, or, when `strict`, if anything is odd about it.
+        """
+        found, seconds = self.look(span, video), (span.stop - span.start) / MICROSECONDS
+        fewest = FEWEST * seconds
+        if found.emulated:
+            # a video may be still but for a moment
+            fewest = min(fewest, LEAST_SCALE * found.emulated)
+        if not (found.quiet or self.accept_quiet) and events < fewest:
+            due = (
+                f"its motion should give about {found.emulated}" if found.emulated else "hardly a pixel saw the screen"
+            )
+            raise TakeRejected(f"{events} events in {seconds:.2f} s are too few: {due}")
+        doubts = self.doubts(found)
+        if self.strict and doubts:
+            raise TakeRejected("; ".join(doubts))
+        return {"content": found.told()} | ({"look": doubts} if doubts else {})
+
+    def look(self, span: Span, video: Path) -> Content:
+        """The figures of a take of a video."""
+        size = span.recording.sensor_size
+        corners, cover, seen = self._screen(span)
+        place = self.corners or corners or self._usual("corners")
+        bins = max(-(-(span.stop - span.start) // BIN), 1)
+        found, silence = _counts(span.recording, span.start, span.stop, bins)
+        noise = _noise(span, size)
+        if place is None:
+            lost = {"scale": None, "gap": 0.0, "hidden": 1.0, "stray": 0.0}
+            return Content(0, **lost, noise=noise.hertz, cover=cover, seen=seen, corners=None)  # type: ignore[arg-type]
+        due = emulated(video, self.monitor, np.array(place, np.float32), size, bins, span.line.drift)
+        scale, gap, hidden, stray = _compared(found, due, noise.counts)
+        if silence * noise.hertz * size[0] * size[1] / MICROSECONDS > SILENT:
+            # even noise is missing
+            gap = max(gap, silence / 1e3)
+        return Content(int(due.sum()), scale, gap, hidden, stray, noise.hertz, cover, seen, corners)
+
+    def _screen(self, span: Span) -> tuple[list[list[float]] | None, float, float]:
+        """The screen's corners on the sensor, the share of it that they cover, and how much of that saw each flash."""
+        done = span.take.performance
+        share = response(around_flashes(span.take), span.line, done.flashes, done.bright)
+        try:
+            corners, mask = outline_of(share)
+        except NoSync:
+            return None, 0.0, 0.0
+        # a camera stands upright unless a calibration says otherwise
+        corners = np.roll(corners, -int(corners.sum(1).argmin()), 0)
+        return corners.round(2).tolist(), float(mask.mean()), float(share[mask].mean())
+
+    def doubts(self, found: Content) -> list[str]:
+        """What is odd about a recording, in words; empty if nothing is."""
+        told = []
+        if found.corners is None:
+            told.append("too few pixels see the screen")
+        elif self.corners is None:
+            told += self._odd_view(found.corners, found.cover)
+        if found.gap > LONGEST_GAP:
+            told.append(f"no events for {found.gap:.0f} ms in which the video moves")
+        if found.hidden > MOST_HIDDEN:
+            told.append(f"{found.hidden:.0%} of the picture's motion gave no events: something is in front of it")
+        if found.stray > MOST_STRAY:
+            told.append(f"{found.stray:.0%} of the events are where, or when, nothing moves in the video")
+        if found.noise > MOST_NOISE:
+            told.append(f"{found.noise:.0f} Hz of noise per pixel before the video")
+        if found.scale is not None and not LEAST_SCALE <= found.scale <= MOST_SCALE:
+            told.append(f"{found.scale:.2g} times the events that its motion should give")
+        return told + self._beside_others(found)
+
+    def _odd_view(self, corners: list[list[float]], cover: float) -> list[str]:
+        """What is odd about where the screen is in view, without a calibration to compare it with."""
+        sides = np.hypot(*np.diff(np.array([*corners, corners[0]]), axis=0).T)
+        wide, high = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
+        aspect = wide / max(high, 1) * self.monitor.size[1] / self.monitor.size[0]
+        if not 1 / MOST_ASPECT <= aspect <= MOST_ASPECT:
+            return [f"the screen is seen as {wide:.0f}x{high:.0f} pixels: is part of it out of view, or hidden?"]
+        return [f"the screen fills {cover:.0%} of the view"] if cover < LEAST_COVER else []
+
+    def _beside_others(self, found: Content) -> list[str]:
+        told = []
+        names = {"scale": "events for its motion", "cover": "of the sensor sees the screen", "seen": "of each flash"}
+        for name, (low, high) in RELATIVE.items():
+            value, usual = getattr(found, name), self._usual(name)
+            if value is not None and usual and not low <= value / usual <= high:
+                told.append(f"{names[name]}: {value:.2g}, in the other recordings {usual:.2g}")
+        usual_corners = self.corners or self._usual("corners")
+        if found.corners is not None and usual_corners is not None:
+            away = float(np.hypot(*(np.array(found.corners) - usual_corners).T).max())
+            if away > MOVED:
+                told.append(f"the screen's corners are {away:.0f} pixels from where they were: did something move?")
+        return told
+
+    def _usual(self, name: str) -> Any:
+        """The median of the other recordings, None if there are too few."""
+        values = [other[name] for other in self.others if other.get(name) is not None]
+        return np.median(np.array(values), 0) if len(values) >= ENOUGH else None
+
+
+class _Noise(NamedTuple):
+    counts: np.ndarray  # expected events per bin, [cells]
+    hertz: float  # per pixel
+
+
+def _noise(span: Span, size: tuple[int, int]) -> _Noise:
+    """Noise, from the time in which the first picture stands still."""
+    time = playback.SETTLE // 2
+    events = span.recording.read(max(span.start - time, 0), span.start)
+    counts = histogram(events, max(span.start - time, 0), 1, time + 1)[0]
+    seconds = max(min(time, span.start), 1) / MICROSECONDS
+    return _Noise(counts / seconds * BIN / MICROSECONDS, len(events) / seconds / (size[0] * size[1]))
+
+
+def _counts(recording: Recording, start: int, stop: int, bins: int) -> tuple[np.ndarray, int]:
+    """Events per bin of time and cell, [bins, cells], and the longest time (µs) without any; read piece by piece."""
+    parts, last, silence = [], start, 0
+    for first in range(0, bins, 20):
+        begin, count = start + first * BIN, min(20, bins - first)
+        events = recording.read(begin, min(begin + count * BIN, stop))
+        parts.append(histogram(events, begin, count, BIN))
+        if len(events):
+            silence = max(silence, int(np.diff(events.t, prepend=last).max()))
+            last = int(events.t[-1])
+    return np.concatenate(parts), max(silence, stop - last)
+
+
+def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[float | None, float, float, float]:
+    """`scale`, `gap`, `hidden` and `stray` of `Content`, from events that were found and due [bins, cells]."""
+    seconds = len(found) * BIN / MICROSECONDS
+    second = min(MICROSECONDS // BIN, len(due))
+    busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()
+    if busiest < FEWEST * min(seconds, 1.0):
+        # what happens all the same isn't the video's
+        return None, 0.0, 0.0, _stray(found, np.zeros_like(due), noise)
+    in_time, found_in_time = due.sum(1), found.sum(1) - noise.sum()
+    busy = in_time >= 0.25 * in_time.max()
+    # with the bin after each, because a screen takes most of a refresh to change, and pixels longer
+    scale = max(float(np.median(_with_next(found_in_time)[busy] / _with_next(in_time)[busy])), 0.0)
+    # what is found of it all, if half of the time is missing
+    level = max(scale, float(found_in_time.sum() / in_time.sum()), 0.01)
+    around = np.pad(in_time, 1, mode="edge")
+    surely = level * np.minimum(np.minimum(around[:-2], around[1:-1]), around[2:])
+    enough = np.maximum(COUNTED, 5 * np.sqrt(noise.sum()))
+    gap = _longest((surely >= enough) & (found_in_time < ABSENT * surely)) * BIN / 1e3
+    there, places = level * due.sum(0), found.sum(0) - len(found) * noise
+    sure = there >= np.maximum(COUNTED, 5 * np.sqrt(len(found) * noise))
+    hidden = float(there[sure & (places < ABSENT * there)].sum() / max(there[sure].sum(), 1))
+    return scale, gap, hidden, _stray(found, level * due, noise)
+
+
+def _with_next(values: np.ndarray) -> np.ndarray:
+    """Each value with the one after it."""
+    paired: np.ndarray = values + np.append(values[1:], 0)
+    return paired
+
+
+def _stray(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> float:
+    """Share of the events that is beyond what is due and noise, by place and a quarter of a second."""
+    blocks = np.arange(0, len(found), BLOCK)
+    seen, expected = (np.add.reduceat(counts, blocks, 0) for counts in (found, due))
+    still = np.diff(np.append(blocks, len(found)))[:, None] * noise
+    busy = expected >= COUNTED
+    if busy.any():
+        # events of something else, everywhere in time, would raise what counts as due
+        expected *= min(max(float(np.median((seen - still)[busy] / expected[busy])), ABSENT), 1.0)
+    beyond = seen - 3 * expected - still - 5 * np.sqrt(expected + still) - 20
+    return float(np.maximum(beyond, 0).sum()) / max(float(found.sum()), COUNTED)
+
+
+def _longest(flags: np.ndarray) -> int:
+    """Length of the longest run of True."""
+    ends = np.flatnonzero(np.diff(np.concatenate(([0], flags, [0]))))
+    return int((ends[1::2] - ends[::2]).max(initial=0))

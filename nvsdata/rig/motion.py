@@ -1,0 +1,73 @@
+"""The events that a video should give, by time and by place on the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from nvsdata.data.events import Events
+from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.rig.monitor import Monitor
+from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
+
+BIN = 50_000  # µs per bin of time
+CELL = 20  # pixels per cell of the sensor, along each side
+# a screen changes when a picture is due, not little by little before
+PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8, timestamps="fixed")
+
+
+def histogram(events: Events, start: int, bins: int, width: int) -> np.ndarray:
+    """Events per bin of `width` µs from `start` on, and cell, [bins, cells]."""
+    columns, rows = (-(-side // CELL) for side in events.sensor_size)
+    cell = (events.y // CELL).astype(np.intp) * columns + events.x // CELL
+    key = ((events.t - start) // width) * (columns * rows) + cell
+    return np.bincount(key, minlength=bins * columns * rows).reshape(bins, columns * rows).astype(np.float64)
+
+
+def emulated(
+    video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int], bins: int, drift: float = 0.0
+) -> np.ndarray:
+    """Events per bin of time and cell, [bins, cells], that PIX2NVS gives for a video on the screen.
+
+    - `corners`: of the screen on the sensor, from its upper left clockwise, float32 [4, 2]
+    - `size`: (width, height) of the sensor
+    - `drift`: of the clock that bins go by (default 0)
+    """
+    columns, rows = (-(-side // CELL) for side in size)
+    counts = np.zeros((bins, columns * rows))
+    run: Emulator | None = None
+    for frame in _seen(video, monitor, corners, size):
+        if run is None:
+            run = PIXELS.begin(frame)
+            continue
+        events = run.step(frame._replace(time=round(frame.time * (1 + drift)))).events().window(None, bins * BIN)
+        if len(events):
+            first, last = int(events.t[0]) // BIN, int(events.t[-1]) // BIN
+            counts[first : last + 1] += histogram(events, first * BIN, last + 1 - first, BIN)
+    return counts
+
+
+def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int]) -> Iterator[Frame]:
+    """The video's pictures as the sensor sees them."""
+    wide, high = monitor.size
+    screen = np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32)
+    view = cv2.getPerspectiveTransform(screen, corners)
+    try:
+        for frame in frames_of(video):
+            height, width = frame.pixels.shape[:2]
+            x, y, w, h = monitor.place_of(width, height)
+            # about as many pixels as the sensor sees of it, so that each is a mean
+            small = min(1.0, 2 * size[0] * w / wide / width)
+            pixels = frame.pixels
+            if small < 1:
+                pixels = cv2.resize(pixels, None, fx=small, fy=small, interpolation=cv2.INTER_AREA)
+            height, width = pixels.shape[:2]
+            onto = np.array([(w / width, 0, x), (0, h / height, y), (0, 0, 1)])
+            seen = np.asarray(cv2.warpPerspective(pixels, view @ onto, size))
+            yield frame._replace(pixels=seen)
+    except TruncatedVideo:
+        return

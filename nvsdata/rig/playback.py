@@ -1,0 +1,194 @@
+"""A video on a monitor between two flash patterns, and when all of it was shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nvsdata.common.clock import host_time
+from nvsdata.rig.clock_fit import flashes
+from nvsdata.rig.monitor import Monitor
+from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
+
+# levels of the flashes: enough contrast for a few events per pixel, but not so much that the readout takes long
+DIM, BRIGHT = 108, 148
+STEP = 3  # refreshes that a step of the pattern lasts
+STILL = 300_000  # µs of a still screen before and after each pattern
+SETTLE = 2_000_000  # µs that the first picture is shown before the video moves: pixels adapt to it (Hu et al. 2016)
+FADE = 400_000  # µs from the dim level to the first picture, and from the last one back: a jump overruns the readout
+COUNTED = 100_000  # µs before the video moves at which the camera's drops are counted
+LATE = 20_000  # µs by which a picture may be late on any screen, because eyes and pixels don't see it
+LOOKED_AT = 12  # pictures whose rate is compared with the screen's
+TOO_FAST = 0.995  # share of a refresh: of pictures nearer to each other too many would have to be left out
+USUAL_GAP = 40_000  # µs that the only picture of a video is shown
+
+
+@dataclass
+class PlaybackLog:
+    """What was shown when; host times in µs.
+
+    - `refresh`: time between two refreshes of the monitor (µs)
+    - `flashes`, `bright`: when the whole screen changed, and whether to bright (True) or to dim
+    - `start`, `stop`: from when to when the video lasted
+    - `due`, `shown`: when each picture of the video was due, and when it was shown
+    - `skipped`: pictures that weren't shown, because the next one was already due
+    - `missed`: µs for which pictures that were left out should have been shown
+    - `truncated`: why the video ended early, None if it didn't
+    - `dropped`: events that the camera dropped while the video played, None if it doesn't count them
+    """
+
+    refresh: float
+    flashes: list[float] = field(default_factory=list)
+    bright: list[bool] = field(default_factory=list)
+    start: float = 0.0
+    stop: float = 0.0
+    due: list[float] = field(default_factory=list)
+    shown: list[float] = field(default_factory=list)
+    skipped: int = 0
+    missed: float = 0.0
+    truncated: str | None = None
+    dropped: int | None = None
+
+    @property
+    def late(self) -> int:
+        """Pictures shown more than a refresh after they were due."""
+        return int((np.array(self.shown) - np.array(self.due) > self.refresh).sum())
+
+    @property
+    def wrong(self) -> float:
+        """For how many ms the screen showed a picture that was over, beyond what a refresh or 20 ms explain."""
+        late = np.array(self.shown) - np.array(self.due) - max(self.refresh, LATE)
+        return float(np.maximum(late, 0).sum() + self.missed) / 1e3
+
+    @property
+    def frames(self) -> int:
+        """Pictures of the video."""
+        return len(self.due) + self.skipped
+
+    def log(self) -> dict[str, Any]:
+        """All of it as JSON can hold it, with times in whole µs from the video's first moment."""
+
+        def after(times: list[float]) -> list[int]:
+            return [round(time - self.start) for time in times]
+
+        return {
+            "refresh": round(self.refresh, 1),
+            "late": self.late,
+            "skipped": self.skipped,
+            "wrong": round(self.wrong, 1),
+            "flashes": after(self.flashes),
+            "due": after(self.due),
+            "shown": after(self.shown),
+            "stop": round(self.stop - self.start),
+            "bright": [int(bright) for bright in self.bright],
+        }
+
+
+def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = lambda: None) -> PlaybackLog:
+    """Show a video, paced by its own times, between flash patterns.
+
+    `dropped` is asked how many events the camera has dropped, just before the video moves and when it is over.
+
+    FormatError or FileNotFoundError, before anything is shown, for a file without a picture, ValueError for a video of
+    more pictures per second than the screen shows. `Monitor` lists others.
+    """
+    done = PlaybackLog(monitor.refresh)
+    frames = frames_of(video)
+    try:
+        begin = _begin(frames, done)
+        _check_rate(begin, monitor.refresh)
+        first, others = begin[0], chain(begin[1:], frames)
+        _flash(monitor, done)
+        monitor.fade(DIM, first, FADE)
+        done.start = monitor.show(first) + SETTLE
+        monitor.wait(done.start - COUNTED)
+        before = dropped()
+        last = _play(monitor, done, first, others)
+        monitor.wait(done.stop)
+        after = dropped()
+        done.dropped = None if before is None or after is None else after - before
+        monitor.fade(DIM, last, FADE, back=True)
+        _flash(monitor, done)
+    finally:
+        if hasattr(frames, "close"):
+            frames.close()
+    return done
+
+
+def _begin(frames: Iterator[Frame], done: PlaybackLog) -> list[Frame]:
+    """The first pictures, fewer of a video that is short or cut off."""
+    return list(_to_the_end(islice(frames, LOOKED_AT), done))
+
+
+def _check_rate(frames: list[Frame], refresh: float) -> None:
+    if len(frames) < LOOKED_AT:
+        return
+    gap = float(np.median(np.diff([frame.time for frame in frames])))
+    if gap < TOO_FAST * refresh:
+        rates = f"{1e6 / gap:.0f} pictures per second, and the screen shows {1e6 / refresh:.0f}"
+        raise ValueError(f"the video has {rates}: play it on a faster screen, or make a slower video of it")
+
+
+def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Frame]) -> Frame:
+    """Show the pictures after the first, and return the last; those whose successor is due are skipped."""
+    done.due.append(done.start)
+    done.shown.append(done.start)
+    waiting: Frame | None = None
+    last, gap = first.time, USUAL_GAP
+    for frame in _to_the_end(others, done):
+        if waiting is not None:
+            _in_turn(monitor, done, waiting, done.start + frame.time)
+        gap, last = frame.time - last, frame.time
+        waiting = frame
+    if waiting is not None:
+        _in_turn(monitor, done, waiting, float("inf"))
+    done.stop = done.start + last + gap
+    return waiting or first
+
+
+def _to_the_end(frames: Iterator[Frame], done: PlaybackLog) -> Iterator[Frame]:
+    try:
+        yield from frames
+    except TruncatedVideo as error:
+        done.truncated = str(error)
+
+
+def _in_turn(monitor: Monitor, done: PlaybackLog, frame: Frame, next_due: float) -> None:
+    if host_time() > next_due - monitor.refresh / 2:
+        done.skipped += 1
+        done.missed += next_due - done.start - frame.time
+        return
+    due = done.start + frame.time
+    done.shown.append(monitor.show(frame, due))
+    done.due.append(due)
+
+
+def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:
+    """Show the flash pattern, with a still screen before and after it.
+
+    `show` is called with whether to show the bright picture (else the dim one) and when, and returns when it was shown,
+    as `Monitor.show` does. Returns the host times (µs) of the changes, and whether each was to bright.
+    """
+    began = show(False, None) + STILL
+    times: list[float] = []
+    rising: list[bool] = []
+    bright = False
+    for step, bit in enumerate((*flashes().tolist(), 0)):
+        if bool(bit) != bright:
+            bright = bool(bit)
+            times.append(show(bright, began + step * STEP * monitor.refresh))
+            rising.append(bright)
+    monitor.wait(host_time() + STILL)
+    return times, rising
+
+
+def _flash(monitor: Monitor, done: PlaybackLog) -> None:
+    """Show the pattern on the whole screen."""
+    times, rising = pattern(monitor, lambda bright, due: monitor.fill(BRIGHT if bright else DIM, due))
+    done.flashes += times
+    done.bright += rising

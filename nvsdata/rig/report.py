@@ -1,0 +1,249 @@
+"""A page about a batch: what is to be recorded again, what is to be looked at, and its figures over time."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from nvsdata.common.files import put
+from nvsdata.common.markup import as_html
+from nvsdata.plots.timelines import timeline
+from nvsdata.rig import content, take
+
+REPORT = "report.html"
+SHEETS = "contact-sheet-*.png"
+FLAGGED = "contact-sheet-000.png"
+FEWEST = 10  # recordings from which a chart over the batch says more than the table
+STYLE = (
+    "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em}"
+    "body{color:#222;background:#fff}"
+    "table{border-collapse:collapse;font-size:13px;display:block;overflow-x:auto}"
+    "td,th{padding:3px 9px;border-bottom:1px solid #ddd;text-align:left;vertical-align:top}"
+    "td.n,th.n{text-align:right}td.n{white-space:nowrap}td.w{min-width:11em;overflow-wrap:anywhere}"
+    "dt{font-weight:600}dd{margin:0 0 .5em 1.5em}img{max-width:100%}"
+    "@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}td,th{border-color:#444}a{color:#8bf}}"
+)
+Line = dict[str, Any]  # of a manifest
+
+
+class Figure(NamedTuple):
+    """A figure of each recording: its name, the value in a line of the manifest, how it is written, what it means.
+
+    Below `low` and above `high`, and `relative` to the median of a batch, recordings are flagged or takes rejected.
+    `column` and `curve` say where the figure is shown: in the table, in a chart over the batch.
+    """
+
+    name: str
+    value: Callable[[Line], Any]
+    form: str
+    meaning: str
+    low: float = -math.inf
+    high: float = math.inf
+    relative: tuple[float, float] = (-math.inf, math.inf)
+    column: bool = True
+    curve: bool = False
+
+    def limits(self, values: Sequence[float]) -> list[float]:
+        """The limits of a batch's recordings."""
+        usual = float(np.nanmedian(values))
+        low, high = (share * usual if math.isfinite(share) else share for share in self.relative)
+        return [limit for limit in (max(self.low, low), min(self.high, high)) if math.isfinite(limit)]
+
+
+LOW, HIGH = content.RELATIVE["scale"]
+FIGURES = (
+    Figure("seconds", lambda line: line["duration"] / 1e6, ",.2f", "Length of the recording."),
+    Figure("events/s", lambda line: line["events"] / (line["duration"] / 1e6), ",.0f", "Events per second."),
+    Figure(
+        "events per emulated event",
+        lambda line: line["content"]["scale"],
+        ",.2f",
+        "Events that were recorded for each event that the emulator PIX2NVS returns for the video in the same view, "
+        f"in the median over time. Flagged below {content.LEAST_SCALE:g} and above {content.MOST_SCALE:g}, and below "
+        f"{LOW:g} and above {HIGH:g} times the median of the other recordings. Empty for a video that hardly moves.",
+        low=content.LEAST_SCALE,
+        high=content.MOST_SCALE,
+        relative=content.RELATIVE["scale"],
+        curve=True,
+    ),
+    Figure(
+        "noise, Hz",
+        lambda line: line["content"]["noise"],
+        ",.2f",
+        "Events per second and pixel while the first picture of the video stands still. "
+        f"Flagged above {content.MOST_NOISE:g}.",
+        high=content.MOST_NOISE,
+        curve=True,
+    ),
+    Figure(
+        "gap, ms",
+        lambda line: line["content"]["gap"],
+        ",.0f",
+        f"Longest time without events in which the video moves. Flagged above {content.LONGEST_GAP:g}.",
+    ),
+    Figure(
+        "hidden",
+        lambda line: line["content"]["hidden"],
+        ".0%",
+        "Fraction of the video's motion, by place, that gave no events: something may be in front of the screen. "
+        f"Flagged above {content.MOST_HIDDEN:.0%}.",
+    ),
+    Figure(
+        "stray",
+        lambda line: line["content"]["stray"],
+        ".0%",
+        f"Fraction of the events where, or when, nothing moves in the video. Flagged above {content.MOST_STRAY:.0%}.",
+    ),
+    Figure(
+        "wrong picture, ms",
+        lambda line: line["wrong"],
+        ",.0f",
+        "Time for which the screen showed a picture that was over. A take with more than "
+        f"{take.MOST_WRONG:g} ms, or {take.SHARE_WRONG:.0%} of a longer video, is rejected.",
+    ),
+    Figure("takes", lambda line: line["takes"], ",.0f", "How often the video was played until a take was good."),
+    Figure(
+        "clock drift, ppm",
+        lambda line: line["sync"]["drift"] * 1e6,
+        ",.1f",
+        "How much faster the camera's clock runs than the computer's, in millionths.",
+        column=False,
+        curve=True,
+    ),
+    Figure(
+        "flash error, µs",
+        lambda line: line["sync"]["residual"],
+        ",.1f",
+        "How far the flashes before and after the video are from the line fitted to their times, in the median. "
+        f"A take above {take.WORST_RESIDUAL:,} is rejected.",
+        high=take.WORST_RESIDUAL,
+        column=False,
+        curve=True,
+    ),
+    Figure(
+        "flashes seen",
+        lambda line: line["content"]["seen"],
+        ".0%",
+        "Fraction of the screen's pixels on the sensor that saw a flash, in the mean. "
+        f"Flagged below {content.RELATIVE['seen'][0]:g} times the median of the other recordings.",
+        relative=content.RELATIVE["seen"],
+        column=False,
+        curve=True,
+    ),
+    Figure(
+        "temperature, °C",
+        lambda line: line["temperature"],
+        ",.1f",
+        "Temperature of the camera.",
+        column=False,
+        curve=True,
+    ),
+)
+WORDS = {
+    "recorded": "The recording passed all checks that reject a take.",
+    "truncated": "The video is cut off: it was recorded as far as it goes.",
+    "failed": 'There is no good recording; the column "why" says why. record --resume records the video again.',
+    "to look at": 'The recording is kept, but something about it is unusual; the column "why" says what.',
+}
+
+
+def write_report(lines: Sequence[Line], head: Line, out: Path) -> None:
+    """Write `out/report.html`, which needs nothing else but the contact sheets next to it.
+
+    - `lines`, `head`: the last line of each video in the manifest, and the manifest's first line
+    """
+    sheets = sorted(path.name for path in out.glob(SHEETS))
+    put(out / REPORT, page(lines, head, out.resolve().name, sheets).encode("utf-8", "backslashreplace"))
+
+
+def page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = ()) -> str:
+    """The page as HTML, with links to the contact sheets."""
+    done = [line for line in lines if line["status"] in ("recorded", "truncated")]
+    again = [line for line in lines if line["status"] != "recorded"]
+    odd = [line for line in lines if line["status"] == "recorded" and line.get("look")]
+    fine = [line for line in lines if line["status"] == "recorded" and not line.get("look")]
+    seconds = sum(_number(lambda line: line["duration"], line) or 0 for line in done)
+    events = sum(_number(lambda line: line["events"], line) or 0 for line in done)
+    refresh = _number(lambda head: head["monitor"]["refresh"], head)
+    told = [
+        f"{len(fine):,} recordings without findings, {len(odd):,} to look at, {len(again):,} to record again",
+        f"{seconds / 1e6:,.0f} s"
+        + (f" ({seconds / 6e7:,.0f} minutes)" if seconds > 12e7 else "")
+        + f", {events:,.0f} events",
+        *([f"screen of {1e6 / refresh:.2f} Hz"] if refresh else []),
+        *dict.fromkeys(str(line["note"]) for line in lines if line.get("note")),
+    ]
+    parts = [f"<p>{as_html(text)}</p>" for text in told] + _links(sheets)
+    for title, some in (("To record again", again), ("To look at", odd), ("Without findings", fine)):
+        if some:
+            parts.append(f"<h2>{title}: {len(some):,}</h2>{_table(some)}")
+    charts = [chart for figure in FIGURES if figure.curve and (chart := _chart(figure, done))]
+    parts += ["<h2>Over the batch</h2>", *charts] if charts else []
+    parts.append(_legend(bool(charts)))
+    title = as_html(f"Recordings in {name}")
+    begin = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>{title}</title><style>{STYLE}</style></head>"
+    )
+    return f"{begin}<body><h1>{title}</h1>{''.join(parts)}</body></html>"
+
+
+def _links(sheets: Sequence[str]) -> list[str]:
+    """Links to contact sheets, those of flagged recordings first."""
+    if not sheets:
+        return []
+    links = [
+        f'<a href="{as_html(sheet)}">{"flagged recordings" if sheet == FLAGGED else as_html(sheet)}</a>'
+        for sheet in sheets
+    ]
+    return [f"<p>Contact sheets, each video's middle picture and its events: {', '.join(links)}</p>"]
+
+
+def _table(lines: Sequence[Line]) -> str:
+    columns = [figure for figure in FIGURES if figure.column]
+    names = "".join(f'<th class="n">{as_html(figure.name)}</th>' for figure in columns)
+    rows = [f"<th>video</th><th>status</th><th>why</th>{names}"]
+    for line in lines:
+        row = "".join(f"<td>{as_html(line[key])}</td>" for key in ("video", "status"))
+        look = line.get("look") or []
+        words = "; ".join(map(str, [*([line["reason"]] if "reason" in line else []), *look]))
+        row += f'<td class="w">{as_html(words)}</td>'
+        for figure in columns:
+            value = _number(figure.value, line)
+            row += f'<td class="n">{"" if value is None else format(value, figure.form)}</td>'
+        rows.append(row)
+    return "<table>" + "".join(f"<tr>{row}</tr>" for row in rows) + "</table>"
+
+
+def _legend(charts: bool) -> str:
+    """What the words and figures on the page mean."""
+    known = WORDS | {figure.name: figure.meaning for figure in FIGURES if figure.column or charts}
+    terms = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(text)}</dd>" for name, text in known.items())
+    return f"<h2>Terms</h2><dl>{terms}</dl>"
+
+
+def _number(value: Callable[[Line], Any], line: Line) -> float | None:
+    """A figure; None where the line doesn't have it."""
+    try:
+        found = float(value(line))
+    except (KeyError, TypeError, ValueError, ArithmeticError):
+        return None
+    return found if math.isfinite(found) else None
+
+
+def _chart(figure: Figure, lines: Iterable[Line]) -> str:
+    """A figure over the batch; nothing if few recordings have it."""
+    values = [_number(figure.value, line) for line in lines]
+    if sum(value is not None for value in values) < FEWEST:
+        return ""
+    given = [np.nan if value is None else value for value in values]
+    drawn = timeline(given, figure.name, "recording", limits=figure.limits(given), form=figure.form)
+    _, png = cv2.imencode(".png", drawn)
+    data = base64.b64encode(png.tobytes()).decode()
+    return f'<p><img alt="{as_html(figure.name)}" src="data:image/png;base64,{data}"></p>'

@@ -1,0 +1,92 @@
+"""How a take's host time and camera time go together: by flashes in its events and, if there are any, in triggers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from nvsdata import formats
+from nvsdata.data.events import Events, concatenate
+from nvsdata.recording.capture import RecordingReport
+from nvsdata.rig.clock_fit import GROUP, MOST_DRIFT, ClockFit, NoSync, fit
+from nvsdata.rig.playback import PlaybackLog
+
+BESIDE = 500_000  # µs that are read before and after the flashes
+APART = 5_000  # µs that events and triggers may differ: a screen is drawn line by line, and pixels answer late
+MARGIN = 50_000  # µs around a group of flashes in which nothing else may trigger
+STRAY = 0.1  # triggers without a flash, as a share of the flashes, that are let pass
+
+
+class TakeRejected(Exception):
+    """A take that must be done again, and why."""
+
+
+@dataclass
+class Take:
+    """A video played and recorded.
+
+    - `raw`: the uncut recording
+    - `report`: how recording went
+    - `performance`: how playing went
+    """
+
+    raw: Path
+    report: RecordingReport
+    performance: PlaybackLog
+
+
+class Sync(NamedTuple):
+    """The line of a take, what it is by ("triggers" or "events"), and why it isn't by triggers that there are."""
+
+    line: ClockFit
+    by: str
+    refused: str | None = None
+
+
+def synced(take: Take) -> Sync:
+    """The fit of the take's flashes: by triggers if they show all flashes and nothing else, otherwise by events.
+
+    `NoSync` if the events don't show the flashes, whatever triggers do, because then the camera doesn't see the screen;
+    and if both show them, but more than 5 ms apart.
+    """
+    done = take.performance
+    shown, bright = np.array(done.flashes), np.array(done.bright)
+    line = fit(around_flashes(take), shown, bright)
+    triggers = np.array(take.report.triggers, np.float64)
+    if not triggers.size:
+        return Sync(line, "events")
+    try:
+        _check_due(triggers, line, shown[bright])
+        other = fit(take.report.triggers, shown, bright)
+    except NoSync as error:
+        return Sync(line, "events", str(error))
+    apart = max(abs(line.camera(time) - other.camera(time)) for time in (done.start, done.stop))
+    if apart > APART:
+        raise NoSync(f"flashes in the events and in the triggers are {apart / 1e3:.1f} ms apart: what triggers?")
+    return Sync(other, "triggers")
+
+
+def _check_due(triggers: np.ndarray, line: ClockFit, rising: np.ndarray) -> None:
+    """`NoSync` if there are more triggers among the flashes than flashes to bright."""
+    for first in rising[np.diff(rising, prepend=-np.inf) > GROUP]:
+        group = rising[(rising >= first) & (rising < first + GROUP)]
+        ends = line.camera(group[0]) - MARGIN, line.camera(group[-1]) + MARGIN
+        there = int(np.count_nonzero((triggers >= ends[0]) & (triggers <= ends[1])))
+        if there > group.size * (1 + STRAY) + 1:
+            raise NoSync(f"{there} triggers among {group.size} flashes: something else triggers, too")
+
+
+def around_flashes(take: Take) -> Events:
+    """Events of the time around the flashes, before and after the video."""
+    recording = formats.open(take.raw)
+    flashes, start = np.array(take.performance.flashes), take.performance.start
+    windows: list[tuple[int, int]] = []
+    for group in (flashes[flashes < start], flashes[flashes >= start]):
+        first, last = group[[0, -1]] - take.report.zero
+        lo, hi = first * (1 - MOST_DRIFT) - BESIDE, last * (1 + MOST_DRIFT) + BESIDE
+        lo = max(int(lo), windows[-1][1] if windows else 0)
+        windows.append((lo, max(int(hi), lo)))
+    return Events.trusted(concatenate([recording.read(*window).columns for window in windows]), recording.sensor_size)

@@ -1,0 +1,174 @@
+"""One video, played and recorded at the same time; the recording is then checked and cut to the video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import nullcontext, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nvsdata import formats
+from nvsdata.batch.folder import Video, sha256
+from nvsdata.common.files import remove_link
+from nvsdata.data.events import Events
+from nvsdata.data.frame_edges import MICROSECONDS
+from nvsdata.data.pieces import cut
+from nvsdata.data.recording import Recording
+from nvsdata.recording.camera import Camera
+from nvsdata.recording.capture import RecordingReport
+from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.live_view import LiveView
+from nvsdata.recording.recorder import Recorder
+from nvsdata.rig.clock_fit import ClockFit, NoSync
+from nvsdata.rig.content import Inspector, Span
+from nvsdata.rig.monitor import Monitor
+from nvsdata.rig.playback import PlaybackLog, perform
+from nvsdata.rig.sync import Take, TakeRejected, synced
+
+PIECE = 1_000_000  # µs of a recording that are read at once
+BIN = 10_000  # µs per bin of the event rate
+FULL = 10e6  # events/s above which the readout counts as full in a bin
+MOST_FULL = 0.01  # share of full bins
+# ms for which a screen may show a wrong picture, whatever the video's length, and as a share of it
+MOST_WRONG, SHARE_WRONG = 50.0, 0.02
+# faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`
+STREAM = {
+    "late_resets": "the camera's clock was reset in the middle",
+    "lost_wraps": "parts of the camera's stream are missing",
+    "usb_errors": "USB transfers failed, and parts of the camera's stream may be missing",
+}
+WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
+
+
+@dataclass
+class Tally:
+    """Events between two times of a recording: how many, how many ON, and the share of bins that are full."""
+
+    events: int = 0
+    on: int = 0
+    full: float = 0.0
+
+
+def record_take(
+    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings, *, live: bool = False
+) -> Take:
+    """Record to `raw` while a video plays; an error of the monitor, the video or the camera ends both.
+
+    With `live`, events are shown in a window.
+    """
+    with LiveView((camera.facts.width, camera.facts.height)) if live else nullcontext() as view:
+        return _recorded(camera, monitor, video, raw, settings, view)
+
+
+def _recorded(
+    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings, view: LiveView | None
+) -> Take:
+    # no journal, because a take that is cut short is recorded again
+    watch: dict[str, Any] = {} if view is None else {"watch": lambda report, events: view.add(events)}
+    recorder = Recorder(camera, raw, settings, journaled=False, **watch)
+
+    def check() -> None:
+        recorder.check()
+        if view is not None:
+            view.draw()
+
+    recorder.start()
+    try:
+        recorder.begun.wait()
+        monitor.check = check
+        performance = perform(monitor, video, camera.dropped)
+    except BaseException:
+        with suppress(OSError, ValueError):
+            recorder.finish()
+        raise
+    finally:
+        monitor.check = lambda: None
+    report = recorder.finish()
+    if report.failure is not None:
+        raise report.failure
+    return Take(raw, report, performance)
+
+
+def cut_take(take: Take, video: Video, inspector: Inspector) -> dict[str, Any]:
+    """Write the take of a video to its recording, cut to it, from time 0; return what the manifest is to say about it.
+
+    `TakeRejected` if it must be done again: nothing is written then.
+    """
+    report, done = take.report, take.performance
+    _check_stream(report, done)
+    try:
+        line, by, refused = synced(take)
+    except NoSync as error:
+        raise TakeRejected(str(error)) from None
+    span = round(line.camera(done.start)), round(line.camera(done.stop))
+    recording = formats.open(take.raw)
+    tally = _tally(recording, *span)
+    _check(done, line, tally, span[1] - span[0])
+    content = inspector.judged(Span(take, recording, line, *span), video.path, tally.events)
+    target = video.target
+    target.parent.mkdir(parents=True, exist_ok=True)
+    remove_link(target)
+    formats.write(cut(recording, *span, every=PIECE), target, format=video.format)
+    return {
+        "recording": target.stat().st_size,
+        "recording_sha256": sha256(target),
+        "duration": span[1] - span[0],
+        "events": tally.events,
+        "on": tally.on,
+        "sensor_size": recording.sensor_size,
+        "sync": {"by": by, **asdict(line)} | ({"triggers": refused} if refused else {}),
+        "frames": done.frames,
+        "late": done.late,
+        "skipped": done.skipped,
+        "wrong": round(done.wrong, 1),
+        "dropped": done.dropped if done.dropped is not None else report.dropped,
+        "dropped_in_all": report.dropped,
+        "odd": {name: count for name, count in report.error_counts.items() if count},
+        "temperature": report.temperature,
+    } | content
+
+
+def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:
+    """`TakeRejected` unless all that the camera sent was kept, by a clock that went on."""
+    if report.lost:
+        raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")
+    # what is dropped before and after the video, between dim level and picture, say, isn't missing from it
+    dropped = report.dropped if done.dropped is None else done.dropped
+    if dropped:
+        raise TakeRejected(f"the camera dropped {dropped} events")
+    for fault, told in STREAM.items():
+        if report.error_counts.get(fault):
+            raise TakeRejected(told)
+
+
+def _check(done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
+    """`TakeRejected` unless all of the video was shown in time and seen."""
+    if line.residual > WORST_RESIDUAL:
+        raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")
+    if done.wrong > max(MOST_WRONG, SHARE_WRONG * duration / 1e3):
+        missed = f"{done.late + done.skipped} of {done.frames} pictures were late or left out"
+        raise TakeRejected(
+            f"the screen showed a wrong picture for {done.wrong:.0f} ms ({missed}): is the computer busy?"
+        )
+    if tally.full > MOST_FULL:
+        raise TakeRejected(
+            f"the readout is full for {tally.full:.0%} of the time: lower the contrast, or raise thresholds"
+        )
+
+
+def _pieces(recording: Recording, start: int, stop: int) -> Iterator[Events]:
+    for begin in range(start, stop, PIECE):
+        yield recording.read(begin, min(begin + PIECE, stop))
+
+
+def _tally(recording: Recording, start: int, stop: int) -> Tally:
+    tally, full = Tally(), 0
+    for piece in _pieces(recording, start, stop):
+        tally.events += len(piece)
+        tally.on += int(np.count_nonzero(piece.p))
+        full += int((np.bincount((piece.t - piece.start) // BIN) > FULL * BIN / MICROSECONDS).sum())
+    tally.full = full * BIN / max(stop - start, 1)
+    return tally

@@ -1,0 +1,148 @@
+"""Whether the recordings in a folder are still those that its manifest lists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nvsdata import formats
+from nvsdata.batch.folder import Video, sha256
+from nvsdata.batch.manifest import NAME, as_before
+from nvsdata.common.files import Journal
+from nvsdata.common.locks import locked
+from nvsdata.common.progress import bar
+from nvsdata.rig.batch import DONE, KIND, PLAYED
+from nvsdata.rig.report import REPORT, write_report
+from nvsdata.rig.status import RECENT, STATUS, Status
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What is wrong with a folder of recordings.
+
+    - `videos`: how many were verified
+    - `faults`: why videos have no sound recording, by their names
+    - `others`: what other files in the folder are, by their names below it
+    """
+
+    videos: int
+    faults: dict[str, str]
+    others: dict[str, str]
+
+    @property
+    def sound(self) -> int:
+        """How many videos have a sound recording."""
+        return self.videos - len(self.faults)
+
+    @property
+    def foreign(self) -> list[str]:
+        """Other files that datasets would read as recordings."""
+        return [name for name in self.others if Path(name).suffix.lower() in formats.suffixes()]
+
+    @property
+    def well(self) -> bool:
+        """Whether a dataset of the folder has these recordings, all of them sound, and no others."""
+        return not self.faults and not self.foreign
+
+    def told(self) -> list[str]:
+        """A line for each fault and each other file, then a summary."""
+        lines = [f"{name}: {what}" for name, what in (self.faults | self.others).items()]
+        text = f"{self.sound:,} of {self.videos:,} recordings are sound"
+        if self.foreign:
+            text += f", but {self.what_is_foreign}"
+        elif self.others:
+            text += f"; other files, which datasets don't read: {len(self.others):,}"
+        return [*lines, text]
+
+    @property
+    def what_is_foreign(self) -> str:
+        """Other files that datasets would read, in words."""
+        return f"datasets would read other files in the folder as recordings: {len(self.foreign):,}; move them away"
+
+
+def format_of(out: Path) -> str:
+    """The format of the recordings in a folder, by its manifest.
+
+    FileNotFoundError if it has none, ValueError if that isn't one of recordings.
+    """
+    path = out / NAME
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file, so nothing was recorded there")
+    head = Journal(path, {}).head
+    if KIND not in head:
+        raise ValueError(f"{path} is not a manifest of {KIND}")
+    return str(head["format"])
+
+
+def verify(videos: list[Video], out: Path, limit: int | None = None) -> Verification:
+    """Compare the recordings of the first `limit` videos in `out` with its manifest, and with the videos.
+
+    What is wrong with recordings is noted in the manifest, so that the next run records them again, and in
+    `status.json` and `report.html`. FileNotFoundError if the folder has no manifest.
+    """
+    format_of(out)
+    with locked(out), Journal(out / NAME, {}) as journal:
+        lines = {line["video"]: line for line in journal.lines}
+        videos = as_before(videos, journal.lines, out)
+        faults = {}
+        for video in bar(videos[:limit], "verifying", unit="video"):
+            line = lines.get(video.name)
+            fault = _fault(video, line)
+            if fault is not None:
+                faults[video.name] = fault
+                if line is not None and line["status"] in DONE:
+                    lines[video.name] = line | {"status": "failed", "reason": fault}
+                    journal.add(lines[video.name])
+        found = Verification(len(videos[:limit]), faults, _others(videos, lines, out))
+        _set_status(found, lines, out)
+        write_report(list(lines.values()), journal.head, out)
+    return found
+
+
+def _set_status(found: Verification, lines: dict[str, dict[str, Any]], out: Path) -> None:
+    missing = [name for name in found.faults if name not in lines]
+    look = sum("look" in line for line in lines.values() if line["status"] in DONE)
+    status = Status(out, found.videos, done=found.sound, failed=len(found.faults) - len(missing), look=look)
+    reason = found.what_is_foreign if found.foreign else None
+    status.set(state="verified", reason=reason, recent=dict(list(found.faults.items())[:RECENT]))
+
+
+def _others(videos: list[Video], lines: dict[str, dict[str, Any]], out: Path) -> dict[str, str]:
+    """Files in the folder that are neither recordings of these videos nor written by a batch, and what they are."""
+    ours = {video.target for video in videos}
+    gone = {line["file"]: name for name, line in lines.items() if "file" in line}
+    found = {}
+    for path in sorted(out.rglob("*")):
+        name = path.relative_to(out)
+        hidden = any(part.startswith(".") for part in name.parts)
+        written = path.name in (NAME, PLAYED, STATUS, REPORT) or path.match("contact-sheet-*.png")
+        if path.is_file() and path not in ours and not hidden and not (written and len(name.parts) == 1):
+            video = gone.get(name.as_posix())
+            what = "isn't a recording of any of the videos"
+            found[name.as_posix()] = f"is a recording of {video}, and that video is gone" if video else what
+    return found
+
+
+def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
+    """How a recording differs from what the manifest says about it; None if it doesn't."""
+    if line is None:
+        return "isn't recorded"
+    if line["status"] not in DONE:
+        # of a recording that was good once, an earlier verification has noted what is wrong
+        return str(line["reason"]) if "recording" in line else f"isn't recorded: {line['reason']}"
+    if video.path.stat().st_size != line["bytes"] or sha256(video.path) != line["sha256"]:
+        return f"{video.path}: isn't the video any more that was recorded"
+    if not video.target.exists():
+        return f"{video.target}: is missing"
+    try:
+        events = formats.read(video.target)
+    except (OSError, ValueError) as error:
+        return str(error)
+    if len(events) != line["events"]:
+        return f"{video.target}: holds {len(events)} events, not the {line['events']} that were recorded"
+    if len(events) and not (events.t[0] >= 0 and events.t[-1] < line["duration"]):
+        return f"{video.target}: has times outside the video's {line['duration']} µs"
+    if "recording_sha256" in line and sha256(video.target) != line["recording_sha256"]:
+        return f"{video.target}: was changed since it was recorded"
+    return None

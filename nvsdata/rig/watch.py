@@ -1,0 +1,124 @@
+"""What is done when takes fail in a row: the camera is opened anew, a video that went well before is tried, and if that
+fails, too, the batch pauses and somebody is told.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from nvsdata.common.clock import host_time
+from nvsdata.common.progress import say_beside
+from nvsdata.rig.status import Status
+
+REOPEN = 3  # takes that failed in a row after which the camera is opened anew
+PAUSE = 6  # after which the batch pauses, if they were of several videos
+DIFFERENT = 3  # videos that failed, from which on the cause isn't theirs
+PAUSED = 600_000_000  # µs
+MOST_PAUSES = 36  # in a row: after six hours nobody came
+TIMEOUT = 60.0  # s that the command of an alarm may take
+KEPT = 20  # failed takes that are kept to be looked at
+
+
+class BatchStopped(OSError):
+    """Nothing could be recorded any more, though the batch paused many times."""
+
+
+class Watch:
+    """Counts takes that fail in a row, and does something about it.
+
+    - `status`: of the batch
+    - `command`: run by the shell at an alarm, which is in its environment as `NVSDATA_ALARM`, with the folder as
+      `NVSDATA_OUT` (None: no command)
+    - `reopen`: opens the camera anew
+    - `wait`: waits until a host time (µs)
+    - `probe`: whether a video that was recorded before can be recorded now (default: there is none)
+    """
+
+    def __init__(
+        self,
+        status: Status,
+        command: str | None,
+        reopen: Callable[[], None],
+        wait: Callable[[float], None],
+        probe: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._status, self._command, self._reopen, self._wait = status, command, reopen, wait
+        self._probe = probe
+        self._failed: list[str] = []
+        self._pauses = 0
+
+    def succeeded(self) -> None:
+        """A take was right."""
+        self._failed, self._pauses = [], 0
+        self._status.set(in_a_row=0, state="recording")
+
+    def failed(self, video: str, reason: str) -> list[str]:
+        """A take failed. Returns the videos whose takes don't count, because the cause was none of theirs.
+
+        `BatchStopped` if nothing was recorded over so many pauses.
+        """
+        self._failed.append(video)
+        self._status.failure(video, reason)
+        if len(self._failed) == REOPEN:
+            self._reopen()
+        if len(self._failed) < PAUSE or len(set(self._failed)) < DIFFERENT:
+            return []
+        if self._probe():
+            # the camera and the screen are all right, so the videos aren't
+            self.succeeded()
+            return []
+        spared, self._failed = self._failed, []
+        self._pauses += 1
+        told = f"{PAUSE} takes in a row failed, the last one of {video}: {reason}"
+        if self._pauses > MOST_PAUSES:
+            self.alarm(f"{told}; given up")
+            raise BatchStopped(f"{told}; given up after {MOST_PAUSES} pauses: --resume goes on")
+        self._status.set(state="paused")
+        self.alarm(f"{told}; tried again in {PAUSED / 60e6:.0f} minutes")
+        self._reopen()
+        self._wait(host_time() + PAUSED)
+        self._status.set(state="recording")
+        return spared
+
+    def alarm(self, text: str) -> None:
+        """Tell somebody."""
+        say_beside(text)
+        if self._command is None:
+            return
+        given = os.environ | {"NVSDATA_ALARM": text, "NVSDATA_OUT": str(self._status.out)}
+        try:
+            code = _run(self._command, given)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            say_beside(f"the command for alarms failed: {error}")
+        else:
+            if code:
+                say_beside(f"the command for alarms ended with exit code {code}")
+
+
+def _run(command: str, environment: dict[str, str]) -> int:
+    """Run a command of the shell, without input; it and what it started end after `TIMEOUT`. Returns its exit code."""
+    posix = os.name == "posix"
+    # stdout is for results
+    streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+    with subprocess.Popen(command, shell=True, env=environment, start_new_session=posix, **streams) as process:
+        try:
+            return int(process.wait(TIMEOUT))
+        except BaseException:
+            if posix:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
+            raise
+
+
+def prune(takes: Path) -> None:
+    """Remove all but the newest failed takes of a folder."""
+    files = sorted((path for path in takes.rglob("*") if path.is_file()), key=lambda path: path.stat().st_mtime)
+    for path in files[:-KEPT]:
+        path.unlink()

@@ -1,0 +1,1 @@
+"""Events to events: windows, sampling, filters, noise and other changes."""

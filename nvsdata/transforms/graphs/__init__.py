@@ -1,0 +1,1 @@
+"""Graphs of events: edges, node features, augmentation."""

@@ -1,0 +1,1 @@
+"""Events to tensors: frames, images, surfaces, histograms, points."""
