@@ -101,3 +101,9 @@ def run(monkeypatch, capsys):
         return capsys.readouterr().out
 
     return run
+
+
+@pytest.fixture
+def headless(monkeypatch):
+    """SDL without a display."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")

@@ -56,6 +56,7 @@ from nvsdata.transforms.graphs.edges import KNNGraph, RadiusGraph, knn_graph, ra
 from nvsdata.transforms.graphs.features import Age, MergePixels, NodeFeatures, Patch, PatchMean, merge_pixels
 from nvsdata.transforms.graphs.grid import Graph2Grid, graph2grid
 from nvsdata.transforms.parse import from_repr
+from nvsdata.transforms.pipeline_window import longest_window, window_length, with_window_length
 from nvsdata.transforms.random_apply import RandomApply, RandomChoice
 from nvsdata.transforms.registry import TRANSFORMS, register_transform
 from nvsdata.transforms.tensors.active_focus import TAF, taf
@@ -105,7 +106,6 @@ from nvsdata.transforms.tensors.point_sets import Points, points
 from nvsdata.transforms.tensors.surfaces import EventSurfaces, TimeSurface, event_surfaces, time_surface
 from nvsdata.transforms.tensors.tokens import GroupTokens, group_tokens
 from nvsdata.transforms.tensors.voxels import VoxelGrid, voxel_grid
-from nvsdata.transforms.window_length import longest_window, window_length, with_window_length
 
 __all__ = [
     "DART",

@@ -9,6 +9,7 @@ import pytest
 from clips import write_video
 
 from nvsdata.batch import manifest as module
+from nvsdata.batch import run as runs
 from nvsdata.batch.folder import Video, check_name, fatal, sha256, videos_in
 from nvsdata.batch.manifest import Manifest, file_facts
 from nvsdata.batch.run import FolderReport, FolderRun, noted
@@ -157,7 +158,7 @@ def test_a_manifest_s_first_line_and_which_others_fit(tmp_path):
 
 def test_what_a_run_over_a_folder_counts(tmp_path, video, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(runs.time, "monotonic", lambda: now[0])
     others = [Video(f"{n}.avi", tmp_path / f"{n}.avi", tmp_path / f"{n}.h5") for n in range(3)]
     with opened(tmp_path) as manifest:
         manifest.add(line())
@@ -192,7 +193,7 @@ def test_what_is_noted_of_a_video(tmp_path, video):
     with noted(video, told):
         pass
     assert told == {}
-    for error in (ValueError("odd"), OSError("odd"), MemoryError("odd"), module.cv2.error("odd")):
+    for error in (ValueError("odd"), OSError("odd"), MemoryError("odd"), runs.cv2.error("odd")):
         told = {}
         with noted(video, told):
             raise error

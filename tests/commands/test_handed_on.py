@@ -45,10 +45,11 @@ def test_recordings_that_make_no_sense_are_wrong_usage(words, message, capsys):
 def session(monkeypatch):
     """What the recording session is asked for."""
     from nvsdata.recording import session
+    from nvsdata.rig import session as rig
 
     asked = []
-    for name in ("run", "run_calibration", "run_batch"):
-        monkeypatch.setattr(session, name, lambda *args, name=name, **more: asked.append((name, args, more)) or 5)
+    for module, name in ((session, "run"), (rig, "run_calibration"), (rig, "run_batch")):
+        monkeypatch.setattr(module, name, lambda *args, name=name, **more: asked.append((name, args, more)) or 5)
     return asked
 
 
@@ -347,7 +348,7 @@ def test_nothing_else_gets_the_numbers_of_closed_streams(monkeypatch, closed):
 
 def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
     given = []
-    monkeypatch.setattr("nvsdata.recording.session.run_batch", lambda *args, **how: given.append(how) or 3)
+    monkeypatch.setattr("nvsdata.rig.session.run_batch", lambda *args, **how: given.append(how) or 3)
     words = ["--calibration", "c", "--strict", "--accept-quiet", "--on-alarm", "mail me"]
     words += ["--note", "dark", "--live", "--until-full"]
     assert main(["record", "--monitor", "in", "--out", "b", *words]) == 3

@@ -16,11 +16,12 @@ from processes_of_others import dead_owner
 
 import nvsdata
 from nvsdata import EventFolder
+from nvsdata.batch import scheduler
 from nvsdata.batch.folder import FORMATS, Video, videos_in
 from nvsdata.batch.manifest import as_before
 from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
-from nvsdata.emulation import PIX2NVS, cluster, convert, preview
+from nvsdata.emulation import PIX2NVS, convert, preview
 from nvsdata.emulation.convert import convert_videos, plan
 from nvsdata.emulation.estimate import estimate
 from nvsdata.formats.hdf5 import layouts as hdf5
@@ -246,7 +247,7 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
         victim = cluster.workers[0].pid
         seen = []
-        real = convert._results
+        real = convert.as_done
 
         def kills_one(*arguments):
             for found in real(*arguments):
@@ -256,7 +257,7 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
                 yield found
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(convert, "_results", kills_one)
+            patch.setattr(convert, "as_done", kills_one)
             report = convert_videos(tmp_path / "v", tmp_path / "many", scheduler=cluster.scheduler_address)
     assert (report.done, report.failed) == (8, {})
     assert sorted_lines(tmp_path / "one") == sorted_lines(tmp_path / "many")
@@ -266,12 +267,12 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
 @pytest.mark.parametrize("lost", ["the workers", "the scheduler"])
 def test_a_cluster_without_workers_ends_the_run_which_resumes(videos, tmp_path, monkeypatch, capsys, lost):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "LOOK_S", 0.1)
-    monkeypatch.setattr(cluster, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(scheduler, "LOOK_S", 0.1)
+    monkeypatch.setattr(scheduler, "PATIENCE_S", 0.5)
     there = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(**there) as local:
         seen = []
-        real = convert._results
+        real = convert.as_done
 
         def loses(*arguments):
             for found in real(*arguments):
@@ -283,7 +284,7 @@ def test_a_cluster_without_workers_ends_the_run_which_resumes(videos, tmp_path, 
                 yield found
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(convert, "_results", loses)
+            patch.setattr(convert, "as_done", loses)
             many = videos / "many"
             for i in range(6):
                 write_video(many / f"{i}.avi", moving_square(40, (160, 120), i))

@@ -47,12 +47,6 @@ def clock(monkeypatch, headless):
 
 
 @pytest.fixture
-def headless(monkeypatch):
-    """SDL without a display."""
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-
-
-@pytest.fixture
 def quick(monkeypatch, headless):
     """`lab.hurry`, undone afterwards."""
     for name in ("STEP", "STILL", "SETTLE", "FADE", "flashes"):

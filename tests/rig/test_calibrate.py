@@ -11,10 +11,9 @@ from nvsdata import Events
 from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.plots.drawing import ON
-from nvsdata.recording import session
 from nvsdata.recording.live_view import sharpness
 from nvsdata.recording.simulated.scenes import CORNERS
-from nvsdata.rig import calibrate
+from nvsdata.rig import calibrate, session
 from nvsdata.rig.calibration import ZOOM, _picture, corners_of, lines_of, rectangles, spectrum_of
 from nvsdata.rig.clock_fit import NoSync
 

@@ -1,6 +1,7 @@
 """HDF5 with compressed columns: a third of the disk, for several times the time to read.
 
-The layout is that of `layouts.py`, which reads these files too, in chunks of 2^14 events, shuffled and deflated. It takes 1.7 to 3.3 bytes per event where plain columns take 7 to 9.
+The layout is that of `layouts.py`, which reads these files too, in chunks of 2^14 events, shuffled and deflated.
+It takes 1.7 to 3.3 bytes per event where plain columns take 7 to 9.
 A window of 30 ms takes milliseconds, not 0.1 ms.
 """
 

@@ -218,7 +218,7 @@ def stopped(dataset, out, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(packing, "_assemble", stops)
-        patch.setattr(packing, "_decode", lambda *given: seen.append(given[1]) or decode(*given))
+        patch.setattr(packing, "_decode", lambda *given: seen.append(given[2]) or decode(*given))
         with pytest.raises(KeyboardInterrupt):
             pack(dataset, out)
     return seen

@@ -163,7 +163,7 @@ def test_pieces_are_written_as_one(tmp_path, kind, ev, cuts):
 
 def test_neighbors_take_less_room():
     def size(kind, x):
-        encoding = importlib.import_module(f"nvsdata.formats.{kind.replace('.', '')}")
+        encoding = importlib.import_module(f"nvsdata.formats.evt.{kind.replace('.', '')}")
         ev = Events(np.full(len(x), 5), x, np.full(len(x), 3), np.ones(len(x), int), (2048, 4))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.raw"
