@@ -148,6 +148,8 @@ def folder(tmp_path):
         n = int(rng.integers(1_000, 60_000))
         t, x, y = np.sort(rng.integers(0, 10**6, n)), rng.integers(0, 34, n), rng.integers(0, 34, n)
         nvsdata.write(Events(t, x, y, rng.integers(0, 2, n), (34, 34)), path)
+        # a cache leaves out recordings that changed a moment ago
+        os.utime(path, (1, 1))
     (tmp_path / "out").mkdir()
     return tmp_path / "folder"
 
