@@ -12,7 +12,7 @@ from nvsdata.benchmarks.line import OURS, Plain
 
 @dataclass(frozen=True)
 class Options:
-    """What all tasks are told.
+    """Options of all tasks.
 
     - `scratch`: folder for files that are read or written
     - `quick`: small sizes, so that all tasks together take less than ten minutes

@@ -1,4 +1,4 @@
-"""What curves of lines say: which points nothing surpasses, and how cost grows."""
+"""Pareto fronts and scaling exponents of measurements."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def _first(lines: Sequence[Line], at: int) -> tuple[int, int]:
 
 
 def is_scaling(lines: Sequence[Line]) -> bool:
-    """Whether the lines of a work are of growing sizes."""
+    """Return True if the lines of a task are of growing sizes."""
     return any(line.axis in line.size for line in lines)
 
 
 def is_tradeoff(lines: Sequence[Line]) -> bool:
-    """Whether a setting of the work trades time for accuracy."""
+    """Return True if a setting of the task trades time for accuracy."""
     ours = [line for line in lines if line.library == OURS and line.axis]
     return not is_scaling(lines) and len({line.error for line in ours if line.error is not None}) > 1
 
@@ -54,7 +54,7 @@ def exponent(lines: Sequence[Line]) -> float:
 
 
 def bends_upward(lines: Sequence[Line]) -> bool:
-    """Whether cost grows faster than size, and ever faster: the exponent of the larger half is well above both.
+    """Return True if cost grows faster than size, and ever faster: the exponent of the larger half is well above both.
 
     Where what is counted grows faster than size, such as edges in ever busier windows, that takes the place of size.
     """

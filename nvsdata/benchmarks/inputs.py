@@ -1,4 +1,4 @@
-"""What is worked on: recordings of real sensors if a folder with some is given, and scenes of our own making."""
+"""Inputs of benchmarks: recordings of real sensors if a folder with some is given, and synthetic scenes."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def pairs(folder: Path) -> list[Path]:
 
 
 def lacking(folder: Path) -> list[str]:
-    """What of all that is looked for a folder doesn't have."""
+    """Return the recordings that a folder lacks."""
     found = {
         "N-MNIST": _digit_files(folder),
         "recording of a 240x180 sensor": _real_street(folder),

@@ -1,4 +1,4 @@
-"""What one measurement says, and files of such lines."""
+"""Result of one measurement, and files of such lines."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ class Line:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What stays the same from run to run."""
+        """The fields that identify a measurement from run to run."""
         told = (f"{name}={value}" for group in (self.settings, self.size) for name, value in sorted(group.items()))
         return (self.task, self.work, self.library, self.device, self.scope, *told)
 
     @property
     def place(self) -> float:
-        """Where the line stands on its axis; NaN if that isn't a number."""
+        """Return the line's position on its axis; NaN if that isn't a number."""
         value = self.settings.get(self.axis, self.size.get(self.axis))
         return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 

@@ -1,4 +1,4 @@
-"""Where figures were measured, and of which state of the code."""
+"""Description of the machine and of the version of the code."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def _figure(lines: Sequence[Line]) -> str:
 
 
 def _about_default(ours: Sequence[Line]) -> str:
-    """Whether the default is on the front."""
+    """Say if the default is on the front."""
     known = [line for line in ours if line.error is not None]
     best = front([(line.error or 0.0, line.seconds) for line in known])
     default = [i for i, line in enumerate(known) if line.default]

@@ -1,1 +1,1 @@
-"""What `nvsdata` can do: a module per command, with `add_arguments(parser)` and `run(args)`, the exit code."""
+"""Commands of `nvsdata`: a module each, with `add_arguments(parser)` and `run(args)`, which returns the exit code."""

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def facts_of(file: Path) -> dict[str, Any]:
-    """What is in a recording: format, sensor, events, times (µs), share of ON and anomalies, by name.
+    """Return the facts of a recording by name: format, sensor, events, times (µs), fraction of ON, anomalies.
 
     Raises FormatError or FileNotFoundError if it can't be read.
     """

@@ -1,4 +1,4 @@
-"""What the options of several commands share: their types, and the format of their help."""
+"""Types of options and format of help that several commands share."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def share(text: str) -> float:
 
 @contextmanager
 def usage() -> Iterator[None]:
-    """Where settings are made of options: a ValueError is wrong usage."""
+    """Treat a ValueError in the block, which makes settings of options, as wrong usage."""
     try:
         yield
     except ValueError as error:

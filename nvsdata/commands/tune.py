@@ -144,7 +144,7 @@ def _shown(path: Path) -> Path | Recording:
 
 
 def _start(pair: Pair, base: Emulator, space: Collection[str]) -> tuple[DVS | None, str]:
-    """What a fit of a pair begins with, and what is to be said of it; None where nothing can be fitted."""
+    """Return the initial settings of a fit of a pair, and a message; None if nothing can be fitted."""
     if not isinstance(base, DVS):
         return None, ""
     try:

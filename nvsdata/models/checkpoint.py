@@ -254,7 +254,7 @@ def _checked(transform: Any) -> str | None:
 
 
 def _same_kinds(a: Any, b: Any) -> bool:
-    """Whether two transforms, and those within them, are of the same classes."""
+    """Return True if two transforms, and those within them, are of the same classes."""
     if isinstance(a, list | tuple) and isinstance(b, list | tuple):
         return len(a) == len(b) and all(map(_same_kinds, a, b))
     if type(a) is not type(b):

@@ -55,7 +55,7 @@ class Counting(TorchDispatchMode):  # type: ignore[no-untyped-call]
 
 
 def _rule(func: Any) -> Callable[..., float] | None:
-    """How many operations a function of torch does, from its result and arguments; None if that isn't known."""
+    """Return the number of operations of a function of torch, from its result and arguments, or None if unknown."""
     packet = func.overloadpacket
     if packet in flop_registry and not str(packet).endswith("backward"):
         return lambda out, /, *args, **kwargs: flop_registry[packet](*args, **kwargs, out_val=out)
@@ -71,7 +71,7 @@ def _rule(func: Any) -> Callable[..., float] | None:
 
 
 def _real(out: Any) -> bool:
-    """Whether a result, or one of several, is of real or complex numbers."""
+    """Return True if a result, or one of several, is of real or complex numbers."""
     if isinstance(out, list | tuple):
         return any(map(_real, out))
     return isinstance(out, torch.Tensor) and (out.is_floating_point() or out.is_complex())

@@ -1,4 +1,4 @@
-"""What a trained network decides about events that keep coming."""
+"""Decisions of a trained network about a stream of events."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Decider:
 
 
 def _how(transform: Any, window: int | None) -> dict[str, Any]:
-    """What `stream` needs besides the network."""
+    """Return the arguments of `stream` other than the network."""
     found: dict[str, Any] = {"window": window}
     for step in transform.transforms if isinstance(transform, Compose) else [transform]:
         if isinstance(step, RandomWindow):

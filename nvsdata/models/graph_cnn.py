@@ -32,7 +32,7 @@ Convolution = str | Callable[[int, int], nn.Module]
 
 @dataclass(frozen=True)
 class Kernel:
-    """How the convolutions of a network are made; see `RGCNN` for each setting."""
+    """Settings of a network's convolutions; see `RGCNN` for each."""
 
     size: int = 5
     dim: int = 2

@@ -191,7 +191,7 @@ def _watched(units: dict[str, nn.Module], counting: Counting, formulas: dict[str
 
 
 def _out_of_sight(module: nn.Module, inputs: Any, output: Any) -> bool:
-    """Whether a module without parts gave new values although torch did nothing."""
+    """Return True if a module without parts returned new values although torch did nothing."""
     if next(module.children(), None) is not None or not isinstance(output, torch.Tensor) or output.is_meta:
         return False
     given = {x.untyped_storage().data_ptr() for x in inputs if isinstance(x, torch.Tensor)}
@@ -230,7 +230,7 @@ def _flops(module: nn.Module, inputs: Any, output: Any) -> int | None:
 
 
 def _aggregation(module: SplineConv, inputs: Any, _: Any) -> int:
-    """What kernels do for a B-spline convolution on the CPU: shares, sums over neighbors, rows of products added."""
+    """Count the operations of a B-spline convolution on the CPU: shares, sums over neighbors, products."""
     x, edge_index, u = inputs
     if x.device.type != "cpu":
         return 0

@@ -59,7 +59,7 @@ class GraphPool(nn.Module):
 
 
 def coarse_reach(reach: Reach, cluster: tuple[int, int]) -> Reach:
-    """What the end of an axis of the pseudo-coordinates stands for after pooling.
+    """Return the normalization range of the pseudo-coordinates after pooling.
 
     Centers of neighboring clusters are a cluster's side apart, and no less than edges were long before. On N-MNIST 92
     to 100% of the edges are no longer; those that are longer count as that.

@@ -22,7 +22,7 @@ DENSE = 128
 
 
 def traced(x: torch.Tensor) -> bool:
-    """Whether torch looks on without values."""
+    """Return True while torch traces without values."""
     # a subclass may hold values all the same
     return torch.compiler.is_compiling() or (type(x) in (torch.Tensor, torch.nn.Parameter) and x.is_meta)
 
@@ -46,7 +46,7 @@ def spline_sum(
 
 
 def has_kernels(x: torch.Tensor) -> bool:
-    """Whether our kernels take a tensor: on the CPU, of single or double precision. Torch's paths take any."""
+    """Return True if our kernels take a tensor: on the CPU, of single or double precision. Torch's paths take any."""
     return x.device.type == "cpu" and x.dtype in (torch.float32, torch.float64)
 
 
@@ -56,7 +56,7 @@ def widened(x: torch.Tensor) -> torch.Tensor:
 
 
 def occurrences(index: torch.Tensor, count: int) -> torch.Tensor:
-    """How often each number below `count` occurs, int64; the host doesn't wait for the device, as for `bincount`."""
+    """Count each number below `count`, int64; the host doesn't wait for the device, as for `bincount`."""
     return index.new_zeros(count).scatter_add_(0, index, torch.ones_like(index))
 
 

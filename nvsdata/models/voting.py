@@ -6,7 +6,7 @@ import torch
 
 
 def vote(scores: torch.Tensor, axis: int = 0) -> torch.Tensor:
-    """What windows of a recording say together: probabilities in proportion to the geometric mean of theirs.
+    """Combine the windows of a recording: probabilities in proportion to the geometric mean of theirs.
 
     - `scores`: [..., num_classes], a network's for each window
     - `axis`: along which the windows lie (default 0)

@@ -1,4 +1,4 @@
-"""What a camera is to the rest of this package: `record` takes any object that has these members."""
+"""Protocol of a camera: `record` takes any object that has these members."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nvsdata.data.samples import Piece
 
 
 class CameraError(OSError):
-    """Why a camera can't record, in one line that says what to do."""
+    """Reason why a camera can't record, in one line that says what to do."""
 
 
 class Unplugged(CameraError):
@@ -19,7 +19,7 @@ class Unplugged(CameraError):
 
 
 class Facts(Protocol):
-    """What a camera reports about itself: name, serial number, and the size of its sensor in pixels."""
+    """A camera's report about itself: name, serial number, and the size of its sensor in pixels."""
 
     @property
     def name(self) -> str: ...
@@ -32,17 +32,17 @@ class Facts(Protocol):
 
 
 class Decoder(Protocol):
-    """What decodes a camera's stream; `width` and `height` are the sensor's, in pixels."""
+    """Decoder of a camera's stream; `width` and `height` are the sensor's, in pixels."""
 
     width: int
     height: int
 
     @property
     def error_counts(self) -> dict[str, int]:
-        """How often each kind of fault was in the stream so far, by name."""
+        """Number of faults of each kind in the stream so far, by name."""
 
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
-        """What blocks of the stream hold, and the times (µs, int64) of pulses at the external input.
+        """Return the contents of blocks of the stream, and the times (µs, int64) of pulses at the external input.
 
         Times count from the last reset of the camera's clock. What came before it is left out, and so is what comes
         from `last` (µs) on, unless that is None.
@@ -65,7 +65,7 @@ class Camera(Protocol):
 
     @property
     def facts(self) -> Facts:
-        """What the camera reports about itself."""
+        """The camera's report about itself."""
 
     def configure(self, settings: Any = None) -> None:
         """Set biases, region and so on; None for its defaults. ValueError for settings that it doesn't have."""
@@ -92,7 +92,7 @@ class Camera(Protocol):
         """A new decoder of its stream, whose times never fall."""
 
     def about(self) -> dict[str, Any]:
-        """What recordings say about the camera, as in `Recording.about`."""
+        """Facts about the camera for recordings, as in `Recording.about`."""
 
     def journal_head(self, decoder: Any, last: int | None, about: Mapping[str, Any]) -> bytes | None:
         """First bytes of a file that keeps the stream as it comes, and that `nvsdata.open` reads.

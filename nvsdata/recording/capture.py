@@ -38,7 +38,7 @@ SWITCH = 2e-4
 
 @dataclass
 class RecordingReport:
-    """How a recording went.
+    """Result of a recording.
 
     - `path`: the file, None if nothing was written
     - `events`: events recorded
@@ -81,7 +81,7 @@ class RecordingReport:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing was lost on the way."""
+        """True if nothing was lost on the way."""
         faulty = self.lost or self.dropped or self.error_counts.get("usb_errors")
         return not faulty and self.failure is None
 
@@ -179,7 +179,7 @@ def check_room(path: Path) -> None:
 
 
 def check_format(path: Path, settings: Any) -> bool:
-    """Whether a file with this extension holds inertial samples.
+    """Return True if a file with this extension can contain inertial samples.
 
     ValueError if nvsdata doesn't write such files, or if they hold no frames and the settings ask for frames.
     """
@@ -223,7 +223,7 @@ def switching_fast() -> Iterator[None]:
 
 
 def _blocks(camera: Camera, decoder: Decoder, reader: CameraReader, report: RecordingReport) -> Iterator[bytes]:
-    """What was read; asks for the reset of the clock again if it isn't in there, and CameraError if it stays away."""
+    """Yield the blocks that were read; request the clock's reset again if it is missing. CameraError if it never comes."""
     asked, times = time.monotonic(), 1
     while block := reader.take():
         yield block
@@ -246,7 +246,7 @@ def _pieces(
     report: RecordingReport,
     watch: Callable[[RecordingReport, Events], None],
 ) -> Iterator[Events]:
-    """What the camera sends, from the reset of its clock until `last` µs of its time."""
+    """Yield what the camera sends, from the reset of its clock until `last` µs of its time."""
     yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)
     for piece, triggers in decoder.decoded(_blocks(camera, decoder, reader, report), last):
         report.events += len(piece)

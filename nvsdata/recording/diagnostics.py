@@ -1,4 +1,4 @@
-"""What a recording needs, and what of it is missing: libusb, permission, firmware, other programs, a display, disk."""
+"""Diagnostics: requirements of a recording (libusb, permission, firmware, display, disk), and which are missing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PYGAME = "--live, --monitor and --calibrate need it: pip install 'nvsdata[monito
 
 
 class Finding(NamedTuple):
-    """What was looked at, what was found, and what to do about it (None: nothing).
+    """A checked requirement, the finding, and the cure (None if none is needed).
 
     A recording such as was asked for is possible without what isn't `needed`.
     """
@@ -38,7 +38,7 @@ class Finding(NamedTuple):
 
     @property
     def missing(self) -> bool:
-        """Whether something must be done before a recording."""
+        """True if something must be done before a recording."""
         return self.needed and self.cure is not None
 
 

@@ -82,7 +82,7 @@ class LiveView:
 
 
 def sharpness(events: Events) -> float:
-    """How sharp the picture of events is: the energy of its Laplacian over its own energy; lower if blurred."""
+    """Return the sharpness of an image of events: the energy of its Laplacian over its own energy; lower if blurred."""
     width, height = events.sensor_size
     signed = np.bincount(events.y * np.intp(width) + events.x, events.p * 2.0 - 1, width * height)
     picture = cv2.GaussianBlur(signed.reshape(height, width).astype(np.float64), (0, 0), 1)

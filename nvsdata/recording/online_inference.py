@@ -13,7 +13,7 @@ from nvsdata.recording.capture import RecordingReport
 
 
 class Decides(Protocol):
-    """What is fed events and gives a line per decision, such as `models.Decider`."""
+    """Protocol of a classifier that is fed events and returns a line per decision, such as `models.Decider`."""
 
     stream: Any
 

@@ -224,7 +224,7 @@ def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
 
 
 def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, *how: Any) -> bool:
-    """Whether the shortest video whose recording isn't odd can be recorded again; False if there is none."""
+    """Record the shortest video with an unflagged recording again; return True on success, False if there is none."""
     lines = manifest.videos
     fine = [video for video in videos if lines.get(video.name, {}).get("status") == "recorded"]
     fine = [video for video in fine if "look" not in lines[video.name] and video.path.exists()]
@@ -245,12 +245,12 @@ def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, 
 
 
 def _ends_all(reason: Exception, video: Video) -> bool:
-    """Whether an error is one of the disk or the monitor, after which nothing can be recorded."""
+    """Return True for an error of the disk or the monitor, after which nothing can be recorded."""
     return isinstance(reason, DisplayError) or (isinstance(reason, OSError) and fatal(reason, video.path))
 
 
 def _line(video: Video, camera: Camera) -> dict[str, Any]:
-    """What the manifest says about a video in any case."""
+    """Return the fields that each line of the manifest has."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
     note = getattr(camera, "note", None)
     line = {"video": video.name, "status": "recorded", "when": now, "camera": camera.facts.serial}

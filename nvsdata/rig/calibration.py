@@ -1,4 +1,4 @@
-"""How a camera sees a screen, measured from the events of flashes and of a still picture."""
+"""A screen in the view of a camera, measured from the events of flashes and of a still image."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Round = Callable[[float], float]
 
 @dataclass(frozen=True)
 class Calibration:
-    """What was measured.
+    """Measurements of a calibration.
 
     - `response`: the share of the flashes that each pixel saw, [H, W]
     - `corners`: places (x, y) on the sensor of the upper left, upper right, lower right and lower left corner of the
@@ -238,7 +238,7 @@ def corners_in(folder: Path) -> list[list[float]]:
 
 
 def _picture(found: Calibration) -> np.ndarray:
-    """Which pixels saw the flashes, with corners, region and crop drawn in: uint8 [H, W, 3], BGR."""
+    """Draw the pixels that saw the flashes, with corners, region and crop: uint8 [H, W, 3], BGR."""
     gray = (found.response * 255).astype(np.uint8).repeat(ZOOM, 0).repeat(ZOOM, 1)
     picture = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
     corners = ((found.corners + 0.5) * ZOOM).round().astype(np.int32)

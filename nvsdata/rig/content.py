@@ -1,4 +1,4 @@
-"""What a recording of a video shows, beside what a video of its motion should give."""
+"""Quality of a recording of a video, compared with the events that the video's motion should give."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Content:
 
     @property
     def quiet(self) -> bool:
-        """Whether the video moves so little that few events are right."""
+        """True if the video moves so little that few events are right."""
         return self.scale is None and self.corners is not None
 
     def told(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class Inspector:
     accept_quiet: bool = False
 
     def judged(self, span: Span, video: Path, events: int) -> dict[str, Any]:
-        """What the manifest is to say of a recording with so many events: figures, and what is to be looked at.
+        """Return the manifest's fields for a recording with `events` events: figures, and reasons for a review.
 
         `TakeRejected` if it has too few events, or, when `strict`, if anything is odd about it.
         """
@@ -145,7 +145,7 @@ class Inspector:
         return corners.round(2).tolist(), float(mask.mean()), float(share[mask].mean())
 
     def doubts(self, found: Content) -> list[str]:
-        """What is odd about a recording, in words; empty if nothing is."""
+        """List what is unusual about a recording; empty if nothing is."""
         told = []
         if found.corners is None:
             told.append("too few pixels see the screen")
@@ -164,7 +164,7 @@ class Inspector:
         return told + self._beside_others(found)
 
     def _odd_view(self, corners: list[list[float]], cover: float) -> list[str]:
-        """What is odd about where the screen is in view, without a calibration to compare it with."""
+        """List what is unusual about the screen's place in view, if there is no calibration to compare it with."""
         sides = np.hypot(*np.diff(np.array([*corners, corners[0]]), axis=0).T)
         wide, high = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
         aspect = wide / max(high, 1) * self.monitor.size[1] / self.monitor.size[0]

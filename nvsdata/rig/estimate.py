@@ -1,4 +1,4 @@
-"""How long a batch will take, and how much disk, before it starts."""
+"""Time and disk that a batch will need, estimated before it starts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ USUAL = 2_000_000  # bytes per second of video, if nothing was recorded yet: 250
 
 
 class Estimate(NamedTuple):
-    """What a batch will need, in words, and whether the disk is too small for it."""
+    """Needs of a batch as text; `short` is True if the disk is too small."""
 
     text: str
     short: bool

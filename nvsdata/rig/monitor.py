@@ -106,7 +106,7 @@ class Monitor:
         return told, told, False, float(gaps.min())
 
     def odd(self) -> str | None:
-        """What is odd about the display's refresh; None if nothing is."""
+        """Return what is unusual about the display's refresh, or None."""
         if not self.synced:
             return (
                 "the display doesn't hold pictures back until a refresh (is vertical sync off?): they may be shown late"
@@ -191,7 +191,7 @@ class Monitor:
         return np.ascontiguousarray(picture), (x, y)
 
     def place_of(self, width: int, height: int) -> tuple[int, int, int, int]:
-        """Where on the screen a picture of that size goes: x, y, width, height. ValueError as for `show`."""
+        """Return the place of an image of that size on the screen: x, y, width, height. ValueError as for `show`."""
         x, y, wide, high = self.region
         scale = min(wide / width, high / height)
         if self.scaling == "integer":

@@ -30,7 +30,7 @@ USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 
 @dataclass
 class PlaybackLog:
-    """What was shown when; host times in µs.
+    """Log of what was shown when; host times in µs.
 
     - `refresh`: time between two refreshes of the monitor (µs)
     - `flashes`, `bright`: when the whole screen changed, and whether to bright (True) or to dim

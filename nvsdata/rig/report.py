@@ -222,7 +222,7 @@ def _table(lines: Sequence[Line]) -> str:
 
 
 def _legend(charts: bool) -> str:
-    """What the words and figures on the page mean."""
+    """Return the legend of the page."""
     known = WORDS | {figure.name: figure.meaning for figure in FIGURES if figure.column or charts}
     terms = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(text)}</dd>" for name, text in known.items())
     return f"<h2>Terms</h2><dl>{terms}</dl>"

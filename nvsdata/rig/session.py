@@ -147,7 +147,7 @@ def run_batch(
 
 
 def _watched(simulate: Simulation | None) -> tuple[Any, Any]:
-    """What a simulated camera needs to see the monitor, see `Simulation.watched`."""
+    """Return the backend of a simulated camera and the function that shows it the monitor, see `Simulation.watched`."""
     if simulate is None:
         return None, None
     remark("preparing the simulated camera; the first time, this may take a minute")

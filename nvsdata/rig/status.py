@@ -1,4 +1,4 @@
-"""How a batch is going, in a file that other terminals and programs can read."""
+"""Status of a batch, in a file that other terminals and programs can read."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _iso(moment: float) -> str:
 
 
 def told(out: Path) -> tuple[str, bool]:
-    """How the batch that records to a folder is going, in a few lines, and whether it is going or ended well.
+    """Return the status of the batch that records to a folder as text, and True if it is running or ended well.
 
     FileNotFoundError if none has recorded there, FormatError for a file that isn't its status.
     """

@@ -1,4 +1,4 @@
-"""How a take's host time and camera time go together: by flashes in its events and, if there are any, in triggers."""
+"""Alignment of host and camera clocks of a take: by flashes in its events and, if there are any, in triggers."""
 
 from __future__ import annotations
 

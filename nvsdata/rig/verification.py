@@ -1,4 +1,4 @@
-"""Whether the recordings in a folder are still those that its manifest lists."""
+"""Verification of the recordings in a folder against its manifest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nvsdata.rig.status import RECENT, STATUS, Status
 
 @dataclass(frozen=True)
 class Verification:
-    """What is wrong with a folder of recordings.
+    """Faults of a folder of recordings.
 
     - `videos`: how many were verified
     - `faults`: why videos have no sound recording, by their names
@@ -32,7 +32,7 @@ class Verification:
 
     @property
     def sound(self) -> int:
-        """How many videos have a sound recording."""
+        """Number of videos that have a sound recording."""
         return self.videos - len(self.faults)
 
     @property
@@ -42,7 +42,7 @@ class Verification:
 
     @property
     def well(self) -> bool:
-        """Whether a dataset of the folder has these recordings, all of them sound, and no others."""
+        """True if a dataset of the folder has these recordings, all of them sound, and no others."""
         return not self.faults and not self.foreign
 
     def told(self) -> list[str]:
@@ -125,7 +125,7 @@ def _others(videos: list[Video], lines: dict[str, dict[str, Any]], out: Path) ->
 
 
 def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
-    """How a recording differs from what the manifest says about it; None if it doesn't."""
+    """Return how a recording differs from its line of the manifest, or None."""
     if line is None:
         return "isn't recorded"
     if line["status"] not in DONE:

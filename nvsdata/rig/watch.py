@@ -1,4 +1,4 @@
-"""What is done when takes fail in a row: the camera is opened anew, a video that went well before is tried, and if that
+"""Handling of takes that fail in a row: the camera is reopened, a video that went well before is tried, and if that
 fails, too, the batch pauses and somebody is told.
 """
 

@@ -1,4 +1,4 @@
-"""How networks learn actions and scenes (thesis section 5.3.1): their input, their settings, their optimization."""
+"""Training protocol for actions and scenes (thesis section 5.3.1): input, settings, optimization."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is trained and tested on, in batches whose draws depend on seed, epoch and sample alone."""
+"""Training and test data, in batches whose random samples depend on seed, epoch and index alone."""
 
 from __future__ import annotations
 
@@ -98,6 +98,6 @@ def _with(dataset: Any, transform: Any) -> Any:
 
 
 def data_of(train: Any, test: Any, seed: int) -> dict[str, Any]:
-    """What is trained and tested on, for `Trainer`: dataset, split, fold, the run's seed, hashes of both sets."""
+    """Return a description of the data for `Trainer`: dataset, split, fold, the run's seed, hashes of both sets."""
     hashes = {"hash": train.split_hash, "test_hash": test.split_hash}
     return {"dataset": train.info.name, "split": train.split_name, "fold": train.fold, "seed": seed, **hashes}

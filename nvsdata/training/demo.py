@@ -1,4 +1,4 @@
-"""What `nvsdata demo` does: shapes that move, turned into events by PIX2NVS, told apart by a graph CNN."""
+"""The demo: moving shapes, converted to events by PIX2NVS and classified by a graph CNN."""
 
 from __future__ import annotations
 

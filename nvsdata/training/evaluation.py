@@ -1,4 +1,4 @@
-"""What a network says of recordings, and how often it is right."""
+"""Predictions of a network for recordings, and their accuracy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nvsdata.training.processes import Team
 def predict(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], team: Team
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """What a model gives for all batches, in order: values [N, ...] and targets [N], the same in all processes."""
+    """Return a model's outputs for all batches in order: values [N, ...] and targets [N], the same in all processes."""
     if isinstance(model, nn.Module):
         model.eval()
     mine = [(model(inputs.to(team.device)).cpu(), targets) for inputs, targets in batches]
@@ -41,7 +41,7 @@ def share_right(scores: torch.Tensor, targets: torch.Tensor) -> float:
 
 @dataclass(frozen=True)
 class Votes:
-    """What a network says of windows of recordings.
+    """Predictions of a network for windows of recordings.
 
     - `voters`: log-probabilities [rounds, windows, N, num_classes]; the windows of a round vote together; see `vote`
     - `targets`: true classes [N]
@@ -64,7 +64,7 @@ class Votes:
 def votes(
     model: Callable[[Any], torch.Tensor], batches: DataLoader[Any], windows: int, team: Team, rounds: int = 1
 ) -> Votes:
-    """What a model says of each window of each recording.
+    """Return a model's predictions for each window of each recording.
 
     - `model`: gives scores [B, num_classes]
     - `batches`: every recording once, then again, and so on, `rounds` times `windows` times

@@ -34,7 +34,7 @@ def run(main: Callable[[], None], hint: str | None = None) -> None:
 
 
 def _hint() -> str:
-    """How to continue, by what the trainings of this process have kept."""
+    """Return how to continue, by the checkpoints that this process has written."""
     if any(FINISHED.values()):
         return "--resume continues from the last epoch"
     return "no epoch was finished, so that there is nothing to continue from" if FINISHED else ""

@@ -1,4 +1,4 @@
-"""How networks learn objects (thesis section 4.4): their input, their settings, their optimization."""
+"""Training protocol for objects (thesis section 4.4): input, settings, optimization."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class Objects:
         return T.RadiusGraph(*metric, self.max_degree, self.pseudo, causal=self.causal)
 
     def _changes(self) -> list[Any]:
-        """What is done to events in training."""
+        """Return the augmentation of events in training."""
         if self.dataset in DIGITS:
             # a digit's mirror image is not a digit
             return [T.RandomAffine((0.85, 1.1), degrees=15, shift=2, shear=0.1, stretch=0.1), T.DropEvents(0.4)]

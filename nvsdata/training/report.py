@@ -1,4 +1,4 @@
-"""What a training came to, for people: numbers in `report.json`, and pictures of them."""
+"""Report of a training: numbers in `report.json`, and figures of them."""
 
 from __future__ import annotations
 

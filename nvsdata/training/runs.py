@@ -1,4 +1,4 @@
-"""What a training keeps in its folder: the checkpoint that it goes on from, and a log of its epochs."""
+"""Folder of a run: the checkpoint from which it resumes, and a log of its epochs."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Checkpoint:
 
     @classmethod
     def read(cls, out: Path, device: torch.device) -> Self:
-        """That of a folder. FormatError for a file that is damaged, or none of a training."""
+        """Load a run's checkpoint. FormatError for a file that is damaged or isn't a checkpoint."""
         path = out / CHECKPOINT
         try:
             # torch doesn't look at the checksums
@@ -84,7 +84,7 @@ def restore(part: Any, state: dict[str, Any]) -> None:
 
 
 def _fits(kept: Any, weights: list[torch.Tensor]) -> bool:
-    """Whether an optimizer may keep this of its weights: by their numbers, the same of each, of their sizes."""
+    """Return True if a saved optimizer state fits its weights: by their numbers, the same of each, of their sizes."""
     if not isinstance(kept, dict) or not all(n in range(len(weights)) and isinstance(kept[n], dict) for n in kept):
         return False
     pairs = [(value, weights[n]) for n, of_one in kept.items() for value in of_one.values()]
@@ -94,7 +94,7 @@ def _fits(kept: Any, weights: list[torch.Tensor]) -> bool:
 
 
 def _alike(a: Any, b: Any) -> bool:
-    """Whether two states are of one form: the same names, lengths, sizes and types, whatever the numbers."""
+    """Return True if two states have the same names, lengths, sizes and types, whatever the numbers."""
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(_alike(a[key], b[key]) for key in a)
     if isinstance(a, list | tuple) and type(a) is type(b):

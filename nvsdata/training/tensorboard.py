@@ -12,7 +12,7 @@ FOLDER = "tensorboard"
 
 
 def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
-    """What writes the lines of a log to `out/tensorboard`, for `Trainer.watch`; each number is a scalar of its epoch.
+    """Return a function for `Trainer.watch` that writes a log to `out/tensorboard`: numbers are scalars of epochs.
 
     - `out`: the training's folder
     - `team`: the processes that train together, of which the first one writes

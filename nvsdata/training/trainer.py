@@ -83,7 +83,7 @@ class Trainer:
 
     @property
     def parts(self) -> dict[str, Any]:
-        """What a checkpoint holds the state of."""
+        """The parts whose state a checkpoint contains."""
         return {"model": self.model, "optimizer": self.optimizer, "schedule": self.schedule}
 
     def fit(self, train_set: Any, evaluate: Callable[[int], dict[str, Any]]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What can be measured, a module per task."""
+"""Tasks that can be measured, one module each."""
 
 from __future__ import annotations
 

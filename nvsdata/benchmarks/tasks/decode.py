@@ -76,7 +76,7 @@ def _windows(options: Options) -> Iterator[Case]:
 
 
 def _sizes(options: Options) -> Iterator[Case]:
-    """What a recording takes on disk against how fast it is read, and written."""
+    """Size on disk of a recording against the time to read and to write it."""
     # compressed by h5py, from a file that is written first: that would not be the time of writing
     read, written = [(name, "read") for name in KEPT], [(name, "write") for name in KEPT if "," not in name]
     for name, what in read + written:
@@ -141,7 +141,7 @@ def _inflated(path: Path) -> Callable[[], Any]:
 
 
 def differing(events: Events, found: Any) -> float:
-    """How many events differ."""
+    """Count the events that differ."""
     theirs = found.columns if isinstance(found, Events) else _columns(found)
     if len(theirs[0]) != len(events):
         return float(abs(len(theirs[0]) - len(events)))

@@ -109,7 +109,7 @@ def _edges(graph: Any) -> dict[str, int]:
 
 
 def _differing(events: Events, found: Any) -> float:
-    """How many edges only one of both has."""
+    """Count the edges that only one of both has."""
     edges = found.edge_index.numpy() if hasattr(found, "edge_index") else np.asarray(found)
     if edges.shape[1] and edges[0].max() >= len(events):
         return float("inf")

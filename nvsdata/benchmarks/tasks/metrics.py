@@ -42,7 +42,7 @@ def _moved(options: Options) -> Iterator[Case]:
 
 
 def _knobs(options: Options) -> Iterator[Case]:
-    """What a faster distance loses, between a recording and the same, moved and thinned out."""
+    """Error of a faster distance, between a recording and the same, moved and thinned out."""
     for blocks in (1, 4, 16, 64):
         yield _knob(options, "EMD by blocks", {"blocks": blocks}, partial(metrics.emd, blocks=blocks), blocks == 16)
     for cell in (1, 2, 3, 4, 8):

@@ -41,7 +41,7 @@ def _all(options: Options) -> Iterator[Case]:
 
 
 def _interpolations(options: Options) -> Iterator[Case]:
-    """What interpolation in time costs, and what it changes."""
+    """Time and effect of interpolation in time."""
     for interpolation in ("linear", "nearest"):
         make = partial(_interpolated, options, interpolation)
         yield Case(
@@ -147,7 +147,7 @@ def _against(events: Events, reference: Run | None) -> Callable[[Any], float] | 
 
 
 def _events_apart(expected: Events, found: Any) -> float:
-    """How many events only one of both has, or that differ if both have as many."""
+    """Count the events that only one of both has, or that differ if both have as many."""
     theirs = found.columns if isinstance(found, Events) else tuple(found[name] for name in "txyp")
     if len(theirs[0]) != len(expected):
         return float(abs(len(theirs[0]) - len(expected)))

@@ -1,4 +1,4 @@
-"""What Prophesee's EVT encodings share: words with the high bits of the time, and what is noted while words pass.
+"""Shared parts of Prophesee's EVT encodings: words with the high bits of the time, and the state between words.
 
 The high bits of the time come in words of their own, so a walk over all words finds the state before each block of
 words; a window then decodes only its blocks, and the whole is decoded without a walk. See `columns.h` for what a

@@ -17,7 +17,7 @@ NEVER = 2**62  # µs
 
 
 class Sensor(NamedTuple):
-    """What stays the same from frame to frame.
+    """Constants of a sensor over all frames.
 
     - `table`: level by gray byte or by luminance in thousandths; empty to compute logarithms of colors
     - `dark`: thousandths of a gray level that are added to brightness before its logarithm

@@ -15,7 +15,7 @@ from nvsdata.kernels.emulate.crossings import Array, Sensor
 
 
 def rate(level: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """How fast photoreceptors approach levels of light, in 1/µs: v2e's (I + 20) / 275 of that at white."""
+    """Rate at which photoreceptors approach levels of light, in 1/µs: v2e's (I + 20) / 275 of that at white."""
     out = np.empty(level.shape, np.float64)
     _native.receptor_rates(level.astype(np.float64).reshape(-1), sensor.dark, sensor.speed, out.reshape(-1))
     return out

@@ -1,4 +1,4 @@
-"""Whether events lie on their sensor."""
+"""Check that events are on their sensor."""
 
 from __future__ import annotations
 

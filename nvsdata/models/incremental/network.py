@@ -27,7 +27,7 @@ MOST_NEIGHBORS = 1_024  # of a node; each event has room for all
 
 
 class Parts:
-    """What following events needs of a network: convolutions, how each is pooled, and the fully connected layers.
+    """Layers that incremental inference uses: convolutions, the pooling of each, and the fully connected layers.
 
     - `channels`: features of a node of `graph`
 
@@ -81,7 +81,7 @@ class Parts:
 
     @property
     def has_scores(self) -> bool:
-        """Whether there are fully connected layers."""
+        """True if there are fully connected layers."""
         return bool(self._weights)
 
     @cached_property

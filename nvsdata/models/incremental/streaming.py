@@ -54,7 +54,7 @@ def stream(
 
 
 def _edges_of(graph: Any) -> Any:
-    """What makes the edges of a graph whose nodes may have features."""
+    """Return the transform that makes the edges of a graph whose nodes may have features."""
     if isinstance(graph, NodeFeatures):
         graph = graph.graph
     if isinstance(graph, Compose) and len(graph.transforms) == 1:
@@ -63,7 +63,7 @@ def _edges_of(graph: Any) -> Any:
 
 
 class _Follower(ABC):
-    """What follows events with a network in a window, on a graph."""
+    """Incremental inference of a network in a window, on a graph."""
 
     def __init__(self, model: nn.Module, window: int | None, graph: Any, sampler: LookingBack | None) -> None:
         if window is not None:

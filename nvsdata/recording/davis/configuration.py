@@ -1,4 +1,4 @@
-"""What a camera reports about itself, and what is written to it: the vendor's defaults, and what settings change."""
+"""Reports of a camera about itself, and the registers to write: the vendor's defaults, and what settings change."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Write = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """What a camera reports about itself.
+    """A camera's report about itself.
 
     - `serial`: its serial number
     - `board`: of its USB controller, "FX2" or "FX3"

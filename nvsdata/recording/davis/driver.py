@@ -113,7 +113,7 @@ class Davis:
             raise CameraError("the camera doesn't tell its serial number: plug it in again") from None
 
     def _configured(self) -> bool:
-        """Whether the device has its one configuration; if it has none, pyusb raises an error without a number."""
+        """Return True if the device has its one configuration; if it has none, pyusb raises an error without a number."""
         try:
             return bool(self.device.get_active_configuration().bConfigurationValue == 1)
         except usb.core.USBError as error:
@@ -315,7 +315,7 @@ class Davis:
         )
 
     def about(self) -> dict[str, Any]:
-        """What recordings say about the camera: its name, its serial number, biases, settings, and `note`."""
+        """Facts about the camera for recordings: name, serial number, biases, settings, and `note`."""
         numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
         numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
         told = {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}

@@ -89,7 +89,7 @@ class StreamRecording(FileRecording):
             self._repair(name, count)
 
     def _in_order(self, decoder: Decoder, last: int | None) -> Iterator[Piece]:
-        """What a decoder finds. FormatError if times fall: it met a reset that wasn't there in an earlier pass."""
+        """Yield a decoder's events. FormatError if times fall: it met a reset that wasn't there in an earlier pass."""
         latest = 0
         for piece, _ in decoder.decoded(self._blocks(), last):
             if len(piece) and (int(piece.t[0]) < latest or not is_sorted(piece.t)):

@@ -130,7 +130,7 @@ def biases_of(chip: int) -> dict[str, Bias]:
 
 @dataclass(frozen=True)
 class Settings:
-    """How a camera is to record.
+    """Settings of a DAVIS camera.
 
     - `biases`: by name, each two numbers (see `Bias`), in place of the chip's defaults
     - `frames`: whether frames are sent beside events (default False)

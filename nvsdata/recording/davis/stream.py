@@ -122,7 +122,7 @@ class Decoder:
 
     @property
     def error_counts(self) -> dict[str, int]:
-        """How often each kind of fault came, by name."""
+        """Number of faults of each kind, by name."""
         return {name: int(self._counts[i]) for i, name in ERRORS.items()} | {"odd_bytes": self._odd}
 
     @property
@@ -176,7 +176,7 @@ class Decoder:
         return Events.trusted(columns, (self.width, self.height), 0)
 
     def decoded(self, blocks: Iterable[bytes], last: int | None) -> Iterator[tuple[Piece, np.ndarray]]:
-        """What blocks of whole words hold, and the times (µs, int64) of pulses and rising edges at the external input.
+        """Return the contents of blocks of words, and the times (µs, int64) of pulses and rising edges at the input.
 
         Times count from the first reset of the camera's clock, and what came before it is left out; so is what comes
         from `last` (µs) on. Where the blocks are cut doesn't change the whole result. ValueError unless the decoder is

@@ -271,7 +271,7 @@ class SimulatedDavis:
 
 
 def picture(region: list[int]) -> np.ndarray:
-    """What frames of a region (first column, first row, last column, last row) show: a ramp, 0..838, by twos."""
+    """Return the image in frames of a region (first column and row, last column and row): a ramp, 0..838, by twos."""
     x, y = np.arange(region[0], region[2] + 1), np.arange(region[1], region[3] + 1)
     return 2 * (x[None, :] + y[:, None])
 

@@ -1,4 +1,4 @@
-"""What a simulated camera's pixels see."""
+"""Scenes in front of a simulated camera."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CORNERS = ((14.0, 12.0), (228.0, 8.0), (226.0, 172.0), (10.0, 168.0))
 
 
 class Scene(Protocol):
-    """What the pixels see. Times are the host's, in µs; the events of a time are known `lag` µs later."""
+    """Protocol of a scene. Times are the host's, in µs; the events of a time are known `lag` µs later."""
 
     lag: int
 

@@ -28,12 +28,12 @@ OURS = "usb.backend."
 
 
 def can_read_in_subprocess(device: Any) -> bool:
-    """Whether another process finds the same device: it does through a backend of pyusb's own."""
+    """Return True if another process finds the same device: it does through a backend of pyusb's own."""
     return type(device.backend).__module__.startswith(OURS)
 
 
 class SubprocessStream:
-    """What a camera sends, read by another process; a `Stream`.
+    """A camera's stream, read by another process; a `Stream`.
 
     - `opener`: called in that process, must be picklable, and returns the device with its interface claimed
     - `endpoint`: to read from

@@ -24,7 +24,7 @@ class Disconnected(Exception):
 
 
 class Stream(Protocol):
-    """What a camera sends, as it comes; `faults` counts requests that failed, with which bytes may be lost."""
+    """A camera's stream, as it comes; `faults` counts requests that failed, with which bytes may be lost."""
 
     faults: int
 
@@ -138,7 +138,7 @@ class AsyncStream:
             self._submit(transfer)
 
     def arrived(self) -> list[bytes]:
-        """What came while another stream of the same device was read."""
+        """Return what came while another stream of the same device was read."""
         taken = list(self._done)
         self._done.clear()
         return taken
