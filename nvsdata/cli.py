@@ -35,7 +35,7 @@ COMMANDS = {
     "compare": Command("compare", "measure the distances between two recordings: Chamfer, repeatability, EMD"),
     "tune": Command("tune", "search for settings of PIX2NVS that come closest to a real recording"),
     "record": Command("record", "record a DAVIS camera's events, or videos that it sees on a monitor"),
-    "bench": Command("bench", "measure run time, memory and error, beside other libraries"),
+    "bench": Command("bench", "measure run time, memory and error, compared with other libraries"),
     "verify": Command("verify", "open every recording, report what is wrong or missing; exit code 1 if anything is"),
     "cache": Command("cache", "say what caches of samples take on disk, or remove them"),
 }

@@ -47,7 +47,7 @@ class Case:
     """A line before it is measured; the fields of the same name are those of `Line`.
 
     - `make`: prepares the work, in the process that will do it; ImportError leaves the case out
-    - `package`: whose version is told (default: `library`)
+    - `package`: whose version is reported (default: `library`)
     - `alone`: not in turns with the other cases of the same work, because they would need too much memory together
     """
 

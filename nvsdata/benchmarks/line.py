@@ -62,8 +62,8 @@ class Line:
     @property
     def key(self) -> tuple[str, ...]:
         """The fields that identify a measurement from run to run."""
-        told = (f"{name}={value}" for group in (self.settings, self.size) for name, value in sorted(group.items()))
-        return (self.task, self.work, self.library, self.device, self.scope, *told)
+        values = (f"{name}={value}" for group in (self.settings, self.size) for name, value in sorted(group.items()))
+        return (self.task, self.work, self.library, self.device, self.scope, *values)
 
     @property
     def place(self) -> float:

@@ -41,12 +41,12 @@ def page(lines: Sequence[Line]) -> str:
     """
     tasks = list(dict.fromkeys(line.task for line in lines))
     places = sorted({(line.machine, line.commit, line.date) for line in lines})
-    told = "<br>".join(as_html(f"{machine}; commit {commit}; {date}") for machine, commit, date in places)
+    origin = "<br>".join(as_html(f"{machine}; commit {commit}; {date}") for machine, commit, date in places)
     links = "".join(f'<a href="#{task}">{task}</a>' for task in map(as_html, tasks))
     sections = "".join(_section(task, [line for line in lines if line.task == task]) for task in tasks)
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>nvsdata bench</title><style>{STYLE}</style>'
-        f"<h1>Run time against error</h1><p>{told}</p><nav>{links}</nav>{sections}</html>\n"
+        f"<h1>Run time against error</h1><p>{origin}</p><nav>{links}</nav>{sections}</html>\n"
     )
 
 

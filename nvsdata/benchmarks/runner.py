@@ -83,7 +83,7 @@ def measured(
     """Lines of a task, and what was left out.
 
     - `task`: a name in `TASKS`
-    - `options`: what all tasks are told
+    - `options`: options of all tasks
     - `peers`: other libraries, too (default False)
     - `wanted`: which cases to measure (default: all)
     """

@@ -10,7 +10,7 @@ from nvsdata.benchmarks.line import OURS, Line
 from nvsdata.common.errors import shown
 from nvsdata.common.tables import aligned
 
-HEAD = ("", "error", "median", "p95", "p99", "runs", "peak", "beside ours", "work")
+HEAD = ("", "error", "median", "p95", "p99", "runs", "peak", "ratio to ours", "work")
 NOTED = 1.3  # ratio of times from which a comparison marks a line
 
 
@@ -20,12 +20,12 @@ def work_table(lines: Sequence[Line]) -> str:
     ours = {_what(line): line.seconds for line in own}
     rows: list[tuple[str, ...]] = [(f"{lines[0].task}: {lines[0].work}", *HEAD[1:])]
     for line in lines:
-        beside = "" if line.library == OURS or _what(line) not in ours else f"{line.seconds / ours[_what(line)]:.2f}"
-        told = " ".join(part for part in (f"{line.library} {line.version}".strip(), _what(line)) if part)
+        ratio = "" if line.library == OURS or _what(line) not in ours else f"{line.seconds / ours[_what(line)]:.2f}"
+        text = " ".join(part for part in (f"{line.library} {line.version}".strip(), _what(line)) if part)
         peak = "" if line.peak_memory is None else f"{line.peak_memory / 1e6:.1f} MB"
         times = (duration(seconds) for seconds in (line.seconds, line.p95, line.p99))
         work = ", ".join(f"{value:,} {name}" for name, value in line.counters.items())
-        rows.append((f"  {told}", number(line.error), *times, str(line.runs), peak, beside, work))
+        rows.append((f"  {text}", number(line.error), *times, str(line.runs), peak, ratio, work))
     # names to the left, figures to the right; no column that says nothing
     width = max(len(row[0]) for row in rows)
     told_columns = [i for i in range(1, len(HEAD)) if any(row[i] for row in rows[1:])]
@@ -40,9 +40,9 @@ def work_table(lines: Sequence[Line]) -> str:
 
 def _what(line: Line) -> str:
     """Settings and size, in words."""
-    told = [f"{name} {value}" for name, value in line.settings.items()]
-    told += [f"{value:,} {name}" for name, value in line.size.items()]
-    return ", ".join(told)
+    text = [f"{name} {value}" for name, value in line.settings.items()]
+    text += [f"{value:,} {name}" for name, value in line.size.items()]
+    return ", ".join(text)
 
 
 def number(value: float | None) -> str:
@@ -59,7 +59,7 @@ def duration(seconds: float) -> str:
 
 
 def comparison(lines: Sequence[Line], old: Sequence[Line]) -> str:
-    """Each line beside the same line of an earlier run: ratio of times, and errors if they differ."""
+    """Compare each line with the same line of an earlier run: ratio of times, and errors if they differ."""
     before: Mapping[tuple[str, ...], Line] = {line.key: line for line in old}
     rows = [("", "before", "now", "now / before", "error before", "error now")]
     for line in lines:
@@ -74,5 +74,5 @@ def comparison(lines: Sequence[Line], old: Sequence[Line]) -> str:
     if len(rows) == 1:
         return "none of these lines is in the earlier file"
     width = max(len(row[0]) for row in rows)
-    told = shown(f"before: commit {old[0].commit}, {old[0].date}, {old[0].machine}")
-    return f"{told}\n" + aligned([(row[0].ljust(width), *row[1:]) for row in rows])
+    text = shown(f"before: commit {old[0].commit}, {old[0].date}, {old[0].machine}")
+    return f"{text}\n" + aligned([(row[0].ljust(width), *row[1:]) for row in rows])

@@ -1,4 +1,4 @@
-"""A process that does the work of one library, a call at a time, as it is told."""
+"""Worker process: runs one library's calls."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ def serve(connection: Connection, task: str, options: Options, library: str) -> 
     ready: dict[str, Ready] = {}
     while True:
         try:
-            what, *told = connection.recv()
+            what, *given = connection.recv()
         except (EOFError, KeyboardInterrupt):
             return
         try:
             if what == "prepare":
-                ready[told[0]] = cases[told[0]].make()
-                answer = _known(cases[told[0]], ready[told[0]])
+                ready[given[0]] = cases[given[0]].make()
+                answer = _known(cases[given[0]], ready[given[0]])
             elif what == "turn":
-                answer = {"spent": spent(ready[told[0]], told[1])}
+                answer = {"spent": spent(ready[given[0]], given[1])}
             else:
                 ready.clear()
                 answer = {}

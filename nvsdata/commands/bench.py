@@ -23,8 +23,8 @@ from nvsdata.common.terminal import say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add = parser.add_argument
-    told = "; ".join(f"{name}: {what}" for name, what in TASKS.items())
-    add("tasks", nargs="*", metavar="TASK", default=["all"], help=f"what to measure (default: all). {told}")
+    listed = "; ".join(f"{name}: {what}" for name, what in TASKS.items())
+    add("tasks", nargs="*", metavar="TASK", default=["all"], help=f"what to measure (default: all). {listed}")
     add("--quick", action="store_true", help="small sizes: all tasks take less than ten minutes on two cores")
     add("--peers", action="store_true", help="other libraries, too, as far as they are installed")
     add("--only", default="", metavar="TEXT", help="only work whose name contains this (default: all)")

@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--scheduler", metavar="ADDRESS", help="have the Dask cluster at this address do it")
     add("--preview", action="store_true", help="write films of the first minute, with events, to DIR/.previews")
     add("--dry-run", action="store_true", help="say what would be done, and about how long and how large it is")
-    add("--overwrite", action="store_true", help="convert all anew, also what was made with other settings")
+    add("--overwrite", action="store_true", help="convert all again, also what was made with other settings")
     add(
         "--check",
         action="store_true",

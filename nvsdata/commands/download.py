@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     tell("\n".join(map(shown, folders)), {"folders": folders}, as_json=args.json)
     if left := unneeded(info.archives, root):
         size = sum(path.stat().st_size for path in left) / 1e9
-        left_there = f"{len(left)} archives beside what is unpacked in {shown(root)}, {size:.2f} GB"
+        left_there = f"{len(left)} archives next to what is unpacked in {shown(root)}, {size:.2f} GB"
         remark(f"{left_there}: --delete-archives deletes them")
     return 0
 

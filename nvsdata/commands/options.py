@@ -20,8 +20,8 @@ class Help(argparse.HelpFormatter):
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = action.help
         default = action.default
-        told = default is None or default is False or default == [] or default == argparse.SUPPRESS
-        if text is None or told or not action.option_strings or "(default" in text:
+        stated = default is None or default is False or default == [] or default == argparse.SUPPRESS
+        if text is None or stated or not action.option_strings or "(default" in text:
             return text
         return f"{text} (default %(default)s)"
 

@@ -56,7 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     full = "begin although the disk seems too small: a full disk ends the batch, and --resume goes on"
     add("--until-full", action="store_true", help=full)
     add("--status", type=path, metavar="OUT", help="say how a batch is going (default: record)")
-    add("--strict", action="store_true", help="record again, and at last refuse, what looks odd, not only list it")
+    add(
+        "--strict",
+        action="store_true",
+        help="record flagged videos again, and at last refuse them (default: list them)",
+    )
     add("--accept-quiet", action="store_true", help="accept recordings with hardly any events, though the video moves")
     add_videos(add)
     add("--display", type=int, default=0, metavar="N", help="number of the display")

@@ -106,7 +106,7 @@ def tune_files(
     out.mkdir(parents=True, exist_ok=True)
     with claimed(out):
         journal = out / "trials.jsonl"
-        start, told = _start(seen[0], base, space)
+        start, text = _start(seen[0], base, space)
         found = search(
             partial(measured_on, seen),
             space=space,
@@ -120,7 +120,7 @@ def tune_files(
         )
         if not np.isfinite(found.scores).any():
             raise ValueError("no settings gave events in a frame that has real ones, too: is it the same scene?")
-        parts = [told, table(found, real=_events(seen))]
+        parts = [text, table(found, real=_events(seen))]
         if rest:
             tried = {"best": found.best.settings, "fit" if start else "as given": start or base}
             parts.append(unseen_table({k: measured_on(rest, s) for k, s in tried.items()}, _events(rest)))
@@ -130,12 +130,12 @@ def tune_files(
         plots.save(score_curve(found.scores), out / "score.png")
         first = pairs[0]
         plots.save(side_by_side(first.emulate(found.best.settings), first.real, first.fps, offset), out / "best.png")
-    told = (
+    text = (
         f"{text}\ntrials, table and pictures are in {shown(out)}; "
         f"nvsdata convert-videos IN --settings {shown(out / 'best.json')}"
     )
     best = {"settings": asdict(found.best.settings), "distances": found.best.distances, "events": found.best.events}
-    return told, {"best": best, "score": float(np.nanmin(found.scores)), "trials": len(found.trials), "out": out}
+    return text, {"best": best, "score": float(np.nanmin(found.scores)), "trials": len(found.trials), "out": out}
 
 
 def _shown(path: Path) -> Path | Recording:
@@ -151,9 +151,9 @@ def _start(pair: Pair, base: Emulator, space: Collection[str]) -> tuple[DVS | No
         fitted = pair.fitted(base)
     except ValueError as error:
         return None, f"begun anywhere, because nothing could be fitted: {message_of(error)}"
-    told = [f"begun with a fit: events follow the frames by {fitted.delay:,} µs (--offset allows for it)"]
-    told += [f"  {name} can't be told: {reason}" for name, reason in fitted.untold.items()]
-    return replace(base, **{name: getattr(fitted.settings, name) for name in space}), "\n".join(told)
+    text = [f"begun with a fit: events follow the frames by {fitted.delay:,} µs (--offset allows for it)"]
+    text += [f"  {name} can't be identified: {reason}" for name, reason in fitted.untold.items()]
+    return replace(base, **{name: getattr(fitted.settings, name) for name in space}), "\n".join(text)
 
 
 def _events(pairs: Sequence[Pair]) -> tuple[int, int]:

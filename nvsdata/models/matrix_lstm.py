@@ -19,7 +19,7 @@ class MatrixLSTM(nn.Module):
     1, and keep the earliest events of a pixel that has too many.)
 
     - `hidden`: C, the LSTM's units (default 8)
-    - `bins`: parts of equal length into which a sample's time is divided, each read anew (default 1)
+    - `bins`: parts of equal length into which a sample's time is divided, each read separately (default 1)
     - `most`: events of a pixel that are read, the latest ones (default 512, as in the authors' code)
 
     Takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size; gives

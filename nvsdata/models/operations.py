@@ -24,7 +24,7 @@ from nvsdata.models.spline_sum import DENSE
 CONVOLUTIONS = nn.Conv1d, nn.Conv2d, nn.Conv3d
 # layers, whatever they are made of
 LAYERS = SplineConv, GCNConv, ChebConv, GMMConv, GINConv, GraphPool, nn.RNNBase
-# operations on a value of the state at each step, beside products: sums and products of gates, and their functions
+# operations on a value of the state at each step, without products: sums and products of gates, and their functions
 GATES = {"LSTM": 9, "GRU": 8, "RNN_TANH": 1, "RNN_RELU": 0}
 
 
@@ -47,7 +47,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Complexity:
-    """Result of `complexity`. `str()` is a table: the thesis's formulas, and beside them what was really done.
+    """Result of `complexity`. `str()` is a table: the thesis's formulas, compared with what was really done.
 
     - `layers`: those that do something or have weights; last the network itself
     - `uncounted`: what did something that can't be counted, as "layer (class): operation"; empty if `executed` is all

@@ -174,8 +174,8 @@ def record(
 def check_room(path: Path) -> None:
     """OSError if the disk of a file that is to be recorded has less room than is left free at the end."""
     if (free := shutil.disk_usage(path.parent).free) < RESERVE:
-        told = f"the disk has {free / 1e6:,.1f} MB left, and a recording needs at least {RESERVE / 1e6:.0f} MB"
-        raise OSError(errno.ENOSPC, told, str(path))
+        reason = f"the disk has {free / 1e6:,.1f} MB left, and a recording needs at least {RESERVE / 1e6:.0f} MB"
+        raise OSError(errno.ENOSPC, reason, str(path))
 
 
 def check_format(path: Path, settings: Any) -> bool:
@@ -223,7 +223,7 @@ def switching_fast() -> Iterator[None]:
 
 
 def _blocks(camera: Camera, decoder: Decoder, reader: CameraReader, report: RecordingReport) -> Iterator[bytes]:
-    """Yield the blocks that were read; request the clock's reset again if it is missing. CameraError if it never comes."""
+    """Yield the blocks that were read; request the clock's reset again if missing. CameraError if it never comes."""
     asked, times = time.monotonic(), 1
     while block := reader.take():
         yield block

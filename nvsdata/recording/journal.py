@@ -17,7 +17,7 @@ SETTLED = 1.0  # s after which what was written is sent to the disk and isn't in
 
 
 def journal_of(path: Path) -> Path:
-    """Path of a recording's journal, which lies beside the recording."""
+    """Path of a recording's journal, next to the recording."""
     return path.with_name(path.name + SUFFIX)
 
 

@@ -1,4 +1,4 @@
-"""A network that decides what a camera sees, in a thread beside the recording."""
+"""Classification of what a camera sees, in a thread parallel to the recording."""
 
 from __future__ import annotations
 

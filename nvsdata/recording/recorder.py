@@ -1,4 +1,4 @@
-"""Recording in a thread of its own, beside a main thread that shows things."""
+"""Recording in a separate thread, while the main thread draws."""
 
 from __future__ import annotations
 

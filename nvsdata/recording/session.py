@@ -96,10 +96,10 @@ def run(
             else:
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
             bar.close()
-            # before the last decisions are told, which nobody may read
+            # before the last decisions are printed, which nobody may read
             if as_json and decider is None:
-                told = {k: v for k, v in asdict(report).items() if k != "triggers"}
-                tell("", told | {"whole": report.whole, "triggers": len(report.triggers)}, as_json=True)
+                figures = {k: v for k, v in asdict(report).items() if k != "triggers"}
+                tell("", figures | {"whole": report.whole, "triggers": len(report.triggers)}, as_json=True)
             else:
                 say(summary(report), sys.stderr if decider else sys.stdout)
     return 0 if report.whole and (deciding is None or deciding.error is None) else 1
@@ -196,7 +196,7 @@ def summary(report: RecordingReport) -> str:
         lines.append(f"the camera dropped {report.dropped:,} events: fewer events or a faster computer are needed")
     wrong = {name: count for name, count in report.error_counts.items() if count}
     if wrong:
-        lines.append("odd in the stream: " + ", ".join(f"{name} {count}" for name, count in wrong.items()))
+        lines.append("faults in the stream: " + ", ".join(f"{name} {count}" for name, count in wrong.items()))
     if report.temperature is not None:
         lines.append(f"the camera's temperature is {report.temperature:.1f} °C")
     return "\n".join(lines)

@@ -36,7 +36,7 @@ from nvsdata.rig.watch import Watch, prune
 TAKES = 3  # takes of a video before it counts as failed
 SHOWN_EVERY = 1.0  # s after which the progress bar is drawn again
 RETRY = 1_000_000  # µs between attempts to find a camera that is gone
-MISSED = 60_000_000  # µs after which somebody is told
+MISSED = 60_000_000  # µs after which the alarm runs
 KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
 PLAYED = "playback.jsonl"  # when each picture of each take was shown
@@ -54,18 +54,18 @@ def manifest_of(
     """
     out.mkdir(parents=True, exist_ok=True)
     made = {"settings": asdict(settings), "format": format, "scaling": monitor.scaling}
-    told = {
+    facts = {
         "monitor": {
             "size": monitor.size,
             "region": monitor.region,
             "refresh": monitor.refresh,
-            "told": monitor.told,
+            "stated": monitor.stated,
             "synced": monitor.synced,
         },
         "flashes": {"dim": DIM, "bright": BRIGHT, "refreshes": STEP},
     }
     with claimed(out):
-        manifest = Manifest(out, KIND, made, [video.name for video in videos], told)
+        manifest = Manifest(out, KIND, made, [video.name for video in videos], facts)
         if manifest.videos and not resume:
             raise FileExistsError(f"{out} holds recordings: --resume goes on with them")
         with manifest:
@@ -93,8 +93,8 @@ def record_videos(
 
     A video whose take fails its checks is recorded again after the others, at once if the camera was the reason. After
     three failed takes the video has failed; the last 20 takes that failed are kept in `out/.takes`, uncut. If the
-    camera goes away, the batch waits for it; if takes of several videos fail one after another, the camera is opened
-    anew, then a video that went well before is tried, and if that fails, too, the batch pauses and sounds an alarm (see
+    camera goes away, the batch waits for it; if takes of several videos fail one after another, the camera is reopened,
+    then a video that went well before is tried, and if that fails, too, the batch pauses and sounds an alarm (see
     `watch`). A video that can't be decoded fails, and the rest
     goes on. `out` gets contact sheets, forty recordings per page, and `status.json`.
 
@@ -307,7 +307,7 @@ class _Cameras:
 
     def get(self) -> Camera:
         """The camera; waits for it if it was there before. ValueError for settings that it doesn't have."""
-        told, since = "", host_time()
+        reason, since = "", host_time()
         while self._camera is None:
             try:
                 self._camera = self._find()
@@ -317,14 +317,14 @@ class _Cameras:
                 self.drop()
                 if not self._had_one:
                     raise
-                if str(error) != told:
-                    told = str(error)
-                    say_beside(f"{told}: waiting for it")
+                if str(error) != reason:
+                    reason = str(error)
+                    say_beside(f"{reason}: waiting for it")
                 if self._told is not None:
                     watch, status = self._told
                     status.set(state="waiting for the camera")
                     if host_time() - since > MISSED:
-                        watch.alarm(f"the camera has been gone for {MISSED / 60e6:.0f} minutes: {told}")
+                        watch.alarm(f"the camera has been gone for {MISSED / 60e6:.0f} minutes: {reason}")
                         since = float("inf")
                 self.monitor.wait(host_time() + RETRY)
         return self._camera

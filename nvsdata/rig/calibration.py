@@ -200,8 +200,8 @@ def summary(found: Calibration, size: tuple[int, int]) -> str:
         lines.append(
             f"the screen reaches the edge of the view ({', '.join(beyond)}): move back, or choose another lens"
         )
-    told = ", ".join(f"{frequency:g} Hz ({height:g} times the noise)" for frequency, height in found.flicker.items())
-    lines.append(f"flicker: {told}: choose another refresh, or a monitor without it" if told else "no flicker found")
+    peaks = ", ".join(f"{frequency:g} Hz ({height:g} times the noise)" for frequency, height in found.flicker.items())
+    lines.append(f"flicker: {peaks}: choose another refresh, or a monitor without it" if peaks else "no flicker found")
     return "\n".join(lines)
 
 

@@ -98,7 +98,7 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
         off, late = f"a clock that is {abs(slope - 1) * 1e6:.0f} ppm off", (slope - 1) * np.ptp(host)
         if abs(late) <= A_REFRESH:
             raise NoSync(
-                f"{off}, or flashes shown up to {abs(late) / 1e3:.0f} ms late: is the screen's refresh as told?"
+                f"{off}, or flashes shown up to {abs(late) / 1e3:.0f} ms late: is the screen's refresh as stated?"
             )
         raise NoSync(f"{off} isn't this camera's")
     return ClockFit(offset, slope - 1, residual, used, host.size)
@@ -115,7 +115,7 @@ def _matched(
         ahead = offset if group[n] or not last.size else float(np.median(camera[last] - host[last]))
         gap = host[n] - (host[last[-1]] if last.size else host[0])
         if MOST_DRIFT * gap > NEAR:
-            # a whole pattern is found anew: of single flashes, several may be as near
+            # a complete pattern is searched again: of single flashes, several may be as near
             group = (host >= host[n]) & (host - host[n] < GROUP)
             places = [*sight.coarse(host[group], rising[group]), ahead]
             offset = ahead = next(place for place in places if abs(place - ahead) <= NEAR + MOST_DRIFT * gap)

@@ -1,4 +1,4 @@
-"""Contact sheets of recordings: a picture of each video beside what the camera saw of it."""
+"""Contact sheets of recordings: an image of each video next to what the camera saw of it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPAN = 40_000  # µs of events in a picture
 class Sheets:
     """`out/contact-sheet-001.png` and so on, each drawn when all its videos are done, or when the block ends.
 
-    At the end `contact-sheet-000.png` shows up to forty recordings that are odd, if there are any.
+    At the end `contact-sheet-000.png` shows up to forty flagged recordings, if there are any.
     """
 
     def __init__(self, out: Path, videos: list[Video], manifest: Manifest) -> None:
@@ -62,9 +62,9 @@ class Sheets:
     def _draw_odd(self) -> None:
         path, lines = self.out / "contact-sheet-000.png", self.manifest.videos
         videos = [video for page in self._pages for video in page]
-        odd = [(video, lines[video.name]) for video in videos if lines.get(video.name, {}).get("look")]
-        if odd:
-            save(_page(odd[: COLUMNS * ROWS]), path)
+        flagged = [(video, lines[video.name]) for video in videos if lines.get(video.name, {}).get("look")]
+        if flagged:
+            save(_page(flagged[: COLUMNS * ROWS]), path)
         else:
             path.unlink(missing_ok=True)
 

@@ -62,7 +62,7 @@ class Content:
         """True if the video moves so little that few events are right."""
         return self.scale is None and self.corners is not None
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """The figures for a manifest."""
         return {k: round(v, 4) if isinstance(v, float) else v for k, v in asdict(self).items()}
 
@@ -79,12 +79,12 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Inspector:
-    """Judges the recordings of a batch, each beside those before it.
+    """Judge of the recordings of a batch, each compared with those before it.
 
     - `monitor`: that shows the videos
     - `corners`: where the screen is in view by calibration, [4, 2] (default: as most recordings show it)
-    - `others`: figures of the batch's recordings so far, as `Content.told` gives them
-    - `strict`: refuse recordings that are odd (default False: note it)
+    - `others`: figures of the batch's recordings so far, as `Content.as_dict` returns them
+    - `strict`: refuse flagged recordings (default False: only list them)
     - `accept_quiet`: accept recordings with hardly any events of videos that move (default False)
     """
 
@@ -97,7 +97,7 @@ class Inspector:
     def judged(self, span: Span, video: Path, events: int) -> dict[str, Any]:
         """Return the manifest's fields for a recording with `events` events: figures, and reasons for a review.
 
-        `TakeRejected` if it has too few events, or, when `strict`, if anything is odd about it.
+        `TakeRejected` if it has too few events, or, when `strict`, if anything about it is unusual.
         """
         found, seconds = self.look(span, video), (span.stop - span.start) / MICROSECONDS
         fewest = FEWEST * seconds
@@ -112,7 +112,7 @@ class Inspector:
         doubts = self.doubts(found)
         if self.strict and doubts:
             raise TakeRejected("; ".join(doubts))
-        return {"content": found.told()} | ({"look": doubts} if doubts else {})
+        return {"content": found.as_dict()} | ({"look": doubts} if doubts else {})
 
     def look(self, span: Span, video: Path) -> Content:
         """The figures of a take of a video."""
@@ -146,22 +146,22 @@ class Inspector:
 
     def doubts(self, found: Content) -> list[str]:
         """List what is unusual about a recording; empty if nothing is."""
-        told = []
+        reasons = []
         if found.corners is None:
-            told.append("too few pixels see the screen")
+            reasons.append("too few pixels see the screen")
         elif self.corners is None:
-            told += self._odd_view(found.corners, found.cover)
+            reasons += self._odd_view(found.corners, found.cover)
         if found.gap > LONGEST_GAP:
-            told.append(f"no events for {found.gap:.0f} ms in which the video moves")
+            reasons.append(f"no events for {found.gap:.0f} ms in which the video moves")
         if found.hidden > MOST_HIDDEN:
-            told.append(f"{found.hidden:.0%} of the picture's motion gave no events: something is in front of it")
+            reasons.append(f"{found.hidden:.0%} of the picture's motion gave no events: something is in front of it")
         if found.stray > MOST_STRAY:
-            told.append(f"{found.stray:.0%} of the events are where, or when, nothing moves in the video")
+            reasons.append(f"{found.stray:.0%} of the events are where, or when, nothing moves in the video")
         if found.noise > MOST_NOISE:
-            told.append(f"{found.noise:.0f} Hz of noise per pixel before the video")
+            reasons.append(f"{found.noise:.0f} Hz of noise per pixel before the video")
         if found.scale is not None and not LEAST_SCALE <= found.scale <= MOST_SCALE:
-            told.append(f"{found.scale:.2g} times the events that its motion should give")
-        return told + self._beside_others(found)
+            reasons.append(f"{found.scale:.2g} times the events that its motion should give")
+        return reasons + self._compared_with_others(found)
 
     def _odd_view(self, corners: list[list[float]], cover: float) -> list[str]:
         """List what is unusual about the screen's place in view, if there is no calibration to compare it with."""
@@ -172,19 +172,19 @@ class Inspector:
             return [f"the screen is seen as {wide:.0f}x{high:.0f} pixels: is part of it out of view, or hidden?"]
         return [f"the screen fills {cover:.0%} of the view"] if cover < LEAST_COVER else []
 
-    def _beside_others(self, found: Content) -> list[str]:
-        told = []
+    def _compared_with_others(self, found: Content) -> list[str]:
+        reasons = []
         names = {"scale": "events for its motion", "cover": "of the sensor sees the screen", "seen": "of each flash"}
         for name, (low, high) in RELATIVE.items():
             value, usual = getattr(found, name), self._usual(name)
             if value is not None and usual and not low <= value / usual <= high:
-                told.append(f"{names[name]}: {value:.2g}, in the other recordings {usual:.2g}")
+                reasons.append(f"{names[name]}: {value:.2g}, in the other recordings {usual:.2g}")
         usual_corners = self.corners or self._usual("corners")
         if found.corners is not None and usual_corners is not None:
             away = float(np.hypot(*(np.array(found.corners) - usual_corners).T).max())
             if away > MOVED:
-                told.append(f"the screen's corners are {away:.0f} pixels from where they were: did something move?")
-        return told
+                reasons.append(f"the screen's corners are {away:.0f} pixels from where they were: did something move?")
+        return reasons
 
     def _usual(self, name: str) -> Any:
         """The median of the other recordings, None if there are too few."""

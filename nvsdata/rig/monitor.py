@@ -36,9 +36,9 @@ class Monitor:
     - `window`: (width, height) of a window in place of the whole screen (default: none)
     - `look`: called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change
 
-    `refresh` is the time between two pictures in µs, as measured over 240 flips, and `told` what the display says;
-    `synced` says whether the display itself sets their times (else the clock does, by `told`). `check` is called often
-    while waiting; what it raises ends the wait. `confirmed` is set when Enter or Space is pressed.
+    `refresh` is the time between two pictures in µs, as measured over 240 flips, and `stated` what the display says;
+    `synced` says whether the display itself sets their times (else the clock does, by `stated`). `check` is called
+    often while waiting; what it raises ends the wait. `confirmed` is set when Enter or Space is pressed.
 
     Raises `DisplayError` if there is no such display, ValueError for a region outside it, and KeyboardInterrupt when
     the Escape key is pressed or the window closed. All methods must be called from the main thread.
@@ -82,28 +82,28 @@ class Monitor:
         if min(x, y) < 0 or min(width, height) < 1 or x + width > self.size[0] or y + height > self.size[1]:
             self.close()
             raise ValueError(f"region {self.region} is not within the screen of {self.size[0]}x{self.size[1]}")
-        self.refresh, self.told, self.synced, self._cost = self._measure(display)
+        self.refresh, self.stated, self.synced, self._cost = self._measure(display)
         self._origin, self._drawing = host_time(), 0.0
 
     def _measure(self, display: int) -> tuple[float, float, bool, float]:
-        """µs from refresh to refresh, measured and told, whether flips wait for it, and their µs if they don't."""
+        """µs from refresh to refresh, measured and stated, whether flips wait for it, and their µs if they don't."""
         times = []
         for _ in range(TRIALS):
             self._pygame.display.flip()
             times.append(host_time())
         rates = self._pygame.display.get_desktop_refresh_rates()
-        told = 1e6 / (rates[display] if display < len(rates) and rates[display] > 0 else USUAL_REFRESH)
+        stated = 1e6 / (rates[display] if display < len(rates) and rates[display] > 0 else USUAL_REFRESH)
         # the first ones find the display's queue empty
         found = np.array(times[2:])
         gaps = np.diff(found)
         usual = max(float(np.median(gaps)), 1.0)
         steps = np.maximum(np.rint(gaps / usual), 1)
         away = np.abs(gaps / usual - steps)
-        even = EVEN if abs(usual / told - 1) < SAME else VERY_EVEN
+        even = EVEN if abs(usual / stated - 1) < SAME else VERY_EVEN
         if usual > FASTEST and (away < even).mean() >= MOST:
             # a refresh that was missed counts, too
-            return float(np.polyfit(np.append(0, steps.cumsum()), found, 1)[0]), told, True, 0.0
-        return told, told, False, float(gaps.min())
+            return float(np.polyfit(np.append(0, steps.cumsum()), found, 1)[0]), stated, True, 0.0
+        return stated, stated, False, float(gaps.min())
 
     def odd(self) -> str | None:
         """Return what is unusual about the display's refresh, or None."""
@@ -111,8 +111,10 @@ class Monitor:
             return (
                 "the display doesn't hold pictures back until a refresh (is vertical sync off?): they may be shown late"
             )
-        if abs(self.refresh / self.told - 1) >= SAME / 10:
-            return f"the display says {1e6 / self.told:.2f} Hz, but refreshes at {1e6 / self.refresh:.2f}: that is used"
+        if abs(self.refresh / self.stated - 1) >= SAME / 10:
+            return (
+                f"the display says {1e6 / self.stated:.2f} Hz, but refreshes at {1e6 / self.refresh:.2f}: that is used"
+            )
         return None
 
     def fill(self, level: int, due: float | None = None) -> float:

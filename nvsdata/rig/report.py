@@ -166,21 +166,21 @@ def page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = (
     """The page as HTML, with links to the contact sheets."""
     done = [line for line in lines if line["status"] in ("recorded", "truncated")]
     again = [line for line in lines if line["status"] != "recorded"]
-    odd = [line for line in lines if line["status"] == "recorded" and line.get("look")]
+    flagged = [line for line in lines if line["status"] == "recorded" and line.get("look")]
     fine = [line for line in lines if line["status"] == "recorded" and not line.get("look")]
     seconds = sum(_number(lambda line: line["duration"], line) or 0 for line in done)
     events = sum(_number(lambda line: line["events"], line) or 0 for line in done)
     refresh = _number(lambda head: head["monitor"]["refresh"], head)
-    told = [
-        f"{len(fine):,} recordings without findings, {len(odd):,} to look at, {len(again):,} to record again",
+    texts = [
+        f"{len(fine):,} recordings without findings, {len(flagged):,} to look at, {len(again):,} to record again",
         f"{seconds / 1e6:,.0f} s"
         + (f" ({seconds / 6e7:,.0f} minutes)" if seconds > 12e7 else "")
         + f", {events:,.0f} events",
         *([f"screen of {1e6 / refresh:.2f} Hz"] if refresh else []),
         *dict.fromkeys(str(line["note"]) for line in lines if line.get("note")),
     ]
-    parts = [f"<p>{as_html(text)}</p>" for text in told] + _links(sheets)
-    for title, some in (("To record again", again), ("To look at", odd), ("Without findings", fine)):
+    parts = [f"<p>{as_html(text)}</p>" for text in texts] + _links(sheets)
+    for title, some in (("To record again", again), ("To look at", flagged), ("Without findings", fine)):
         if some:
             parts.append(f"<h2>{title}: {len(some):,}</h2>{_table(some)}")
     charts = [chart for figure in FIGURES if figure.curve and (chart := _chart(figure, done))]

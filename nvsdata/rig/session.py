@@ -24,8 +24,7 @@ from nvsdata.rig.calibration import summary as calibration_summary
 from nvsdata.rig.estimate import estimate
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.report import REPORT, write_report
-from nvsdata.rig.status import STATUS
-from nvsdata.rig.status import told as status_of
+from nvsdata.rig.status import STATUS, status_of
 from nvsdata.rig.verification import format_of, verify
 from nvsdata.rig.watch import BatchStopped
 
@@ -51,7 +50,7 @@ def run_calibration(
     out.mkdir(parents=True, exist_ok=True)
     with claimed(out):
         if (out / FIGURES).exists() and not overwrite:
-            raise FileExistsError(f"{out / FIGURES} is there already: --overwrite replaces it and the files beside it")
+            raise FileExistsError(f"{out / FIGURES} is there already: --overwrite replaces it and the files next to it")
         with (
             Davis.find(serial, backend=backend) as camera,
             Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
@@ -96,7 +95,7 @@ def run_batch(
     check_format(videos[0].target, settings)
     if check:
         found = verify(videos, out, limit)
-        tell("\n".join(map(shown, found.told())), {"sound": found.sound} | asdict(found), as_json=as_json)
+        tell("\n".join(map(shown, found.messages())), {"sound": found.sound} | asdict(found), as_json=as_json)
         return 0 if found.well else 1
     videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
@@ -131,8 +130,8 @@ def run_batch(
             # what ended the batch is more important than a page about it
             with suppress(OSError):
                 write_report(list(manifest.videos.values()), manifest.head, out)
-    for told in result.told():
-        print(told, file=sys.stderr)
+    for message in result.told():
+        print(message, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
             say(shown(f"{name}: have a look: {'; '.join(doubts)}"))
@@ -155,7 +154,7 @@ def _watched(simulate: Simulation | None) -> tuple[Any, Any]:
 
 
 def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:
-    """Say what is odd about a real screen's refresh."""
+    """Print what is unusual about a real screen's refresh."""
     if simulate is None and (odd := monitor.odd()):
         say(odd)
 

@@ -55,11 +55,11 @@ class Status:
         """Change the state, and write it."""
         for name, value in changed.items():
             setattr(self, name, value)
-        told = {k: v for k, v in asdict(self).items() if k not in ("out", "_began")}
+        summary = {k: v for k, v in asdict(self).items() if k not in ("out", "_began")}
         now = time.time()
         left, tried = self.total - self.done - self.failed, self.done + self.failed - self._before
         each = (now - self._began) / max(tried, 1)
-        told |= {
+        summary |= {
             "recent": [f"{name}: {reason}" for name, reason in self.recent.items()],
             "left": left,
             "seconds_left": round(each * left) if tried > 0 and self.state in GOING else None,
@@ -67,7 +67,7 @@ class Status:
             "began": _iso(self._began),
             "updated": _iso(now),
         }
-        _write(self.out / STATUS, json.dumps(told, indent=1).encode())
+        _write(self.out / STATUS, json.dumps(summary, indent=1).encode())
 
     def failure(self, name: str, reason: str) -> None:
         """Note a take that failed."""
@@ -96,7 +96,7 @@ def _iso(moment: float) -> str:
     return datetime.fromtimestamp(moment, UTC).isoformat(timespec="seconds")
 
 
-def told(out: Path) -> tuple[str, bool]:
+def status_of(out: Path) -> tuple[str, bool]:
     """Return the status of the batch that records to a folder as text, and True if it is running or ended well.
 
     FileNotFoundError if none has recorded there, FormatError for a file that isn't its status.

@@ -139,9 +139,9 @@ def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:
     dropped = report.dropped if done.dropped is None else done.dropped
     if dropped:
         raise TakeRejected(f"the camera dropped {dropped} events")
-    for fault, told in STREAM.items():
+    for fault, message in STREAM.items():
         if report.error_counts.get(fault):
-            raise TakeRejected(told)
+            raise TakeRejected(message)
 
 
 def _check(done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:

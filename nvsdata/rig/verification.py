@@ -45,7 +45,7 @@ class Verification:
         """True if a dataset of the folder has these recordings, all of them sound, and no others."""
         return not self.faults and not self.foreign
 
-    def told(self) -> list[str]:
+    def messages(self) -> list[str]:
         """A line for each fault and each other file, then a summary."""
         lines = [f"{name}: {what}" for name, what in (self.faults | self.others).items()]
         text = f"{self.sound:,} of {self.videos:,} recordings are sound"

@@ -1,5 +1,5 @@
 """Handling of takes that fail in a row: the camera is reopened, a video that went well before is tried, and if that
-fails, too, the batch pauses and somebody is told.
+fails, too, the batch pauses and runs the user's alarm.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from nvsdata.common.clock import host_time
 from nvsdata.common.progress import say_beside
 from nvsdata.rig.status import Status
 
-REOPEN = 3  # takes that failed in a row after which the camera is opened anew
+REOPEN = 3  # takes that failed in a row after which the camera is reopened
 PAUSE = 6  # after which the batch pauses, if they were of several videos
 DIFFERENT = 3  # videos that failed, from which on the cause isn't theirs
 PAUSED = 600_000_000  # µs
@@ -35,7 +35,7 @@ class Watch:
     - `status`: of the batch
     - `command`: run by the shell at an alarm, which is in its environment as `NVSDATA_ALARM`, with the folder as
       `NVSDATA_OUT` (None: no command)
-    - `reopen`: opens the camera anew
+    - `reopen`: reopens the camera
     - `wait`: waits until a host time (µs)
     - `probe`: whether a video that was recorded before can be recorded now (default: there is none)
     """
@@ -75,12 +75,12 @@ class Watch:
             return []
         spared, self._failed = self._failed, []
         self._pauses += 1
-        told = f"{PAUSE} takes in a row failed, the last one of {video}: {reason}"
+        failure = f"{PAUSE} takes in a row failed, the last one of {video}: {reason}"
         if self._pauses > MOST_PAUSES:
-            self.alarm(f"{told}; given up")
-            raise BatchStopped(f"{told}; given up after {MOST_PAUSES} pauses: --resume goes on")
+            self.alarm(f"{failure}; given up")
+            raise BatchStopped(f"{failure}; given up after {MOST_PAUSES} pauses: --resume goes on")
         self._status.set(state="paused")
-        self.alarm(f"{told}; tried again in {PAUSED / 60e6:.0f} minutes")
+        self.alarm(f"{failure}; tried again in {PAUSED / 60e6:.0f} minutes")
         self._reopen()
         self._wait(host_time() + PAUSED)
         self._status.set(state="recording")

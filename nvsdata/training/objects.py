@@ -50,7 +50,7 @@ class Objects:
     - `window`: µs of a recording per sample, at a random place (Table 4.3)
     - `k`: most events per box of the non-uniform sampling, 1 for no sampling (Table 4.1); None: 1 for n-mnist, else 8
     - `radius`, `alpha`, `beta`, `max_degree`, `pseudo`: of the graph; see `RadiusGraph` (Table 4.2)
-    - `features`: of nodes beside polarity, of `FEATURES`
+    - `features`: of nodes in addition to polarity, of `FEATURES`
     - `causal`: whether edges come from earlier events only, and the network pools once, at its end, so that it can
       follow events in real time (`models.stream`); k is 1 then, and no features know events to come
     - `depth`: number of convolutions, for 240x180 (Table 4.4) or 34x34; None: 5 for n-mnist, else the dataset's own

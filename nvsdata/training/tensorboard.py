@@ -25,7 +25,7 @@ def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
         raise ImportError("--tensorboard needs the package: pip install 'nvsdata[tensorboard]'") from None
     if team.rank:
         return lambda line: None  # the trainer doesn't call it there
-    # every epoch so far comes again: TensorBoard forgets those that it was told of before
+    # every epoch so far comes again: TensorBoard drops those that it got before
     writer = SummaryWriter(str(out / FOLDER), purge_step=1)
 
     def see(line: dict[str, Any]) -> None:

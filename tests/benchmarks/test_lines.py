@@ -44,10 +44,10 @@ def test_other_files_are_refused_by_name(tmp_path, text):
 
 def test_a_table_has_times_errors_and_ratios_to_the_same_settings_of_ours():
     assert table.work_table(LINES).splitlines() == [
-        "graph: windows               error  median   p95    p99  runs    peak  beside ours",
+        "graph: windows               error  median   p95    p99  runs    peak  ratio to ours",
         "  nvsdata 0.1 k 1, 7 events      0    2 ms  3 ms   4 ms     9",
         "  nvsdata 0.1 k 2, 7 events    0.5    1 ms  3 ms   4 ms     9",
-        "  peer 2 k 1, 7 events        0.25    8 ms  9 ms  10 ms     9  1.0 MB         4.00",
+        "  peer 2 k 1, 7 events        0.25    8 ms  9 ms  10 ms     9  1.0 MB           4.00",
         "  error: e",
     ]
 

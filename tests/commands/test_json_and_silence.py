@@ -252,7 +252,7 @@ def test_quiet_leaves_notes_and_progress_out(monkeypatch, capsys, tmp_path):
 
 def test_verbose_tells_each_step_and_leaves_no_handler(videos, capsys, tmp_path):
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), "-v"]) == 0
-    assert "nvsdata.batch.manifest: run/0.avi: converted, " in capsys.readouterr().err
+    assert "nvsdata.batch.run: run/0.avi: converted, " in capsys.readouterr().err
     assert not logging.getLogger("nvsdata").handlers
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "more")]) == 0
     assert capsys.readouterr().err == ""

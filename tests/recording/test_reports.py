@@ -44,7 +44,7 @@ from nvsdata.recording.session import summary
         (
             {"error_counts": {"a": 0, "b": 1, "c": 12}, "temperature": 0.0, "dropped": 0},
             "not kept: 0 events in 0.00 s; the time was up\n"
-            "odd in the stream: b 1, c 12\nthe camera's temperature is 0.0 °C",
+            "faults in the stream: b 1, c 12\nthe camera's temperature is 0.0 °C",
         ),
     ],
 )

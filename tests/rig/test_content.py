@@ -194,7 +194,7 @@ def test_a_screen_that_hardly_a_pixel_sees_is_no_quiet_video(lab_of_one, video, 
     with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: hardly a pixel saw the screen"):
         Inspector(lab_of_one.monitor).judged(odd, video, 150)
     # other recordings, or a calibration, tell where it should be
-    others = [Inspector(lab_of_one.monitor).look(span, video).told()] * 3
+    others = [Inspector(lab_of_one.monitor).look(span, video).as_dict()] * 3
     for known in (Inspector(lab_of_one.monitor, others=others), Inspector(lab_of_one.monitor, others[0]["corners"])):
         with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: its motion should give about \d+"):
             known.judged(odd, video, 150)
@@ -272,7 +272,7 @@ def test_limits_and_the_other_recordings(changed, told):
     class Screen:
         size = (320, 240)
 
-    others = [figures(scale=scale).told() for scale in (0.9, 1.0, 50.0)]
+    others = [figures(scale=scale).as_dict() for scale in (0.9, 1.0, 50.0)]
     alone, among = Inspector(Screen()), Inspector(Screen(), others=others)
     found = figures(**changed)
     doubts = among.doubts(found)

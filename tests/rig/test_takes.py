@@ -20,7 +20,7 @@ from nvsdata.rig.take import TakeRejected
 
 DURATION = 10_000  # µs of each video
 MONITOR = SimpleNamespace(
-    size=(64, 48), region=(0, 0, 64, 48), refresh=16_667.0, told=16_667.0, synced=False, scaling="aspect",
+    size=(64, 48), region=(0, 0, 64, 48), refresh=16_667.0, stated=16_667.0, synced=False, scaling="aspect",
     wait=lambda until: None,
 )  # fmt: skip
 N = 50
@@ -109,7 +109,7 @@ def test_the_status_counts_the_batch_and_only_the_last_take_of_a_video(folder, m
         recorded(
             folder, monkeypatch, [rejected, None, OSError(errno.ENOSPC, "No space left on device", "out/run/c.h5")]
         )
-    text, well = status.told(folder / "out")
+    text, well = status.status_of(folder / "out")
     first, *others = text.splitlines()
     # with the reason
     assert first.startswith("stopped at 20")
@@ -117,14 +117,14 @@ def test_the_status_counts_the_batch_and_only_the_last_take_of_a_video(folder, m
     assert others == ["1 of 3 recorded, 0 failed", "last take failed: run/a.avi: no flash"]
     assert not well
     recorded(folder, monkeypatch, [rejected], resume=True)
-    text, well = status.told(folder / "out")
+    text, well = status.status_of(folder / "out")
     assert text.splitlines()[1:] == ["3 of 3 recorded, 0 failed"]
     assert well
     assert (state(folder)["total"], state(folder)["left"], state(folder)["reason"]) == (3, 0, None)
     # a moment isn't stated twice
     assert ", began" not in text or text.count(state(folder)["updated"]) == 1
     recorded(folder, monkeypatch, resume=True)
-    assert status.told(folder / "out")[0].splitlines()[1:] == ["3 of 3 recorded, 0 failed"]
+    assert status.status_of(folder / "out")[0].splitlines()[1:] == ["3 of 3 recorded, 0 failed"]
 
 
 def test_verification_updates_status_and_report(folder, monkeypatch):
@@ -134,7 +134,7 @@ def test_verification_updates_status_and_report(folder, monkeypatch):
     # the second time, too
     for _ in range(2):
         assert verified(folder) == {"run/b.avi": missing}
-        text, well = status.told(folder / "out")
+        text, well = status.status_of(folder / "out")
         assert text.startswith("verified at 20")
         assert text.splitlines()[1:] == ["2 of 3 recorded, 1 failed", f"failed: run/b.avi: {missing}"]
         assert not well
@@ -142,7 +142,7 @@ def test_verification_updates_status_and_report(folder, monkeypatch):
         assert "is missing" in (folder / "out/report.html").read_text()
     recorded(folder, monkeypatch, resume=True)
     assert verified(folder) == {}
-    assert status.told(folder / "out")[1]
+    assert status.status_of(folder / "out")[1]
     assert "To record again" not in (folder / "out/report.html").read_text()
 
 
@@ -257,17 +257,17 @@ def test_verify_sees_stray_files(folder, monkeypatch):
     for limit in (None, 1):
         found = verification.verify(videos_in(folder / "in", folder / "out"), folder / "out", limit)
         assert (found.faults, found.others, found.well) == ({}, others, False)
-        assert found.told()[-1].endswith(
+        assert found.messages()[-1].endswith(
             "recordings are sound, but datasets would read other files in the folder as recordings: 2; move them away"
         )
-    assert status.told(folder / "out")[1] is False
-    assert "move them away" in status.told(folder / "out")[0]
+    assert status.status_of(folder / "out")[1] is False
+    assert "move them away" in status.status_of(folder / "out")[0]
     for name in ("a.h5", "copy of b.h5"):
         (folder / "out/run" / name).unlink()
     found = verification.verify(videos_in(folder / "in", folder / "out"), folder / "out")
     assert (list(found.others), found.well) == (["notes.md"], True)
-    assert found.told()[-1] == "2 of 2 recordings are sound; other files, which datasets don't read: 1"
-    assert status.told(folder / "out")[1] is True
+    assert found.messages()[-1] == "2 of 2 recordings are sound; other files, which datasets don't read: 1"
+    assert status.status_of(folder / "out")[1] is True
     # and it changes nothing about the recordings
     assert all(line["status"] == "recorded" for line in lines(folder))
 

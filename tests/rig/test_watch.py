@@ -13,7 +13,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.common.locks import locked
 from nvsdata.rig import status as module
 from nvsdata.rig import watch as watching
-from nvsdata.rig.status import Status, told
+from nvsdata.rig.status import Status, status_of
 from nvsdata.rig.watch import BatchStopped, Watch, prune
 
 
@@ -121,7 +121,7 @@ def test_how_a_batch_is_going(lab, capsys):
     lab.status._began -= 4 * 3_600
     lab.status.failure("y.avi", "too dark")
     with locked(lab.out):
-        text, well = told(lab.out)
+        text, well = status_of(lab.out)
         assert well
         assert "3 of 12 recorded, 1 failed, 2 to look at" in text
         # four were done in four hours
@@ -145,7 +145,7 @@ def test_how_a_batch_is_going(lab, capsys):
         assert main(["record", "--status", str(lab.out)]) == code
     with locked(lab.out):
         lab.status.set(state="paused")
-        assert told(lab.out)[1] is False
+        assert status_of(lab.out)[1] is False
 
 
 def test_a_folder_without_a_batch(tmp_path, capsys):
@@ -153,4 +153,4 @@ def test_a_folder_without_a_batch(tmp_path, capsys):
     assert "no batch has recorded there" in capsys.readouterr().err
     (tmp_path / module.STATUS).write_text("{}")
     with pytest.raises(FormatError, match="isn't the status of a batch"):
-        told(tmp_path)
+        status_of(tmp_path)

@@ -27,7 +27,7 @@ KEPT = ".h5", ".h5, gzip", ".h5, lzf", ".aedat4", ".evt3.raw", ".evt2.raw", ".da
 
 
 def cases(options: Options) -> list[Case]:
-    """Whole files beside peers and a copy of their bytes; growing files; windows; sizes on disk."""
+    """Entire files compared with peers and with a copy of their bytes; growing files; windows; sizes on disk."""
     return [*_whole(options), *_matlab(options), *_growing(options), *_windows(options), *_sizes(options)]
 
 
@@ -253,7 +253,7 @@ def _kept(options: Options, name: str, write: bool) -> Ready:
 
 
 def _compress(path: Path, compression: str) -> None:
-    """Write an HDF5 file anew with compressed columns."""
+    """Rewrite an HDF5 file with compressed columns."""
     packed = path.with_suffix(".packed")
     with h5py.File(path) as file, h5py.File(packed, "w") as target:
         target.attrs.update(file.attrs)

@@ -20,7 +20,7 @@ RADIUS, DEGREE = 3.0, 32
 
 
 def cases(options: Options) -> list[Case]:
-    """Windows to graphs beside peers; growing windows; sampling; events in few and in many places."""
+    """Windows to graphs compared with peers; growing windows; sampling; events in few and in many places."""
     return [*_windows(options), *_growing(options), *_occupied(options)]
 
 

@@ -28,7 +28,7 @@ Convolution = Callable[[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor],
 
 
 def cases(options: Options) -> list[Case]:
-    """B-spline convolutions beside torch_spline_conv and the obvious implementation; others beside PyG's; pooling."""
+    """B-spline convolutions compared with torch_spline_conv and a plain implementation; others with PyG's; pooling."""
     return [replace(case, device=options.device) for some in (_splines, _others, _pools) for case in some(options)]
 
 

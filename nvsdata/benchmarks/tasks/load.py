@@ -27,7 +27,7 @@ KIND = "largest difference of the sum of all recordings' frames"
 
 
 def cases(options: Options) -> list[Case]:
-    """Frames of N-MNIST beside tonic's; graphs by the number of workers; random windows of files and stores."""
+    """Frames of N-MNIST compared with tonic's; graphs by the number of workers; random windows of files and stores."""
     return [*_frames(options), *_workers(options), *_stores(options)]
 
 

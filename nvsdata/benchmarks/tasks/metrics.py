@@ -22,7 +22,7 @@ SPIKES = 60_000
 
 
 def cases(options: Options) -> list[Case]:
-    """Nearest spikes and moved mass beside peers; blocks, cells and samples; growing numbers of spikes."""
+    """Nearest spikes and moved mass compared with peers; blocks, cells and samples; growing numbers of spikes."""
     return [*_nearest(options), *_moved(options), *_knobs(options), *_growing(options)]
 
 

@@ -25,7 +25,7 @@ GROWING: dict[str, Run] = {
 
 
 def cases(options: Options) -> list[Case]:
-    """Each transform beside its peer; voxel grids by interpolation; growing numbers of events."""
+    """Each transform compared with its peer; voxel grids by interpolation; growing numbers of events."""
     return [*_all(options), *_interpolations(options), *_growing(options)]
 
 

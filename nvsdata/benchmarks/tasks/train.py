@@ -19,7 +19,7 @@ LOSS = "difference of the first loss from float64 on the CPU"
 
 
 def cases(options: Options) -> list[Case]:
-    """RG-CNN beside PyTorch Geometric's; every configuration; precision; batches of growing size."""
+    """RG-CNN compared with PyTorch Geometric's; every configuration; precision; batches of growing size."""
     each = _beside_pyg, _every, _precisions, _growing
     return [replace(case, device=options.device) for some in each for case in some(options)]
 

@@ -113,7 +113,7 @@ class Davis:
             raise CameraError("the camera doesn't tell its serial number: plug it in again") from None
 
     def _configured(self) -> bool:
-        """Return True if the device has its one configuration; if it has none, pyusb raises an error without a number."""
+        """Return True if the device has its one configuration; without one, pyusb raises an error without a number."""
         try:
             return bool(self.device.get_active_configuration().bConfigurationValue == 1)
         except usb.core.USBError as error:
@@ -315,12 +315,12 @@ class Davis:
         )
 
     def about(self) -> dict[str, Any]:
-        """Facts about the camera for recordings: name, serial number, biases, settings, and `note`."""
+        """Facts about the camera for recordings: name, serial, biases, settings, note."""
         numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
         numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
-        told = {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
-        told["settings"] = {name: value for name, value in asdict(self.settings).items() if name != "biases"}
-        return told | ({"note": self.note} if self.note else {})
+        facts = {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
+        facts["settings"] = {name: value for name, value in asdict(self.settings).items() if name != "biases"}
+        return facts | ({"note": self.note} if self.note else {})
 
     def journal_head(self, decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
         """The first bytes of a file of the format `davis`; see `Camera`."""

@@ -1,4 +1,4 @@
-"""Files of a DAVIS camera's stream as it came: `nvsdata record` keeps one beside its output until that is whole.
+"""Files of a DAVIS camera's stream as it came: `nvsdata record` keeps one next to its output until that is complete.
 
 The first line is `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.Decoder`), `last` (µs at which the
 recording ends, or null) and `about` (as `Recording.about`). The camera's words follow, 16 bits each, little-endian.
@@ -44,10 +44,10 @@ class StreamRecording(FileRecording):
         super().__init__(path, sensor_size, strict)
         line, newline, _ = head.partition(b"\n")
         try:
-            told = json.loads(line.removeprefix(MARK))
-            self._how = told["decoder"]
-            self._last: int | None = None if told["last"] is None else int(told["last"])
-            self._about = dict(told["about"])
+            stated = json.loads(line.removeprefix(MARK))
+            self._how = stated["decoder"]
+            self._last: int | None = None if stated["last"] is None else int(stated["last"])
+            self._about = dict(stated["about"])
             self._check()
             decoder = self._decoder()
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:

@@ -133,8 +133,8 @@ class Settings:
     """Settings of a DAVIS camera.
 
     - `biases`: by name, each two numbers (see `Bias`), in place of the chip's defaults
-    - `frames`: whether frames are sent beside events (default False)
-    - `inertial`: whether inertial samples are sent beside events (default True)
+    - `frames`: send frames in addition to events (default False)
+    - `inertial`: send inertial samples in addition to events (default True)
     - `region`: (x, y, width, height), the pixels whose events are sent (default: all)
     - `activity_filter`: µs, None for off, for cameras that have it (default 2,000)
     - `refractory_filter`: µs, None for off, for cameras that have it (default None)
