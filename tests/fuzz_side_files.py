@@ -30,8 +30,7 @@ import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata import transforms as T
 from nvsdata.batch.folder import sha256
-from nvsdata.common.checksum import crc32
-from nvsdata.common.files import Journal, sealed
+from nvsdata.common.files import Journal, crc32, sealed
 from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
 from nvsdata.datasets import source
 from nvsdata.datasets.cache_files import ALIGNED, packed

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from nvsdata.commands.options import add_json, path
 from nvsdata.common.errors import shown
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import tell
+from nvsdata.common.text import aligned
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nvsdata.commands.options import add_json, path
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import tell
+from nvsdata.common.text import aligned
 
 if TYPE_CHECKING:
     from nvsdata.datasets.facts import Info

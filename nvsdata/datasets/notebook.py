@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nvsdata.common.markup import as_html as escaped
+from nvsdata.common.text import as_html as escaped
 from nvsdata.datasets.facts import Sample
 from nvsdata.plots.gallery import Shelf, images
 

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from nvsdata import formats
-from nvsdata.common.checksum import crc32
-from nvsdata.common.files import atomic, read_own, sweep
+from nvsdata.common.files import atomic, crc32, read_own, sweep
 from nvsdata.data.recording import Recording
 
 INDEX, VERSION = ".nvsdata-index.json", 2

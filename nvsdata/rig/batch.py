@@ -17,11 +17,10 @@ import cv2
 from nvsdata.batch.folder import Video, fatal
 from nvsdata.batch.manifest import Manifest, file_facts
 from nvsdata.batch.run import FolderReport, FolderRun, noted
-from nvsdata.common.clock import host_time
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import append_own, claimed, json_line, write_all
 from nvsdata.common.progress import say_beside
-from nvsdata.recording.camera import Camera, CameraError
+from nvsdata.recording.camera import Camera, CameraError, host_time
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.live_view import DisplayError
 from nvsdata.rig.contact_sheets import Sheets

@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from nvsdata.common.clock import host_time
 from nvsdata.common.progress import say_beside
+from nvsdata.recording.camera import host_time
 from nvsdata.rig.status import Status
 
 REOPEN = 3  # takes that failed in a row after which the camera is opened anew

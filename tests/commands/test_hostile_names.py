@@ -21,9 +21,8 @@ from nvsdata.benchmarks.page import page as bench_page
 from nvsdata.cli import COMMANDS, main
 from nvsdata.common import locks, progress
 from nvsdata.common.errors import DownloadError, message_of, shown
-from nvsdata.common.markup import as_html, as_script
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import escaped_output
+from nvsdata.common.text import aligned, as_html, as_script
 from nvsdata.datasets.cache import TAG as CACHE_CONTENT
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.plots.gallery import Shelf, gallery

@@ -32,14 +32,14 @@ def stopped(tmp_path, monkeypatch):
     root = trees.put(tmp_path / "digits", trees.nmnist())
 
     def stops(*given):
-        for number, found in enumerate(writer_decoded(*given)):
+        for number, found in enumerate(in_order(*given)):
             if number == 5:
                 raise KeyboardInterrupt
             yield found
 
-    writer_decoded = writer._decoded
+    in_order = writer.in_order
     with monkeypatch.context() as patch:
-        patch.setattr(writer, "_decoded", stops)
+        patch.setattr(writer, "in_order", stops)
         with pytest.raises(KeyboardInterrupt):
             nvsdata.pack(NMNIST(root, "all"), tmp_path / "digits.h5")
     return tmp_path

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from lab import make_video
 
-from nvsdata.common.clock import host_time
 from nvsdata.common.errors import FormatError
+from nvsdata.recording.camera import host_time
 from nvsdata.rig import playback
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, perform

@@ -9,8 +9,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
+from nvsdata.common.files import crc32
 from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.shared import Shared
