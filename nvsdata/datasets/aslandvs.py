@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import scipy.io
 
 from nvsdata.data.recording import Recording
-from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import CountedFromBottom
 from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.families import BottomOriginDataset, numbered_fold
 from nvsdata.datasets.source import joined, recordings_in
 
 CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
@@ -27,7 +26,7 @@ class Pair(NamedTuple):
     label: int
 
 
-class ASLANDVS(CountedFromBottom):
+class ASLANDVS(BottomOriginDataset):
     """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
 
     `ds[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of

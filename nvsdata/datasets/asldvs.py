@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from nvsdata.datasets.base import RandomSplitDataset
-from nvsdata.datasets.davis240 import CountedFromBottom
-from nvsdata.datasets.expected import Holding
-from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.facts import Archive, Holding, Info
+from nvsdata.datasets.families import BottomOriginDataset, RandomSplitDataset
 
 
-class ASLDVS(CountedFromBottom, RandomSplitDataset):
+class ASLDVS(BottomOriginDataset, RandomSplitDataset):
     """ASL-DVS (Bi et al. 2019): 24 letters of American Sign Language, a DAVIS240C, 240x180.
 
     100,800 recordings of about 100 ms and 28,000 events, `<letter>/<letter>_<id>.mat`, letters a to y

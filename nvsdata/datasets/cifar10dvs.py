@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from nvsdata.datasets.base import RandomSplitDataset
-from nvsdata.datasets.expected import numbered
-from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.facts import Archive, Info, numbered
+from nvsdata.datasets.families import RandomSplitDataset
 
 # number of the figshare file, bytes and md5 of each class's zip
 ZIPS = {

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.datasets.shared import Shared
+from nvsdata.common.memory import SharedArray
 
 ERRORS = ("raise", "skip", "repair")
 MAX_UNREADABLE = 100  # recordings in a row that may be unreadable: more mean a damaged disk, not damaged files
@@ -23,7 +23,7 @@ class Damage:
     """Which samples all workers of a loader together have found damaged."""
 
     def __init__(self, count: int) -> None:
-        self._shared = Shared(count, np.uint8)
+        self._shared = SharedArray(count, np.uint8)
 
     def found(self) -> dict[int, int]:
         """Index of each damaged sample to `REPLACED` or `REPAIRED`."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from nvsdata.datasets.expected import Holding
-
 
 class Sample(NamedTuple):
     """A recording or a slice of one.
@@ -59,6 +57,34 @@ class Archive:
     size: int = 0
     within: Archive | None = None
     optional: bool = False
+
+
+@dataclass(frozen=True)
+class Holding:
+    """How many recordings a class has as distributed.
+
+    - `label`: name of the class; "" for all classes together
+    - `count`: number of recordings
+    - `part`: such as "train"; "" if there are no parts
+    - `stem`: pattern of their names without extension, where known, such as "mnist_3_scale04_{:04d}"
+    - `numbers`: that fill in the pattern
+    """
+
+    label: str
+    count: int
+    part: str = ""
+    stem: str = ""
+    numbers: range = range(0)
+
+    @property
+    def stems(self) -> list[str]:
+        """The names, without extension; empty where they aren't known."""
+        return [self.stem.format(number) for number in self.numbers]
+
+
+def numbered(label: str, stem: str, numbers: range, part: str = "") -> Holding:
+    """A holding whose names are all known."""
+    return Holding(label, len(numbers), part, stem, numbers)
 
 
 @dataclass(frozen=True)

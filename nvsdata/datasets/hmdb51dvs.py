@@ -8,9 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
-from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import CountedFromBottom, google_drive
 from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.families import BottomOriginDataset, google_drive, numbered_fold
 
 CLASSES = """
     brush_hair cartwheel catch chew clap climb climb_stairs dive draw_sword dribble drink eat fall_floor fencing
@@ -35,7 +34,7 @@ def official() -> dict[str, dict[str, str]]:
     return found
 
 
-class HMDB51DVS(CountedFromBottom):
+class HMDB51DVS(BottomOriginDataset):
     """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor in front of a DAVIS240C, 240x180.
 
     About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are HMDB51's

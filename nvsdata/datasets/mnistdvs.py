@@ -7,8 +7,7 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import numbered
-from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.facts import Archive, Info, Sample, numbered
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
@@ -70,7 +69,7 @@ class MNISTDVS(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool | None = None,
+        split: str | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,

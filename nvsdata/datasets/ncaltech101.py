@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from nvsdata.common.errors import FormatError
-from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.families import RandomSplitDataset
 from nvsdata.datasets.indexing import PairTransform, Transform
 from nvsdata.datasets.source import joined
 
@@ -90,7 +90,7 @@ class NCaltech101(RandomSplitDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool | None = None,
+        split: str | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import numbered
-from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.facts import Archive, Info, numbered
 
 
 class NCARS(EventDataset):

@@ -10,8 +10,7 @@ from nvsdata.data.events import Columns, Events
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import Holding, numbered
-from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.facts import Archive, Holding, Info, numbered
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
@@ -80,7 +79,7 @@ class NMNIST(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool | None = None,
+        split: str | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,

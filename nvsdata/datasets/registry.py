@@ -6,7 +6,8 @@ from difflib import get_close_matches
 from typing import TypeVar
 
 from nvsdata.common.registry import Registry
-from nvsdata.datasets.base import EventDataset, plain
+from nvsdata.datasets.base import EventDataset
+from nvsdata.datasets.description import plain_name
 
 Kind = TypeVar("Kind", bound=type[EventDataset])
 
@@ -22,7 +23,10 @@ def register_dataset(kind: Kind) -> Kind:
     if not (isinstance(kind, type) and issubclass(kind, EventDataset) and hasattr(kind, "info")):
         raise TypeError(f"register_dataset takes a subclass of EventDataset with an `info`, not {kind!r}")
     for known in DATASETS.loaded():
-        alike = {plain(kind.info.name), plain(kind.__name__)} & {plain(known.info.name), plain(known.__name__)}
+        alike = {plain_name(kind.info.name), plain_name(kind.__name__)} & {
+            plain_name(known.info.name),
+            plain_name(known.__name__),
+        }
         if alike and known.info.name != kind.info.name:
             raise ValueError(f"there is a dataset {known.info.name!r} already, {known!r}: choose another name")
     return DATASETS.register(kind.info.name, kind)  # type: ignore[return-value]
@@ -33,10 +37,12 @@ def dataset_named(name: str) -> type[EventDataset]:
 
     ValueError, which lists similar names, if there is none.
     """
-    names = {plain(known): kind for kind in DATASETS.values() for known in (kind.info.name, kind.__name__)}
-    kind = names.get(plain(name))
+    names = {plain_name(known): kind for kind in DATASETS.values() for known in (kind.info.name, kind.__name__)}
+    kind = names.get(plain_name(name))
     if kind is None:
-        close = dict.fromkeys(names[found].info.name for found in get_close_matches(plain(name), names, cutoff=0.5))
+        close = dict.fromkeys(
+            names[found].info.name for found in get_close_matches(plain_name(name), names, cutoff=0.5)
+        )
         hint = f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(DATASETS)}"
         raise ValueError(f"no dataset {name!r}; {hint}")
     return kind

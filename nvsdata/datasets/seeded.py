@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, Sampler, get_worker_info
 
-from nvsdata.datasets.shared import Shared
+from nvsdata.common.memory import SharedArray
 
 Key = tuple[int, int]
 """Epoch and index of a sample: what `SeededBatches` yields and `SeededDataset` takes."""
@@ -54,9 +54,9 @@ class Epochs:
 
     def __init__(self, count: int) -> None:
         # of each sample: 1 + the epoch in which it was given last
-        self._given = Shared(count, np.int64)
+        self._given = SharedArray(count, np.int64)
         # 1 + the epoch that was set, number of epochs begun; then base seed and epoch of the last passes
-        self._state = Shared(2 + 2 * PASSES, np.int64)
+        self._state = SharedArray(2 + 2 * PASSES, np.int64)
 
     def set(self, epoch: int) -> None:
         """Use this epoch for all samples until the next call."""

@@ -7,10 +7,8 @@ from collections.abc import Iterable
 from functools import cached_property
 from typing import ClassVar
 
-from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import CountedFromBottom, google_drive
-from nvsdata.datasets.expected import Holding
-from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.facts import Archive, Holding, Info, Sample
+from nvsdata.datasets.families import BottomOriginDataset, google_drive, numbered_fold
 
 UCF101_CLASSES = """
     ApplyEyeMakeup ApplyLipstick Archery BabyCrawling BalanceBeam BandMarching BaseballPitch Basketball
@@ -89,7 +87,7 @@ UCF50_COUNTS = (
 )
 
 
-class _UCF(CountedFromBottom):
+class _UCF(BottomOriginDataset):
     """`<Class>/v_<Class>_g<NN>_c<MM>.<suffix>`: the clips of a group gNN were cut from one video."""
 
     smallest: ClassVar[int] = 1024

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from nvsdata.batch.manifest import NAME, fault_of
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import Found, lacking, some
+from nvsdata.datasets.facts import Holding
 from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
 
+SHOWN = 3  # names in a message
 KINDS = {"nvsdata-videos", "nvsdata-recordings"}  # first keys of the manifests of `convert-videos` and `record`
 
 
@@ -187,3 +189,44 @@ def _lacking(dataset: EventDataset) -> Iterator[tuple[str, str]]:
 
 def _part(dataset: EventDataset, name: str) -> str:
     return dataset.part_of(os.path.dirname(name)) or ""
+
+
+class Found(NamedTuple):
+    """A recording that was found: its part ("" if there are none), its class, and its name without extension."""
+
+    part: str
+    label: str
+    stem: str
+
+
+def lacking(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[str, str]]:
+    """Parts and classes with fewer or more recordings than they should have: (where, what is wrong).
+
+    The message lists the recordings where their names are known.
+    """
+    there: dict[tuple[str, str], set[str]] = defaultdict(set)
+    for part, label, stem in found:
+        there[part, label].add(stem)
+        there[part, ""].add(stem)
+    wanted: dict[tuple[str, str], list[Holding]] = defaultdict(list)
+    for holding in holds:
+        wanted[holding.part, holding.label].append(holding)
+    for (part, label), holdings in wanted.items():
+        stems = there[part, label]
+        expected = {stem for holding in holdings for stem in holding.stems}
+        count = sum(holding.count for holding in holdings)
+        where = "/".join(name for name in (part, label) if name)
+        if expected and (missing := sorted(expected - stems)):
+            yield where, f"{len(missing):,} of {count:,} recordings are missing: {some(missing)}"
+        elif not expected and len(stems) < count:
+            yield where, f"{count - len(stems):,} of {count:,} recordings are missing"
+        if expected and (strange := sorted(stems - expected)):
+            yield where, f"{len(strange):,} recordings that the dataset doesn't have: {some(strange)}"
+        elif not expected and len(stems) > count:
+            yield where, f"{len(stems):,} recordings, though the dataset has {count:,}"
+
+
+def some(names: Sequence[str]) -> str:
+    """The first `SHOWN` names, and how many more there are."""
+    more = len(names) - SHOWN
+    return ", ".join(names[:SHOWN]) + (f" and {more:,} more" if more > 0 else "")

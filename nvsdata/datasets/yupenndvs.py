@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.davis240 import CountedFromBottom
-from nvsdata.datasets.expected import Holding
-from nvsdata.datasets.facts import Info, Sample
+from nvsdata.datasets.facts import Holding, Info, Sample
+from nvsdata.datasets.families import BottomOriginDataset
 
 CLASSES = (
     "beach",
@@ -27,7 +26,7 @@ CLASSES = (
 )
 
 
-class YUPENNDVS(CountedFromBottom):
+class YUPENNDVS(BottomOriginDataset):
     """YUPENN-DVS (Bi et al. 2020): dynamic scenes on a monitor in front of a DAVIS240C, 240x180.
 
     14 scenes with 30 recordings each. The layout of the files is not documented anywhere: class folders of

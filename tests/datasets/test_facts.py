@@ -25,9 +25,9 @@ from nvsdata.datasets import (
     EventFolder,
     NCaltech101,
 )
-from nvsdata.datasets.expected import Holding, numbered, some
-from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.layout import nothing_below
+from nvsdata.datasets.description import nothing_below
+from nvsdata.datasets.facts import Archive, Holding, Info, Sample, numbered
+from nvsdata.datasets.verification import some
 
 
 @pytest.mark.parametrize(

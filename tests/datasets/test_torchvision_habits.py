@@ -22,12 +22,9 @@ def digits(home):
     ("how", "named", "name"),
     [
         ((), {}, "train"),
-        ((True,), {}, "train"),
-        ((False,), {}, "test"),
         ((), {"train": True}, "train"),
         ((), {"train": False}, "test"),
         (("test",), {"train": False}, "test"),
-        ((False,), {"train": False}, "test"),
         (("all",), {}, "all"),
     ],
 )
@@ -42,14 +39,17 @@ def test_a_split_by_name_or_by_train(digits, how, named, name):
     [
         (("train",), {"train": False}),
         (("test",), {"train": True}),
-        ((True,), {"train": False}),
-        ((False,), {"train": True}),
         (("all",), {"train": True}),
     ],
 )
 def test_splits_that_contradict_each_other(digits, how, named):
     with pytest.raises(ValueError, match="contradict each other: give one of them"):
         NMNIST(digits, *how, **named)
+
+
+def test_a_split_is_a_string(digits):
+    with pytest.raises(TypeError, match="split must be a string, not True; pass train=True"):
+        NMNIST(digits, True)
 
 
 def test_train_is_true_or_false(digits):
@@ -70,7 +70,7 @@ def test_train_of_a_folder_whose_usual_split_is_all(tmp_path):
 
 
 def test_transforms_in_the_order_that_torchvision_has(digits):
-    dataset = NMNIST(digits, False, T.EventImage(), str)
+    dataset = NMNIST(digits, "test", T.EventImage(), str)
     sample, target = dataset[0]
     assert sample.shape == (2, 34, 34)
     assert target == "0"

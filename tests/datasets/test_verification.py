@@ -11,10 +11,10 @@ import nvsdata
 from nvsdata import NMNIST, EventFolder
 from nvsdata.cli import main
 from nvsdata.datasets import ASLDVS, CIFAR10DVS, DATASETS, UCF101DVS, YUPENNDVS, DVS128Gesture
-from nvsdata.datasets.expected import Found, Holding, lacking, numbered
+from nvsdata.datasets.facts import Holding, numbered
 from nvsdata.datasets.registry import dataset_named
 from nvsdata.datasets.store.writer import pack
-from nvsdata.datasets.verification import problems
+from nvsdata.datasets.verification import Found, lacking, problems
 from nvsdata.datasets.yupenndvs import CLASSES
 
 
@@ -177,7 +177,7 @@ def test_wrong_levels_show_what_was_expected_and_what_is_there(tmp_path):
     with pytest.raises(FileNotFoundError, match=f"such as {root}"):
         NMNIST(root / "Train" / "3")
     trees.put(tmp_path / "asl", {"a/a_0001.mat": b"", "b/b_0001.mat": b""})
-    with pytest.raises(FileNotFoundError, match=f"such as {tmp_path / 'asl'}; unpack it by hand") as caught:
+    with pytest.raises(FileNotFoundError, match=f"such as {tmp_path / 'asl'}; unpack it manually") as caught:
         ASLDVS(tmp_path / "asl" / "a")
     assert "./ (1 .mat)" in str(caught.value)
     assert "download" not in str(caught.value)

@@ -31,7 +31,7 @@ def fault_of(path: Path, expected: str) -> str:
             found = hashlib.file_digest(file, kind_of(expected)).hexdigest()
             return "" if found == expected else f"is another file: its {kind_of(expected)} is wrong, {found}"
     if head.startswith((b"Rar!", b"7z\xbc\xaf")):
-        return "is a RAR or 7z archive, which has to be unpacked by hand"
+        return "is a RAR or 7z archive, which has to be unpacked manually"
     return "" if is_archive(path) else "is not an archive, or not all of one"
 
 

@@ -228,11 +228,11 @@ def _of_zip(archive: zipfile.ZipFile, name: str) -> Iterator[_Entry]:
         if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
             raise _refused(name, info.filename, "a link or a device")
         if info.flag_bits & 1:
-            raise DownloadError(f"{name}: {info.filename!r} is encrypted; unpack the archive by hand")
+            raise DownloadError(f"{name}: {info.filename!r} is encrypted; unpack the archive manually")
         if info.compress_type not in METHODS:
             method = "Deflate64" if info.compress_type == 9 else f"method {info.compress_type}"
             raise DownloadError(
-                f"{name}: {info.filename!r} is compressed by {method}, which Python can't read; unpack it by hand"
+                f"{name}: {info.filename!r} is compressed by {method}, which Python can't read; unpack it manually"
             )
         yield _Entry(info.filename, info.file_size, info.is_dir(), info)
 

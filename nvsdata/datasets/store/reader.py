@@ -11,9 +11,9 @@ import numpy as np
 
 from nvsdata.common.errors import FormatError, shown
 from nvsdata.common.files import crc32
+from nvsdata.common.memory import SharedArray
 from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
-from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5.chunks import Chunks, values_of
 from nvsdata.formats.hdf5.file import (
@@ -121,7 +121,7 @@ class Store:
         begins, widths = [begin for *_, begin in self._places], [width for _, width, _ in self._places]
         self._direct = (*begins, *widths[:3]) if len(widths) == len(COLUMNS) and hasattr(os, "pread") else ()
         # which recordings are verified; forked workers share it
-        self._verified = Shared(len(self.names), np.bool_)
+        self._verified = SharedArray(len(self.names), np.bool_)
         self._verified.values[:] = os.environ.get("NVSDATA_STORE_CHECK") == "0"
         self._file = path.open("rb", buffering=0)
         self._handle = self._file.fileno()

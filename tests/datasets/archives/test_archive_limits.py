@@ -364,7 +364,7 @@ def test_titles_of_web_pages_are_told_briefly(tmp_path):
 @pytest.mark.parametrize("head", [b"Rar!\x1a\7", b"7z\xbc\xaf\x27\x1c"])
 def test_archives_that_python_can_not_read_are_named_where_no_hash_is_known(tmp_path, head):
     (tmp_path / "a").write_bytes(head)
-    assert fault_of(tmp_path / "a", "") == "is a RAR or 7z archive, which has to be unpacked by hand"
+    assert fault_of(tmp_path / "a", "") == "is a RAR or 7z archive, which has to be unpacked manually"
     for digest in ("md5", "sha256"):
         assert fault_of(tmp_path / "a", hashlib.new(digest, head).hexdigest()) == ""
         wrong = fault_of(tmp_path / "a", hashlib.new(digest, b"").hexdigest())

@@ -187,7 +187,7 @@ def test_names_that_differ_in_case_only_are_both_kept_or_refused(tmp_path):
 
 
 def test_what_python_cannot_read_is_named(refused):
-    refused(with_fields(zipped({"in/enc": b"1"}), 6, 8, 1), "'in/enc' is encrypted; unpack the archive by hand")
+    refused(with_fields(zipped({"in/enc": b"1"}), 6, 8, 1), "'in/enc' is encrypted; unpack the archive manually")
     for method, name in ((9, "Deflate64"), (93, "method 93")):
         refused(with_fields(zipped({"in/x": b"1"}), 8, 10, method), f"'in/x' is compressed by {name}, which Python")
     refused(zipped({"enc.zip": with_fields(zipped({"x": b"1"}), 6, 8, 1)}), "'enc.zip': 'x' is encrypted")
