@@ -33,7 +33,7 @@ from nvsdata.batch.folder import sha256
 from nvsdata.common.files import Journal, crc32, sealed
 from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
 from nvsdata.datasets import source
-from nvsdata.datasets.cache_files import ALIGNED, packed
+from nvsdata.datasets.cache.encoding import ALIGNED, encode_sample
 from nvsdata.datasets.store.reader import INDEX, Store, checksum
 from nvsdata.datasets.verification import problems
 from nvsdata.formats import contents, kept_index, reading
@@ -207,7 +207,7 @@ def cached(rng: Rng, home: Path) -> str:
         return f"{found[0]} has edges between nodes that it doesn't have"
     if trusted:
         return ""
-    return "" if packed(found[0]) == packed(expected[0]) else f"{found}, not {expected}"
+    return "" if encode_sample(found[0]) == encode_sample(expected[0]) else f"{found}, not {expected}"
 
 
 def _has_checksum(raw: bytes) -> bool:

@@ -68,7 +68,7 @@ class EventDataset(Samples):
         >>> from pathlib import Path
         >>> root = Path(tempfile.mkdtemp())
         >>> (root / "waving").mkdir()
-        >>> nvsdata.write(root / "waving/0.npy", nvsdata.example())
+        >>> nvsdata.write(nvsdata.example(), root / "waving/0.npy")
         >>> dataset = nvsdata.EventFolder(root)
         >>> len(dataset), dataset.classes, dataset[0][1]
         (1, ['waving'], 0)

@@ -23,7 +23,7 @@ from nvsdata.common import locks, progress
 from nvsdata.common.errors import DownloadError, message_of, shown
 from nvsdata.common.terminal import escaped_output
 from nvsdata.common.text import aligned, as_html, as_script
-from nvsdata.datasets.cache import TAG as CACHE_CONTENT
+from nvsdata.datasets.cache.cached import TAG as CACHE_CONTENT
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.plots.gallery import Shelf, gallery
 from nvsdata.plots.page import page as view_page
