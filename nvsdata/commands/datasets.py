@@ -22,8 +22,8 @@ FACTS = Path(__file__).with_name("datasets.json")  # python -m nvsdata.commands.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("--root", type=path, default=Path(), help="the folder that datasets are looked for in")
-    check = "ask every address whether it still has its file, and how large it is"
-    parser.add_argument("--check", action="store_true", help=check)
+    check_addresses = "ask every address whether it still has its file, and how large it is"
+    parser.add_argument("--check", action="store_true", help=check_addresses)
     add_json(parser.add_argument)
 
 
@@ -38,9 +38,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(*, as_json: bool) -> int:
     from nvsdata.datasets import DATASETS
-    from nvsdata.datasets.archives.sources import check
+    from nvsdata.datasets.archives.address_check import check_addresses
 
-    found = check([kind.info for name, kind in DATASETS.items() if name != "folder"])
+    found = check_addresses([kind.info for name, kind in DATASETS.items() if name != "folder"])
     rows = [
         (one.dataset, one.file, f"{one.bytes / 1e9:.2f} GB" if one.bytes else "", one.url, one.fault or "there")
         for one in found

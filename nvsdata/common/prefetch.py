@@ -55,7 +55,7 @@ def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
 
 
 def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
-    line = _Line(items)
+    line = _Queue(items)
     thread = Thread(target=line.fill, name="nvsdata-ahead", daemon=True)
     thread.start()
     _running[thread] = line
@@ -68,7 +68,7 @@ def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
         _running.pop(thread, None)
 
 
-class _Line(Generic[Item]):
+class _Queue(Generic[Item]):
     """Items on their way from one thread to another.
 
     Waking a thread often takes longer than making an item, so both threads sleep for several items: the maker until
@@ -124,7 +124,7 @@ class _Line(Generic[Item]):
             self._change.notify()
 
 
-_running: dict[Thread, _Line[Any]] = {}
+_running: dict[Thread, _Queue[Any]] = {}
 
 
 @atexit.register

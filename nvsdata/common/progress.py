@@ -43,6 +43,6 @@ def _columns() -> int | None:
         return None
 
 
-def say_beside(text: str) -> None:
+def say_above_bar(text: str) -> None:
     """Write a line to stderr, above any progress bar."""
     tqdm.write(printable(text), file=Terminal(unescaped(sys.stderr)))

@@ -13,12 +13,12 @@ import scipy.io
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.facts import Archive, Info
 from nvsdata.datasets.families import BottomOriginDataset, numbered_fold
-from nvsdata.datasets.source import joined, recordings_in
+from nvsdata.datasets.source import path_below, recordings_in
 
 CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
 
 
-class Pair(NamedTuple):
+class RecordingPair(NamedTuple):
     """Two recordings by their path below the root, and whether they show the same action (1) or not (0)."""
 
     a: str
@@ -83,7 +83,7 @@ class ASLANDVS(BottomOriginDataset):
         for fold, a, b, same in self._pairs():
             missing |= {video for video in (a, b) if video not in names}
             if a in names and b in names:
-                found.append(Pair(names[a], names[b], same))
+                found.append(RecordingPair(names[a], names[b], same))
                 self.folds.append(fold)
         self.missing = sorted(missing)
         return found
@@ -119,7 +119,7 @@ class ASLANDVS(BottomOriginDataset):
         folder = next((folder for folder, names in self.listing.items() if VIEW2 in names), None)
         if folder is None:
             raise FileNotFoundError(f"neither {VIEW2} nor {CSV} below {self.root}; ASLAN's page has View 2")
-        pairs = scipy.io.loadmat(io.BytesIO(self.source.data(joined(folder, VIEW2)))).get(VARIABLE)
+        pairs = scipy.io.loadmat(io.BytesIO(self.source.data(path_below(folder, VIEW2)))).get(VARIABLE)
         if pairs is None or pairs.ndim != 3 or pairs.shape[1] < 3:
             raise ValueError(f"{VIEW2} holds no {VARIABLE} of [pairs, 5, folds]")
         for fold in range(pairs.shape[2]):
@@ -141,7 +141,7 @@ class ASLANDVS(BottomOriginDataset):
         pair: Any = self.samples[index]
         return self.named(pair.a), self.named(pair.b)
 
-    def joined(self, parts: Sequence[Any]) -> Any:
+    def combine(self, parts: Sequence[Any]) -> Any:
         return tuple(parts)
 
     def _files(self, sample: Any) -> tuple[str, ...]:

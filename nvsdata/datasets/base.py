@@ -18,7 +18,7 @@ from nvsdata.data.views import Run, Slice
 from nvsdata.datasets.description import notebook_view, nothing_below, plain_name, shape_made_by
 from nvsdata.datasets.facts import Info, Sample
 from nvsdata.datasets.indexing import PairTransform, Samples, Transform, check_choice
-from nvsdata.datasets.source import Folder, Source, joined, recordings_in
+from nvsdata.datasets.source import Folder, Source, path_below, recordings_in
 
 
 class EventDataset(Samples):
@@ -68,7 +68,7 @@ class EventDataset(Samples):
         >>> from pathlib import Path
         >>> root = Path(tempfile.mkdtemp())
         >>> (root / "waving").mkdir()
-        >>> nvsdata.write(nvsdata.example(), root / "waving/0.npy")
+        >>> _ = nvsdata.write(nvsdata.example(), root / "waving/0.npy")
         >>> dataset = nvsdata.EventFolder(root)
         >>> len(dataset), dataset.classes, dataset[0][1]
         (1, ['waving'], 0)
@@ -146,8 +146,6 @@ class EventDataset(Samples):
         named = None if train is None else "train" if train else "test"
         if split is None:
             return named or self.splits[0]
-        if isinstance(split, bool):
-            raise TypeError(f"split must be a string, not {split}; pass train={split}")
         check_choice("split", split, self.splits)
         if named not in (None, split):
             raise ValueError(f"split={split!r} and train={train} contradict each other: give one of them")
@@ -292,7 +290,7 @@ class EventDataset(Samples):
         """Return the text of the file with that name anywhere below the root; None if there isn't one."""
         for folder, names in self.listing.items():
             if name in names:
-                return self.source.data(joined(folder, name)).decode("utf-8-sig", "replace")
+                return self.source.data(path_below(folder, name)).decode("utf-8-sig", "replace")
         return None
 
     def _samples_in_words(self) -> str:

@@ -12,7 +12,7 @@ from nvsdata.data.recording import Recording
 from nvsdata.data.views import Scaled
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.source import joined
+from nvsdata.datasets.source import path_below
 
 CLASSES = (
     "hand_clapping",
@@ -78,9 +78,9 @@ class DVS128Gesture(EventDataset):
         for folder, names in self.listing.items():
             for name in names:
                 stem, _, suffix = name.rpartition(".")
-                place = joined(folder, name)
+                place = path_below(folder, name)
                 if suffix.lower() in ("aedat", "aedat3", "h5") and f"{stem}_labels.csv" in names:
-                    labels = self.source.data(joined(folder, f"{stem}_labels.csv")).decode("utf-8-sig")
+                    labels = self.source.data(path_below(folder, f"{stem}_labels.csv")).decode("utf-8-sig")
                     found += [Sample(place, label, window) for label, window in _gestures(place, labels)]
                 elif (cut := PREPROCESSED.fullmatch(name)) and TRIAL.search(place) and int(cut[1]) < len(CLASSES):
                     found.append(Sample(place, int(cut[1])))

@@ -82,7 +82,7 @@ class Holding:
         return [self.stem.format(number) for number in self.numbers]
 
 
-def numbered(label: str, stem: str, numbers: range, part: str = "") -> Holding:
+def numbered_holding(label: str, stem: str, numbers: range, part: str = "") -> Holding:
     """A holding whose names are all known."""
     return Holding(label, len(numbers), part, stem, numbers)
 

@@ -138,7 +138,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         """The recordings that a sample is made of, opened but not decoded."""
         return (self.recording(index),)
 
-    def joined(self, parts: Sequence[Any]) -> Any:
+    def combine(self, parts: Sequence[Any]) -> Any:
         """The sample, from its transformed recordings."""
         return parts[0]
 
@@ -205,7 +205,7 @@ class Samples(Dataset[tuple[Any, Any]]):
             sample, target = self.transforms(whole, self.target(index))
         else:
             change = self.transform or as_events
-            sample, target = self.joined([change(recording) for recording in recordings]), self.target(index)
+            sample, target = self.combine([change(recording) for recording in recordings]), self.target(index)
         self.note_repairs(index, recordings)
         return sample, target
 

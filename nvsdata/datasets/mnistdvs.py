@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.facts import Archive, Info, Sample, numbered
+from nvsdata.datasets.facts import Archive, Info, Sample, numbered_holding
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
@@ -54,7 +54,7 @@ class MNISTDVS(EventDataset):
         ),
         recordings=30_000,
         holds=tuple(
-            numbered(str(d), f"mnist_{d}_scale{scale:02d}_{{:04d}}", range(1, 1001))
+            numbered_holding(str(d), f"mnist_{d}_scale{scale:02d}_{{:04d}}", range(1, 1001))
             for d in range(10)
             for scale in SCALES
         ),

@@ -12,7 +12,7 @@ from nvsdata.common.errors import FormatError
 from nvsdata.datasets.facts import Archive, Info, Sample
 from nvsdata.datasets.families import RandomSplitDataset
 from nvsdata.datasets.indexing import PairTransform, Transform
-from nvsdata.datasets.source import joined
+from nvsdata.datasets.source import path_below
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
 _ALL = Archive(
@@ -36,7 +36,7 @@ CLASSES = """
 """.split()
 
 
-class Box(NamedTuple):
+class BoundingBox(NamedTuple):
     """A bounding box in pixels: `x` (left), `y` (top), `width`, `height`."""
 
     x: int
@@ -135,7 +135,7 @@ class NCaltech101(RandomSplitDataset):
         }
         return target if self.target_transform is None else self.target_transform(target)
 
-    def box(self, index: int) -> Box | None:
+    def box(self, index: int) -> BoundingBox | None:
         """The bounding box of a sample, with negative corners moved to 0; None if it has no annotation.
 
         FormatError if the annotation is broken.
@@ -144,12 +144,12 @@ class NCaltech101(RandomSplitDataset):
         wanted = "annotation" + sample.stem.removeprefix("image") + ".bin"
         for folder, names in self.listing.items():
             if self._label_of(folder) == sample.label and wanted in names:
-                where = joined(folder, wanted)
+                where = path_below(folder, wanted)
                 return _box(where, self.source.data(where))
         return None
 
 
-def _box(name: str, data: bytes) -> Box:
+def _box(name: str, data: bytes) -> BoundingBox:
     """Decode an annotation, little-endian int16: rows, columns, then x and y of each corner."""
     values = np.frombuffer(data[: len(data) // 2 * 2], "<i2")
     if values.size < 10 or values[0] != 2 or values[1] < 4:
@@ -157,4 +157,4 @@ def _box(name: str, data: bytes) -> Box:
             name, "not an annotation: it doesn't begin with a box of 2 rows and 4 columns or more", offset=0
         )
     x, y, right, bottom = (max(int(values[i]), 0) for i in (2, 3, 4, 7))
-    return Box(x, y, right - x, bottom - y)
+    return BoundingBox(x, y, right - x, bottom - y)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.facts import Archive, Info, numbered
+from nvsdata.datasets.facts import Archive, Info, numbered_holding
 
 
 class NCARS(EventDataset):
@@ -31,10 +31,10 @@ class NCARS(EventDataset):
         ),
         recordings=24_029,
         holds=(
-            numbered("background", "obj_{:06d}_td", range(4_211, 11_693), "train"),
-            numbered("cars", "obj_{:06d}_td", range(4_396, 12_336), "train"),
-            numbered("background", "obj_{:06d}_td", range(4_211), "test"),
-            numbered("cars", "obj_{:06d}_td", range(4_396), "test"),
+            numbered_holding("background", "obj_{:06d}_td", range(4_211, 11_693), "train"),
+            numbered_holding("cars", "obj_{:06d}_td", range(4_396, 12_336), "train"),
+            numbered_holding("background", "obj_{:06d}_td", range(4_211), "test"),
+            numbered_holding("cars", "obj_{:06d}_td", range(4_396), "test"),
         ),
         known_from="a public reader",
         tree="n-cars_train/<class>/obj_<id>_td.dat and n-cars_test/<class>/obj_<id>_td.dat",

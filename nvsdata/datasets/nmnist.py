@@ -10,7 +10,7 @@ from nvsdata.data.events import Columns, Events
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.facts import Archive, Holding, Info, numbered
+from nvsdata.datasets.facts import Archive, Holding, Info, numbered_holding
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
@@ -71,7 +71,7 @@ class NMNIST(EventDataset):
         holds=tuple(
             Holding(str(digit), count, part) for part, counts in COUNTS.items() for digit, count in enumerate(counts)
         )
-        + tuple(numbered("", "{:05d}", range(1, sum(counts) + 1), part) for part, counts in COUNTS.items()),
+        + tuple(numbered_holding("", "{:05d}", range(1, sum(counts) + 1), part) for part, counts in COUNTS.items()),
         known_from="counts and numbers are MNIST's",
         tree="Train/<digit>/<id>.bin and Test/<digit>/<id>.bin",
     )

@@ -26,7 +26,7 @@ Listing = dict[str, list[str]]
 """Folder, relative to the root with slashes, to its sorted file names."""
 
 
-def joined(folder: str, name: str) -> str:
+def path_below(folder: str, name: str) -> str:
     """Path of a listed file below the root."""
     return name if folder == "." else f"{folder}/{name}"
 
@@ -35,7 +35,7 @@ def recordings_in(listing: Listing) -> Iterator[str]:
     """Paths of the listed files that have the extension of a known format."""
     known = formats.suffixes()
     for folder, names in listing.items():
-        prefix = joined(folder, "")
+        prefix = path_below(folder, "")
         yield from [prefix + name for name in names if name.endswith(known) or name.lower().endswith(known)]
 
 
@@ -65,7 +65,7 @@ class Source(Protocol):
         """Whether a recording read at time `at` (ns since 1970) certainly had the content its stamp stands for."""
 
 
-def keep(path: Path, content: dict[str, Any]) -> None:
+def save_index(path: Path, content: dict[str, Any]) -> None:
     """Keep what is known of a dataset's folder in a file of JSON, with a checksum. OSError if it can't be written."""
     text = json.dumps(content)
     sweep(path.parent, path.name)
@@ -73,7 +73,7 @@ def keep(path: Path, content: dict[str, Any]) -> None:
         temporary.write_text(json.dumps([VERSION, crc32(text.encode())]) + "\n" + text)
 
 
-def restored(path: Path) -> dict[str, Any]:
+def load_index(path: Path) -> dict[str, Any]:
     """Return what `keep` kept: an empty dictionary if there is nothing of this version, or it was changed since."""
     try:
         head, _, text = read_own(path, MOST_BYTES).partition(b"\n")
@@ -131,7 +131,7 @@ class Folder:
     def _remembered(self) -> Listing | None:
         """The listing of the index; None if there is none, a folder has changed, or it isn't one of this folder."""
         try:
-            index = restored(self.root / INDEX)
+            index = load_index(self.root / INDEX)
             times, files = index["times"], index["files"]
             if not (times.keys() == files.keys() and "." in files and all(map(_is_listed, files, files.values()))):
                 return None
@@ -152,11 +152,13 @@ class Folder:
         if files[folder] != _shown(name for name, is_folder in found.items() if not is_folder):
             return False
         below = _entered(folder, [name for name, is_folder in found.items() if is_folder])
-        return all(joined(folder, name) in files or (self.root / folder / name / CACHE_TAG).exists() for name in below)
+        return all(
+            path_below(folder, name) in files or (self.root / folder / name / CACHE_TAG).exists() for name in below
+        )
 
     def _remember(self, made: int, times: dict[str, int], files: Listing) -> None:
         try:
-            keep(self.root / INDEX, {"made": made, "times": times, "files": files})
+            save_index(self.root / INDEX, {"made": made, "times": times, "files": files})
             # otherwise the root would seem to have changed
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:

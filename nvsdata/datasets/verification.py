@@ -180,11 +180,14 @@ def _lacking(dataset: EventDataset) -> Iterator[tuple[str, str]]:
             Found(_part(dataset, sample.name) if in_parts else "", dataset.classes[sample.label], sample.stem)
             for sample in found
         )
-        yield from lacking(holds, names)
+        yield from missing_recordings(holds, names)
     stems = {os.path.splitext(os.path.basename(name))[0].lower() for name in dataset.files_of(found)}
     for name, listed in dataset.listed().items():
         if missing := [stem for stem in listed if stem.lower() not in stems]:
-            yield name, f"{len(missing):,} of {len(listed):,} recordings that it lists are missing: {some(missing)}"
+            yield (
+                name,
+                f"{len(missing):,} of {len(listed):,} recordings that it lists are missing: {some_names(missing)}",
+            )
 
 
 def _part(dataset: EventDataset, name: str) -> str:
@@ -199,7 +202,7 @@ class Found(NamedTuple):
     stem: str
 
 
-def lacking(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[str, str]]:
+def missing_recordings(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[str, str]]:
     """Parts and classes with fewer or more recordings than they should have: (where, what is wrong).
 
     The message lists the recordings where their names are known.
@@ -217,16 +220,16 @@ def lacking(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[
         count = sum(holding.count for holding in holdings)
         where = "/".join(name for name in (part, label) if name)
         if expected and (missing := sorted(expected - stems)):
-            yield where, f"{len(missing):,} of {count:,} recordings are missing: {some(missing)}"
+            yield where, f"{len(missing):,} of {count:,} recordings are missing: {some_names(missing)}"
         elif not expected and len(stems) < count:
             yield where, f"{count - len(stems):,} of {count:,} recordings are missing"
         if expected and (strange := sorted(stems - expected)):
-            yield where, f"{len(strange):,} recordings that the dataset doesn't have: {some(strange)}"
+            yield where, f"{len(strange):,} recordings that the dataset doesn't have: {some_names(strange)}"
         elif not expected and len(stems) > count:
             yield where, f"{len(stems):,} recordings, though the dataset has {count:,}"
 
 
-def some(names: Sequence[str]) -> str:
+def some_names(names: Sequence[str]) -> str:
     """The first `SHOWN` names, and how many more there are."""
     more = len(names) - SHOWN
     return ", ".join(names[:SHOWN]) + (f" and {more:,} more" if more > 0 else "")

@@ -16,7 +16,7 @@ from nvsdata.common.validation import microseconds, whole
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Sample
-from nvsdata.datasets.source import keep, restored
+from nvsdata.datasets.source import load_index, save_index
 
 Data = TypeVar("Data", bound=EventDataset)
 
@@ -127,7 +127,7 @@ class _Index:
 
     def _read(self) -> dict[str, Any]:
         """What was kept; nothing if it isn't sound, or not what some of the recordings give."""
-        known = restored(self.path)
+        known = load_index(self.path)
         if not all(map(_is_place, known.values())):
             return {}
         there = [sample for sample in self.dataset.samples if sample.name + sample.part in known]
@@ -145,7 +145,7 @@ class _Index:
             return
         # a folder that can't be written to is looked through each time
         with suppress(OSError):
-            keep(self.path, self.known)
+            save_index(self.path, self.known)
 
 
 def _is_place(entry: Any) -> bool:

@@ -19,7 +19,7 @@ from nvsdata.batch.manifest import Manifest, file_facts
 from nvsdata.batch.run import FolderReport, FolderRun, noted
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import append_own, claimed, json_line, write_all
-from nvsdata.common.progress import say_beside
+from nvsdata.common.progress import say_above_bar
 from nvsdata.recording.camera import Camera, CameraError, host_time
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.live_view import DisplayError
@@ -153,7 +153,7 @@ def record_videos(
                     waiting.append(other)
                 if takes[video.name] < TAKES:
                     first = isinstance(reason, CameraError) and takes[video.name] == 1
-                    say_beside(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
+                    say_above_bar(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
                     (waiting.appendleft if first else waiting.append)(video)
                     continue
                 line |= {"status": "failed", "reason": str(reason)}
@@ -318,7 +318,7 @@ class _Cameras:
                     raise
                 if str(error) != told:
                     told = str(error)
-                    say_beside(f"{told}: waiting for it")
+                    say_above_bar(f"{told}: waiting for it")
                 if self._told is not None:
                     watch, status = self._told
                     status.set(state="waiting for the camera")

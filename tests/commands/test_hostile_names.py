@@ -235,7 +235,7 @@ def test_a_bar_moves_the_cursor_and_its_words_do_not(monkeypatch):
     with escaped_output(), progress.bar(range(3), BAD, mininterval=0) as bar:
         for _ in bar:
             bar.set_postfix_str(BAD)
-            progress.say_beside(BAD)
+            progress.say_above_bar(BAD)
     text = screen.getvalue()
     # the bar is cleared before the line is written
     assert f" \r{shown(BAD)}\n" in text

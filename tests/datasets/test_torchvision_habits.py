@@ -48,7 +48,7 @@ def test_splits_that_contradict_each_other(digits, how, named):
 
 
 def test_a_split_is_a_string(digits):
-    with pytest.raises(TypeError, match="split must be a string, not True; pass train=True"):
+    with pytest.raises(ValueError, match="split must be 'train', 'test', 'all', not True"):
         NMNIST(digits, True)
 
 

@@ -18,7 +18,7 @@ def kind_of(expected: str) -> str:
     return "md5" if len(expected) == 32 else "sha256"
 
 
-def fault_of(path: Path, expected: str) -> str:
+def archive_fault(path: Path, expected: str) -> str:
     """Why a file doesn't have the md5 or sha256 `expected` (if that is empty: isn't an archive); "" if it is right."""
     with path.open("rb") as file:
         head = file.read(HEAD)

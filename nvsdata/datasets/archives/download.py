@@ -12,9 +12,9 @@ from pathlib import Path
 from nvsdata.common.errors import DownloadError, message_of, shown
 from nvsdata.common.files import claimed, remove_link
 from nvsdata.common.locks import lock_path, locked
-from nvsdata.datasets.archives.arrival_check import fault_of
+from nvsdata.datasets.archives.arrival_check import archive_fault
 from nvsdata.datasets.archives.transfer import MIRROR, fetch
-from nvsdata.datasets.archives.unpack import difference, unpack
+from nvsdata.datasets.archives.unpack import first_difference, unpack
 from nvsdata.datasets.facts import Archive, Info
 
 WORK = ".nvsdata-download"  # folder in the root for unfinished work; it contains no files of the user
@@ -55,11 +55,11 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
         # left by a run that was killed at its very end
         with suppress(OSError), locked(root):
             pass
-    if not keep and unneeded(info.archives, root):
+    if not keep and unneeded_archives(info.archives, root):
         with claimed(root):
             for archive in info.archives:
-                for path in unneeded([archive], root):
-                    if archive.hash and not fault_of(path, archive.hash) and not _is_of_mirror(path):
+                for path in unneeded_archives([archive], root):
+                    if archive.hash and not archive_fault(path, archive.hash) and not _is_of_mirror(path):
                         _delete_if_unpacked(archive, path, root)
     return [root / archive.folder for archive in info.archives if _is_there(root / archive.folder)]
 
@@ -70,7 +70,7 @@ def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
     work.mkdir(exist_ok=True)
     try:
         # the archive may contain the folder itself or only its content
-        missing = difference(path, root / archive.folder, work) and difference(path, root, work)
+        missing = first_difference(path, root / archive.folder, work) and first_difference(path, root, work)
     except DownloadError as error:
         missing = str(error)
     finally:
@@ -84,7 +84,7 @@ def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
         path.unlink()
 
 
-def unneeded(archives: Iterable[Archive], root: Path) -> list[Path]:
+def unneeded_archives(archives: Iterable[Archive], root: Path) -> list[Path]:
     """Files in `root` that are named as archives whose folder is there, too."""
     places = ((root / archive.name, root / archive.folder) for archive in archives)
     return [path for path, folder in places if path != folder and path.is_file() and _is_there(folder)]

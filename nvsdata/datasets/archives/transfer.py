@@ -21,8 +21,8 @@ import urllib3
 from nvsdata.common.errors import DownloadError, shown
 from nvsdata.common.files import append_own, read_own, remove_link, write_all
 from nvsdata.common.progress import bar as progress
-from nvsdata.datasets.archives.arrival_check import QUOTA, fault_of, kind_of, page_of
-from nvsdata.datasets.archives.unpack import take_out
+from nvsdata.datasets.archives.arrival_check import QUOTA, archive_fault, kind_of, page_of
+from nvsdata.datasets.archives.unpack import extract_file
 from nvsdata.datasets.facts import Archive, Info
 
 MIRROR = "NVSDATA_MIRROR"
@@ -68,14 +68,14 @@ def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
     """What `fetch` returns; _NotHere says what went wrong at each place."""
     path, part = root / archive.name, _Part(work / archive.name)
     if path.exists():
-        if fault := fault_of(path, archive.hash):
+        if fault := archive_fault(path, archive.hash):
             raise _NotHere(f"{path} {fault}; move it away")
         return path
     faults = []
     for place in _places(archive, info):
         try:
             if isinstance(place, Path):
-                if fault := fault_of(place, archive.hash):
+                if fault := archive_fault(place, archive.hash):
                     raise _NotHere(f"it {fault}")
                 return place
             if isinstance(place, Archive):
@@ -116,8 +116,8 @@ def _take_from(outer: Archive, part: _Part, archive: Archive, work: Path, info: 
     """Take the archive out of another one, which stays in `work`. _NotHere if that can't be fetched."""
     found = _brought(outer, work, work, info)
     part.discard()
-    take_out(found, archive.name, part.path)
-    if fault := fault_of(part.path, archive.hash):
+    extract_file(found, archive.name, part.path)
+    if fault := archive_fault(part.path, archive.hash):
         part.discard()
         raise _NotHere(f"the file in it {fault}")
 
@@ -162,7 +162,7 @@ def _download(url: str, part: _Part, archive: Archive) -> None:
     """Complete the part and check it. _NotHere if that isn't possible; OSError if the disk fails."""
     for last in (False, True):
         in_pieces = _go_on(url, part, archive)
-        fault = fault_of(part.path, archive.hash)
+        fault = archive_fault(part.path, archive.hash)
         if not fault:
             return
         part.discard()
@@ -231,7 +231,7 @@ def _one_try(url: str, part: _Part, archive: Archive) -> bool:
     return begin > 0
 
 
-def asked(url: str) -> tuple[str, int | None]:
+def probe(url: str) -> tuple[str, int | None]:
     """Why a file isn't to be had at an address, empty if it is, and its bytes, None if the server doesn't say."""
     headers = {"Accept-Encoding": "identity"}
     try:

@@ -58,14 +58,14 @@ def unpack(path: Path, folder: Path) -> None:
     except FileExistsError:
         raise DownloadError(f"{shown(path)}: not unpacked, because {shown(folder)} is there already") from None
     try:
-        room = _Room(min(MOST_BYTES, max(SMALL, MOST_TIMES * path.stat().st_size)), MOST_FILES)
+        room = _Budget(min(MOST_BYTES, max(SMALL, MOST_TIMES * path.stat().st_size)), MOST_FILES)
         _unpack(path, shown(path), folder, room, DEEPEST)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
-def difference(path: Path, folder: Path, work: Path) -> str:
+def first_difference(path: Path, folder: Path, work: Path) -> str:
     """Return what of an archive isn't in the folder that it was unpacked into, byte for byte; empty if nothing.
 
     Args:
@@ -79,8 +79,8 @@ def difference(path: Path, folder: Path, work: Path) -> str:
     Raises:
         DownloadError: the archive can't be read.
     """
-    with _told(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
-        for entry in list(_entries(archive, str(path), folder, _Room(MOST_BYTES, MOST_FILES))):
+    with _as_download_error(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
+        for entry in list(_entries(archive, str(path), folder, _Budget(MOST_BYTES, MOST_FILES))):
             target = folder.joinpath(*_parts(entry.name, str(path)))
             if entry.is_folder:
                 if not target.is_dir():
@@ -88,7 +88,7 @@ def difference(path: Path, folder: Path, work: Path) -> str:
             elif _is_inner(target.name):
                 with tempfile.TemporaryDirectory(dir=work) as there:
                     _write(archive, entry, Path(there, target.name))
-                    if found := difference(Path(there, target.name), target.with_name(_stem(target.name)), work):
+                    if found := first_difference(Path(there, target.name), target.with_name(_stem(target.name)), work):
                         return found
             elif not target.is_file():
                 return f"{target} is missing"
@@ -107,15 +107,15 @@ def _is_copy(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: 
     return True
 
 
-def take_out(path: Path, file: str, target: Path) -> None:
+def extract_file(path: Path, file: str, target: Path) -> None:
     """Write the entry of an archive named `file`, in any folder, to `target`. DownloadError if that fails."""
-    with _told(f"{shown(path)}: damaged archive"), _opened(path, shown(path)) as archive:
-        entries = list(_entries(archive, shown(path), target.parent, _Room(MOST_BYTES, MOST_FILES)))
+    with _as_download_error(f"{shown(path)}: damaged archive"), _opened(path, shown(path)) as archive:
+        entries = list(_entries(archive, shown(path), target.parent, _Budget(MOST_BYTES, MOST_FILES)))
         found = [entry for entry in entries if entry.name.rsplit("/", 1)[-1] == file]
         if not found:
             raise DownloadError(f"{shown(path)}: {file!r} is not in it")
         _check_disk(target.parent, found[0].size, shown(path))
-        with _told(f"{shown(path)}: can't unpack {file!r}"):
+        with _as_download_error(f"{shown(path)}: can't unpack {file!r}"):
             _write(archive, found[0], target)
 
 
@@ -141,7 +141,7 @@ class _Entry:
 
 
 @dataclass
-class _Room:
+class _Budget:
     """How many bytes and files may still be unpacked."""
 
     bytes: int
@@ -158,15 +158,15 @@ class _Room:
             )
 
 
-def _unpack(path: Path, name: str, folder: Path, room: _Room, depth: int) -> None:
+def _unpack(path: Path, name: str, folder: Path, room: _Budget, depth: int) -> None:
     """Unpack an archive, called `name` in messages."""
-    with _told(f"{name}: damaged archive"), _opened(path, name) as archive:
+    with _as_download_error(f"{name}: damaged archive"), _opened(path, name) as archive:
         entries = list(_entries(archive, name, folder, room))
         if not entries:
             raise DownloadError(f"{name}: there is nothing in it")
         _check_disk(folder, sum(-(-entry.size // BLOCK) * BLOCK for entry in entries), name)
         for entry in entries:
-            with _told(f"{name}: can't unpack {entry.name!r}"):
+            with _as_download_error(f"{name}: can't unpack {entry.name!r}"):
                 _write(archive, entry, folder.joinpath(*_parts(entry.name, name)))
     for inner in sorted(p for p in folder.rglob("*") if depth and _is_inner(p.name) and p.is_file()):
         there = inner.with_name(_stem(inner.name))
@@ -205,7 +205,7 @@ def _content(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry) -> IO[by
     return file
 
 
-def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path, room: _Room) -> Iterator[_Entry]:
+def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path, room: _Budget) -> Iterator[_Entry]:
     """The entries of an archive; DownloadError if any of them can't be unpacked."""
     listed = _of_zip(archive, name) if isinstance(archive, zipfile.ZipFile) else _of_tar(archive, name, folder)
     for entry in listed:
@@ -288,7 +288,7 @@ def _check_disk(folder: Path, needed: int, archive: str) -> None:
 
 
 @contextmanager
-def _told(what: str) -> Iterator[None]:
+def _as_download_error(what: str) -> Iterator[None]:
     """Turn any error of an archive or the disk into a DownloadError of one line."""
     try:
         yield

@@ -92,7 +92,7 @@ def cache(dataset: EventDataset, path: str | os.PathLike[str]) -> Cached:
         >>> from pathlib import Path
         >>> root = Path(tempfile.mkdtemp())
         >>> (root / "data/waving").mkdir(parents=True)
-        >>> nvsdata.write(nvsdata.example(), root / "data/waving/0.npy")
+        >>> _ = nvsdata.write(nvsdata.example(), root / "data/waving/0.npy")
         >>> cached = nvsdata.cache(nvsdata.EventFolder(root / "data", transform=T.Window(0, 30_000)), root / "cache")
         >>> cached[0][0] == cached[0][0]
         True
@@ -144,7 +144,7 @@ class Cached(Dataset[tuple[Any, Any]]):
                 self.dataset.source.settled(name, at) for name in self._files(index)
             ):
                 self._keep(parts, stamps, file)
-        return self.dataset.joined([self.tail(part) for part in parts]), self.dataset.target(index)
+        return self.dataset.combine([self.tail(part) for part in parts]), self.dataset.target(index)
 
     def _files(self, index: int) -> Sequence[str]:
         return list(self.dataset.files_of([self.dataset.samples[index]]))

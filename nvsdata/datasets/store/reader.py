@@ -104,8 +104,8 @@ class Store:
         self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
         self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
         try:
-            texts = {name: unpacked(index[name]) for name in ("name", "format", "folder", "file_name")}
-            self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+            texts = {name: unpack_texts(index[name]) for name in ("name", "format", "folder", "file_name")}
+            self.left_out = dict(zip(unpack_texts(index["left_out"]), unpack_texts(index["reason"]), strict=True))
         except ValueError as error:
             raise FormatError(path, f"its index has no valid names: {error}") from None
         self.names, self.formats, self._folders = texts["name"], texts["format"], texts["folder"]
@@ -363,11 +363,11 @@ def _has_types(index: dict[str, np.ndarray]) -> bool:
     return fits and all(array.dtype in TYPES.get(name, ("u1",)) for name, array in index.items())
 
 
-def packed(texts: Iterable[str]) -> np.ndarray:
+def pack_texts(texts: Iterable[str]) -> np.ndarray:
     """Strings as bytes: UTF-8, each followed by a zero, which no file name contains."""
     return np.frombuffer("".join(text + "\0" for text in texts).encode("utf-8", "surrogatepass"), np.uint8)
 
 
-def unpacked(kept: np.ndarray) -> list[str]:
+def unpack_texts(kept: np.ndarray) -> list[str]:
     """The strings given to `packed`."""
     return kept.tobytes().decode("utf-8", "surrogatepass").split("\0")[:-1]

@@ -19,9 +19,9 @@ from nvsdata.common.files import atomic, creating, named
 from nvsdata.common.progress import bar
 from nvsdata.common.terminal import say
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.source import Source, joined
+from nvsdata.datasets.source import Source, path_below
 from nvsdata.datasets.store.part import Part
-from nvsdata.datasets.store.reader import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, packed
+from nvsdata.datasets.store.reader import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, pack_texts
 from nvsdata.formats.hdf5.disk import created
 from nvsdata.formats.hdf5.layouts import STORE
 
@@ -39,7 +39,7 @@ class PackReport:
     - `skipped`: recordings that were left out, name to reason
     """
 
-    packed: int = 0
+    pack_texts: int = 0
     events: int = 0
     skipped: dict[str, str] = field(default_factory=dict)
 
@@ -152,11 +152,11 @@ def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> 
             "size": np.array([line["size"] for line in facts], np.int32),
             "bytes": np.array([line["bytes"] for line in facts], np.int64),
             "crc": np.fromiter(_checksums(part, raw, bounds, kinds), np.uint32),
-            "format": packed(line["format"] for line in facts),
-            "name": packed(line["name"] for line in facts),
-            "folder": packed(dataset.listing),
-            "left_out": packed(part.skipped),
-            "reason": packed(reason.replace("\0", " ") for reason in part.skipped.values()),
+            "format": pack_texts(line["format"] for line in facts),
+            "name": pack_texts(line["name"] for line in facts),
+            "folder": pack_texts(dataset.listing),
+            "left_out": pack_texts(part.skipped),
+            "reason": pack_texts(reason.replace("\0", " ") for reason in part.skipped.values()),
             **_side_files(dataset, part),
         }
         for name in INDEX:
@@ -198,14 +198,14 @@ def _side_files(dataset: EventDataset, part: Part) -> dict[str, np.ndarray]:
     recordings = part.done.union(dataset.files_of(dataset.found()))
     for folder, files in dataset.listing.items():
         for file in files:
-            name = joined(folder, file)
+            name = path_below(folder, file)
             # a store isn't a side file, also not the one that is being replaced
             known = name in recordings or name.lower().endswith((".h5", ".hdf5"))
             if not known and dataset.source.size(name) <= MOST_SIDE_BYTES:
                 names.append(name)
                 blobs.append(dataset.source.data(name))
     return {
-        "file_name": packed(names),
+        "file_name": pack_texts(names),
         "file_offset": np.concatenate(([0], np.cumsum([len(blob) for blob in blobs]))).astype(np.int64),
         "file_data": np.frombuffer(b"".join(blobs), np.uint8),
     }

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from nvsdata.common.errors import DownloadError
 from nvsdata.datasets.archives import unpack as module
-from nvsdata.datasets.archives.unpack import take_out, unpack
+from nvsdata.datasets.archives.unpack import extract_file, unpack
 
 
 def zipped(files, method=zipfile.ZIP_STORED):
@@ -325,7 +325,7 @@ def test_a_disk_that_fills_up_leaves_nothing(refused):
 
 def test_taking_a_file_out(tmp_path):
     (tmp_path / "a.zip").write_bytes(zipped({"d/x.zip": b"1", "d/y.zip": b"2"}))
-    take_out(tmp_path / "a.zip", "y.zip", tmp_path / "y.part")
+    extract_file(tmp_path / "a.zip", "y.zip", tmp_path / "y.part")
     assert (tmp_path / "y.part").read_bytes() == b"2"
     with pytest.raises(DownloadError, match=r"'z.zip' is not in it"):
-        take_out(tmp_path / "a.zip", "z.zip", tmp_path / "z.part")
+        extract_file(tmp_path / "a.zip", "z.zip", tmp_path / "z.part")

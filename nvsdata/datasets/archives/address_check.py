@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import requests
 
-from nvsdata.datasets.archives.transfer import asked
+from nvsdata.datasets.archives.transfer import probe
 from nvsdata.datasets.facts import Info
 
 AT_ONCE = 8  # addresses that are asked at the same time
 PAGE = "its page"
 
 
-class Source(NamedTuple):
+class AddressCheck(NamedTuple):
     """An address, and what came of asking it.
 
     - `dataset`: name of the dataset
@@ -32,14 +32,14 @@ class Source(NamedTuple):
     bytes: int | None
 
 
-def check(infos: Iterable[Info]) -> list[Source]:
+def check_addresses(infos: Iterable[Info]) -> list[AddressCheck]:
     """Ask every address of these datasets for its first bytes."""
     places = list(dict.fromkeys(place for info in infos for place in _places(info)))
     with ThreadPoolExecutor(AT_ONCE) as threads:
         answers = threads.map(
-            lambda place: (page_fault(place[2]), None) if place[1] == PAGE else asked(place[2]), places
+            lambda place: (page_fault(place[2]), None) if place[1] == PAGE else probe(place[2]), places
         )
-        return [Source(*place, *answer) for place, answer in zip(places, answers, strict=True)]
+        return [AddressCheck(*place, *answer) for place, answer in zip(places, answers, strict=True)]
 
 
 def _places(info: Info) -> Iterator[tuple[str, str, str]]:
