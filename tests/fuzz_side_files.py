@@ -403,7 +403,7 @@ def prepare(home: Path) -> None:
     """What nothing may touch; indexes are kept of small files that were changed just now."""
     (home / "secret").write_bytes(SECRET)
     kept_index.LEAST, kept_index.SETTLED_NS = 0, 0
-    source.REMEMBERED = 2
+    source.MANY_FILES = 2
 
 
 def attempt(number: int, name: str, home: Path) -> str:

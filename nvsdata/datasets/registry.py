@@ -15,10 +15,28 @@ DATASETS: Registry[type[EventDataset]] = Registry("dataset", "datasets", lambda 
 
 
 def register_dataset(kind: Kind) -> Kind:
-    """Class decorator: makes a dataset known under `info.name` to all commands and recipes.
+    """Register a dataset under `info.name` for all commands and recipes; to be used as a class decorator.
 
-    A package can use an entry point instead (group `nvsdata.datasets`, whose object is the class). ValueError for a
-    name that is taken, TypeError for anything but a subclass of EventDataset with an `info`.
+    A package can use an entry point instead (group `nvsdata.datasets`, whose object is the class).
+
+    Args:
+        kind: the dataset's class.
+
+    Returns:
+        The class.
+
+    Raises:
+        ValueError: another dataset has that name, or a similar one.
+        TypeError: anything but a subclass of EventDataset with an `info`.
+
+    Example:
+        >>> from nvsdata.datasets import EventDataset, dataset_named, register_dataset
+        >>> from nvsdata.datasets.facts import Info
+        >>> @register_dataset
+        ... class Pens(EventDataset):
+        ...     info = Info("pens", sensor_size=(128, 128), classes=("pen", "pencil"), page="", license="CC0")
+        >>> dataset_named("pens").__name__
+        'Pens'
     """
     if not (isinstance(kind, type) and issubclass(kind, EventDataset) and hasattr(kind, "info")):
         raise TypeError(f"register_dataset takes a subclass of EventDataset with an `info`, not {kind!r}")
@@ -33,9 +51,18 @@ def register_dataset(kind: Kind) -> Kind:
 
 
 def dataset_named(name: str) -> type[EventDataset]:
-    """The dataset class with a name: `info.name` ("n-mnist") or the name of the class ("NMNIST"), in any case.
+    """Return the class of a dataset.
 
-    ValueError, which lists similar names, if there is none.
+    Args:
+        name: its `info.name` ("n-mnist") or the name of the class ("NMNIST"), in any case.
+
+    Raises:
+        ValueError: there is no such dataset; the message lists similar names.
+
+    Example:
+        >>> from nvsdata.datasets import dataset_named
+        >>> dataset_named("n-mnist").info.sensor_size
+        (34, 34)
     """
     names = {plain_name(known): kind for kind in DATASETS.values() for known in (kind.info.name, kind.__name__)}
     kind = names.get(plain_name(name))

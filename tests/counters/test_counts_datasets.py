@@ -67,7 +67,7 @@ def test_a_dataset_is_made_from_names_alone(digits):
 
 
 def test_unchanged_folders_are_not_read_again(digits, looks, monkeypatch):
-    monkeypatch.setattr(source, "REMEMBERED", 5)
+    monkeypatch.setattr(source, "MANY_FILES", 5)
     NMNIST(digits)
     folders = 1 + 2 + 20
     assert looks["scandir"] >= folders

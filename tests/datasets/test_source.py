@@ -11,7 +11,7 @@ from nvsdata.datasets.source import CACHE_TAG, INDEX, Folder, load_index, record
 
 @pytest.fixture
 def tree(tmp_path, monkeypatch):
-    monkeypatch.setattr(source, "REMEMBERED", 5)
+    monkeypatch.setattr(source, "MANY_FILES", 5)
     root = trees.put(tmp_path / "data", {f"{c}/{i}.bin": b"" for c in "ab" for i in range(4)} | {"list.txt": b"x"})
     for folder in (root, root / "a", root / "b"):
         os.utime(folder, ns=(10**18, 10**18))

@@ -123,7 +123,7 @@ class Cached(Dataset[tuple[Any, Any]]):
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return Subset(self, range(len(self))[index])
-        return self.dataset.taken(range(len(self))[index], self._made)
+        return self.dataset.seeded_sample(range(len(self))[index], self._made)
 
     def set_epoch(self, epoch: int) -> None:
         """Set the epoch of random numbers; see `Samples.set_epoch`."""

@@ -209,14 +209,14 @@ def test_what_is_still_to_come_must_fit_the_disk(host, get, monkeypatch):
     url = host.serve("/a", CONTENT)
     get.part.write_bytes(CONTENT[:5_000])
     disk_with(monkeypatch, len(CONTENT) - 5_001)
-    with pytest.raises(DownloadError, match=f"{len(CONTENT) - 5_000:,} bytes are to come, but the disk has 1"):
+    with pytest.raises(DownloadError, match=f"{len(CONTENT) - 5_000:,} bytes are missing, but the disk has 1"):
         get(url)
     disk_with(monkeypatch, len(CONTENT) - 5_000)
     assert get(url) == CONTENT
     # where the server doesn't say, what is known counts
     disk_with(monkeypatch, len(CONTENT) - 1)
     (get.part.parent.parent / "a.zip").unlink()
-    with pytest.raises(DownloadError, match=f"{len(CONTENT):,} bytes are to come"):
+    with pytest.raises(DownloadError, match=f"{len(CONTENT):,} bytes are missing"):
         get(host.serve("/b", CONTENT, length=False), size=len(CONTENT))
 
 

@@ -89,7 +89,7 @@ def test_locks_of_dead_processes_and_unfinished_downloads(tmp_path):
 def test_indexes_of_recordings_datasets_and_windows(tmp_path, monkeypatch):
     monkeypatch.setattr(kept_index, "LEAST", 1_000)
     monkeypatch.setattr(kept_index, "SETTLED_NS", 0)
-    monkeypatch.setattr(source, "REMEMBERED", 1)
+    monkeypatch.setattr(source, "MANY_FILES", 1)
     (tmp_path / "a").mkdir()
     random = np.random.default_rng(0)
     ev = nvsdata.Events(np.arange(20_000) * 10, *random.integers(0, 100, (2, 20_000)), random.integers(0, 2, 20_000))
