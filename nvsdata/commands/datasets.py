@@ -22,8 +22,8 @@ FACTS = Path(__file__).with_name("datasets.json")  # python -m nvsdata.commands.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("--root", type=path, default=Path(), help="the folder that datasets are looked for in")
-    check_addresses = "ask every address whether it still has its file, and how large it is"
-    parser.add_argument("--check", action="store_true", help=check_addresses)
+    check = "ask every address whether it still has its file, and how large it is"
+    parser.add_argument("--check", action="store_true", help=check)
     add_json(parser.add_argument)
 
 

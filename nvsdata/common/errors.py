@@ -41,7 +41,7 @@ class FormatError(ValueError):
         ...     nvsdata.open(path)
         ... except nvsdata.FormatError as error:
         ...     print(error.reason)
-        is empty
+        the extension says aedat4, but the file is empty
     """
 
     def __init__(self, path: str | os.PathLike[str], reason: str | None = None, *, offset: int | None = None) -> None:

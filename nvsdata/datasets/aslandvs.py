@@ -19,7 +19,7 @@ CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
 
 
 class RecordingPair(NamedTuple):
-    """Two recordings by their path below the root, and whether they show the same action (1) or not (0)."""
+    """Paths of two recordings below the root; `label` is 1 if they show the same action, otherwise 0."""
 
     a: str
     b: str
@@ -29,19 +29,35 @@ class RecordingPair(NamedTuple):
 class ASLANDVS(BottomOriginDataset):
     """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
 
-    `ds[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of
+    `dataset[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of
     ASLAN's View 2, ten subsets of 300 same and 300 different pairs. They are read from `View2.mat` (its variable
-    `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from
-    `aslan_pairs.csv` (columns fold, video_a, video_b, same) below `root`. A video is named by its
-    id, which is the number that the recording's name ends in, or by that name.
+    `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from `aslan_pairs.csv` (columns fold,
+    video_a, video_b, same) below `root`. A video is identified by the number at the end of the recording's name, or by
+    that name. Pairs with a missing recording are left out; `missing` lists the missing videos.
 
-    Pairs with a missing recording are left out; `missing` lists the missing videos.
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: 1 to 10 (default 1), the subset for testing; the others are for training.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
 
-    - `split`: "train" (default), "test" or "all"
-    - `fold`: 1 to 10 (default 1), the subset for testing; the others are for training
-    - other parameters: those of `EventDataset`
+    Raises:
+        FileNotFoundError: neither file of pairs is below `root`, or `root` has no recordings.
+        ValueError: the file of pairs has another layout.
 
-    FileNotFoundError if neither file of pairs is below `root`, ValueError if it has another layout.
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.ASLANDVS("data/aslan-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.ASLANDVS.info.sensor_size, len(nvsdata.ASLANDVS.info.classes)
+        ((240, 180), 2)
     """
 
     info = Info(
@@ -75,7 +91,7 @@ class ASLANDVS(BottomOriginDataset):
         return numbered_fold(fold, range(1, 11), 1)
 
     def found(self) -> list[Any]:
-        """The pairs of all folds for which both recordings are there."""
+        """Return the pairs of all folds for which both recordings exist."""
         names = self._by_name()
         found = []
         self.folds: list[int] = []
@@ -94,7 +110,7 @@ class ASLANDVS(BottomOriginDataset):
                 yield pair
 
     def _by_name(self) -> dict[str, str]:
-        """Recordings by file name without extension, and by the number at its end."""
+        """Return the recordings by file name without extension, and by the number at its end."""
         names = {}
         for where in recordings_in(self.listing):
             file = where.rsplit("/", 1)[-1]
@@ -121,7 +137,7 @@ class ASLANDVS(BottomOriginDataset):
             raise FileNotFoundError(f"neither {VIEW2} nor {CSV} below {self.root}; ASLAN's page has View 2")
         pairs = scipy.io.loadmat(io.BytesIO(self.source.data(path_below(folder, VIEW2)))).get(VARIABLE)
         if pairs is None or pairs.ndim != 3 or pairs.shape[1] < 3:
-            raise ValueError(f"{VIEW2} holds no {VARIABLE} of [pairs, 5, folds]")
+            raise ValueError(f"{VIEW2} contains no {VARIABLE} of [pairs, 5, folds]")
         for fold in range(pairs.shape[2]):
             for a, b, same in pairs[:, :3, fold].astype(int).tolist():
                 yield fold + 1, str(a), str(b), same
@@ -134,10 +150,10 @@ class ASLANDVS(BottomOriginDataset):
 
     @property
     def packed_split(self) -> str:
-        return "all"  # pairs of all splits are made of the same recordings
+        return "all"  # pairs of all splits consist of the same recordings
 
     def recordings(self, index: int) -> tuple[Recording, ...]:
-        """The two recordings of a pair, opened but not decoded."""
+        """Return the two recordings of a pair, opened but not decoded."""
         pair: Any = self.samples[index]
         return self.named(pair.a), self.named(pair.b)
 

@@ -15,9 +15,25 @@ class NCARS(EventDataset):
     `n-cars_train/{cars,background}/obj_<id>_td.dat` and `n-cars_test`. The crops differ in size; the largest,
     120x100, is taken as the sensor's size. Classes: background 0, cars 1.
 
-    - `split`: "train" (default), "test" or "all"
-    - `fold`: must be None
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: must be None: there is one split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.NCARS("data/n-cars", "train")  # doctest: +SKIP
+        >>> nvsdata.NCARS.info.sensor_size, len(nvsdata.NCARS.info.classes)
+        ((120, 100), 2)
     """
 
     info = Info(

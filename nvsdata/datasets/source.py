@@ -16,7 +16,7 @@ from nvsdata.data.recording import Recording
 
 INDEX, VERSION = ".nvsdata-index.json", 2
 MOST_BYTES = 1 << 28  # of an index: of two million files
-LOOKED_AT = 3  # folders of an index that are compared with the disk
+COMPARED = 3  # folders of an index that are compared with the disk
 MANY_FILES = 2_000  # number from which an index is written
 SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before its listing may change again with the same time
 CACHE_TAG = "CACHEDIR.TAG"  # marks folders of caches, by a convention of backup programs
@@ -140,7 +140,7 @@ class Folder:
                 now = os.stat(self.root / folder).st_mtime_ns
                 if now != changed or now > index["made"] - SETTLED_NS:
                     return None
-            some = random.Random().sample(list(files), min(len(files), LOOKED_AT))
+            some = random.Random().sample(list(files), min(len(files), COMPARED))
             return files if all(self._is_same(folder, files) for folder in some) else None
         except (OSError, KeyError, TypeError, AttributeError):
             return None

@@ -95,7 +95,7 @@ def test_the_second_time_nothing_is_decoded(root, way, monkeypatch):
         patched.setattr(FileRecording, "read", None)
         patched.setattr(FileRecording, "decode_span", None)
         # but for some recordings, with which the index is compared
-        patched.setattr(windows_module, "LOOKED_AT", 0)
+        patched.setattr(windows_module, "COMPARED", 0)
         assert windows(EventFolder(root), **way).samples == first
     # a file that has changed is looked at again
     name = next(path for path in (root / "a").iterdir() if path.stem == "two")
