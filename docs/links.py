@@ -7,7 +7,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from nvsdata.datasets.archives.sources import page_fault
+from nvsdata.datasets.archives.address_check import page_fault
 
 ROOT = Path(__file__).parents[1]
 TEXTS = "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "docs/*.md", "docs/*/*.md", "recipes/*/*.md"

@@ -20,7 +20,7 @@ from .datasets import (
     EventFolder,
     NCaltech101,
 )
-from .datasets.cache import cache
+from .datasets.cache.cached import cache
 from .datasets.store.writer import pack
 from .datasets.windows import windows
 from .emulation import PIX2NVS

@@ -35,7 +35,7 @@ from torch.utils.data import ConcatDataset
 from nvsdata import models, plots
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import Journal
-from nvsdata.common.tables import aligned
+from nvsdata.common.text import aligned
 from nvsdata.data.batching import collate
 from nvsdata.training import Team, TrainTestSplit, loader, run, votes
 from nvsdata.training.objects import BATCH, Objects

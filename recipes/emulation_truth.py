@@ -23,7 +23,7 @@ import nvsdata
 from nvsdata import Events, metrics, plots
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import claimed, put
-from nvsdata.common.tables import aligned
+from nvsdata.common.text import aligned
 from nvsdata.emulation import DVS, PIX2NVS, fit
 from nvsdata.emulation.fitting import correlation, intervals, places
 from nvsdata.emulation.tuning.objective import Pair

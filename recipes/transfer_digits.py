@@ -29,7 +29,7 @@ import torch
 from nvsdata import Events, formats
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
-from nvsdata.common.tables import aligned
+from nvsdata.common.text import aligned
 from nvsdata.datasets import NMNIST
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.training import Team, TrainTestSplit, accuracies, loader, run, team

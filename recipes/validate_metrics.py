@@ -23,7 +23,7 @@ import numpy as np
 import nvsdata
 from nvsdata import Events, metrics
 from nvsdata.common.files import put
-from nvsdata.common.tables import aligned
+from nvsdata.common.text import aligned
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.emulation import PRESETS
 from nvsdata.emulation.tuning.objective import Pair

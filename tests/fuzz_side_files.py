@@ -30,11 +30,10 @@ import nvsdata
 from nvsdata import EventFolder, FormatError
 from nvsdata import transforms as T
 from nvsdata.batch.folder import sha256
-from nvsdata.common.checksum import crc32
-from nvsdata.common.files import Journal, sealed
+from nvsdata.common.files import Journal, crc32, sealed
 from nvsdata.common.locks import OutputInUse, is_locked, lock_path, locked
 from nvsdata.datasets import source
-from nvsdata.datasets.cache_files import ALIGNED, packed
+from nvsdata.datasets.cache.encoding import ALIGNED, encode_sample
 from nvsdata.datasets.store.reader import INDEX, Store, checksum
 from nvsdata.datasets.verification import problems
 from nvsdata.formats import contents, kept_index, reading
@@ -208,7 +207,7 @@ def cached(rng: Rng, home: Path) -> str:
         return f"{found[0]} has edges between nodes that it doesn't have"
     if trusted:
         return ""
-    return "" if packed(found[0]) == packed(expected[0]) else f"{found}, not {expected}"
+    return "" if encode_sample(found[0]) == encode_sample(expected[0]) else f"{found}, not {expected}"
 
 
 def _has_checksum(raw: bytes) -> bool:
@@ -404,7 +403,7 @@ def prepare(home: Path) -> None:
     """What nothing may touch; indexes are kept of small files that were changed just now."""
     (home / "secret").write_bytes(SECRET)
     kept_index.LEAST, kept_index.SETTLED_NS = 0, 0
-    source.REMEMBERED = 2
+    source.MANY_FILES = 2
 
 
 def attempt(number: int, name: str, home: Path) -> str:

@@ -125,7 +125,7 @@ CHANGING = {
     "Take",
     "Tally",
     "Watched",
-    "_Room",
+    "_Budget",
 }
 
 

@@ -217,7 +217,7 @@ def test_entry_points_that_work_and_one_that_does_not(monkeypatch):
         EntryPoint("odd", "json:dumps", "nvsdata.transforms"),
         EntryPoint("Fraction", "fractions:Fraction", "nvsdata.transforms"),
     ]
-    monkeypatch.setattr(registry, "entry_points", lambda group: [p for p in points if p.group == group])
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [p for p in points if p.group == group])
     monkeypatch.setattr(TRANSFORMS, "_loaded", False)
     with pytest.warns(UserWarning, match="installed package") as warned:
         assert T.from_repr("Fraction(1, 2)") == 0.5
@@ -246,7 +246,7 @@ def test_a_format_may_be_registered_again_and_its_mark_counts_before_an_extensio
     point = EntryPoint("marked", "nowhere:marked", "nvsdata.formats")
     found = Format("marked", (".marked",), opened, begins=lambda head: head.startswith(b"MARK"))
     monkeypatch.setattr(EntryPoint, "load", lambda self: found)
-    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [point])
     monkeypatch.setattr(FORMATS, "_loaded", False)
     (tmp_path / "a.bin").write_bytes(b"MARK5")
     assert nvsdata.open(tmp_path / "a.bin") == str(tmp_path / "a.bin")
@@ -264,7 +264,7 @@ def test_threads_wait_for_what_is_being_loaded(monkeypatch):
             return int
 
     fresh = registry.Registry("thing", "things")
-    monkeypatch.setattr(registry, "entry_points", lambda group: [Slow()])
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [Slow()])
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(lambda: fresh["slow"])
         assert begun.wait(10)

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from nvsdata.common.prefetch import stay_in_one_thread
 from nvsdata.common.processes import pool
-from nvsdata.common.progress import say_beside
+from nvsdata.common.progress import say_above_bar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -150,7 +150,7 @@ def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[s
                 seen, waiting = time.monotonic(), False
             elif not waiting:
                 waiting = True
-                say_beside(f"no worker at {scheduler}: waiting for one, at most {PATIENCE_S:.0f} s")
+                say_above_bar(f"no worker at {scheduler}: waiting for one, at most {PATIENCE_S:.0f} s")
             elif time.monotonic() - seen > PATIENCE_S:
                 reasons.append(f"no worker at {scheduler} for {PATIENCE_S:.0f} s")
                 client.cancel(futures, force=True)

@@ -13,7 +13,7 @@ from nvsdata.benchmarks.line import OURS, Line
 from nvsdata.benchmarks.table import work_table
 from nvsdata.benchmarks.tasks import TASKS
 from nvsdata.common.errors import shown
-from nvsdata.common.markup import as_html
+from nvsdata.common.text import as_html
 from nvsdata.plots.axes import LINES, chart, words
 
 if TYPE_CHECKING:

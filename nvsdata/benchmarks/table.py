@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from nvsdata.benchmarks.curves import bends_upward, exponent, is_scaling
 from nvsdata.benchmarks.line import OURS, Line
 from nvsdata.common.errors import shown
-from nvsdata.common.tables import aligned
+from nvsdata.common.text import aligned
 
 HEAD = ("", "error", "median", "p95", "p99", "runs", "peak", "ratio to ours", "work")
 NOTED = 1.3  # ratio of times from which a comparison marks a line

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from nvsdata.commands.options import add_json, path
 from nvsdata.common.errors import shown
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import tell
+from nvsdata.common.text import aligned
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,15 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what there is; with "clear", remove it."""
-    from nvsdata.datasets.cache_folders import caches_below, remove
+    from nvsdata.datasets.cache.cleanup import kept_below, remove_kept
 
-    found = [one for folder in args.folders or [Path()] for one in caches_below(folder)]
+    found = [one for folder in args.folders or [Path()] for one in kept_below(folder)]
     clear = args.action == "clear"
     for one in found:
         if args.json:
             tell("", {"kind": one.kind, "path": one.path, "files": len(one.files), "bytes": one.bytes}, as_json=True)
         if clear:
-            remove(one)
+            remove_kept(one)
     size = sum(one.bytes for one in found)
     rows = [(one.kind, shown(one.path), f"{len(one.files):,} files", f"{one.bytes / 1e6:,.1f} MB") for one in found]
     lines = [aligned(rows, left=True)] if rows else []

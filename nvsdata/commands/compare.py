@@ -11,8 +11,8 @@ from nvsdata import formats, metrics, plots
 from nvsdata.commands.options import add_json, path, positive, sensor_size
 from nvsdata.common.errors import shown
 from nvsdata.common.locks import check_place
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import tell
+from nvsdata.common.text import aligned
 from nvsdata.plots.comparison import side_by_side
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nvsdata.commands.options import add_json, path
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import tell
+from nvsdata.common.text import aligned
 
 if TYPE_CHECKING:
     from nvsdata.datasets.facts import Info
@@ -38,9 +38,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(*, as_json: bool) -> int:
     from nvsdata.datasets import DATASETS
-    from nvsdata.datasets.archives.sources import check
+    from nvsdata.datasets.archives.address_check import check_addresses
 
-    found = check([kind.info for name, kind in DATASETS.items() if name != "folder"])
+    found = check_addresses([kind.info for name, kind in DATASETS.items() if name != "folder"])
     rows = [
         (one.dataset, one.file, f"{one.bytes / 1e9:.2f} GB" if one.bytes else "", one.url, one.fault or "there")
         for one in found

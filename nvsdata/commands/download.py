@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the folders that the dataset is in."""
-    from nvsdata.datasets.archives.download import download, unneeded
+    from nvsdata.datasets.archives.download import download, unneeded_archives
     from nvsdata.datasets.archives.transfer import MIRROR
 
     info = args.dataset.info
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     folders = list(map(str, download(info, root, keep=not args.delete_archives)))
     tell("\n".join(map(shown, folders)), {"folders": folders}, as_json=args.json)
-    if left := unneeded(info.archives, root):
+    if left := unneeded_archives(info.archives, root):
         size = sum(path.stat().st_size for path in left) / 1e9
         left_there = f"{len(left)} archives next to what is unpacked in {shown(root)}, {size:.2f} GB"
         remark(f"{left_there}: --delete-archives deletes them")

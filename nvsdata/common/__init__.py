@@ -1,1 +1,1 @@
-"""Basic tools that all other packages use: errors, files, locks, signals, processes, checks of settings."""
+"""Tools that all other packages use: errors, files, locks, signals, processes, validation of settings."""

@@ -1,4 +1,4 @@
-"""The exceptions for bad files and failed downloads, and the texts of other errors."""
+"""Exceptions for bad files and failed downloads, and the messages of other errors."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ from typing import Any
 
 
 def shown(name: object, keep: str = "") -> str:
-    """A file's name, or any other text, in printable form on one line, as terminals can show it safely.
+    """Return a file's name, or any other text, on one line that a terminal can show safely.
 
-    Escaped are line breaks, other control characters, marks that change the direction of writing or show nothing, and
-    bytes that aren't UTF-8; except the characters in `keep`.
+    Line breaks, other control characters, invisible characters, characters that change the direction of writing, and
+    bytes that aren't UTF-8 are escaped.
+
+    Args:
+        name: the text.
+        keep: characters that are not escaped.
     """
     text = os.fspath(name) if isinstance(name, os.PathLike) else str(name)
     if text.isprintable():
@@ -22,12 +26,22 @@ def shown(name: object, keep: str = "") -> str:
 class FormatError(ValueError):
     """A file that cannot be read as events.
 
-    - `path`: the file, str
-    - `offset`: byte of the file at which reading failed; None, the default, if the error has no single byte
-    - `reason`: what is wrong, str
+    A DataLoader raises the error of a worker again with the worker's traceback as the only argument: `reason` is then
+    the traceback, whose last line names the file, and `path` is empty.
 
-    A DataLoader raises its worker's error again from a single text, the worker's traceback, whose last line names the
-    file: `reason` is that text then, and `path` is empty.
+    Args:
+        path: the file.
+        reason: why it can't be read.
+        offset: byte of the file at which reading failed; None if the error has no single byte.
+
+    Example:
+        >>> import tempfile, nvsdata
+        >>> path = tempfile.mkstemp(suffix=".aedat4")[1]
+        >>> try:
+        ...     nvsdata.open(path)
+        ... except nvsdata.FormatError as error:
+        ...     print(error.reason)
+        the extension says aedat4, but the file is empty
     """
 
     def __init__(self, path: str | os.PathLike[str], reason: str | None = None, *, offset: int | None = None) -> None:
@@ -43,12 +57,12 @@ class FormatError(ValueError):
 
 
 def line_of(error: BaseException) -> str:
-    """An error's message on one line, of at most 300 characters: other libraries' messages may have many lines."""
+    """Return an error's message on one line of at most 300 characters."""
     return " ".join(str(error).split())[:300] or type(error).__name__
 
 
 def message_of(error: BaseException) -> str:
-    """An error's message in printable form, on one line; only a DownloadError's keeps its lines."""
+    """Return an error's message in printable form, on one line; a DownloadError's message keeps its line breaks."""
     return shown(error, "\n" if isinstance(error, DownloadError) else "")
 
 

@@ -1,4 +1,4 @@
-"""Writing files so that a half-written file never appears."""
+"""Files that appear complete or not at all, files of one writer, checksums and journals."""
 
 from __future__ import annotations
 
@@ -13,8 +13,13 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any, Self
 
-from nvsdata.common.checksum import crc32
 from nvsdata.common.locks import check_place, is_dead, locked, owner
+
+try:
+    # a tenth of zlib's time
+    from isal.isal_zlib import crc32 as crc32
+except ImportError:  # isal isn't available for every processor
+    from zlib import crc32 as crc32
 
 FLUSH_EVERY = 0.03  # s
 PART = ".part"  # suffix of unfinished files
@@ -27,14 +32,18 @@ _LONGEST = 100  # characters of a file's name that its temporary file's name con
 
 @contextmanager
 def atomic(path: str | os.PathLike[str], *, through_link: bool = False) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; it replaces `path` if the block succeeds.
+    """Yield a temporary path in the folder of `path`; it replaces `path` if the block succeeds.
 
-    A link at `path` is replaced, too: whoever sent a folder of recordings could have put one there that leads to any
-    file of the user's. Only for a path that the user named, `through_link` writes to where the link points.
+    On any exception, including Ctrl-C, the temporary file is removed and `path` is unchanged.
 
-    On any exception, Ctrl-C included, the temporary file is removed and `path` is as before. An OSError of the block
-    that names no file, such as that of a full disk, names `path`. FileNotFoundError, which names the folder, if the
-    folder doesn't exist.
+    Args:
+        path: the file to write.
+        through_link: whether to write to the file that a link at `path` points to; for paths that the user named.
+            Otherwise the link is replaced: in a folder from somebody else, it could point to any file of the user's.
+
+    Raises:
+        FileNotFoundError: the folder doesn't exist; the error names it.
+        OSError: of the block; it names `path` if it names no file, such as for a full disk.
     """
     target = Path(os.path.realpath(path)) if through_link and os.path.islink(path) else Path(path)
     check_place(target)
@@ -58,7 +67,7 @@ def _prefix(name: str) -> str:
 
 
 def is_left_over(path: Path) -> bool:
-    """Whether a file is a temporary one of `atomic` whose process, on this host, has ended."""
+    """Return whether a file is a temporary file of `atomic` whose process ran on this host and has ended."""
     if not (path.name.startswith(".") and path.name.endswith(PART)):
         return False
     # .NAME.HOST-PID-RANDOM.part
@@ -66,12 +75,13 @@ def is_left_over(path: Path) -> bool:
 
 
 def sweep(folder: Path, name: str | None = None) -> int:
-    """Remove temporary files of `atomic` that killed processes left; returns how many there were.
-
-    - `folder`: where to look: everywhere below it or, with `name`, directly in it
-    - `name`: only temporary files of the file of this name; None: of all
+    """Remove temporary files of `atomic` that killed processes left; return their number.
 
     Temporary files of running processes, and of processes on other hosts, stay.
+
+    Args:
+        folder: removes files everywhere below it or, with `name`, directly in it.
+        name: removes only temporary files for the file of this name.
     """
     found = folder.rglob(f".*{PART}") if name is None else folder.glob(f".*{PART}")
     count = 0
@@ -84,25 +94,28 @@ def sweep(folder: Path, name: str | None = None) -> int:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Be the only process that writes to `folder` while the block runs; leftovers of killed ones are removed first.
+    """Keep other processes from writing to `folder` while the block runs, and remove temporary files of killed ones.
 
-    Raises OutputInUse if another process already writes to it.
+    Raises:
+        OutputInUse: another process writes to it.
     """
     with locked(folder):
         sweep(folder)
         try:
             yield
         finally:
-            # leftovers of this process's own children that were killed
+            # temporary files of this process's children that were killed
             sweep(folder)
 
 
 @contextmanager
 def creating(path: Path, *, overwrite: bool) -> Iterator[None]:
-    """Be the only process that writes the file `path` while the block runs; leftovers of killed ones are removed.
+    """Keep other processes from writing `path` while the block runs, and remove temporary files of killed ones.
 
-    Raises FileExistsError if `path` exists, unless `overwrite`; IsADirectoryError if it is a folder; OutputInUse if
-    another process writes it.
+    Raises:
+        FileExistsError: `path` exists, unless `overwrite`.
+        IsADirectoryError: `path` is a folder.
+        OutputInUse: another process writes it.
     """
     _refuse(path, overwrite)
     with locked(path):
@@ -121,7 +134,7 @@ def _refuse(path: Path, overwrite: bool) -> None:
 
 @contextmanager
 def flushed_early(path: Path) -> Iterator[None]:
-    """Flush `path` to disk while the block writes to it, so that little is left for the end.
+    """Flush `path` to disk repeatedly while the block writes to it, so that flushing at the end is fast.
 
     Does nothing on systems without `fdatasync`.
     """
@@ -147,7 +160,7 @@ def flushed_early(path: Path) -> Iterator[None]:
 
 @contextmanager
 def named(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Make OSErrors of the block name `path`: those of a full disk name no file by themselves."""
+    """Add `path` to OSErrors of the block that name no file, such as those of a full disk."""
     try:
         yield
     except OSError as error:
@@ -157,30 +170,38 @@ def named(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def put(path: str | os.PathLike[str], content: bytes | memoryview, *, through_link: bool = False) -> None:
-    """Write `content` to `path`, whole or not at all. OSError, which names `path`, if the disk is full or corrupts it.
+    """Write `content` to `path`, completely or not at all, and read its end back.
 
-    `through_link`: see `atomic`.
+    Libraries that write files themselves report a full disk in many ways, or not at all. So they make bytes, and this
+    function writes them.
 
-    Libraries that write files themselves report a full disk in many ways, or not at all; so let them make bytes.
+    Args:
+        path: the file.
+        content: its new content.
+        through_link: see `atomic`.
+
+    Raises:
+        OSError: the disk is full or corrupts the file; the error names `path`.
     """
     with atomic(path, through_link=through_link) as temporary:
         temporary.write_bytes(content)
         with temporary.open("rb") as file:
             file.seek(max(len(content) - _BLOCK, 0))
             if file.read() != content[-_BLOCK:]:
-                raise OSError(errno.EIO, "doesn't hold what was written to it: is the disk full, or broken?")
+                raise OSError(errno.EIO, "doesn't contain what was written to it: is the disk full, or broken?")
 
 
 def remove_link(path: Path) -> None:
-    """Remove a link in the place of a file that nvsdata is to write under a name of its own."""
+    """Remove a link at the path of a file that nvsdata writes under a name of its own choice."""
     if path.is_symlink():
         path.unlink()
 
 
 def read_own(path: str | os.PathLike[str], most: int = MOST) -> bytes:
-    """Return the content of a file that nvsdata wrote under a name of its own, and that anybody may have changed since.
+    """Return the content of a file that nvsdata wrote under a name of its own choice.
 
-    OSError for a link, for anything but a regular file, and for more than `most` bytes (default 1 GiB).
+    Anybody may have changed it since: OSError for a link, for anything but a regular file, and for more than `most`
+    bytes.
     """
     with open(path, "rb", opener=_open_own) as file:
         size = os.fstat(file.fileno()).st_size
@@ -191,17 +212,17 @@ def read_own(path: str | os.PathLike[str], most: int = MOST) -> bytes:
 
 
 def sealed(content: bytes) -> bytes:
-    """Return what precedes `content` in a file, for `unsealed`: its checksum and length."""
+    """Return the line that precedes `content` in a file for `unsealed`: checksum and length."""
     return b"nvsdata %08x %014x\n" % (crc32(content), len(content))
 
 
 def unsealed(path: str | os.PathLike[str], most: int = MOST) -> memoryview | None:
-    """Return what follows the seal in a file of our own; None if there is none, it is damaged or over `most` bytes."""
+    """Return the content after the line of `sealed`; None if it is missing, damaged or longer than `most` bytes."""
     try:
         with open(path, "rb", buffering=0, opener=_open_own) as file:
             size = os.fstat(file.fileno()).st_size - _SEAL
             seal = file.read(_SEAL) or b""
-            # before the rest is read, which may be long
+            # checked before the rest is read, which may be long
             if not (0 <= size <= most and seal.endswith(b" %014x\n" % size)):
                 return None
             content = file.read(size) or b""
@@ -211,14 +232,14 @@ def unsealed(path: str | os.PathLike[str], most: int = MOST) -> memoryview | Non
 
 
 def append_own(path: str | os.PathLike[str]) -> IO[bytes]:
-    """Open a file of nvsdata's own for appending, unbuffered; OSError for anything but a regular file."""
+    """Open a file of nvsdata's for appending, unbuffered; OSError for anything but a regular file."""
     return open(path, "ab", buffering=0, opener=_open_own)
 
 
 def _open_own(path: str, flags: int) -> int:
-    """Open a regular file, and wait for no pipe."""
+    """Open a regular file without following links or waiting for a pipe."""
     if os.path.islink(path):
-        raise OSError(errno.ELOOP, "is a link, which nvsdata doesn't follow for files of its own: remove it", path)
+        raise OSError(errno.ELOOP, "is a link, which nvsdata doesn't follow for its own files: remove it", path)
     handle = os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
@@ -227,7 +248,7 @@ def _open_own(path: str, flags: int) -> int:
 
 
 def _settle(temporary: Path, target: Path) -> None:
-    """Flush to disk, and set the permissions of `target` or, if it is new, those that a plain `open` would give."""
+    """Flush to disk and set the permissions: those of `target` or, if it is new, those of a file from `open`."""
     try:
         mode = stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -240,11 +261,18 @@ def _settle(temporary: Path, target: Path) -> None:
 
 
 class Journal:
-    """A file of JSON lines that is appended to: the first line says what it belongs to, the others what was done.
+    """A file of JSON lines that grows as a job progresses. To be used in a `with` block.
 
-    - `path`: the file; a new one begins with `head`
-    - `head`, `lines`: the first line and the others, as the file held them when it was opened. A torn line, such as
-      after a kill, is left out, and the file is repaired
+    The first line identifies the job, each of the others is a finished step.
+
+    Args:
+        path: the file.
+        head: first line of a new file.
+
+    Attributes:
+        head: the first line, as read when the file was opened.
+        lines: the other lines at that time. A line that is cut off, such as after a kill, is left out, and the file is
+            repaired.
     """
 
     def __init__(self, path: Path, head: dict[str, Any]) -> None:
@@ -270,13 +298,13 @@ class Journal:
 
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
-            # what a full disk didn't take is written again, and fails again
+            # closing writes again what a full disk refused, and fails again
             with named(self.path):
                 self._file.close()
 
     def add(self, line: dict[str, Any]) -> None:
         """Append a line; it is on the disk when this returns."""
-        assert self._file is not None, "a journal is added to within its block"
+        assert self._file is not None, "lines are added within the `with` block"
         with named(self.path):
             write_all(self._file.fileno(), json_line(line).encode())
             os.fsync(self._file.fileno())
@@ -290,12 +318,12 @@ def write_all(handle: int, data: bytes | memoryview) -> None:
 
 
 def json_line(value: dict[str, Any]) -> str:
-    """A line of a journal or log."""
+    """Return a line of a journal or log."""
     return json.dumps(value) + "\n"
 
 
 def parsed_line(line: str | bytes) -> dict[str, Any] | None:
-    """What a line of a journal says; None for one that is torn."""
+    """Return the content of a line of a journal; None for one that is cut off."""
     try:
         value = json.loads(line)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""Native code whose locks a forked process mustn't inherit."""
+"""Sections of code during which the process must not fork."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Condition, get_ident
 
-PATIENCE = 5.0  # s that a fork waits for threads, at most
+PATIENCE = 5.0  # s; the longest time that a fork waits for threads
 
 
 class _Gate:
-    """Lets threads in unless a process is being forked, and a fork through once none is inside."""
+    """Admits threads unless a fork waits, and a fork when no thread is inside."""
 
     def __init__(self) -> None:
         self.change = Condition()
@@ -26,7 +26,7 @@ _gate = _Gate()
 def forkless() -> Iterator[None]:
     """While the block runs, no other thread forks this process.
 
-    A forked process has one thread. A lock that another one held, within FFmpeg, say, stays held there for ever.
+    A forked process has one thread. A lock that another thread held, such as one in FFmpeg, is never released there.
     Blocks must be short, and don't nest.
     """
     gate, me = _gate, get_ident()

@@ -1,4 +1,4 @@
-"""One process per output, and which process left a file behind."""
+"""Locks that give an output one writer, and names of processes that say who wrote a file."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _BEYOND = 1 << 30  # the byte that is locked on Windows: others can't read locke
 
 
 class OutputInUse(OSError):
-    """Another process writes to the same file or folder; the message names it."""
+    """Another process writes to the same file or folder; the message names the process."""
 
 
 def check_place(path: Path) -> None:
-    """FileNotFoundError, which names the folder, if that of a file that is to be written doesn't exist."""
+    """Raise a FileNotFoundError that names the folder if the folder of a file to be written doesn't exist."""
     if not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
 
@@ -40,12 +40,14 @@ def check_place(path: Path) -> None:
 def locked(output: str | os.PathLike[str]) -> Iterator[None]:
     """Keep other processes from writing to `output`, a file or a folder, while the block runs.
 
-    The lock is a file with host, process and command: `.NAME.lock` beside a file, `.nvsdata.lock` in an existing
-    folder. The system releases the lock when the process ends, however it ends, so a lock file that a dead process
-    left is simply taken over. Where the file system has no locks, host and process number decide: a process of
-    another host counts as alive.
+    The lock is a file with host, process and command: `.NAME.lock` next to a file, `.nvsdata.lock` in an existing
+    folder. The system releases the lock when the process ends, however it ends, so the lock file of a dead process is
+    taken over. On a file system without locks, host and process number decide: a process of another host counts as
+    alive.
 
-    Raises OutputInUse at once if another process (or thread) holds it, FileNotFoundError if the folder doesn't exist.
+    Raises:
+        OutputInUse: another process (or thread) has the lock.
+        FileNotFoundError: the folder doesn't exist.
     """
     place = lock_path(output)
     check_place(place)
@@ -53,7 +55,7 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     finally:
-        # first the name, then the lock: a process that gets the lock of this inode sees that the name is gone
+        # removed before the lock is released: a process that then locks this inode sees that the name is gone
         with suppress(OSError):
             place.unlink()
         file.close()
@@ -64,7 +66,7 @@ def locked(output: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def is_locked(output: str | os.PathLike[str]) -> bool:
-    """Whether a process writes to `output`, as far as this user may know; nothing is created or changed."""
+    """Return whether a process writes to `output`, as far as this user can see; nothing is created or changed."""
     try:
         handle = os.open(lock_path(output), os.O_RDONLY | _UNFOLLOWED)
         if not stat.S_ISREG(os.fstat(handle).st_mode):
@@ -73,7 +75,7 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
         with open(handle, encoding="utf-8") as file:
             if is_dead(str(_holder(file).get("owner"))):
                 return False
-            # of a process of another host, or of one that has its number now
+            # of a process of another host, or of a new process with the same number
             return _try_lock(file, shared=True) is not True
     except FileNotFoundError:
         return False
@@ -85,7 +87,7 @@ def is_locked(output: str | os.PathLike[str]) -> bool:
 
 
 def is_dead_lock(path: Path) -> bool:
-    """Whether a file is the lock of a process on this host that has ended."""
+    """Return whether a file is the lock of a process on this host that has ended."""
     if not (path.name == FOLDER_LOCK or (path.name.startswith(".") and path.name.endswith(".lock"))):
         return False
     try:
@@ -93,7 +95,7 @@ def is_dead_lock(path: Path) -> bool:
             return False
         with path.open(encoding="utf-8") as file:
             if path.name == FOLDER_LOCK and not path.stat().st_size:
-                # its process ended before it signed; an empty file of another name may be another program's
+                # its process ended before it wrote its name; an empty file of another name may be another program's
                 return _try_lock(file, shared=True) is True
             return is_dead(str(_holder(file).get("owner"))) and _try_lock(file, shared=True) is not False
     except (OSError, ValueError):
@@ -108,7 +110,7 @@ def remove_dead_lock(path: Path) -> None:
 
 
 def lock_path(output: str | os.PathLike[str]) -> Path:
-    """The path of an output's lock file."""
+    """Return the path of an output's lock file."""
     target = Path(output)
     if target.is_dir():
         return target / FOLDER_LOCK
@@ -119,18 +121,18 @@ def lock_path(output: str | os.PathLike[str]) -> Path:
 
 
 def owner() -> str:
-    """A name for this process, of host and process number, that another process can look up with `is_dead`."""
+    """Return a name for this process, of host and process number, which `is_dead` understands."""
     return f"{_host()}-{os.getpid()}"
 
 
 def is_dead(name: str) -> bool:
-    """Whether the process of that name (see `owner`) ran on this host and has ended; False if that is unknown."""
+    """Return whether the process of that name (see `owner`) ran on this host and has ended; False if unknown."""
     host, _, number = name.rpartition("-")
     return host == _host() and number.isdecimal() and not _alive(int(number))
 
 
 def _host() -> str:
-    """Six hexadecimal digits for this host and, in a container, for its process namespace."""
+    """Return six hexadecimal digits for this host and, in a container, for its process namespace."""
     try:
         space = os.stat("/proc/self/ns/pid").st_ino
     except OSError:
@@ -156,7 +158,7 @@ def _alive(pid: int) -> bool:
 
 
 def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
-    """The lock file, locked and signed by this process."""
+    """Return the lock file, locked and signed by this process."""
     while True:
         # neither truncated nor exclusive: it may belong to another process, or be left by a dead one
         try:
@@ -173,8 +175,8 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
                 free = not held or is_dead(str(held.get("owner"))) or held.get("owner") == owner()
             if not free:
                 who = f"process {held.get('pid', '?')} on {held.get('host', '?')} ({held.get('command', '?')})"
-                told = f"{os.fspath(output)} is being written by {who}, since {held.get('since', '?')}"
-                raise OutputInUse(shown(told))
+                message = f"{os.fspath(output)} is being written by {who}, since {held.get('since', '?')}"
+                raise OutputInUse(shown(message))
             if _is_still(file, place):
                 _sign(file)
                 return file
@@ -188,7 +190,7 @@ def _acquired(place: Path, output: str | os.PathLike[str]) -> IO[str]:
 
 
 def _refuse_others(place: Path) -> None:
-    """FileExistsError if a file that is not a lock has the lock's name: it would be overwritten."""
+    """Raise FileExistsError if a file that is not a lock has the lock's name: it would be overwritten."""
     with suppress(FileNotFoundError):
         status = place.lstat()
         # a lock cut off by a full disk or a kill is empty, or begins like one
@@ -202,7 +204,7 @@ def _head(place: Path) -> bytes:
 
 
 def _try_lock(file: IO[str], *, shared: bool = False) -> bool | None:
-    """Try to take the lock without waiting; returns whether that worked, None if the file system has no locks."""
+    """Try to take the lock without waiting; return whether it was free, or None if the file system has no locks."""
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -220,7 +222,7 @@ def _try_lock(file: IO[str], *, shared: bool = False) -> bool | None:
 
 
 def _is_still(file: IO[str], place: Path) -> bool:
-    """Whether the locked file still has that name: another process may have removed it before it was locked."""
+    """Return whether the locked file still has that name: another process may have removed it meanwhile."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), os.stat(place))
     except FileNotFoundError:
@@ -240,7 +242,7 @@ def _sign(file: IO[str]) -> None:
     command = " ".join((Path(sys.argv[0]).name, *sys.argv[1:])) if sys.argv else ""
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     entry = {"owner": owner(), "host": socket.gethostname(), "pid": os.getpid(), "command": command, "since": since}
-    # on a full disk the lock file stays unsigned, but the lock holds; unbuffered, or closing it would fail again
+    # on a full disk the lock file stays unsigned, but the lock is valid; unbuffered, or closing it would fail again
     with suppress(OSError):
         file.seek(0)
         os.ftruncate(file.fileno(), 0)

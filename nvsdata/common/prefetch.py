@@ -1,4 +1,4 @@
-"""Pipeline steps in threads: decoding, emulating and writing overlap, because each releases Python's lock."""
+"""Steps of a pipeline in threads: decoding, emulating and writing overlap, because each releases Python's lock."""
 
 from __future__ import annotations
 
@@ -20,23 +20,25 @@ _alone = False
 
 
 def stay_in_one_thread() -> None:
-    """Use no threads from now on, for a process whose siblings keep the other cores busy."""
+    """Use no threads from now on: for a process whose siblings keep the other cores busy."""
     global _alone
     _alone = True
 
 
 def in_one_thread() -> bool:
-    """Whether `stay_in_one_thread` was called."""
+    """Return whether `stay_in_one_thread` was called."""
     return _alone
 
 
 def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
-    """The same items, made up to `DEPTH` ahead in a separate thread; an error is raised where its item would come.
+    """Yield the items, up to `DEPTH` of which are made in advance in a separate thread.
 
-    - `worth`: s of processor time per item. Because threads wait for each other, the thread starts only after `DEPTH`
-      items in a row took more; default 0, at once
+    An error is raised where its item would come. Closing the generator stops the thread and closes `items`.
 
-    Closing the generator stops the thread and closes `items`.
+    Args:
+        items: the items.
+        worth: s of processor time per item. Because threads wait for each other, the thread starts only after `DEPTH`
+            items in a row took longer; 0 starts it at once.
     """
     try:
         slow = 0
@@ -55,24 +57,24 @@ def prefetch(items: Iterator[Item], worth: float = 0) -> Iterator[Item]:
 
 
 def _by_thread(items: Iterator[Item]) -> Iterator[Item]:
-    line = _Line(items)
-    thread = Thread(target=line.fill, name="nvsdata-ahead", daemon=True)
+    queue = _Queue(items)
+    thread = Thread(target=queue.fill, name="nvsdata-ahead", daemon=True)
     thread.start()
-    _running[thread] = line
+    _running[thread] = queue
     try:
-        while found := line.take():
+        while found := queue.take():
             yield from found
     finally:
-        line.stop()
+        queue.stop()
         thread.join()
         _running.pop(thread, None)
 
 
-class _Line(Generic[Item]):
-    """Items on their way from one thread to another.
+class _Queue(Generic[Item]):
+    """Queue of items from one thread to another.
 
-    Waking a thread often takes longer than making an item, so both threads sleep for several items: the maker until
-    the queue is empty, the taker until it is half full or `PATIENCE` has passed.
+    Waking a thread often takes longer than making an item, so both threads sleep for several items: the producer until
+    the queue is empty, the consumer until it is half full or `PATIENCE` has passed.
     """
 
     def __init__(self, items: Iterator[Item]) -> None:
@@ -103,9 +105,9 @@ class _Line(Generic[Item]):
                 self._change.notify()
 
     def take(self) -> list[Item]:
-        """The items made so far, at least one; empty at the end. Raises the error of making the next item."""
+        """Return the items made so far, at least one; empty at the end. Raises the error of making the next item."""
         with self._change:
-            # a camera's frames come slowly: then each is taken as soon as it is there
+            # each item of a slow source, such as a camera's frames, is taken as soon as it is there
             self._change.wait_for(lambda: len(self._made) >= DEPTH // 2 or self._ended, PATIENCE)
             self._starving = True
             self._change.wait_for(lambda: bool(self._made) or self._ended)
@@ -118,23 +120,23 @@ class _Line(Generic[Item]):
         return found
 
     def stop(self, error: BaseException | None = None) -> None:
-        """Make the maker stop after its current item; whoever takes items then gets the `error` in place of the end."""
+        """Make the producer stop after its current item; `take` then raises `error` instead of returning the end."""
         with self._change:
             self._stopped, self._reason = True, error
             self._change.notify()
 
 
-_running: dict[Thread, _Line[Any]] = {}
+_running: dict[Thread, _Queue[Any]] = {}
 
 
 @atexit.register
 def _end() -> None:
     """Stop all threads: one that is still in a library's code when Python ends would abort the process.
 
-    A thread of the user's that takes items ends, too: it must not take the end of the process for that of the items.
+    A user's thread that takes items gets SystemExit: the end of the process must not look like the end of the items.
     """
-    for line in (waiting := dict(_running)).values():
-        line.stop(SystemExit())
+    for queue in (waiting := dict(_running)).values():
+        queue.stop(SystemExit())
     for thread in waiting:
         thread.join(LONGEST)
 

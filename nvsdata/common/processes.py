@@ -1,4 +1,4 @@
-"""Processes that work in parallel, and how they end."""
+"""Pools of processes that end with this one, and the number of usable cores."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from threading import Thread
 
 
 def cores() -> int:
-    """Cores that this process may use: by its affinity, and by the quota of its control group (Linux)."""
+    """Return the number of cores that this process may use, by its affinity and the quota of its control group."""
     try:
         count = len(os.sched_getaffinity(0))
     except AttributeError:  # not on macOS and Windows
@@ -26,10 +26,16 @@ def cores() -> int:
 
 
 def pool(count: int, module: str, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
-    """`count` processes, each of which calls `prepare` first. They end when this process does, even if it is killed.
+    """Return a pool of processes that end when this process does, even if it is killed.
 
-    Forking a process that has threads (such as torch's) may hang. So they are forked from a process that has only
-    imported `module`, which takes a second once; where the system can't do that, each process imports `module` itself.
+    Forking a process that has threads (such as torch's) may hang. So the processes are forked from a server process
+    that has only imported `module`, which takes a second once. On systems without a fork server each process imports
+    it.
+
+    Args:
+        count: number of processes.
+        module: imported before the processes are forked.
+        prepare: called in each process first.
     """
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
     context = get_context(method)
@@ -52,7 +58,7 @@ def end_with_parent() -> None:
 
     def watch() -> None:
         wait([parent.sentinel])
-        # its result is of no use now; the next run removes the files that it was writing
+        # nobody needs its result now; the next run removes the files that it was writing
         os._exit(1)
 
     Thread(target=watch, name="nvsdata-parent", daemon=True).start()

@@ -1,4 +1,4 @@
-"""Progress bars on stderr: where it is a terminal, and unless the user wants it quiet."""
+"""Progress bars on stderr, if it is a terminal and the user didn't turn them off."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nvsdata.common.terminal import Terminal, is_quiet, unescaped
 
 
 class Bar(tqdm):  # type: ignore[misc]
-    """A progress bar whose words are printable."""
+    """A progress bar that shows printable text only."""
 
     @property
     def format_dict(self) -> dict[str, Any]:
@@ -26,23 +26,30 @@ WIDTH = 80  # columns of a terminal that doesn't report them
 
 
 def bar(things: Iterable[Any] | None = None, desc: str | None = None, *, shown: bool = True, **more: Any) -> Any:
-    """A progress bar over `things`, or of `total`; `desc` is done, and `more` is for tqdm. `shown=False` hides it."""
+    """Return a progress bar.
+
+    Args:
+        things: what it iterates over; None for one that is updated by `update`.
+        desc: text in front of the bar.
+        shown: False hides it.
+        **more: parameters of tqdm.
+    """
     if (columns := _columns()) is not None:
-        # a pseudo-terminal whose size nobody has set has none: tqdm would draw nothing
+        # a pseudo-terminal may have no size: tqdm would draw nothing
         more = {"ncols": columns or WIDTH} | more
-    # it moves the cursor
+    # unescaped, because it moves the cursor
     more |= {"file": Terminal(unescaped(sys.stderr)), "disable": None if shown and not is_quiet() else True}
     return Bar(things, desc, **more)
 
 
 def _columns() -> int | None:
-    """Width of the terminal, as it reports it; None without one."""
+    """Return the width that the terminal reports; None without a terminal."""
     try:
         return os.get_terminal_size(sys.stderr.fileno()).columns
     except (OSError, ValueError, AttributeError):
         return None
 
 
-def say_beside(text: str) -> None:
+def say_above_bar(text: str) -> None:
     """Write a line to stderr, above any progress bar."""
     tqdm.write(printable(text), file=Terminal(unescaped(sys.stderr)))

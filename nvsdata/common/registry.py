@@ -1,11 +1,10 @@
-"""Things known by a name: nvsdata's own, those that a program registers, and those of installed packages."""
+"""Registries of objects by name: nvsdata's, those that a program registers, and those of installed packages."""
 
 from __future__ import annotations
 
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from importlib.metadata import entry_points
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
@@ -15,13 +14,15 @@ Thing = TypeVar("Thing")
 
 
 class Registry(Mapping[str, Thing], Generic[Thing]):
-    """Things by their names, in the order in which they were registered.
+    """Objects by their names, in the order in which they were registered.
 
-    Things of installed packages come last: they are the entry points of the group `nvsdata.PLURAL`, and are loaded
-    when a name isn't found without them, or all names are requested. One that can't be loaded gives a warning.
+    Objects of installed packages come last: they are the entry points of the group `nvsdata.PLURAL`, and are loaded
+    when a name isn't found without them, or when all names are requested. One that can't be loaded causes a warning.
 
-    - `singular`, `plural`: what the things are called
-    - `enter(name, thing)`: registers the thing of an entry point; by default under the entry point's name
+    Args:
+        singular: word for such an object, for messages.
+        plural: word for several of them, which names the group of entry points.
+        enter: registers (name, object) of an entry point; by default under the entry point's name.
     """
 
     def __init__(self, singular: str, plural: str, enter: Callable[[str, Any], Any] | None = None) -> None:
@@ -31,10 +32,12 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._loaded = self._loading = False
 
     def register(self, name: str, thing: Thing) -> Thing:
-        """Make a thing known by a name; returns it.
+        """Register an object under a name; return it.
 
-        ValueError for a name that is taken, unless by the same thing: a class that is defined again, such as when a
-        notebook's cell is run again, replaces the former.
+        A class that is defined again, such as when a cell of a notebook is run again, replaces the former.
+
+        Raises:
+            ValueError: another object has the name.
         """
         known = self._known.get(name)
         if known is not None and self._origin(known) != self._origin(thing):
@@ -56,11 +59,11 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         return len(self._known)
 
     def loaded(self) -> Iterable[Thing]:
-        """The things known so far; doesn't load those of installed packages."""
+        """Return the objects known so far, without loading those of installed packages."""
         return tuple(self._known.values())
 
     def load_installed(self) -> bool:
-        """Load the things of installed packages unless that was done; returns whether there are new ones."""
+        """Load the objects of installed packages unless that was done; return whether there are new ones."""
         if self._loaded:
             return False
         before = len(self._known)
@@ -70,11 +73,14 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
     def _load(self) -> None:
         if self._loaded:
             return
-        # other threads wait; a package that asks for names while it is loaded finds those known so far
+        # other threads wait; a package that looks up names while it is loaded finds those known so far
         with _locks[0]:
             if self._loaded or self._loading:
                 return
             self._loading = True
+            # imported late, because it takes about 20 ms
+            from importlib.metadata import entry_points
+
             failed = []
             try:
                 for point in entry_points(group=self._group):
@@ -92,7 +98,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
             warnings.warn(reason, stacklevel=3)
 
     def _origin(self, thing: Any) -> object:
-        """A value that is equal for two versions of the same thing: where a class or function was defined."""
+        """Return a value that is equal for two versions of an object: the place where it was defined."""
         if hasattr(thing, "__qualname__"):
             return getattr(thing, "__module__", None), thing.__qualname__
         return id(thing)
@@ -102,7 +108,7 @@ _locks = [RLock()]
 
 
 def _renew_lock() -> None:
-    """A child must not wait for a thread that only its parent has."""
+    """Replace the lock in a forked process, which a thread of the parent may hold."""
     _locks[0] = RLock()
 
 

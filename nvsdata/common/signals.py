@@ -1,4 +1,4 @@
-"""Ending commands by a signal."""
+"""Signals that end a command, handled like Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,11 +12,15 @@ from types import CodeType, FrameType
 # sent when a terminal is closed, by `kill` and `timeout`, and when a machine is shut down
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
-AGAIN_S = 0.01  # until a signal that came at a bad moment is sent again
+AGAIN_S = 0.01  # until a signal that came within a forbidden function is sent again
 
 
 class Ended(KeyboardInterrupt):
-    """A signal asked the process to end; it is handled like Ctrl-C. `number` is the signal's number."""
+    """A request to end the process, handled like Ctrl-C.
+
+    Args:
+        number: number of the signal.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -25,7 +29,7 @@ class Ended(KeyboardInterrupt):
 
 @contextmanager
 def ending_by_signals() -> Iterator[None]:
-    """While the block runs, SIGTERM and SIGHUP raise `Ended` where Ctrl-C would raise KeyboardInterrupt.
+    """Make SIGTERM and SIGHUP raise `Ended` in the block, where Ctrl-C would raise KeyboardInterrupt.
 
     A signal that is ignored (nohup) stays ignored. Outside the main thread nothing is done.
     """
@@ -45,10 +49,10 @@ def ending_by_signals() -> Iterator[None]:
 
 @contextmanager
 def never_within(codes: set[CodeType]) -> Iterator[None]:
-    """While the block runs, Ctrl-C, SIGTERM and SIGHUP wait until no function with one of these codes is running.
+    """Make Ctrl-C, SIGTERM and SIGHUP wait, in the block, until none of the functions with these codes is running.
 
-    For functions that a C library calls: it loses or misreports an exception that is raised in them. Outside the main
-    thread nothing is done.
+    For functions that a C library calls: it would lose or misreport an exception that is raised in them. Outside the
+    main thread nothing is done.
     """
     waiting: list[Timer] = []
     numbers = (signal.SIGINT, *ENDING) if current_thread() is main_thread() else ()
@@ -77,10 +81,10 @@ def never_within(codes: set[CodeType]) -> Iterator[None]:
 
 
 def exit_code(error: KeyboardInterrupt) -> int:
-    """The exit code of a command that was ended in this way: 128 plus the signal's number, so 130 after Ctrl-C."""
+    """Return the exit code of a command that was ended: 128 plus the signal's number, which is 130 for Ctrl-C."""
     return 128 + (error.number if isinstance(error, Ended) else signal.SIGINT)
 
 
 def end_of(error: KeyboardInterrupt) -> str:
-    """How the command ended, in words."""
+    """Return a message on how the command ended."""
     return f"ended by {error}" if isinstance(error, Ended) else "interrupted"

@@ -1,4 +1,4 @@
-"""Messages to the user, also after the terminal was closed."""
+"""Messages to the user, safe for terminals, also after the terminal was closed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nvsdata.common.files import named
 
 
 class Terminal:
-    """A text stream for messages; after its terminal was closed, writing is ignored without an error."""
+    """A text stream for messages that ignores errors, such as those after the terminal was closed."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -30,7 +30,7 @@ class Terminal:
             self.stream.flush()
 
     def __eq__(self, other: object) -> bool:
-        # tqdm asks which bars are on the stream that a line is written to
+        # tqdm looks for the bars on the stream that a line is written to
         return isinstance(other, Terminal) and self.stream is other.stream
 
     __hash__ = None  # type: ignore[assignment]
@@ -40,7 +40,7 @@ class Terminal:
 
 
 class Escaped:
-    """A text stream that escapes what a terminal could take for a command, see `shown`; lines and tabs stay."""
+    """A text stream that escapes commands to the terminal (see `shown`); line breaks and tabs stay."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -61,7 +61,7 @@ class Escaped:
 
 @contextmanager
 def escaped_output() -> Iterator[None]:
-    """While the block runs, all that Python prints is escaped: by `print`, argparse, warnings, logs and libraries."""
+    """Escape the output of the block: of `print`, argparse, warnings, logs and libraries."""
     with (
         redirect_stdout(cast(TextIO, Escaped(unescaped(sys.stdout)))),
         redirect_stderr(cast(TextIO, Escaped(unescaped(sys.stderr)))),
@@ -70,7 +70,7 @@ def escaped_output() -> Iterator[None]:
 
 
 def unescaped(stream: TextIO) -> TextIO:
-    """The stream below one that escapes, for what moves the cursor on purpose."""
+    """Return the stream below an escaping one, for output that moves the cursor on purpose."""
     return stream.stream if isinstance(stream, Escaped) else stream
 
 
@@ -78,13 +78,13 @@ _quiet = False
 
 
 def be_quiet(quiet: bool = True) -> None:
-    """From now on leave out notes and progress bars, or show them again."""
+    """Turn notes and progress bars off, or on again."""
     global _quiet
     _quiet = quiet
 
 
 def is_quiet() -> bool:
-    """Whether notes and progress bars are left out."""
+    """Return whether notes and progress bars are turned off."""
     return _quiet
 
 
@@ -94,19 +94,19 @@ def say(text: str, stream: TextIO | None = None) -> None:
 
 
 def remark(text: str) -> None:
-    """Write a line on how it goes to stderr, unless the user wants it quiet."""
+    """Write a note on the progress to stderr, unless notes are turned off."""
     if not _quiet:
         say(text)
 
 
 def tell(text: str, facts: Mapping[str, Any], *, as_json: bool) -> None:
-    """Write a result to stdout: as text, or its facts as a line of JSON (null for what isn't a number)."""
+    """Write a result to stdout: as text, or its facts as a line of JSON (null for NaN and infinity)."""
     with named("standard output"):
         print(json.dumps(_plain(facts), default=str) if as_json else text, flush=True)
 
 
 def _plain(value: Any) -> Any:
-    """As JSON can hold it, which has neither NaN nor infinity."""
+    """Return a value as JSON can contain it, without NaN, infinity and arrays."""
     if hasattr(value, "tolist"):
         # of numpy
         value = value.tolist()

@@ -6,19 +6,19 @@ import math
 
 
 def positive(name: str, value: float) -> None:
-    """ValueError unless `value` is finite and > 0; `name` is the setting that the message names."""
+    """Raise ValueError unless `value` is finite and > 0; the message calls it `name`."""
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} must be positive, not {value}")
 
 
 def not_negative(name: str, value: float) -> None:
-    """ValueError unless `value` is finite and >= 0."""
+    """Raise ValueError unless `value` is finite and >= 0."""
     if not (value >= 0 and math.isfinite(value)):
         raise ValueError(f"{name} must not be negative, not {value}")
 
 
 def factors(low: float, high: float) -> None:
-    """ValueError unless 0 < `low` <= `high`: a range that a factor is drawn from."""
+    """Raise ValueError unless 0 < `low` <= `high`: the range from which a factor is sampled."""
     positive("low", low)
     positive("high", high)
     if high < low:
@@ -26,37 +26,37 @@ def factors(low: float, high: float) -> None:
 
 
 def probability(name: str, value: float) -> None:
-    """ValueError unless 0 <= `value` <= 1."""
+    """Raise ValueError unless 0 <= `value` <= 1."""
     if not 0 <= value <= 1:
         raise ValueError(f"{name} must lie between 0 and 1, not {value}")
 
 
 def at_least(name: str, value: float, least: float) -> None:
-    """ValueError unless `value` is finite and >= `least`."""
+    """Raise ValueError unless `value` is finite and >= `least`."""
     if not (value >= least and math.isfinite(value)):
         raise ValueError(f"{name} must be at least {least}, not {value}")
 
 
 def whole(name: str, value: float, least: int = 0) -> None:
-    """ValueError unless `value` is a whole number of at least `least` (default 0)."""
+    """Raise ValueError unless `value` is a whole number of at least `least`."""
     if not (math.isfinite(value) and value == int(value) and value >= least):
         raise ValueError(f"{name} must be a whole number of at least {least}, not {value}")
 
 
 def microseconds(name: str, value: float) -> None:
-    """ValueError unless `value` is a whole number of µs, at least one."""
+    """Raise ValueError unless `value` is a whole number of µs, at least one."""
     whole_microseconds(name, value)
     positive(name, value)
 
 
 def whole_microseconds(name: str, value: float) -> None:
-    """ValueError unless `value` is a whole number of µs; a fraction was probably meant in seconds."""
+    """Raise ValueError unless `value` is a whole number of µs; a fraction was probably meant in seconds."""
     if not math.isfinite(value) or value != int(value):
         meant = f" ({value} s are {round(value * 1e6)})" if 0 < value < 1000 else ""
         raise ValueError(f"{name} counts whole µs, not {value}{meant}")
 
 
 def transform(value: object) -> None:
-    """TypeError unless `value` can be called."""
+    """Raise TypeError unless `value` can be called."""
     if not callable(value):
         raise TypeError(f"a transform must be callable, not {value!r}")

@@ -11,38 +11,53 @@ from typing import Any, NamedTuple
 import scipy.io
 
 from nvsdata.data.recording import Recording
-from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import CountedFromBottom
 from nvsdata.datasets.facts import Archive, Info
-from nvsdata.datasets.source import joined, recordings_in
+from nvsdata.datasets.families import BottomOriginDataset, numbered_fold
+from nvsdata.datasets.source import path_below, recordings_in
 
 CSV, VIEW2, VARIABLE = "aslan_pairs.csv", "View2.mat", "action_splits_pairs"
 
 
-class Pair(NamedTuple):
-    """Two recordings by their path below the root, and whether they show the same action (1) or not (0)."""
+class RecordingPair(NamedTuple):
+    """Paths of two recordings below the root; `label` is 1 if they show the same action, otherwise 0."""
 
     a: str
     b: str
     label: int
 
 
-class ASLANDVS(CountedFromBottom):
+class ASLANDVS(BottomOriginDataset):
     """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
 
-    `ds[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of
+    `dataset[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of
     ASLAN's View 2, ten subsets of 300 same and 300 different pairs. They are read from `View2.mat` (its variable
-    `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from
-    `aslan_pairs.csv` (columns fold, video_a, video_b, same) below `root`. A video is named by its
-    id, which is the number that the recording's name ends in, or by that name.
+    `action_splits_pairs`, [600, 5, 10], columns: two ids, same, two actions) or from `aslan_pairs.csv` (columns fold,
+    video_a, video_b, same) below `root`. A video is identified by the number at the end of the recording's name, or by
+    that name. Pairs with a missing recording are left out; `missing` lists the missing videos.
 
-    Pairs with a missing recording are left out; `missing` lists the missing videos.
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: 1 to 10 (default 1), the subset for testing; the others are for training.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
 
-    - `split`: "train" (default), "test" or "all"
-    - `fold`: 1 to 10 (default 1), the subset for testing; the others are for training
-    - other parameters: those of `EventDataset`
+    Raises:
+        FileNotFoundError: neither file of pairs is below `root`, or `root` has no recordings.
+        ValueError: the file of pairs has another layout.
 
-    FileNotFoundError if neither file of pairs is below `root`, ValueError if it has another layout.
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.ASLANDVS("data/aslan-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.ASLANDVS.info.sensor_size, len(nvsdata.ASLANDVS.info.classes)
+        ((240, 180), 2)
     """
 
     info = Info(
@@ -76,7 +91,7 @@ class ASLANDVS(CountedFromBottom):
         return numbered_fold(fold, range(1, 11), 1)
 
     def found(self) -> list[Any]:
-        """The pairs of all folds for which both recordings are there."""
+        """Return the pairs of all folds for which both recordings exist."""
         names = self._by_name()
         found = []
         self.folds: list[int] = []
@@ -84,7 +99,7 @@ class ASLANDVS(CountedFromBottom):
         for fold, a, b, same in self._pairs():
             missing |= {video for video in (a, b) if video not in names}
             if a in names and b in names:
-                found.append(Pair(names[a], names[b], same))
+                found.append(RecordingPair(names[a], names[b], same))
                 self.folds.append(fold)
         self.missing = sorted(missing)
         return found
@@ -95,7 +110,7 @@ class ASLANDVS(CountedFromBottom):
                 yield pair
 
     def _by_name(self) -> dict[str, str]:
-        """Recordings by file name without extension, and by the number at its end."""
+        """Return the recordings by file name without extension, and by the number at its end."""
         names = {}
         for where in recordings_in(self.listing):
             file = where.rsplit("/", 1)[-1]
@@ -120,9 +135,9 @@ class ASLANDVS(CountedFromBottom):
         folder = next((folder for folder, names in self.listing.items() if VIEW2 in names), None)
         if folder is None:
             raise FileNotFoundError(f"neither {VIEW2} nor {CSV} below {self.root}; ASLAN's page has View 2")
-        pairs = scipy.io.loadmat(io.BytesIO(self.source.data(joined(folder, VIEW2)))).get(VARIABLE)
+        pairs = scipy.io.loadmat(io.BytesIO(self.source.data(path_below(folder, VIEW2)))).get(VARIABLE)
         if pairs is None or pairs.ndim != 3 or pairs.shape[1] < 3:
-            raise ValueError(f"{VIEW2} holds no {VARIABLE} of [pairs, 5, folds]")
+            raise ValueError(f"{VIEW2} contains no {VARIABLE} of [pairs, 5, folds]")
         for fold in range(pairs.shape[2]):
             for a, b, same in pairs[:, :3, fold].astype(int).tolist():
                 yield fold + 1, str(a), str(b), same
@@ -135,14 +150,14 @@ class ASLANDVS(CountedFromBottom):
 
     @property
     def packed_split(self) -> str:
-        return "all"  # pairs of all splits are made of the same recordings
+        return "all"  # pairs of all splits consist of the same recordings
 
     def recordings(self, index: int) -> tuple[Recording, ...]:
-        """The two recordings of a pair, opened but not decoded."""
+        """Return the two recordings of a pair, opened but not decoded."""
         pair: Any = self.samples[index]
         return self.named(pair.a), self.named(pair.b)
 
-    def joined(self, parts: Sequence[Any]) -> Any:
+    def combine(self, parts: Sequence[Any]) -> Any:
         return tuple(parts)
 
     def _files(self, sample: Any) -> tuple[str, ...]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from nvsdata.datasets.base import RandomSplitDataset
-from nvsdata.datasets.expected import numbered
-from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.facts import Archive, Info, numbered_holding
+from nvsdata.datasets.families import RandomSplitDataset
 
 # number of the figshare file, bytes and md5 of each class's zip
 ZIPS = {
@@ -22,7 +21,7 @@ ZIPS = {
 
 
 def figshare(number: int) -> tuple[str, ...]:
-    """Addresses of a figshare file: several, because the plain one currently answers with an empty body."""
+    """Return the addresses of a figshare file: several, because the plain one currently sends an empty body."""
     return (
         f"https://ndownloader.figshare.com/files/{number}",
         f"https://api.figshare.com/v2/file/download/{number}",
@@ -31,15 +30,31 @@ def figshare(number: int) -> tuple[str, ...]:
 
 
 class CIFAR10DVS(RandomSplitDataset):
-    """CIFAR10-DVS (Li et al. 2017): CIFAR-10's pictures moving on a monitor in front of a DVS128.
+    """CIFAR10-DVS (Li et al. 2017): CIFAR-10's images moving on a monitor in front of a DVS128.
 
     10,000 recordings of about 1.3 s, `<class>/cifar10_<class>_<n>.aedat` (AEDAT 2), or the later
-    release in AEDAT 4. Axes are those of the camera with the origin at the top left; public readers disagree on
+    release in AEDAT 4. The axes are those of the camera, with the origin at the top left. Public readers disagree on
     whether the camera was turned by 90 degrees.
 
-    - `split`: "train" (default), "test" or "all"; a random fifth of each class is for testing
-    - `fold`: seed of the random split, at least 0 (default 0)
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all"; a random fifth of each class is for testing.
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: seed of the random split, at least 0 (default 0).
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.CIFAR10DVS("data/cifar10-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.CIFAR10DVS.info.sensor_size, len(nvsdata.CIFAR10DVS.info.classes)
+        ((128, 128), 10)
     """
 
     info = Info(
@@ -52,7 +67,7 @@ class CIFAR10DVS(RandomSplitDataset):
             Archive(f"{name}.zip", md5, figshare(number), name, size) for name, (number, size, md5) in ZIPS.items()
         ),
         recordings=10_000,
-        holds=tuple(numbered(name, f"cifar10_{name}_{{}}", range(1000)) for name in ZIPS),
+        holds=tuple(numbered_holding(name, f"cifar10_{name}_{{}}", range(1000)) for name in ZIPS),
         known_from="two public readers",
         tree="<class>/cifar10_<class>_<id>.aedat",
     )

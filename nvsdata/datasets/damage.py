@@ -1,4 +1,4 @@
-"""Damaged recordings in a dataset: what replaces them, and how they are counted."""
+"""Damaged recordings in a dataset: replacement and count."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 
 from nvsdata.common.errors import FormatError, shown
-from nvsdata.datasets.shared import Shared
+from nvsdata.common.memory import SharedArray
 
 ERRORS = ("raise", "skip", "repair")
-MAX_UNREADABLE = 100  # recordings in a row that may be unreadable: more mean a damaged disk, not damaged files
+MAX_UNREADABLE = 100  # recordings in a row that may be unreadable: with more, the disk is damaged, not the files
 REPLACED, REPAIRED = 1, 2
 UNREADABLE = (FormatError, OSError)
-OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the machine has run out of something: no recording is damaged
+OUT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # the machine is out of files or memory: no recording is damaged
 
 
 class Damage:
-    """Which samples all workers of a loader together have found damaged."""
+    """Damaged samples that all workers of a loader have found."""
 
     def __init__(self, count: int) -> None:
-        self._shared = Shared(count, np.uint8)
+        self._shared = SharedArray(count, np.uint8)
 
     def found(self) -> dict[int, int]:
-        """Index of each damaged sample to `REPLACED` or `REPAIRED`."""
+        """Return the index of each damaged sample, mapped to `REPLACED` or `REPAIRED`."""
         marks = self._shared.values
         (indices,) = marks.nonzero()
         return dict(zip(indices.tolist(), marks[indices].tolist(), strict=True))
@@ -38,7 +38,7 @@ class Damage:
         self._shared.values[index] = what
 
     def first_sound(self, index: int, make: Callable[[int], Any]) -> Any:
-        """`make(index)` or, if that can't be read, `make` of the next index that can; after the last comes the first.
+        """Return `make` of `index` or, if that can't be read, of the next readable index; the first follows the last.
 
         Raises the first error if `MAX_UNREADABLE` in a row can't be read, or none can.
         """

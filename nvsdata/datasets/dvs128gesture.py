@@ -12,7 +12,7 @@ from nvsdata.data.recording import Recording
 from nvsdata.data.views import Scaled
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.source import joined
+from nvsdata.datasets.source import path_below
 
 CLASSES = (
     "hand_clapping",
@@ -44,13 +44,35 @@ class DVS128Gesture(EventDataset):
     The preprocessed release (figshare files 38022171 and 38020584: 1,341 gestures,
     `user<NN>_<lighting>/<class>.npy`, times in whole ms) is read, too.
 
-    - `split`: "train" (default), "test" or "all", by `trials_to_train.txt` and `trials_to_test.txt`; if these are
-      missing, users 1 to 23 are for training
-    - `fold`: must be None
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all", by `trials_to_train.txt` and `trials_to_test.txt`; if these are missing, users
+            1 to 23 are for training.
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: must be None: there is one split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
 
-    `users` and `lightings` have an entry per sample; `samples[i].window` is the start and end in µs of sample i.
-    ValueError for a table of labels that can't be read.
+    Attributes:
+        users: number of the person in each sample.
+        lightings: lighting of each sample.
+        samples: `samples[i].window` is (start, end) of sample i in µs.
+
+    Raises:
+        FileNotFoundError: `root` has no recordings of the split.
+        ValueError: a table of labels can't be read.
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.DVS128Gesture("data/dvs128-gesture", "train")  # doctest: +SKIP
+        >>> nvsdata.DVS128Gesture.info.sensor_size, len(nvsdata.DVS128Gesture.info.classes)
+        ((128, 128), 11)
     """
 
     info = Info(
@@ -73,14 +95,14 @@ class DVS128Gesture(EventDataset):
     )
 
     def found(self) -> list[Sample]:
-        """One sample per labeled gesture, sorted by trial."""
+        """Return one sample per labeled gesture, sorted by trial."""
         found: list[Sample] = []
         for folder, names in self.listing.items():
             for name in names:
                 stem, _, suffix = name.rpartition(".")
-                place = joined(folder, name)
+                place = path_below(folder, name)
                 if suffix.lower() in ("aedat", "aedat3", "h5") and f"{stem}_labels.csv" in names:
-                    labels = self.source.data(joined(folder, f"{stem}_labels.csv")).decode("utf-8-sig")
+                    labels = self.source.data(path_below(folder, f"{stem}_labels.csv")).decode("utf-8-sig")
                     found += [Sample(place, label, window) for label, window in _gestures(place, labels)]
                 elif (cut := PREPROCESSED.fullmatch(name)) and TRIAL.search(place) and int(cut[1]) < len(CLASSES):
                     found.append(Sample(place, int(cut[1])))
@@ -96,7 +118,7 @@ class DVS128Gesture(EventDataset):
         return {name: listed for name in names if (listed := self._trials_in(name))}
 
     def _trials_in(self, name: str) -> list[str] | None:
-        """The trials in a list; None if there is no such list."""
+        """Return the trials in a list; None if there is no such list."""
         listed = self._side_file(name)
         if listed is None:
             return None
@@ -127,7 +149,7 @@ class DVS128Gesture(EventDataset):
 
 
 def _trial(sample: Sample) -> re.Match[str]:
-    """Match of a trial's name; its groups are user number and lighting. ValueError for a file with another name."""
+    """Return the match of a trial's name, with groups user number and lighting; ValueError for another name."""
     trial = TRIAL.search(sample.name)
     if trial is None:
         raise ValueError(f"{sample.name}: a trial's name is user<NN>_<lighting>")
@@ -135,7 +157,7 @@ def _trial(sample: Sample) -> re.Match[str]:
 
 
 def _gestures(name: str, labels: str) -> Iterator[tuple[int, tuple[int, int]]]:
-    """Label from 0 and (start, end) of each row; no end is after the next start. ValueError for a broken table."""
+    """Yield label (from 0) and (start, end) of each row; an end after the next start is cut there."""
     rows = list(csv.DictReader(io.StringIO(labels)))
     try:
         table = sorted((int(r["startTime_usec"]), int(r["endTime_usec"]), int(r["class"]) - 1) for r in rows)
@@ -144,5 +166,5 @@ def _gestures(name: str, labels: str) -> Iterator[tuple[int, tuple[int, int]]]:
     for k, (start, end, label) in enumerate(table):
         end = min(end, table[k + 1][0]) if k + 1 < len(table) else end
         if not 0 <= label < len(CLASSES) or end < start:
-            raise ValueError(f"{name}: a label of class {label + 1} from {start} to {end} µs makes no sense")
+            raise ValueError(f"{name}: a label of class {label + 1} from {start} to {end} µs is impossible")
         yield label, (start, end)

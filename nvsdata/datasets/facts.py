@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from nvsdata.datasets.expected import Holding
-
 
 class Sample(NamedTuple):
     """A recording or a slice of one.
 
-    - `name`: path below the root, with slashes
-    - `label`: index of the class
-    - `window`: start and end in µs of a slice; None for a whole recording
-    - `events`: how many events of the slice are left out at its beginning, and how many are then taken; None for all
+    Attributes:
+        name: path below the root, with slashes.
+        label: index of the class.
+        window: (start, end) in µs of a slice; None for the entire recording.
+        events: (number of events to skip at the beginning of the slice, number of events to take); None for all.
     """
 
     name: str
@@ -24,17 +23,17 @@ class Sample(NamedTuple):
 
     @property
     def file(self) -> str:
-        """The file's name."""
+        """Name of the file."""
         return self.name.rsplit("/", 1)[-1]
 
     @property
     def stem(self) -> str:
-        """The file's name without its extension."""
+        """Name of the file without its extension."""
         return self.file.rsplit(".", 1)[0]
 
     @property
     def part(self) -> str:
-        """Which part of the recording it is, to follow a name; empty for all of it."""
+        """Suffix for the recording's name that identifies the slice; empty for the entire recording."""
         window = "" if self.window is None else " {}-{}".format(*self.window)
         return window if self.events is None else window + " {}+{}".format(*self.events)
 
@@ -43,13 +42,14 @@ class Sample(NamedTuple):
 class Archive:
     """A file to download.
 
-    - `name`: of the file
-    - `hash`: md5 or sha256; empty if unknown
-    - `urls`: tried in order; empty if a browser is needed, or the file is part of another archive
-    - `folder`: what it unpacks to, below the root
-    - `size`: bytes; 0 if unknown
-    - `within`: an archive that contains this one, downloaded if none of the `urls` works
-    - `optional`: whether the dataset is of use without it
+    Args:
+        name: of the file.
+        hash: md5 or sha256; empty if unknown.
+        urls: addresses, tried in order; empty if a browser is needed, or the file is part of another archive.
+        folder: where it is unpacked, below the root.
+        size: bytes; 0 if unknown.
+        within: an archive that contains this one, downloaded if none of the `urls` works.
+        optional: whether the dataset is of use without it.
     """
 
     name: str
@@ -62,19 +62,49 @@ class Archive:
 
 
 @dataclass(frozen=True)
+class Holding:
+    """Number of recordings of a class as distributed.
+
+    Args:
+        label: name of the class; "" for all classes together.
+        count: number of recordings.
+        part: such as "train"; "" if there are no parts.
+        stem: pattern of their names without extension, such as "mnist_3_scale04_{:04d}"; "" if unknown.
+        numbers: numbers that fill in the pattern.
+    """
+
+    label: str
+    count: int
+    part: str = ""
+    stem: str = ""
+    numbers: range = range(0)
+
+    @property
+    def stems(self) -> list[str]:
+        """Names without extension; empty if they aren't known."""
+        return [self.stem.format(number) for number in self.numbers]
+
+
+def numbered_holding(label: str, stem: str, numbers: range, part: str = "") -> Holding:
+    """Return a holding all of whose names are known."""
+    return Holding(label, len(numbers), part, stem, numbers)
+
+
+@dataclass(frozen=True)
 class Info:
     """Facts about a dataset.
 
-    - `name`: in lower case, as commands and recipes take it
-    - `sensor_size`: (width, height) of every recording; None if they differ
-    - `classes`: names, in the order of their labels
-    - `page`: address of the dataset's page
-    - `license`: as stated or reported
-    - `archives`: files to download
-    - `recordings`: how many there are; 0 if unknown
-    - `holds`: how many of each class, where that is known
-    - `known_from`: source of these counts, and sources that disagree
-    - `tree`: layout below the root as distributed
+    Args:
+        name: in lower case, as commands and recipes take it.
+        sensor_size: (width, height) in pixels of every recording; None if they differ.
+        classes: names, in the order of their labels.
+        page: address of the dataset's page.
+        license: as stated or reported.
+        archives: files to download.
+        recordings: their number; 0 if unknown.
+        holds: number of recordings of each class; empty if unknown.
+        known_from: source of these counts, and sources that disagree.
+        tree: layout below the root as distributed.
     """
 
     name: str
@@ -90,5 +120,5 @@ class Info:
 
     @property
     def by_program(self) -> bool:
-        """Whether a program can download it."""
+        """True if a program can download it, without a browser."""
         return any(archive.urls for archive in self.archives)

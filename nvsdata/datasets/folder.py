@@ -1,4 +1,4 @@
-"""Any folder of recordings."""
+"""Folders of the user's own recordings."""
 
 from __future__ import annotations
 
@@ -16,19 +16,39 @@ PARTS = ("train", "test")
 
 
 class EventFolder(EventDataset):
-    """A folder of class folders of recordings, in any known format (as torchvision's ImageFolder).
+    """A folder of class folders with recordings in any known format, like torchvision's ImageFolder.
 
     The classes are the sorted folder names, the same for all splits.
 
-    - `split`: "train" and "test" take the class folders of `root/train` and `root/test`, in upper or lower case;
-      "all" (default) takes those of `root` itself, or of both parts if recordings lie below these only
-    - `sensor_size`: (width, height) of every recording; None (default) takes what each recording states, and the
-      dataset's `sensor_size` is then that of its first recording
-    - `fold`: must be None
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train" and "test" take the class folders of `root/train` and `root/test`, in upper or lower case; "all"
+            (default) takes those of `root` itself, or of both parts if all recordings are below these.
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        sensor_size: (width, height) in pixels of every recording; None takes the size that each recording states. The
+            dataset's `sensor_size` is then that of its first recording.
+        fold: must be None: there is one split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
 
-    FileNotFoundError if there is no such folder, no class folder in it, or no recording. ValueError for "all" if
-    there are recordings both in parts and in other folders.
+    Raises:
+        FileNotFoundError: there is no such folder, no class folder in it, or no recording.
+        ValueError: recordings are both in train or test folders and in other folders, for "all".
+
+    Example:
+        >>> import tempfile, nvsdata
+        >>> from pathlib import Path
+        >>> root = Path(tempfile.mkdtemp())
+        >>> (root / "waving").mkdir()
+        >>> _ = nvsdata.write(nvsdata.example(), root / "waving/0.npy")
+        >>> nvsdata.EventFolder(root).classes
+        ['waving']
     """
 
     info = Info(
@@ -44,7 +64,7 @@ class EventFolder(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool | None = None,
+        split: str | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
@@ -94,7 +114,7 @@ class EventFolder(EventDataset):
 
     @cached_property
     def _parts(self) -> dict[str, str]:
-        """The parts found: "train" and "test" to the names of their folders."""
+        """The parts found: "train" and "test", mapped to the names of their folders."""
         top = {folder.split("/")[0] for folder in self.listing} - {"."}
         # a folder "train" that contains recordings itself is a class, such as railway trains
         classes = {name.split("/")[0] for name in recordings_in(self.listing) if name.count("/") == 1}

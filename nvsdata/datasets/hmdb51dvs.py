@@ -8,9 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
-from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import CountedFromBottom, google_drive
 from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.families import BottomOriginDataset, google_drive, numbered_fold
 
 CLASSES = """
     brush_hair cartwheel catch chew clap climb climb_stairs dive draw_sword dribble drink eat fall_floor fencing
@@ -24,7 +23,7 @@ PARTS = {"train": "1", "test": "2"}
 
 @cache
 def official() -> dict[str, dict[str, str]]:
-    """HMDB51's splits: by class and video, its parts in the three splits (1: train, 2: test, 0: neither), as "120"."""
+    """Return HMDB51's splits: for each class and video its three parts, as "120" (1: train, 2: test, 0: neither)."""
     found: dict[str, dict[str, str]] = {}
     for line in gzip.decompress(SHIPPED.read_bytes()).decode().splitlines():
         if line.endswith(":"):
@@ -35,17 +34,33 @@ def official() -> dict[str, dict[str, str]]:
     return found
 
 
-class HMDB51DVS(CountedFromBottom):
+class HMDB51DVS(BottomOriginDataset):
     """HMDB51-DVS (Bi et al. 2020): HMDB51's videos on a monitor in front of a DAVIS240C, 240x180.
 
-    About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are HMDB51's
-    own, of 70 videos per class for training and 30 for testing: those of `<class>_test_split<k>.txt` if such files lie
-    below `root`, otherwise those that come with nvsdata. Recordings below 1 KB are empty; `skipped`
-    lists them. The .mat files count y from the bottom of the sensor; here it counts from the top.
+    About 6,766 recordings, `<class>/<video name>.mat` or `.aedat`, 51 classes. The splits are those of HMDB51, with 70
+    videos per class for training and 30 for testing. They are read from `<class>_test_split<k>.txt` if such files are
+    below `root`, otherwise from the lists that nvsdata contains. Recordings below 1 KB are empty; `skipped` lists them.
+    The .mat files count y from the bottom of the sensor; here it counts from the top.
 
-    - `split`: "train" (default), "test" or "all"
-    - `fold`: 1, 2 or 3 (default 1), the number of the split
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: 1, 2 or 3 (default 1), the number of the split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.HMDB51DVS("data/hmdb51-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.HMDB51DVS.info.sensor_size, len(nvsdata.HMDB51DVS.info.classes)
+        ((240, 180), 51)
     """
 
     info = Info(
@@ -79,7 +94,7 @@ class HMDB51DVS(CountedFromBottom):
         return [sample for sample in found if (sample.label, sample.stem) in chosen]
 
     def _lists(self) -> dict[str, dict[str, str]]:
-        """The part of each video, by class: of the lists below the root if there are any, else of those shipped."""
+        """Return the part of each video, by class, from lists below the root or, without these, from nvsdata's own."""
         own = {name: dict(self._listed_in(f"{name}_test_split{self.fold}.txt")) for name in self.classes}
         if any(own.values()):
             return own
@@ -91,7 +106,7 @@ class HMDB51DVS(CountedFromBottom):
         return {name: stems for name, stems in found.items() if stems}
 
     def _listed_in(self, name: str) -> Iterator[tuple[str, str]]:
-        """Name without extension, and part, of each video in a list."""
+        """Yield name without extension, and part, of each video in a list."""
         for line in (self._side_file(name) or "").splitlines():
             video, _, part = line.strip().rpartition(" ")
             yield video.strip().rsplit(".", 1)[0], part

@@ -1,4 +1,4 @@
-"""Indexable samples: how they are made, their random numbers, and what happens to damaged ones."""
+"""Indexable samples: reading, reproducible random numbers, and replacement of damaged recordings."""
 
 from __future__ import annotations
 
@@ -19,35 +19,32 @@ from nvsdata.datasets.splits import split_hash, stratified
 
 Transform = Callable[[Any], Any]
 PairTransform = Callable[[Any, Any], tuple[Any, Any]]
-"""Of sample and target together."""
+"""Changes sample and target together."""
 
 
 class Samples(Dataset[tuple[Any, Any]]):
     """Samples `(sample, target)` of recordings.
 
-    - `seed`: the random numbers of a sample's transforms depend on (seed, epoch, index) alone, for any number of
-      DataLoader workers. None (default) uses torch's generator as it is. `set_epoch` sets the epoch; without it,
-      passes over the data are counted. The count is exact for workers that aren't persistent and give no sample twice
-      in a pass. In persistent workers and without workers, a pass shows by the first sample that comes again: the
-      count is exact for complete passes. Call `set_epoch` if you leave passes early there, look at single samples
-      (`dataset[0]` counts as a pass that was left early), restart a training, or use a sampler that draws samples
-      repeatedly.
-    - `errors`: what happens to damaged recordings:
-      "raise" (default) raises FormatError, or OSError if the disk fails.
-      "skip" replaces a recording that can't be read by the next one that can, with its target. Recordings are sorted
-      by class, so the replacement usually has the same class. Batches keep their size and are the same for any
-      number of workers; a test set counts the replacement twice.
-      "repair" reads a partly damaged recording without the damaged part (as `nvsdata.open(..., strict=False)` does),
-      and replaces one that can't be read at all.
+    With a `seed`, the random numbers of a sample's transforms depend on (seed, epoch, index) alone, for any number of
+    DataLoader workers. `set_epoch` sets the epoch; without it, passes over the data are counted. The count is exact for
+    workers that aren't persistent and return no sample twice in a pass. With persistent workers or without workers, a
+    new pass is recognized by the first sample that is read again: the count is exact for complete passes. Call
+    `set_epoch` if you stop passes early there, read single samples (`dataset[0]` counts as a pass that was stopped
+    early), restart a training, or use a sampler that repeats samples.
 
-    With "skip" and "repair", each damaged recording gives one warning, and `damaged()` lists all found so far,
-    including those found by workers. 100 unreadable recordings in a row raise in any case.
+    `errors` says what to do with damaged recordings. "raise" raises FormatError, or OSError if the disk fails. "skip"
+    replaces a recording that can't be read by the next readable one, with its target. Recordings are sorted by class,
+    so the replacement usually has the same class. Batches keep their size and are the same for any number of workers; a
+    test set counts the replacement twice. "repair" reads a partly damaged recording without the damaged part (like
+    `nvsdata.open(..., strict=False)`), and replaces one that can't be read at all. With "skip" and "repair", each
+    damaged recording causes one warning, and `damaged()` lists all found so far, including those found by workers. 100
+    unreadable recordings in a row raise an error in any case.
     """
 
     samples: list[Any]
     classes: list[str]
     transforms: PairTransform | None = None  # in place of the other two
-    independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on which samples there are
+    independent: ClassVar[tuple[str, ...]] = ()  # cached properties that don't depend on the samples
 
     def _set(
         self,
@@ -57,7 +54,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         seed: int | None,
         errors: str,
     ) -> None:
-        """Set how samples are made; ValueError or TypeError for settings that make no sense."""
+        """Set how samples are made; ValueError or TypeError for invalid settings."""
         check_choice("errors", errors, ERRORS)
         for name, given in (("transform", transform), ("target_transform", target_transform)):
             if given is not None and not callable(given):
@@ -76,7 +73,7 @@ class Samples(Dataset[tuple[Any, Any]]):
         self._epochs = None if self.seed is None else Epochs(len(self.samples))
 
     def subset(self, indices: Iterable[int]) -> Self:
-        """The dataset with the samples at `indices` only, in that order."""
+        """Return the dataset with the samples at `indices` only, in that order."""
         part = copy(self)
         part.samples = [self.samples[index] for index in indices]
         for name in list(vars(part)):
@@ -86,16 +83,25 @@ class Samples(Dataset[tuple[Any, Any]]):
         part._count()
         return part
 
-    def split(self, share: float, *, seed: int = 0) -> tuple[Self, Self]:
-        """Two datasets: the first has `share` of each class, drawn by `seed` (default 0).
+    def split(self, fraction: float, *, seed: int = 0) -> tuple[Self, Self]:
+        """Split randomly into two datasets with the same fraction of each class.
 
         Each has its own `transform`: set one to None, and the other keeps its augmentation. All windows and labeled
-        parts that are of one class and one recording go to the same side; parts of different classes in one recording,
-        as in DVS128 Gesture's trials, may not. The draw depends on names alone; see `splits.stratified`. ValueError
-        unless 0 < share < 1.
+        parts of one class and one recording are in the same dataset; parts of different classes in one recording, as in
+        DVS128 Gesture's trials, may be in different ones. The split depends on names alone; see `splits.stratified`.
+
+        Args:
+            fraction: of each class in the first dataset, between 0 and 1.
+            seed: of the random split.
+
+        Returns:
+            The two datasets.
+
+        Raises:
+            ValueError: unless 0 < fraction < 1.
         """
-        if not 0 < share < 1:
-            raise ValueError(f"share must lie between 0 and 1, not {share}")
+        if not 0 < fraction < 1:
+            raise ValueError(f"fraction must lie between 0 and 1, not {fraction}")
         groups: dict[tuple[str, str], list[int]] = {}
         for index, sample in enumerate(self.samples):
             files = " ".join(name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in self._files(sample))
@@ -103,61 +109,61 @@ class Samples(Dataset[tuple[Any, Any]]):
         members = list(groups.values())
         first, second = (
             sorted(index for group in side for index in members[group])
-            for side in stratified(list(groups), 1 - share, seed)
+            for side in stratified(list(groups), 1 - fraction, seed)
         )
         return self.subset(first), self.subset(second)
 
     @property
     def class_counts(self) -> list[int]:
-        """Samples of each class."""
+        """Number of samples of each class."""
         return list(map(int, np.bincount(np.array(self.targets, np.int64), minlength=len(self.classes))))
 
     @property
     def class_weights(self) -> torch.Tensor:
-        """Weight of each class, float32, inverse to its number of samples, 0 without any: a sample's mean weight is 1.
+        """Weight of each class, float32 [classes]: inverse to its number of samples, 0 without any.
 
-        For `CrossEntropyLoss(weight=...)`; `WeightedRandomSampler(ds.class_weights[ds.targets], len(ds))` draws each
-        class equally often.
+        The mean weight of a sample is 1. For `CrossEntropyLoss(weight=...)`; with
+        `WeightedRandomSampler(ds.class_weights[ds.targets], len(ds))` all classes are equally frequent.
         """
         counts = torch.tensor(self.class_counts, dtype=torch.float32)
         return torch.where(counts > 0, len(self) / (counts.clamp(min=1) * (counts > 0).sum()), 0.0)
 
     @abstractmethod
     def recording(self, index: int) -> Recording:
-        """The recording of a sample, opened but not decoded."""
+        """Return the recording of a sample, opened but not decoded."""
 
     def recording_names(self) -> list[str]:
-        """The recordings of all samples, each once, by their path below the root."""
+        """Return the recordings of all samples, each once, by their path below the root."""
         return list(self.files_of(self.samples))
 
     def files_of(self, samples: Iterable[Any]) -> dict[str, None]:
-        """Paths below the root of the files that samples are read from, each once, in order."""
+        """Return the paths below the root of the files that contain the samples, each once, in order."""
         return dict.fromkeys(name for sample in samples for name in self._files(sample))
 
     def recordings(self, index: int) -> tuple[Recording, ...]:
-        """The recordings that a sample is made of, opened but not decoded."""
+        """Return the recordings of a sample, opened but not decoded."""
         return (self.recording(index),)
 
-    def joined(self, parts: Sequence[Any]) -> Any:
-        """The sample, from its transformed recordings."""
+    def combine(self, parts: Sequence[Any]) -> Any:
+        """Return the sample, given its transformed recordings."""
         return parts[0]
 
     def _files(self, sample: Any) -> tuple[str, ...]:
-        """Paths below the root of the files that a sample is read from."""
+        """Return the paths below the root of the files that contain a sample."""
         return (sample.name,)
 
     def _name_of(self, sample: Any) -> str:
-        """A name that identifies a sample within its class, independent of the folder of its file."""
+        """Return a name that identifies a sample within its class, independent of the folder of its file."""
         return str(sample.stem + sample.part)
 
     @cached_property
     def names(self) -> list[tuple[str, str]]:
-        """Class and name of each sample, from which random splits are drawn. Independent of folders and split."""
+        """Class and name of each sample, on which random splits depend; independent of folders and split."""
         return [(self.classes[sample.label], self._name_of(sample)) for sample in self.samples]
 
     @cached_property
     def split_hash(self) -> str:
-        """16 hex digits that identify the samples by class, name and label, in a folder as in a store."""
+        """16 hex digits that identify the samples by class, name and label, the same for a folder and a store."""
         return split_hash((*name, label) for name, label in zip(self.names, self.targets, strict=True))
 
     def __len__(self) -> int:
@@ -170,26 +176,28 @@ class Samples(Dataset[tuple[Any, Any]]):
     def __getitem__(self, index: slice) -> Self: ...
 
     def __getitem__(self, index: Any) -> Any:
-        """The sample and target at an index; of a slice, a dataset. IndexError beyond the ends."""
+        """Return the sample and target at an index; for a slice, a dataset. IndexError beyond the ends."""
         if isinstance(index, slice):
             return self.subset(range(len(self))[index])
         if self._damage is None and self._epochs is None:
             return self._made(index)
-        return self.taken(range(len(self))[index], self._made)
+        return self.seeded_sample(range(len(self))[index], self._made)
 
     def set_epoch(self, epoch: int) -> None:
-        """Make random numbers depend on (seed, `epoch`, index) until the next call, in running workers, too.
+        """Make random numbers depend on (seed, `epoch`, index) until the next call, also in running workers.
 
         Call it before each pass over the data, as for torch's `DistributedSampler`. Without a `seed` it does nothing.
-        ValueError for a negative epoch.
+
+        Args:
+            epoch: number of the epoch, at least 0.
         """
         if epoch < 0:
             raise ValueError(f"epoch must be at least 0, not {epoch}")
         if self._epochs is not None:
             self._epochs.set(epoch)
 
-    def taken(self, index: int, make: Callable[[int], Any]) -> Any:
-        """`make(index)` with the random numbers that follow from `seed`, or what `errors` puts in its place."""
+    def seeded_sample(self, index: int, make: Callable[[int], Any]) -> Any:
+        """Return `make(index)` with the random numbers of `seed`; for a damaged recording, the replacement."""
         if self._epochs is not None and self.seed is not None:
             with seeded(self.seed, self._epochs.of(index), index):
                 return self._sound(index, make)
@@ -205,17 +213,17 @@ class Samples(Dataset[tuple[Any, Any]]):
             sample, target = self.transforms(whole, self.target(index))
         else:
             change = self.transform or as_events
-            sample, target = self.joined([change(recording) for recording in recordings]), self.target(index)
+            sample, target = self.combine([change(recording) for recording in recordings]), self.target(index)
         self.note_repairs(index, recordings)
         return sample, target
 
     def target(self, index: int) -> Any:
-        """The target of a sample."""
+        """Return the target of a sample."""
         label = self.targets[index]
         return label if self.target_transform is None else self.target_transform(label)
 
     def note_repairs(self, index: int, recordings: Sequence[Recording]) -> bool:
-        """Whether the recordings, after reading, report repairs; if so, the sample is counted as damaged."""
+        """Return whether the recordings, after reading, report repairs; then count the sample as damaged."""
         repaired = any(recording.repairs for recording in recordings)
         if self._damage is not None and repaired:
             self._damage.mark(index, REPAIRED, f"{self._files(self.samples[index])[0]}: {_repairs(recordings)}")
@@ -223,13 +231,16 @@ class Samples(Dataset[tuple[Any, Any]]):
 
     @property
     def num_damaged(self) -> int:
-        """How many damaged samples all workers have found so far."""
+        """Number of damaged samples that all workers have found so far."""
         return 0 if self._damage is None else len(self._damage.found())
 
     def damaged(self) -> dict[str, str]:
-        """Damaged samples that all workers have found so far: the sample's recordings to what was done, and why.
+        """Return the damaged samples that all workers have found so far.
 
-        Empty for `errors="raise"`. Those recordings are read again to find the reasons.
+        The recordings are read again to find the reasons.
+
+        Returns:
+            The sample's recordings, mapped to "replaced" or "repaired" with the reason. Empty for `errors="raise"`.
         """
         found = {} if self._damage is None else self._damage.found()
         return {" ".join(self._files(self.samples[i])): self._reason(i, what == REPAIRED) for i, what in found.items()}
@@ -246,7 +257,7 @@ class Samples(Dataset[tuple[Any, Any]]):
 
 
 def check_choice(name: str, given: Any, choices: Sequence[str]) -> None:
-    """ValueError unless `given` is one of the choices; TypeError for a transform in its place."""
+    """Raise ValueError unless `given` is one of the choices, TypeError if it is a transform."""
     if callable(given):
         raise TypeError(f"{name} must be {', '.join(map(repr, choices))}; pass transform={given!r} by keyword")
     if given not in choices:

@@ -7,8 +7,7 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import numbered
-from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.facts import Archive, Info, Sample, numbered_holding
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
@@ -36,11 +35,27 @@ class MNISTDVS(EventDataset):
     `grabbed_data<d>/scale<s>/mnist_<d>_scale<ss>_<id>.aedat`. The monitor's refresh rate of 75 Hz is visible in the
     recordings.
 
-    - `split`: "train" (default), "test" or "all". The distribution has no split: here recordings 901 to 1000 of each
-      digit are for testing (the customary 90/10), the same digits at every scale
-    - `scale`: 4 (default), 8 or 16; None for all three
-    - `fold`: must be None
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all". The dataset is published without a split: here recordings 901 to 1000 of each
+            digit are for testing (the customary 90/10), the same digits at every scale.
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        scale: 4, 8 or 16; None for all three.
+        fold: must be None: there is one split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.MNISTDVS("data/mnist-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.MNISTDVS.info.sensor_size, len(nvsdata.MNISTDVS.info.classes)
+        ((128, 128), 10)
     """
 
     info = Info(
@@ -55,7 +70,7 @@ class MNISTDVS(EventDataset):
         ),
         recordings=30_000,
         holds=tuple(
-            numbered(str(d), f"mnist_{d}_scale{scale:02d}_{{:04d}}", range(1, 1001))
+            numbered_holding(str(d), f"mnist_{d}_scale{scale:02d}_{{:04d}}", range(1, 1001))
             for d in range(10)
             for scale in SCALES
         ),
@@ -70,7 +85,7 @@ class MNISTDVS(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool | None = None,
+        split: str | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,

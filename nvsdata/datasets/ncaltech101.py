@@ -9,10 +9,10 @@ import numpy as np
 import torch
 
 from nvsdata.common.errors import FormatError
-from nvsdata.datasets.base import RandomSplitDataset
 from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.families import RandomSplitDataset
 from nvsdata.datasets.indexing import PairTransform, Transform
-from nvsdata.datasets.source import joined
+from nvsdata.datasets.source import path_below
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/cy6cvx3ryv/files"
 _ALL = Archive(
@@ -36,8 +36,8 @@ CLASSES = """
 """.split()
 
 
-class Box(NamedTuple):
-    """A bounding box in pixels: `x` (left), `y` (top), `width`, `height`."""
+class BoundingBox(NamedTuple):
+    """A bounding box in pixels: `x` (left edge), `y` (top edge), `width`, `height`."""
 
     x: int
     y: int
@@ -46,18 +46,35 @@ class Box(NamedTuple):
 
 
 class NCaltech101(RandomSplitDataset):
-    """N-Caltech101 (Orchard et al. 2015): Caltech101's pictures seen by an ATIS in three saccades.
+    """N-Caltech101 (Orchard et al. 2015): Caltech101's images, recorded by an ATIS in three saccades.
 
-    8,709 recordings of about 300 ms, `Caltech101/<class>/image_<id>.bin`. The pictures differ in size; the largest,
+    8,709 recordings of about 300 ms, `Caltech101/<class>/image_<id>.bin`. The images differ in size; the largest,
     240x180, is taken as the sensor's size. `box(i)` is the bounding box of sample i, if the annotations were
     downloaded.
 
-    - `split`: "train" (default), "test" or "all"; a random fifth of each class is for testing
-    - `background`: whether the background class is one of the classes: 101 with it (default), 100 without
-    - `fold`: seed of the random split, at least 0 (default 0)
-    - `boxes`: whether targets are dicts of `boxes` (float32 [N, 4]: left, top, right and bottom edge in pixels; N is 0
-      or 1) and `labels` (int64 [N]) in place of ints (default False)
-    - other parameters: those of `EventDataset`; as `transforms`, `T.WithBoxes(...)` moves boxes along with events
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all"; a random fifth of each class is for testing.
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        background: whether the background class is one of the classes: 101 with it, 100 without.
+        boxes: whether targets are dicts of `boxes` (float32 [N, 4]: left, top, right and bottom edge in pixels; N is 0
+            or 1) and `labels` (int64 [N]) instead of ints. As `transforms`, `T.WithBoxes(...)` moves boxes along with
+            events.
+        fold: seed of the random split, at least 0 (default 0).
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.NCaltech101("data/n-caltech101", "train")  # doctest: +SKIP
+        >>> nvsdata.NCaltech101.info.sensor_size, len(nvsdata.NCaltech101.info.classes)
+        ((240, 180), 101)
     """
 
     info = Info(
@@ -83,14 +100,14 @@ class NCaltech101(RandomSplitDataset):
             ),
         ),
         recordings=8_709,
-        known_from="Caltech101's 9,144 pictures without the 435 of Faces; no source lists the counts per class",
+        known_from="Caltech101's 9,144 images without the 435 of Faces; no source lists the counts per class",
         tree="Caltech101/<class>/image_<id>.bin",
     )
 
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool | None = None,
+        split: str | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
@@ -135,21 +152,25 @@ class NCaltech101(RandomSplitDataset):
         }
         return target if self.target_transform is None else self.target_transform(target)
 
-    def box(self, index: int) -> Box | None:
-        """The bounding box of a sample, with negative corners moved to 0; None if it has no annotation.
+    def box(self, index: int) -> BoundingBox | None:
+        """Return the bounding box of a sample, with negative corners moved to 0; None if it has no annotation.
 
-        FormatError if the annotation is broken.
+        Args:
+            index: of the sample.
+
+        Raises:
+            FormatError: the annotation is damaged.
         """
         sample = self.samples[index]
         wanted = "annotation" + sample.stem.removeprefix("image") + ".bin"
         for folder, names in self.listing.items():
             if self._label_of(folder) == sample.label and wanted in names:
-                where = joined(folder, wanted)
+                where = path_below(folder, wanted)
                 return _box(where, self.source.data(where))
         return None
 
 
-def _box(name: str, data: bytes) -> Box:
+def _box(name: str, data: bytes) -> BoundingBox:
     """Decode an annotation, little-endian int16: rows, columns, then x and y of each corner."""
     values = np.frombuffer(data[: len(data) // 2 * 2], "<i2")
     if values.size < 10 or values[0] != 2 or values[1] < 4:
@@ -157,4 +178,4 @@ def _box(name: str, data: bytes) -> Box:
             name, "not an annotation: it doesn't begin with a box of 2 rows and 4 columns or more", offset=0
         )
     x, y, right, bottom = (max(int(values[i]), 0) for i in (2, 3, 4, 7))
-    return Box(x, y, right - x, bottom - y)
+    return BoundingBox(x, y, right - x, bottom - y)

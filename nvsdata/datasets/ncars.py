@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import numbered
-from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.facts import Archive, Info, numbered_holding
 
 
 class NCARS(EventDataset):
@@ -16,9 +15,25 @@ class NCARS(EventDataset):
     `n-cars_train/{cars,background}/obj_<id>_td.dat` and `n-cars_test`. The crops differ in size; the largest,
     120x100, is taken as the sensor's size. Classes: background 0, cars 1.
 
-    - `split`: "train" (default), "test" or "all"
-    - `fold`: must be None
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: must be None: there is one split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.NCARS("data/n-cars", "train")  # doctest: +SKIP
+        >>> nvsdata.NCARS.info.sensor_size, len(nvsdata.NCARS.info.classes)
+        ((120, 100), 2)
     """
 
     info = Info(
@@ -32,10 +47,10 @@ class NCARS(EventDataset):
         ),
         recordings=24_029,
         holds=(
-            numbered("background", "obj_{:06d}_td", range(4_211, 11_693), "train"),
-            numbered("cars", "obj_{:06d}_td", range(4_396, 12_336), "train"),
-            numbered("background", "obj_{:06d}_td", range(4_211), "test"),
-            numbered("cars", "obj_{:06d}_td", range(4_396), "test"),
+            numbered_holding("background", "obj_{:06d}_td", range(4_211, 11_693), "train"),
+            numbered_holding("cars", "obj_{:06d}_td", range(4_396, 12_336), "train"),
+            numbered_holding("background", "obj_{:06d}_td", range(4_211), "test"),
+            numbered_holding("cars", "obj_{:06d}_td", range(4_396), "test"),
         ),
         known_from="a public reader",
         tree="n-cars_train/<class>/obj_<id>_td.dat and n-cars_test/<class>/obj_<id>_td.dat",

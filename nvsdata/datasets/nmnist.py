@@ -10,8 +10,7 @@ from nvsdata.data.events import Columns, Events
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import Holding, numbered
-from nvsdata.datasets.facts import Archive, Info
+from nvsdata.datasets.facts import Archive, Holding, Info, numbered_holding
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
@@ -32,18 +31,35 @@ SACCADE_US = 105_000
 
 
 class NMNIST(EventDataset):
-    """N-MNIST (Orchard et al. 2015): MNIST's digits seen by an ATIS in three saccades, 34x34 pixels.
+    """N-MNIST (Orchard et al. 2015): MNIST's digits, recorded by an ATIS in three saccades, 34x34 pixels.
 
     60,000 recordings for training and 10,000 for testing, about 4,100 events over 300 ms each, in
     `Train/<digit>/<id>.bin` and `Test/<digit>/<id>.bin` below `root`. The polarity bit is that of the file.
 
-    - `split`: "train" (default), "test" or "all"
-    - `first_saccade`: whether to keep only the events of the first 100 ms (default False)
-    - `stabilized`: whether to remove the camera's motion from the coordinates (default False); see `stabilize`
-    - `fold`: must be None
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        first_saccade: whether to keep only the events of the first 100 ms.
+        stabilized: whether to remove the camera's motion from the coordinates; see `stabilize`.
+        fold: must be None: there is one split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
 
-    FileNotFoundError if `root` or its split doesn't exist.
+    Raises:
+        FileNotFoundError: `root` or its split doesn't exist.
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.NMNIST("data/n-mnist", "train")  # doctest: +SKIP
+        >>> nvsdata.NMNIST.info.sensor_size, len(nvsdata.NMNIST.info.classes)
+        ((34, 34), 10)
     """
 
     info = Info(
@@ -72,7 +88,7 @@ class NMNIST(EventDataset):
         holds=tuple(
             Holding(str(digit), count, part) for part, counts in COUNTS.items() for digit, count in enumerate(counts)
         )
-        + tuple(numbered("", "{:05d}", range(1, sum(counts) + 1), part) for part, counts in COUNTS.items()),
+        + tuple(numbered_holding("", "{:05d}", range(1, sum(counts) + 1), part) for part, counts in COUNTS.items()),
         known_from="counts and numbers are MNIST's",
         tree="Train/<digit>/<id>.bin and Test/<digit>/<id>.bin",
     )
@@ -80,7 +96,7 @@ class NMNIST(EventDataset):
     def __init__(
         self,
         root: str | os.PathLike[str],
-        split: str | bool | None = None,
+        split: str | None = None,
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         download: bool = False,
@@ -114,11 +130,15 @@ class NMNIST(EventDataset):
 
 
 def stabilize(events: Events) -> Events:
-    """Undo N-MNIST's saccades as the dataset's authors do: the digit stands still.
+    """Undo N-MNIST's saccades as the dataset's authors do, so that the digit doesn't move.
 
-    Events that leave the sensor are dropped.
-    During the first 105 ms the picture moves by (3.5, 7) pixels, in the next 105 ms by (3.5, -7), then by (-7, 0).
-    Times must be those of the file.
+    In the first 105 ms the digit moves by (3.5, 7) pixels, in the next 105 ms by (3.5, -7), then by (-7, 0).
+
+    Args:
+        events: with the times of the file.
+
+    Returns:
+        The moved events, without those that leave the sensor.
     """
     one, two, three = (np.clip(events.t - k * SACCADE_US, 0, SACCADE_US) / SACCADE_US for k in range(3))
     # the authors count pixels from 1 and round; counting from 0 doesn't change x

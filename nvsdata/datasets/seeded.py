@@ -1,4 +1,4 @@
-"""Samples whose randomness depends on the seed, the epoch and the index, and on nothing else."""
+"""Samples whose random numbers depend on seed, epoch and index only."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, Sampler, get_worker_info
 
-from nvsdata.datasets.shared import Shared
+from nvsdata.common.memory import SharedArray
 
 Key = tuple[int, int]
-"""Epoch and index of a sample: what `SeededBatches` yields and `SeededDataset` takes."""
+"""Epoch and index of a sample: `SeededBatches` yields it, `SeededDataset` takes it."""
 
-PASSES = 64  # whose epochs are remembered: loaders that are read at the same time
-STEP, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # odd numbers of well-mixed bits
-MAIN = -1  # in place of a base seed, none of which is negative
+PASSES = 64  # number of passes whose epochs are stored, for loaders that are read at the same time
+STEP, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB  # odd numbers with well-mixed bits
+MAIN = -1  # key of the main process; base seeds are not negative
 
 _seeding = False
 
 
 @contextmanager
 def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
-    """Within the block, torch's generator starts from (seed, epoch, index); afterwards its state is restored.
+    """Seed torch's generator by (seed, epoch, index) for the block; its state is restored afterwards.
 
-    A block inside another one changes nothing: the outer seed stays in force.
+    A block inside another one changes nothing: the outer seed applies.
     """
     global _seeding
     if _seeding:
         yield
         return
-    # odd constants, so that different (seed, epoch, index) don't give the same number
+    # odd constants, so that different (seed, epoch, index) don't result in the same number
     mixed = (seed * STEP + epoch * FIRST + index * SECOND) % 2**63
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(mixed)
@@ -44,33 +44,35 @@ def seeded(seed: int, epoch: int, index: int) -> Iterator[None]:
 
 
 class Epochs:
-    """The epoch of each sample that a dataset gives: set by the user, or counted; shared by all workers of a loader.
+    """Epochs of the samples that a dataset returns, set by the user or counted; shared by all workers of a loader.
 
-    A pass begins an epoch. A pass shows in a worker by the base seed of the loader's iterator, which persistent workers
-    keep and the main process doesn't have. There, an epoch begins with the first sample that comes a second time.
+    Each pass over the data is an epoch. A worker recognizes a new pass by the base seed of the loader's iterator.
+    Persistent workers keep that seed, and the main process has none: there, an epoch begins with the first sample that
+    is read a second time.
 
-    - `count`: number of samples
+    Args:
+        count: number of samples.
     """
 
     def __init__(self, count: int) -> None:
-        # of each sample: 1 + the epoch in which it was given last
-        self._given = Shared(count, np.int64)
+        # of each sample: 1 + the epoch in which it was last read
+        self._given = SharedArray(count, np.int64)
         # 1 + the epoch that was set, number of epochs begun; then base seed and epoch of the last passes
-        self._state = Shared(2 + 2 * PASSES, np.int64)
+        self._state = SharedArray(2 + 2 * PASSES, np.int64)
 
     def set(self, epoch: int) -> None:
         """Use this epoch for all samples until the next call."""
         self._state.values[0] = epoch + 1
 
     def of(self, index: int) -> int:
-        """Return the epoch of a sample that is about to be given."""
+        """Return the epoch of a sample that is about to be read."""
         state = self._state.values
         if state[0]:
             return int(state[0]) - 1
         worker = get_worker_info()
         key = MAIN if worker is None else worker.seed - worker.id
         keys, epochs = state[2::2], state[3::2]
-        # read before the keys: workers that begin a pass at the same moment then write the same
+        # read before the keys: workers that begin a pass at the same moment then write the same values
         begun = int(state[1])
         found = epochs[keys == key]
         epoch = int(found.max(initial=-1))
@@ -85,12 +87,21 @@ class Epochs:
 class SeededDataset(Dataset[Any]):
     """A dataset that seeds torch's generator before each sample.
 
-    The samples then depend neither on the number of workers nor on where a run was resumed.
+    The samples then depend neither on the number of workers nor on where a run was resumed. `seeded[epoch, index]` is
+    `dataset[index]` with torch's generator seeded by (seed, epoch, index).
 
-    - `dataset`: any dataset with a length
-    - `seed`: of the run (default 0)
+    Args:
+        dataset: any dataset with a length.
+        seed: of the run.
 
-    `ds[epoch, index]` is `dataset[index]` with torch's generator seeded by (seed, epoch, index).
+    Example:
+        >>> from torch.utils.data import DataLoader
+        >>> from nvsdata.datasets import SeededBatches, SeededDataset
+        >>> data = SeededDataset([10, 20, 30, 40, 50])
+        >>> data[0, 1]
+        20
+        >>> [batch.tolist() for batch in DataLoader(data, batch_sampler=SeededBatches(5, 2))]
+        [[10, 20], [30, 40], [50]]
     """
 
     def __init__(self, dataset: Any, seed: int = 0) -> None:
@@ -106,18 +117,24 @@ class SeededDataset(Dataset[Any]):
 
 
 class SeededBatches(Sampler[list[Key]]):
-    """A `batch_sampler` of keys for several epochs, one after the other.
+    """A `batch_sampler` of the keys (epoch, index) of several epochs, one epoch after the other.
 
-    The last batch of an epoch may be smaller. Epochs follow without a break, so workers fetch the next epoch while
-    the current one ends.
+    The last batch of an epoch may be smaller. Workers fetch the next epoch while the current one ends.
 
-    - `size`: number of samples
-    - `batch_size`: samples per batch, of all processes together
-    - `first`, `last`: epochs first to last - 1 (default 0 and 1: one epoch)
-    - `shuffle`: whether each epoch has its own random order, drawn from `seed` (default False)
-    - `seed`: of the orders (default 0)
-    - `part`: (rank, count) of this process among `count` that share each batch, in order of rank (default (0, 1)).
-      A process for which nothing is left of a last batch skips that batch.
+    Args:
+        size: number of samples.
+        batch_size: samples per batch, of all processes together.
+        first: first epoch.
+        last: the epoch after the last one.
+        shuffle: whether each epoch has its own random order.
+        seed: of the random orders.
+        part: (rank, count) of this process among `count` processes that divide each batch, in order of rank. A process
+            without samples in a last batch skips that batch.
+
+    Example:
+        >>> from nvsdata.datasets import SeededBatches
+        >>> list(SeededBatches(3, 2))
+        [[(0, 0), (0, 1)], [(0, 2)]]
     """
 
     def __init__(
@@ -139,10 +156,10 @@ class SeededBatches(Sampler[list[Key]]):
     @property
     def batches(self) -> int:
         """Batches per epoch."""
-        shares = self._share(torch.arange(self.batch_size)), self._share(torch.arange(self.size % self.batch_size))
-        return (self.size // self.batch_size) * bool(len(shares[0])) + bool(len(shares[1]))
+        parts = self._own_part(torch.arange(self.batch_size)), self._own_part(torch.arange(self.size % self.batch_size))
+        return (self.size // self.batch_size) * bool(len(parts[0])) + bool(len(parts[1]))
 
-    def _share(self, batch: torch.Tensor) -> torch.Tensor:
+    def _own_part(self, batch: torch.Tensor) -> torch.Tensor:
         return batch.tensor_split(self.count)[self.rank]
 
     def __len__(self) -> int:
@@ -153,5 +170,5 @@ class SeededBatches(Sampler[list[Key]]):
             generator = torch.Generator().manual_seed(self.seed * 1_000_003 + epoch)
             order = torch.randperm(self.size, generator=generator) if self.shuffle else torch.arange(self.size)
             for batch in torch.split(order, self.batch_size):
-                if share := self._share(batch).tolist():
-                    yield [(epoch, index) for index in share]
+                if own := self._own_part(batch).tolist():
+                    yield [(epoch, index) for index in own]

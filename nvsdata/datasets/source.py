@@ -1,4 +1,4 @@
-"""Where a dataset's files are: a folder, listed once and remembered, or a packed store."""
+"""Sources of a dataset's files: the protocol, and folders, whose listing is stored in an index."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from nvsdata import formats
-from nvsdata.common.checksum import crc32
-from nvsdata.common.files import atomic, read_own, sweep
+from nvsdata.common.files import atomic, crc32, read_own, sweep
 from nvsdata.data.recording import Recording
 
 INDEX, VERSION = ".nvsdata-index.json", 2
 MOST_BYTES = 1 << 28  # of an index: of two million files
-LOOKED_AT = 3  # folders that are compared with their index
-REMEMBERED = 2_000  # with at least this many files, an index is worth its disk space
+COMPARED = 3  # folders of an index that are compared with the disk
+MANY_FILES = 2_000  # number from which an index is written
 SETTLED_NS = 2_000_000_000  # a folder that changed this shortly before its listing may change again with the same time
 CACHE_TAG = "CACHEDIR.TAG"  # marks folders of caches, by a convention of backup programs
 DEEPEST = 8  # levels of folders, in case links form a cycle
@@ -27,55 +26,55 @@ Listing = dict[str, list[str]]
 """Folder, relative to the root with slashes, to its sorted file names."""
 
 
-def joined(folder: str, name: str) -> str:
-    """Path of a listed file below the root."""
+def path_below(folder: str, name: str) -> str:
+    """Return the path of a listed file below the root."""
     return name if folder == "." else f"{folder}/{name}"
 
 
 def recordings_in(listing: Listing) -> Iterator[str]:
-    """Paths of the listed files that have the extension of a known format."""
+    """Yield the paths of the listed files that have the extension of a known format."""
     known = formats.suffixes()
     for folder, names in listing.items():
-        prefix = joined(folder, "")
+        prefix = path_below(folder, "")
         yield from [prefix + name for name in names if name.endswith(known) or name.lower().endswith(known)]
 
 
 class Source(Protocol):
-    """Files by their path relative to the root, with slashes."""
+    """A source of files: a folder or a packed store. Names are paths relative to the root, with slashes."""
 
     root: Path
-    split: str  # whose recordings it holds
+    split: str  # split to which its recordings belong
     left_out: dict[str, str]  # recordings that are listed but not available, name to reason
 
     def listing(self) -> Listing:
-        """All files except hidden ones; folders without files are listed, too."""
+        """Return all files except hidden ones, and folders without files."""
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
-        """The recording with that name; unless `strict`, a partly damaged one is read without the damaged part."""
+        """Return a recording; unless `strict`, a partly damaged one is read without the damaged part."""
 
     def data(self, name: str) -> bytes:
-        """The bytes of a small file that is not a recording."""
+        """Return the bytes of a small file that is not a recording."""
 
     def size(self, name: str) -> int:
-        """Bytes of a file, or an equivalent, by which empty recordings are recognized."""
+        """Return the size of a file in bytes, by which empty recordings are recognized."""
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Numbers that change when the recording does."""
+        """Return numbers that change when the recording changes."""
 
     def settled(self, name: str, at: int) -> bool:
-        """Whether a recording read at time `at` (ns since 1970) certainly had the content its stamp stands for."""
+        """Return whether the stamp of a recording certainly belongs to what was read at time `at` (ns since 1970)."""
 
 
-def keep(path: Path, content: dict[str, Any]) -> None:
-    """Keep what is known of a dataset's folder in a file of JSON, with a checksum. OSError if it can't be written."""
+def save_index(path: Path, content: dict[str, Any]) -> None:
+    """Write facts about a dataset's folder to a JSON file with a checksum; OSError if it can't be written."""
     text = json.dumps(content)
     sweep(path.parent, path.name)
     with atomic(path) as temporary:
         temporary.write_text(json.dumps([VERSION, crc32(text.encode())]) + "\n" + text)
 
 
-def restored(path: Path) -> dict[str, Any]:
-    """Return what `keep` kept: an empty dictionary if there is nothing of this version, or it was changed since."""
+def load_index(path: Path) -> dict[str, Any]:
+    """Return the facts of `save_index`; empty if the file is missing, of another version, or was changed."""
     try:
         head, _, text = read_own(path, MOST_BYTES).partition(b"\n")
         content = json.loads(text) if json.loads(head) == [VERSION, crc32(text)] else {}
@@ -85,18 +84,18 @@ def restored(path: Path) -> dict[str, Any]:
 
 
 def _entered(folder: str, folders: list[str]) -> list[str]:
-    """The folders in a folder that are looked into."""
+    """Return the subfolders of a folder that are listed."""
     return [f for f in folders if not f.startswith((".", "__"))] if folder.count("/") < DEEPEST else []
 
 
-def _shown(names: Iterable[str]) -> list[str]:
+def _visible(names: Iterable[str]) -> list[str]:
     return sorted(name for name in names if not name.startswith("."))
 
 
 def _is_listed(folder: str, names: list[str]) -> bool:
-    """Whether an entry of an index names a folder below the root, and files in it."""
+    """Return whether an entry of an index names a folder below the root, and files in it."""
     parts = [] if folder == "." else folder.split("/")
-    # a dot and two dots lead elsewhere
+    # one dot and two dots lead to other folders
     return all(part.strip(".") and not {"/", os.sep, "\0"} & set(part) for part in (*parts, *names))
 
 
@@ -109,10 +108,10 @@ class Folder:
         self.left_out: dict[str, str] = {}
 
     def listing(self) -> Listing:
-        """All files except hidden ones, from the index in the root if no folder has changed since it was made."""
-        remembered = self._remembered()
-        if remembered is not None:
-            return remembered
+        """Return all files except hidden ones, from the index in the root if no folder has changed since."""
+        known = self._from_index()
+        if known is not None:
+            return known
         made = time.time_ns()
         found: Listing = {}
         times: dict[str, int] = {}
@@ -123,16 +122,16 @@ class Folder:
                 continue
             times[folder] = os.stat(parent).st_mtime_ns
             folders[:] = _entered(folder, folders)
-            found[folder] = _shown(names)
+            found[folder] = _visible(names)
         found = {folder: found[folder] for folder in sorted(found)}
-        if sum(map(len, found.values())) >= REMEMBERED:
-            self._remember(made, times, found)
+        if sum(map(len, found.values())) >= MANY_FILES:
+            self._write_index(made, times, found)
         return found
 
-    def _remembered(self) -> Listing | None:
-        """The listing of the index; None if there is none, a folder has changed, or it isn't one of this folder."""
+    def _from_index(self) -> Listing | None:
+        """Return the listing of the index; None if there is none, a folder has changed, or it is of another folder."""
         try:
-            index = restored(self.root / INDEX)
+            index = load_index(self.root / INDEX)
             times, files = index["times"], index["files"]
             if not (times.keys() == files.keys() and "." in files and all(map(_is_listed, files, files.values()))):
                 return None
@@ -141,45 +140,47 @@ class Folder:
                 now = os.stat(self.root / folder).st_mtime_ns
                 if now != changed or now > index["made"] - SETTLED_NS:
                     return None
-            some = random.Random().sample(list(files), min(len(files), LOOKED_AT))
+            some = random.Random().sample(list(files), min(len(files), COMPARED))
             return files if all(self._is_same(folder, files) for folder in some) else None
         except (OSError, KeyError, TypeError, AttributeError):
             return None
 
     def _is_same(self, folder: str, files: Listing) -> bool:
-        """Whether a folder has the files of an index, and its folders are in the index, too."""
+        """Return whether a folder has the files of an index, and its subfolders are in the index."""
         with os.scandir(self.root / folder) as entries:
             found = {entry.name: entry.is_dir() for entry in entries}
-        if files[folder] != _shown(name for name, is_folder in found.items() if not is_folder):
+        if files[folder] != _visible(name for name, is_folder in found.items() if not is_folder):
             return False
         below = _entered(folder, [name for name, is_folder in found.items() if is_folder])
-        return all(joined(folder, name) in files or (self.root / folder / name / CACHE_TAG).exists() for name in below)
+        return all(
+            path_below(folder, name) in files or (self.root / folder / name / CACHE_TAG).exists() for name in below
+        )
 
-    def _remember(self, made: int, times: dict[str, int], files: Listing) -> None:
+    def _write_index(self, made: int, times: dict[str, int], files: Listing) -> None:
         try:
-            keep(self.root / INDEX, {"made": made, "times": times, "files": files})
+            save_index(self.root / INDEX, {"made": made, "times": times, "files": files})
             # otherwise the root would seem to have changed
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:
             pass  # a folder that can't be written to is listed again each time
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> Recording:
-        """The recording with that name."""
+        """Return the recording with that name."""
         return formats.open(os.path.join(self.root, name), sensor_size=sensor_size, strict=strict)
 
     def data(self, name: str) -> bytes:
-        """The bytes of a small file that is not a recording."""
+        """Return the bytes of a small file that is not a recording."""
         return (self.root / name).read_bytes()
 
     def size(self, name: str) -> int:
-        """Bytes of the file."""
+        """Return the size of the file in bytes."""
         return os.stat(self.root / name).st_size
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Size of the file in bytes, and when it was changed."""
+        """Return the size of the file in bytes and its modification time in ns."""
         status = os.stat(os.path.join(self.root, name))
         return status.st_size, status.st_mtime_ns
 
     def settled(self, name: str, at: int) -> bool:
-        """Whether the file wasn't changed around `at`; otherwise it may change again within one tick of the clock."""
+        """Return whether the file wasn't changed around `at`: if it was, it may change again with the same time."""
         return abs(at - self.stamp(name)[1]) > SETTLED_NS

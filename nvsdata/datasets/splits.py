@@ -8,18 +8,29 @@ from hashlib import blake2b
 
 
 def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: int = 0) -> tuple[list[int], list[int]]:
-    """Random split into training and testing with the same share of each class: two sorted lists of indices.
-
-    - `recordings`: (class, name) of each
-    - `test`: share of each class for testing, between 0 and 1 (default 0.2)
-    - `seed`: of the draw (default 0)
+    """Split recordings randomly into training and testing, with the same fraction of each class.
 
     The names of a class are ranked by a hash of seed, class and name; the first of them, `test` times their number
-    (rounded), are for testing.
-    So the order of `recordings` makes no difference, and one recording more or less moves at most one other
-    recording, of the same class. Recordings with the same class and name are ranked in the given order.
+    (rounded), are for testing. So the order of `recordings` makes no difference, and adding or removing a recording
+    changes the split of at most one other recording, of the same class. Recordings with the same class and name are
+    ranked in the given order.
 
-    ValueError unless 0 < test < 1.
+    Args:
+        recordings: (class, name) of each.
+        test: fraction of each class for testing, between 0 and 1.
+        seed: of the random split.
+
+    Returns:
+        Two sorted lists of indices: for training and for testing.
+
+    Raises:
+        ValueError: unless 0 < test < 1.
+
+    Example:
+        >>> from nvsdata.datasets import stratified
+        >>> train, test = stratified([("cat", str(i)) for i in range(10)])
+        >>> len(train), len(test)
+        (8, 2)
     """
     if not 0 < test < 1:
         raise ValueError(f"test must lie between 0 and 1, not {test}")
@@ -29,22 +40,22 @@ def stratified(recordings: Sequence[tuple[str, str]], test: float = 0.2, seed: i
     held = bytearray(len(recordings))
     for group, members in classes.items():
         begun = blake2b(f"{seed}\0{group}\0".encode("utf-8", "surrogatepass"), digest_size=8)
-        digests = [_followed(begun, recordings[index][1]) for index in members]
+        digests = [_digest_with(begun, recordings[index][1]) for index in members]
         ranked = sorted(range(len(members)), key=digests.__getitem__)
         for place in ranked[: math.floor(len(members) * test + 0.5)]:
             held[members[place]] = True
     return [index for index, out in enumerate(held) if not out], [index for index, out in enumerate(held) if out]
 
 
-def _followed(begun: blake2b, name: str) -> bytes:
-    """The digest of what was hashed so far and a name appended to it."""
-    whole = begun.copy()
-    whole.update(name.encode("utf-8", "surrogatepass"))
-    return whole.digest()
+def _digest_with(begun: blake2b, name: str) -> bytes:
+    """Return the digest of the bytes hashed so far with a name appended."""
+    complete = begun.copy()
+    complete.update(name.encode("utf-8", "surrogatepass"))
+    return complete.digest()
 
 
 def split_hash(samples: Iterable[tuple[str, str, int]]) -> str:
-    """16 hex digits over the (class, name, label) of samples, independent of their order."""
+    """Return 16 hex digits that identify the (class, name, label) of samples, independent of their order."""
     # no file name contains a zero byte; bytes that aren't UTF-8 are surrogates in it
     lines = sorted(f"{group}\0{name}\0{label}\0" for group, name, label in samples)
     return blake2b("".join(lines).encode("utf-8", "surrogatepass"), digest_size=8).hexdigest()

@@ -7,10 +7,8 @@ from collections.abc import Iterable
 from functools import cached_property
 from typing import ClassVar
 
-from nvsdata.datasets.base import numbered_fold
-from nvsdata.datasets.davis240 import CountedFromBottom, google_drive
-from nvsdata.datasets.expected import Holding
-from nvsdata.datasets.facts import Archive, Info, Sample
+from nvsdata.datasets.facts import Archive, Holding, Info, Sample
+from nvsdata.datasets.families import BottomOriginDataset, google_drive, numbered_fold
 
 UCF101_CLASSES = """
     ApplyEyeMakeup ApplyLipstick Archery BabyCrawling BalanceBeam BandMarching BaseballPitch Basketball
@@ -89,8 +87,8 @@ UCF50_COUNTS = (
 )
 
 
-class _UCF(CountedFromBottom):
-    """`<Class>/v_<Class>_g<NN>_c<MM>.<suffix>`: the clips of a group gNN were cut from one video."""
+class _UCF(BottomOriginDataset):
+    """Recordings `<Class>/v_<Class>_g<NN>_c<MM>.<suffix>`; the clips of a group gNN were cut from one video."""
 
     smallest: ClassVar[int] = 1024
 
@@ -103,15 +101,31 @@ class _UCF(CountedFromBottom):
 class UCF101DVS(_UCF):
     """UCF101-DVS (Bi et al. 2020): UCF101's videos on a monitor in front of a DAVIS240C, 240x180.
 
-    About 13,500 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.mat`. The splits are UCF101's own: `trainlist0<k>.txt` and
-    `testlist0<k>.txt` if they lie below `root`, otherwise the rule they follow: groups 7k - 6 to 7k are for testing.
+    About 13,500 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.mat`. The splits are those of UCF101: `trainlist0<k>.txt`
+    and `testlist0<k>.txt` if they are below `root`, otherwise their rule: groups 7k - 6 to 7k are for testing.
     Recordings below 1 KB are empty; `skipped` lists them. `groups` has the group of each sample.
     The .mat files are assumed to count y from the bottom of the sensor, as in ASL-DVS, and here it counts from the
     top; public readers disagree on this.
 
-    - `split`: "train" (default), "test" or "all"
-    - `fold`: 1, 2 or 3 (default 1), the number k of the split
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: 1, 2 or 3 (default 1), the number k of the split.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.UCF101DVS("data/ucf101-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.UCF101DVS.info.sensor_size, len(nvsdata.UCF101DVS.info.classes)
+        ((240, 180), 101)
     """
 
     info = Info(
@@ -122,7 +136,7 @@ class UCF101DVS(_UCF):
         license="not stated",
         archives=(Archive("UCF101-DVS.zip", "", (google_drive("1icJFUNJZEofOke-9bizfD-m4643G1ycg"),), "UCF101_DVS"),),
         recordings=13_523,
-        known_from="two public readers' counts; the paper has UCF101's 13,320; no source says which the others are",
+        known_from="two public readers' counts; the paper has UCF101's 13,320; no source says what the others are",
         tree="<Class>/v_<Class>_g<NN>_c<MM>.mat, and perhaps trainlist01.txt and so on",
     )
     aliases: ClassVar[dict[str, str]] = {"Billards": "Billiards"}
@@ -135,7 +149,7 @@ class UCF101DVS(_UCF):
             return found
         stems = self._stems_in(f"{self.split_name}list0{self.fold}.txt")
         if stems is None:
-            # the rule of the lists: seven groups are for testing, the next seven in the next split
+            # the rule of the lists: seven groups are for testing; in the next split, the next seven
             held = range(7 * self.fold - 6, 7 * self.fold + 1)
             return self._held_out(found, lambda sample: group_of(sample) in held)
         return [sample for sample in found if sample.stem.lower() in stems]
@@ -145,7 +159,7 @@ class UCF101DVS(_UCF):
         return {name: list(stems) for name in names if (stems := self._stems_in(name))}
 
     def _stems_in(self, name: str) -> dict[str, None] | None:
-        """Names in a list, in lower case because their spelling varies; None if there is no such list."""
+        """Return the names in a list, in lower case because their spelling varies; None if there is no such list."""
         listed = self._side_file(name)
         if listed is None:
             return None
@@ -159,9 +173,25 @@ class UCF50DVS(_UCF):
     6,681 recordings, `<Class>/v_<Class>_g<NN>_c<MM>.aedat`. Some file names spell the class differently from the
     folder; the folder counts. `groups` has the group of each sample.
 
-    - `split`: "train" (default), "test" or "all"
-    - `fold`: 1 to 25 (default 1), the group that is for testing
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all".
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: 1 to 25 (default 1), the group that is for testing.
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.UCF50DVS("data/ucf50-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.UCF50DVS.info.sensor_size, len(nvsdata.UCF50DVS.info.classes)
+        ((240, 180), 50)
     """
 
     info = Info(
@@ -185,6 +215,6 @@ class UCF50DVS(_UCF):
 
 
 def group_of(sample: Sample) -> int:
-    """Number of the group gNN in a file's name; 0 if there is none."""
+    """Return the number of the group gNN in a file's name; 0 if there is none."""
     match = re.search(r"_g(\d+)_c\d+$", sample.stem)
     return int(match[1]) if match else 0

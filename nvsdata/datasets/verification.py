@@ -1,42 +1,49 @@
-"""Every recording opened to see whether it is sound, and what is there compared with what should be."""
+"""Verification of recordings: each is read, and the files are compared with the expected ones."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from nvsdata.batch.manifest import NAME, fault_of
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.expected import Found, lacking, some
+from nvsdata.datasets.facts import Holding
 from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store
 from nvsdata.formats.text import looks_like
 
+SHOWN = 3  # names in a message
 KINDS = {"nvsdata-videos", "nvsdata-recordings"}  # first keys of the manifests of `convert-videos` and `record`
 
 
 def problems(
     root: Path, dataset: type[EventDataset] | None = None, counts: Counter[str] | None = None
 ) -> Iterator[tuple[str, str]]:
-    """Name and fault of every recording that isn't sound below `root`, or in a packed store, and of what is missing.
+    """Yield name and fault of every damaged recording below `root`, or in a packed store, and of missing ones.
 
     Faults are: unreadable, empty, truncated, out of order in time, events outside the sensor, left out when it was
     packed. Recordings that `convert-videos` or `record --monitor` made are compared with their manifests, by size and
-    sha256; videos that failed or weren't reached and recordings that no manifest names are faults, too. If a `dataset`
-    class is given, and for a store, which names its own, the class says which files are recordings and what their
-    sensor is. What is there is then compared with what the dataset should hold: how many, of each class and part and by
-    which names where that is known, and what the lists beside the recordings name.
+    sha256. Videos that failed or weren't reached, and recordings that are in no manifest, are faults, too.
 
-    `counts` counts the recordings that were "opened", and "compared" with a manifest.
+    For a known dataset, the recordings are compared with the expected ones: their number in each class and part, their
+    names if known, and the lists of splits next to them.
 
-    FileNotFoundError if there is nothing at `root`, FormatError for a file that isn't a store.
+    Args:
+        root: a folder or a packed store.
+        dataset: class of the dataset, which finds the recordings and knows their sensor; a store names its own.
+        counts: counts the recordings that were "opened", and "compared" with a manifest.
+
+    Raises:
+        FileNotFoundError: `root` doesn't exist, or has no recordings.
+        FormatError: a file that isn't a store.
     """
     counts = Counter() if counts is None else counts
     if not root.exists():
@@ -56,11 +63,11 @@ def problems(
     names = [name for name in found.recording_names() if name not in left_out]
     yield from _each(found.source, names, found.opened_with, counts)
     if found.split_name == "all":
-        yield from _lacking(found)
+        yield from _missing_in(found)
 
 
 def split_hashes(root: Path, dataset: type[EventDataset] | None = None) -> dict[str, str]:
-    """The hash of each split that `root` has, by name; empty if nobody says which dataset it is."""
+    """Return the hash of each split that `root` has, by name; empty for an unknown dataset."""
     kind, found = dataset, dict[str, str]()
     if kind is None and root.is_file() and (name := Store(root).dataset) in DATASETS:
         kind = DATASETS[name]
@@ -73,8 +80,8 @@ def split_hashes(root: Path, dataset: type[EventDataset] | None = None) -> dict[
 
 
 def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
-    """How recordings differ from the manifests of the folders that they are in."""
-    # what a shard says is newer than the manifest of the folder
+    """Yield the differences between recordings and the manifests of their folders."""
+    # the manifest of a shard is newer than that of the folder
     paths = sorted(root.rglob("manifest*.jsonl"), key=lambda path: (path.name != NAME, path)) if root.is_dir() else ()
     by_folder: dict[Path, list[Journal]] = {}
     for path in paths:
@@ -92,7 +99,7 @@ def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]
         except (TypeError, ValueError, AttributeError, KeyError, OSError) as error:
             yield journals[0].path.relative_to(root).as_posix(), f"isn't a manifest, or damaged: {line_of(error)}"
     for name in _recordings(Folder(root), root) if by_folder else ():
-        # a folder within another that has a manifest of its own, too, was compared with that
+        # a folder in another one with a manifest was compared with its own manifest
         if root / name not in known and not by_folder.keys().isdisjoint((root / name).parents):
             yield name, "is in no manifest of its folder"
 
@@ -100,7 +107,7 @@ def _by_manifests(root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]
 def _by_manifest(
     root: Path, folder: Path, journals: list[Journal], known: set[Path], counts: Counter[str]
 ) -> Iterator[tuple[str, str]]:
-    """How the recordings of a folder differ from its manifest, or from those of its shards; adds them to `known`."""
+    """Yield the differences between a folder and its manifests; add its recordings to `known`."""
     lines = {str(line["video"]): line for journal in journals for line in journal.lines}
     for name in {str(name): None for journal in journals for name in journal.head.get("videos", [])}:
         if name not in lines:
@@ -121,14 +128,14 @@ def _by_manifest(
 
 
 def _recordings(source: Source, root: Path) -> list[str]:
-    """The recordings of a folder; lists of splits and labels are text, too, and aren't recordings."""
+    """Return the recordings of a folder, without text files that are lists of splits or labels."""
     texts = (".txt", ".csv")
     found = recordings_in(source.listing())
     return [name for name in found if not (name.lower().endswith(texts) and _is_list(root / name))]
 
 
 def _of_files(source: Source, root: Path, counts: Counter[str]) -> Iterator[tuple[str, str]]:
-    """Faults of all recordings of a source."""
+    """Yield the faults of all recordings of a source."""
     names = source.names if isinstance(source, Store) else _recordings(source, root)
     if not names:
         raise FileNotFoundError(f"no recordings below {root}")
@@ -148,7 +155,7 @@ def _each(
 
 
 def _is_list(path: Path) -> bool:
-    """Whether a text file holds something other than events, as lists of splits and labels do."""
+    """Return whether a text file contains something other than events, such as a list of splits or labels."""
     with path.open("rb") as file:
         return not looks_like(file.read(4096), 0)
 
@@ -165,8 +172,8 @@ def _faults(source: Source, name: str, size: tuple[int, int] | None) -> Iterator
         yield "empty"
 
 
-def _lacking(dataset: EventDataset) -> Iterator[tuple[str, str]]:
-    """What a dataset should hold and doesn't, or holds and shouldn't."""
+def _missing_in(dataset: EventDataset) -> Iterator[tuple[str, str]]:
+    """Yield missing and unexpected recordings of a dataset."""
     there, expected, what = dataset.total()
     if expected and there != expected:
         yield dataset.info.name, f"{there:,} {what}, {expected:,} expected ({dataset.info.known_from})"
@@ -178,12 +185,56 @@ def _lacking(dataset: EventDataset) -> Iterator[tuple[str, str]]:
             Found(_part(dataset, sample.name) if in_parts else "", dataset.classes[sample.label], sample.stem)
             for sample in found
         )
-        yield from lacking(holds, names)
+        yield from missing_recordings(holds, names)
     stems = {os.path.splitext(os.path.basename(name))[0].lower() for name in dataset.files_of(found)}
     for name, listed in dataset.listed().items():
         if missing := [stem for stem in listed if stem.lower() not in stems]:
-            yield name, f"{len(missing):,} of {len(listed):,} recordings that it lists are missing: {some(missing)}"
+            yield (
+                name,
+                f"{len(missing):,} of {len(listed):,} recordings that it lists are missing: {some_names(missing)}",
+            )
 
 
 def _part(dataset: EventDataset, name: str) -> str:
     return dataset.part_of(os.path.dirname(name)) or ""
+
+
+class Found(NamedTuple):
+    """A recording that was found: its part ("" if there are none), its class, and its name without extension."""
+
+    part: str
+    label: str
+    stem: str
+
+
+def missing_recordings(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[str, str]]:
+    """Yield (part and class, fault) for each part and class with missing or unexpected recordings.
+
+    The message lists the recordings if their names are known.
+    """
+    there: dict[tuple[str, str], set[str]] = defaultdict(set)
+    for part, label, stem in found:
+        there[part, label].add(stem)
+        there[part, ""].add(stem)
+    wanted: dict[tuple[str, str], list[Holding]] = defaultdict(list)
+    for holding in holds:
+        wanted[holding.part, holding.label].append(holding)
+    for (part, label), holdings in wanted.items():
+        stems = there[part, label]
+        expected = {stem for holding in holdings for stem in holding.stems}
+        count = sum(holding.count for holding in holdings)
+        where = "/".join(name for name in (part, label) if name)
+        if expected and (missing := sorted(expected - stems)):
+            yield where, f"{len(missing):,} of {count:,} recordings are missing: {some_names(missing)}"
+        elif not expected and len(stems) < count:
+            yield where, f"{count - len(stems):,} of {count:,} recordings are missing"
+        if expected and (strange := sorted(stems - expected)):
+            yield where, f"{len(strange):,} recordings that the dataset doesn't have: {some_names(strange)}"
+        elif not expected and len(stems) > count:
+            yield where, f"{len(stems):,} recordings, though the dataset has {count:,}"
+
+
+def some_names(names: Sequence[str]) -> str:
+    """Return the first `SHOWN` names, and the number of the others."""
+    more = len(names) - SHOWN
+    return ", ".join(names[:SHOWN]) + (f" and {more:,} more" if more > 0 else "")

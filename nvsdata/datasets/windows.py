@@ -16,47 +16,60 @@ from nvsdata.common.validation import microseconds, whole
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.base import EventDataset
 from nvsdata.datasets.facts import Sample
-from nvsdata.datasets.source import keep, restored
+from nvsdata.datasets.source import load_index, save_index
 
 Data = TypeVar("Data", bound=EventDataset)
 
 INDEX = ".nvsdata-windows-{}.json"
-LOOKED_AT = 3  # recordings that are compared with their places in the index
-ASKED = 1_000  # recordings from which on a progress bar is shown
+COMPARED = 3  # recordings of an index that are compared with their files
+MANY = 1_000  # recordings; with at least this number, a progress bar is shown
 
-# of a recording, or a labeled part of one: where each window begins, as (µs, events of that µs to leave out), and the
+# of a recording or a labeled part: the beginning of each window, as (µs, events of that µs to leave out), and the
 # first µs after the last event
 Places = tuple[list[tuple[int, int]], int]
 
 
 def windows(dataset: Data, duration: int | None = None, *, events: int | None = None, step: int | None = None) -> Data:
-    """The dataset with a sample per window of each recording, in order, in place of a sample per recording.
+    """Return the dataset with one sample per window of each recording, in order, instead of one per recording.
 
-    - `dataset`: any dataset of recordings; targets, transforms and all else are its own
-    - `duration`: of a window in µs; or
-    - `events`: number of events of a window
-    - `step`: from the beginning of a window to that of the next one, in µs or events (default: `duration` or `events`,
-      so that each event is in exactly one window)
+    The first window begins at the first event or, in a labeled part of a recording (DVS128 Gesture), at the part's
+    beginning. No window crosses the end; the last ones may be shorter. A window decodes only itself.
+    `samples[i].window` is its time in µs.
 
-    Windows are cut from the first event on, or from the beginning of a labeled part of a recording (DVS128 Gesture),
-    and never cross its end; the last ones may be shorter. A window decodes only itself. `samples[i].window` is its
-    time in µs.
+    An index `.nvsdata-windows-....json` is kept in the root, if it is a folder that can be written to. It contains the
+    modification time, beginning and end of each recording and, for windows of `events`, the beginning of each window,
+    for which the recordings are decoded once.
 
-    When recordings were last changed, and where they begin and end (with `events`, where every window begins, for which
-    they are decoded once), is kept in `.nvsdata-windows-....json` in the root, if it's a folder that can be written to.
-    ValueError unless one of `duration` and `events` is given, and for settings that aren't positive whole numbers;
-    TypeError for a dataset whose samples aren't recordings, or are windows already.
+    Args:
+        dataset: any dataset of recordings; the result has its targets, transforms and other settings.
+        duration: length of a window in µs.
+        events: number of events of a window, in place of `duration`.
+        step: distance between the beginnings of two windows, in µs or events (default: `duration` or `events`, so that
+            each event is in exactly one window).
+
+    Raises:
+        ValueError: not exactly one of `duration` and `events` is given, or a setting isn't a positive whole number.
+        TypeError: the samples aren't recordings, or are windows already.
+
+    Example:
+        >>> import tempfile, nvsdata
+        >>> from pathlib import Path
+        >>> root = Path(tempfile.mkdtemp())
+        >>> (root / "waving").mkdir()
+        >>> _ = nvsdata.write(nvsdata.example(), root / "waving/0.npy")
+        >>> len(nvsdata.windows(nvsdata.EventFolder(root), duration=100_000))
+        5
     """
     size = _checked(duration, events, step)
     step = size if step is None else int(step)
     if not all(isinstance(sample, Sample) and sample.events is None for sample in dataset.samples):
-        raise TypeError("windows are cut from recordings, not from pairs of them or from other windows")
+        raise TypeError("windows are made from recordings, not from pairs of them or from other windows")
     index = _Index(dataset, None if events is None else step)
     cut = _in_events if events is not None else _in_time
     part = dataset.subset(())
     part.samples = [
         window
-        for sample in bar(dataset.samples, "windows", shown=len(dataset) >= ASKED, leave=False)
+        for sample in bar(dataset.samples, "windows", shown=len(dataset) >= MANY, leave=False)
         for window in cut(sample, index.places(sample), size, step)
     ]
     index.save()
@@ -94,7 +107,7 @@ def _in_events(sample: Sample, places: Places, count: int, step: int) -> Iterato
 
 
 class _Index:
-    """Where windows begin in each recording, as far as known from an earlier time."""
+    """Beginnings of the windows in each recording, stored in a file for the next time."""
 
     def __init__(self, dataset: EventDataset, step: int | None) -> None:
         self.dataset, self.step, self.changed = dataset, step, False
@@ -104,7 +117,7 @@ class _Index:
         self.known: dict[str, Any] = self._read()
 
     def places(self, sample: Sample) -> Places:
-        """Those of a sample."""
+        """Return the places of a sample."""
         key = sample.name + sample.part
         stamp = list(self.dataset.source.stamp(sample.name))
         entry = self.known.get(key)
@@ -126,12 +139,12 @@ class _Index:
         return ([], 0) if empty else ([(first, 0)], last + 1)
 
     def _read(self) -> dict[str, Any]:
-        """What was kept; nothing if it isn't sound, or not what some of the recordings give."""
-        known = restored(self.path)
+        """Return the stored entries; none if they are damaged, or wrong for some of the recordings."""
+        known = load_index(self.path)
         if not all(map(_is_place, known.values())):
             return {}
         there = [sample for sample in self.dataset.samples if sample.name + sample.part in known]
-        for sample in random.Random().sample(there, min(len(there), LOOKED_AT)):
+        for sample in random.Random().sample(there, min(len(there), COMPARED)):
             entry = known[sample.name + sample.part]
             if entry["stamp"] == list(self.dataset.source.stamp(sample.name)):
                 begins, end = self._found(sample)
@@ -140,16 +153,16 @@ class _Index:
         return known
 
     def save(self) -> None:
-        """Keep what was found, if it can be written."""
+        """Write the entries to the file, if possible."""
         if not self.changed or not self.path.parent.is_dir():
             return
-        # a folder that can't be written to is looked through each time
+        # in a folder that can't be written to, recordings are searched each time
         with suppress(OSError):
-            keep(self.path, self.known)
+            save_index(self.path, self.known)
 
 
 def _is_place(entry: Any) -> bool:
-    """Whether an entry of an index has the places of windows: in order, within what times may be."""
+    """Return whether an entry of an index has the places of windows: in order, with possible times."""
     try:
         numbers = [entry["end"], *entry["stamp"], *(number for begin in entry["begins"] for number in begin)]
         times = [begin for begin, before in entry["begins"] if before >= 0]
@@ -161,7 +174,7 @@ def _is_place(entry: Any) -> bool:
 
 
 def _every(recording: Recording, step: int) -> Places:
-    """Where each `step`-th event is, and the end."""
+    """Return the place of every `step`-th event, and the end."""
     t = recording.read().t
     if not t.size:
         return [], 0

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.davis240 import CountedFromBottom
-from nvsdata.datasets.expected import Holding
-from nvsdata.datasets.facts import Info, Sample
+from nvsdata.datasets.facts import Holding, Info, Sample
+from nvsdata.datasets.families import BottomOriginDataset
 
 CLASSES = (
     "beach",
@@ -27,7 +26,7 @@ CLASSES = (
 )
 
 
-class YUPENNDVS(CountedFromBottom):
+class YUPENNDVS(BottomOriginDataset):
     """YUPENN-DVS (Bi et al. 2020): dynamic scenes on a monitor in front of a DAVIS240C, 240x180.
 
     14 scenes with 30 recordings each. The layout of the files is not documented anywhere: class folders of
@@ -35,11 +34,29 @@ class YUPENNDVS(CountedFromBottom):
     files are assumed to count y from the bottom of the sensor, as in the authors' other datasets; here it counts
     from the top.
 
-    - `split`: "train" (default), "test" or "all"; a single recording is for testing
-    - `fold`: index of that recording among all (default 0)
-    - other parameters: those of `EventDataset`
+    Args:
+        root: a folder, or a packed store that `nvsdata pack` made from one.
+        split: "train", "test" or "all"; a single recording is for testing.
+        transform: applied to the undecoded `Recording`; without one, a sample is the recording's `Events`.
+        target_transform: applied to the target, an int.
+        download: whether to download what is missing below `root` first.
+        fold: index of that recording among all (default 0).
+        train: True for split="train", False for split="test", as in torchvision.
+        transforms: a function of recording and target that returns both, in place of `transform` and
+            `target_transform`.
+        seed: makes random transforms depend on (seed, epoch, index) alone; None uses torch's generator.
+        errors: what to do with damaged recordings: "raise", "skip" (the next recording takes its place) or "repair"
+            (reads it without the damaged part).
 
-    ValueError if `fold` isn't below the number of recordings.
+    Raises:
+        FileNotFoundError: `root` has no recordings.
+        ValueError: `fold` isn't below the number of recordings.
+
+    Example:
+        >>> import nvsdata
+        >>> train = nvsdata.YUPENNDVS("data/yupenn-dvs", "train")  # doctest: +SKIP
+        >>> nvsdata.YUPENNDVS.info.sensor_size, len(nvsdata.YUPENNDVS.info.classes)
+        ((240, 180), 14)
     """
 
     info = Info(

@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nvsdata.common.checksum import crc32
-from nvsdata.common.files import MOST, PART, atomic, read_own, sweep
+from nvsdata.common.files import MOST, PART, atomic, crc32, read_own, sweep
 
 VERSION = 2  # of what is kept, and of the kernels that make it
 LEAST = 1 << 23  # bytes; the pass over smaller files takes less than 20 ms

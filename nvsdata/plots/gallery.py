@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from nvsdata.common.markup import as_html
+from nvsdata.common.text import as_html
 from nvsdata.data.events import Events
 from nvsdata.plots.events import event_image, middle
 

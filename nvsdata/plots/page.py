@@ -10,7 +10,7 @@ from importlib.resources import files
 import cv2
 import numpy as np
 
-from nvsdata.common.markup import as_html, as_script
+from nvsdata.common.text import as_html, as_script
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Frame
 from nvsdata.plots.films import WINDOW

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol, runtime_checkable
 
@@ -111,3 +112,8 @@ def check_camera(camera: object) -> None:
     if lacking := ", ".join(name for name in members if not hasattr(camera, name)):
         what = f"{type(camera).__name__} is not a camera: it lacks {lacking}"
         raise TypeError(f"{what} (see nvsdata.recording.camera.Camera)")
+
+
+def host_time() -> float:
+    """Return the host's time in µs since an arbitrary moment."""
+    return time.perf_counter() * 1e6

@@ -18,13 +18,12 @@ from threading import Event
 from typing import Any
 
 from nvsdata import formats
-from nvsdata.common.clock import host_time
 from nvsdata.common.locks import check_place
 from nvsdata.common.prefetch import prefetch
 from nvsdata.common.signals import ENDING, Ended
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
-from nvsdata.recording.camera import Camera, CameraError, Decoder, check_camera
+from nvsdata.recording.camera import Camera, CameraError, Decoder, check_camera, host_time
 from nvsdata.recording.journal import Journal, check_finished, told_of
 from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, CameraReader
 

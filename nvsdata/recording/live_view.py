@@ -9,9 +9,9 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events, concatenate
 from nvsdata.plots import event_image
+from nvsdata.recording.camera import host_time
 
 EVERY = 33_000  # µs between pictures
 SPAN = 33_000  # µs of events in a picture

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from threading import Condition, Thread
 from typing import Any, Protocol
 
-from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events
+from nvsdata.recording.camera import host_time
 from nvsdata.recording.capture import RecordingReport
 
 

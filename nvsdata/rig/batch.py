@@ -17,11 +17,10 @@ import cv2
 from nvsdata.batch.folder import Video, fatal
 from nvsdata.batch.manifest import Manifest, file_facts
 from nvsdata.batch.run import FolderReport, FolderRun, noted
-from nvsdata.common.clock import host_time
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import append_own, claimed, json_line, write_all
-from nvsdata.common.progress import say_beside
-from nvsdata.recording.camera import Camera, CameraError
+from nvsdata.common.progress import say_above_bar
+from nvsdata.recording.camera import Camera, CameraError, host_time
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.live_view import DisplayError
 from nvsdata.rig.contact_sheets import Sheets
@@ -154,7 +153,7 @@ def record_videos(
                     waiting.append(other)
                 if takes[video.name] < TAKES:
                     first = isinstance(reason, CameraError) and takes[video.name] == 1
-                    say_beside(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
+                    say_above_bar(f"{video.name}: {reason}; again {'at once' if first else 'later'}")
                     (waiting.appendleft if first else waiting.append)(video)
                     continue
                 line |= {"status": "failed", "reason": str(reason)}
@@ -319,7 +318,7 @@ class _Cameras:
                     raise
                 if str(error) != reason:
                     reason = str(error)
-                    say_beside(f"{reason}: waiting for it")
+                    say_above_bar(f"{reason}: waiting for it")
                 if self._told is not None:
                     watch, status = self._told
                     status.set(state="waiting for the camera")

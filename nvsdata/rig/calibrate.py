@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events, concatenate
-from nvsdata.recording.camera import Camera
+from nvsdata.recording.camera import Camera, host_time
 from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.davis.registers import Settings
 from nvsdata.recording.live_view import LiveView

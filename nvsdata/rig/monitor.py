@@ -10,7 +10,7 @@ from typing import Any, Literal, Self, get_args
 import cv2
 import numpy as np
 
-from nvsdata.common.clock import host_time
+from nvsdata.recording.camera import host_time
 from nvsdata.recording.live_view import DisplayError, pygame_or_error
 from nvsdata.video.frames import Frame
 

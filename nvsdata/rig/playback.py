@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.common.clock import host_time
+from nvsdata.recording.camera import host_time
 from nvsdata.rig.clock_fit import flashes
 from nvsdata.rig.monitor import Monitor
 from nvsdata.video.frames import Frame, TruncatedVideo, frames_of

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.files import put
-from nvsdata.common.markup import as_html
+from nvsdata.common.text import as_html
 from nvsdata.plots.timelines import timeline
 from nvsdata.rig import content, take
 

@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from nvsdata.common.clock import host_time
-from nvsdata.common.progress import say_beside
+from nvsdata.common.progress import say_above_bar
+from nvsdata.recording.camera import host_time
 from nvsdata.rig.status import Status
 
 REOPEN = 3  # takes that failed in a row after which the camera is reopened
@@ -88,17 +88,17 @@ class Watch:
 
     def alarm(self, text: str) -> None:
         """Tell somebody."""
-        say_beside(text)
+        say_above_bar(text)
         if self._command is None:
             return
         given = os.environ | {"NVSDATA_ALARM": text, "NVSDATA_OUT": str(self._status.out)}
         try:
             code = _run(self._command, given)
         except (OSError, subprocess.TimeoutExpired) as error:
-            say_beside(f"the command for alarms failed: {error}")
+            say_above_bar(f"the command for alarms failed: {error}")
         else:
             if code:
-                say_beside(f"the command for alarms ended with exit code {code}")
+                say_above_bar(f"the command for alarms ended with exit code {code}")
 
 
 def _run(command: str, environment: dict[str, str]) -> int:

@@ -25,7 +25,7 @@ import nvsdata
 from nvsdata import Events, models
 from nvsdata import transforms as T
 from nvsdata.common.files import put
-from nvsdata.common.tables import aligned
+from nvsdata.common.text import aligned
 from nvsdata.data.events import together
 from nvsdata.datasets import NMNIST
 from nvsdata.training.objects import Objects

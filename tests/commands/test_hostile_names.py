@@ -21,10 +21,9 @@ from nvsdata.benchmarks.page import page as bench_page
 from nvsdata.cli import COMMANDS, main
 from nvsdata.common import locks, progress
 from nvsdata.common.errors import DownloadError, message_of, shown
-from nvsdata.common.markup import as_html, as_script
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import escaped_output
-from nvsdata.datasets.cache import TAG as CACHE_CONTENT
+from nvsdata.common.text import aligned, as_html, as_script
+from nvsdata.datasets.cache.cached import TAG as CACHE_CONTENT
 from nvsdata.datasets.source import CACHE_TAG
 from nvsdata.plots.gallery import Shelf, gallery
 from nvsdata.plots.page import page as view_page
@@ -236,7 +235,7 @@ def test_a_bar_moves_the_cursor_and_its_words_do_not(monkeypatch):
     with escaped_output(), progress.bar(range(3), BAD, mininterval=0) as bar:
         for _ in bar:
             bar.set_postfix_str(BAD)
-            progress.say_beside(BAD)
+            progress.say_above_bar(BAD)
     text = screen.getvalue()
     # the bar is cleared before the line is written
     assert f" \r{shown(BAD)}\n" in text

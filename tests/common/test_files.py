@@ -136,7 +136,7 @@ def test_a_disk_that_keeps_something_else_is_noticed(tmp_path, monkeypatch, corr
     monkeypatch.setattr(files, "_BLOCK", 10)
     monkeypatch.setattr(Path, "write_bytes", lambda path, content: write(path, corrupt(content)))
     (tmp_path / "a").write_text("old")
-    with pytest.raises(OSError, match="doesn't hold what was written to it: is the disk full, or broken") as raised:
+    with pytest.raises(OSError, match="doesn't contain what was written to it: is the disk full, or broken") as raised:
         put(tmp_path / "a", b"0123456789abcdefghijklmnop"[:size])
     assert (raised.value.errno, raised.value.filename) == (errno.EIO, str(tmp_path / "a"))
     assert (tmp_path / "a").read_text() == "old"

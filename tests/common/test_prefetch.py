@@ -90,7 +90,7 @@ def test_a_process_may_be_told_to_stay_in_one_thread(monkeypatch):
 
 def test_so_many_are_made_ahead_and_no_more():
     made = []
-    line = module._Line(made.append(n) or n for n in range(3 * DEPTH))
+    line = module._Queue(made.append(n) or n for n in range(3 * DEPTH))
     maker = threading.Thread(target=line.fill)
     maker.start()
     deadline = time.monotonic() + 30
@@ -106,7 +106,7 @@ def test_so_many_are_made_ahead_and_no_more():
 
 
 def test_what_was_made_is_taken_before_the_end_is_told():
-    line = module._Line(iter([1, 2, 3]))
+    line = module._Queue(iter([1, 2, 3]))
     line.fill()
     assert line.take() == [1, 2, 3]
     assert line.take() == []

@@ -33,7 +33,7 @@ def breads(monkeypatch):
         asked.append(group)
         return [Point(name, thing) for name, thing in installed.items()]
 
-    monkeypatch.setattr(registry, "entry_points", entry_points)
+    monkeypatch.setattr("importlib.metadata.entry_points", entry_points)
     return Registry("bread", "breads"), installed, asked
 
 

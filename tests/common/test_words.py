@@ -12,8 +12,8 @@ from nvsdata import FormatError
 from nvsdata.common import validation as check
 from nvsdata.common.errors import line_of, shown
 from nvsdata.common.signals import ENDING, Ended, end_of, ending_by_signals, exit_code
-from nvsdata.common.tables import aligned
 from nvsdata.common.terminal import Terminal, say
+from nvsdata.common.text import aligned
 
 NAN, INF = float("nan"), float("inf")
 

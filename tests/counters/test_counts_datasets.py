@@ -67,7 +67,7 @@ def test_a_dataset_is_made_from_names_alone(digits):
 
 
 def test_unchanged_folders_are_not_read_again(digits, looks, monkeypatch):
-    monkeypatch.setattr(source, "REMEMBERED", 5)
+    monkeypatch.setattr(source, "MANY_FILES", 5)
     NMNIST(digits)
     folders = 1 + 2 + 20
     assert looks["scandir"] >= folders
@@ -75,7 +75,7 @@ def test_unchanged_folders_are_not_read_again(digits, looks, monkeypatch):
     with bytes_read() as tally:
         NMNIST(digits)
     # but for a few, with which the index is compared
-    assert looks["scandir"] == source.LOOKED_AT
+    assert looks["scandir"] == source.COMPARED
     assert looks["listdir"] == 0
     # each once, and the root a few times
     assert folders <= looks["stat"] <= folders + 8
@@ -136,7 +136,7 @@ def test_windows_are_cut_anew_from_what_was_noted(long, monkeypatch):
     settled(long)
     (noted,) = long.glob(".nvsdata-windows-*")
     # some recordings are compared with it
-    monkeypatch.setattr(windows, "LOOKED_AT", 0)
+    monkeypatch.setattr(windows, "COMPARED", 0)
     nvsdata.windows(EventFolder(long), 20_000)
     with bytes_read() as tally:
         nvsdata.windows(EventFolder(long), 20_000)

@@ -321,7 +321,7 @@ def test_yupenn_leaves_one_out(home):
 @every_dataset
 def test_an_empty_root_says_how_to_get_the_data(tmp_path, name):
     _, kind, *_ = CASES[name]
-    with pytest.raises(FileNotFoundError, match="by hand from"):
+    with pytest.raises(FileNotFoundError, match="manually from"):
         kind(tmp_path / "nowhere")
     with pytest.raises(FileNotFoundError):
         kind(tmp_path)

@@ -25,9 +25,9 @@ from nvsdata.datasets import (
     EventFolder,
     NCaltech101,
 )
-from nvsdata.datasets.expected import Holding, numbered, some
-from nvsdata.datasets.facts import Archive, Info, Sample
-from nvsdata.datasets.layout import nothing_below
+from nvsdata.datasets.description import nothing_below
+from nvsdata.datasets.facts import Archive, Holding, Info, Sample, numbered_holding
+from nvsdata.datasets.verification import some_names
 
 
 @pytest.mark.parametrize(
@@ -289,9 +289,9 @@ def test_boxes_are_the_first_corners(tmp_path, values, found, rest):
 
 
 def test_names_in_messages_are_few():
-    assert some(["a", "b", "c"]) == "a, b, c"
-    assert some(["a", "b", "c", "d"]) == "a, b, c and 1 more"
-    assert numbered("a", "a_{}", range(2, 4)).stems == ["a_2", "a_3"]
+    assert some_names(["a", "b", "c"]) == "a, b, c"
+    assert some_names(["a", "b", "c", "d"]) == "a, b, c and 1 more"
+    assert numbered_holding("a", "a_{}", range(2, 4)).stems == ["a_2", "a_3"]
 
 
 def test_what_is_below_a_root_is_told_briefly(tmp_path):

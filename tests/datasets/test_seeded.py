@@ -14,9 +14,9 @@ from torch.utils.data import DataLoader
 import nvsdata
 from nvsdata import NMNIST
 from nvsdata import transforms as T
+from nvsdata.common.memory import SharedArray
 from nvsdata.datasets import SeededBatches, SeededDataset
 from nvsdata.datasets.seeded import seeded
-from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.splits import split_hash, stratified
 
 
@@ -172,8 +172,8 @@ def test_as_many_batches_as_are_told_and_each_sample_once(size, batch_size, coun
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int64])
 def test_shared_numbers_begin_with_0(kind):
-    assert Shared(0, kind).values.tolist() == []
-    assert Shared(5, kind).values.tolist() == [0] * 5
+    assert SharedArray(0, kind).values.tolist() == []
+    assert SharedArray(5, kind).values.tolist() == [0] * 5
 
 
 def test_a_fifth_is_for_testing_unless_told_otherwise():

@@ -22,12 +22,9 @@ def digits(home):
     ("how", "named", "name"),
     [
         ((), {}, "train"),
-        ((True,), {}, "train"),
-        ((False,), {}, "test"),
         ((), {"train": True}, "train"),
         ((), {"train": False}, "test"),
         (("test",), {"train": False}, "test"),
-        ((False,), {"train": False}, "test"),
         (("all",), {}, "all"),
     ],
 )
@@ -42,14 +39,17 @@ def test_a_split_by_name_or_by_train(digits, how, named, name):
     [
         (("train",), {"train": False}),
         (("test",), {"train": True}),
-        ((True,), {"train": False}),
-        ((False,), {"train": True}),
         (("all",), {"train": True}),
     ],
 )
 def test_splits_that_contradict_each_other(digits, how, named):
     with pytest.raises(ValueError, match="contradict each other: give one of them"):
         NMNIST(digits, *how, **named)
+
+
+def test_a_split_is_a_string(digits):
+    with pytest.raises(ValueError, match="split must be 'train', 'test', 'all', not True"):
+        NMNIST(digits, True)
 
 
 def test_train_is_true_or_false(digits):
@@ -70,7 +70,7 @@ def test_train_of_a_folder_whose_usual_split_is_all(tmp_path):
 
 
 def test_transforms_in_the_order_that_torchvision_has(digits):
-    dataset = NMNIST(digits, False, T.EventImage(), str)
+    dataset = NMNIST(digits, "test", T.EventImage(), str)
     sample, target = dataset[0]
     assert sample.shape == (2, 34, 34)
     assert target == "0"
@@ -139,7 +139,7 @@ def test_halves_share_no_recording_and_no_augmentation(digits):
     again, other = dataset.split(2 / 3, seed=1)[0], dataset.split(2 / 3, seed=2)[0]
     assert again.split_hash == first.split_hash != other.split_hash
     for share in (0, 1, 1.5):
-        with pytest.raises(ValueError, match=f"share must lie between 0 and 1, not {share}"):
+        with pytest.raises(ValueError, match=f"fraction must lie between 0 and 1, not {share}"):
             dataset.split(share)
 
 

@@ -11,10 +11,10 @@ import nvsdata
 from nvsdata import NMNIST, EventFolder
 from nvsdata.cli import main
 from nvsdata.datasets import ASLDVS, CIFAR10DVS, DATASETS, UCF101DVS, YUPENNDVS, DVS128Gesture
-from nvsdata.datasets.expected import Found, Holding, lacking, numbered
+from nvsdata.datasets.facts import Holding, numbered_holding
 from nvsdata.datasets.registry import dataset_named
 from nvsdata.datasets.store.writer import pack
-from nvsdata.datasets.verification import problems
+from nvsdata.datasets.verification import Found, missing_recordings, problems
 from nvsdata.datasets.yupenndvs import CLASSES
 
 
@@ -33,9 +33,9 @@ HELD = [name for name, kind in DATASETS.items() if kind.info.holds and name != "
 def test_a_complete_dataset_lacks_nothing_and_one_recording_less_shows(name):
     holds, found = DATASETS[name].info.holds, list(complete(DATASETS[name]))
     assert len(found) == len(set(found)) == DATASETS[name].info.recordings
-    assert list(lacking(holds, found)) == []
+    assert list(missing_recordings(holds, found)) == []
     gone = found.pop(len(found) // 3)
-    ((where, fault),) = lacking(holds, found)
+    ((where, fault),) = missing_recordings(holds, found)
     assert where == "/".join(filter(None, (gone.part, gone.label)))
     assert fault.startswith("1 of ")
     assert not holds[0].stem or fault.endswith(f"recordings are missing: {gone.stem}")
@@ -51,22 +51,22 @@ def test_nmnist_is_known_by_counts_and_by_numbers():
         for _ in range(holding.count)
     ]
     assert len(found) == 70_000
-    assert list(lacking(holds, found)) == []
-    assert list(lacking(holds, found[1:])) == [
+    assert list(missing_recordings(holds, found)) == []
+    assert list(missing_recordings(holds, found[1:])) == [
         ("train/0", "1 of 5,923 recordings are missing"),
         ("train", "1 of 60,000 recordings are missing: 00001"),
     ]
 
 
 def test_too_many_and_strange_ones_are_told_too():
-    holds = (numbered("a", "a_{}", range(3)), Holding("b", 2))
+    holds = (numbered_holding("a", "a_{}", range(3)), Holding("b", 2))
     found = [Found("", "a", f"a_{i}") for i in range(1, 5)] + [Found("", "b", str(i)) for i in range(3)]
-    assert list(lacking(holds, found)) == [
+    assert list(missing_recordings(holds, found)) == [
         ("a", "1 of 3 recordings are missing: a_0"),
         ("a", "2 recordings that the dataset doesn't have: a_3, a_4"),
         ("b", "3 recordings, though the dataset has 2"),
     ]
-    many = dict(lacking((numbered("a", "{}", range(100)),), []))
+    many = dict(missing_recordings((numbered_holding("a", "{}", range(100)),), []))
     assert many == {"a": "100 of 100 recordings are missing: 0, 1, 10 and 97 more"}
 
 
@@ -177,7 +177,7 @@ def test_wrong_levels_show_what_was_expected_and_what_is_there(tmp_path):
     with pytest.raises(FileNotFoundError, match=f"such as {root}"):
         NMNIST(root / "Train" / "3")
     trees.put(tmp_path / "asl", {"a/a_0001.mat": b"", "b/b_0001.mat": b""})
-    with pytest.raises(FileNotFoundError, match=f"such as {tmp_path / 'asl'}; unpack it by hand") as caught:
+    with pytest.raises(FileNotFoundError, match=f"such as {tmp_path / 'asl'}; unpack it manually") as caught:
         ASLDVS(tmp_path / "asl" / "a")
     assert "./ (1 .mat)" in str(caught.value)
     assert "download" not in str(caught.value)

@@ -95,7 +95,7 @@ def test_the_second_time_nothing_is_decoded(root, way, monkeypatch):
         patched.setattr(FileRecording, "read", None)
         patched.setattr(FileRecording, "decode_span", None)
         # but for some recordings, with which the index is compared
-        patched.setattr(windows_module, "LOOKED_AT", 0)
+        patched.setattr(windows_module, "COMPARED", 0)
         assert windows(EventFolder(root), **way).samples == first
     # a file that has changed is looked at again
     name = next(path for path in (root / "a").iterdir() if path.stem == "two")
@@ -239,9 +239,9 @@ def test_an_index_altered_with_its_checksum_is_found_out_and_made_again(tmp_path
     expected = cut_of(tmp_path, [5, 15], duration=10)
     (path,) = tmp_path.glob(".nvsdata-windows-*")
     sound = path.read_bytes()
-    known = source.restored(path)
+    known = source.load_index(path)
     known["a/one.npy"] |= ALTERED[how]
-    source.keep(path, known)
+    source.save_index(path, known)
     found = [(sample.window, sample.events) for sample in windows(EventFolder(tmp_path), 10).samples]
     assert found == expected
     assert path.read_bytes() == sound

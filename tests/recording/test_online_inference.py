@@ -11,7 +11,7 @@ import nvsdata
 from nvsdata import Events, models
 from nvsdata import transforms as T
 from nvsdata.cli import main
-from nvsdata.common.clock import host_time
+from nvsdata.recording.camera import host_time
 from nvsdata.recording.capture import RecordingReport
 from nvsdata.recording.online_inference import Deciding
 

@@ -6,7 +6,7 @@ import numpy as np
 import pygame
 import pytest
 
-from nvsdata.common.clock import host_time
+from nvsdata.recording.camera import host_time
 from nvsdata.recording.live_view import DisplayError
 from nvsdata.rig.monitor import Monitor
 from nvsdata.video.frames import Frame

@@ -179,7 +179,7 @@ def _repeat(path: Path, count: int) -> None:
     """Give a store `count` recordings: those it has, again under other names."""
     import h5py
 
-    from nvsdata.datasets.store.reader import COLUMNS, INDEX, checksum, packed
+    from nvsdata.datasets.store.reader import COLUMNS, INDEX, checksum, pack_texts
 
     with h5py.File(path, "r+") as file:
         index = {name: file[f"index/{name}"][()] for name in INDEX}
@@ -199,7 +199,7 @@ def _repeat(path: Path, count: int) -> None:
             index[name] = np.tile(index[name], (times, 1))
         whole = known * times
         index["format"], index["name"] = (
-            packed(text.format(n % 10, n) for n in range(whole)) for text in ("atis", "Train/{}/{:07d}.bin")
+            pack_texts(text.format(n % 10, n) for n in range(whole)) for text in ("atis", "Train/{}/{:07d}.bin")
         )
         for name in INDEX:
             del file[f"index/{name}"]

@@ -1,1 +1,1 @@
-"""The archives in which a dataset is published: fetched, checked, unpacked."""
+"""Archives in which a dataset is published: download, check, unpack."""

@@ -1,4 +1,4 @@
-"""Whether a file is the expected archive and, if not, what it is."""
+"""Checks that a file is the expected archive; if not, a description of the file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,17 @@ QUOTA = "Google Drive's page for a used-up quota: try again in a day"
 
 
 def kind_of(expected: str) -> str:
-    """Name of the algorithm of a checksum, by its number of digits."""
+    """Return the name of a checksum's algorithm, by its number of digits."""
     return "md5" if len(expected) == 32 else "sha256"
 
 
-def fault_of(path: Path, expected: str) -> str:
-    """Why a file doesn't have the md5 or sha256 `expected` (if that is empty: isn't an archive); "" if it is right."""
+def archive_fault(path: Path, expected: str) -> str:
+    """Return why a file isn't the expected archive; empty if it is.
+
+    Args:
+        path: the file.
+        expected: its md5 or sha256; empty accepts any archive.
+    """
     with path.open("rb") as file:
         head = file.read(HEAD)
         if not head:
@@ -31,12 +36,12 @@ def fault_of(path: Path, expected: str) -> str:
             found = hashlib.file_digest(file, kind_of(expected)).hexdigest()
             return "" if found == expected else f"is another file: its {kind_of(expected)} is wrong, {found}"
     if head.startswith((b"Rar!", b"7z\xbc\xaf")):
-        return "is a RAR or 7z archive, which has to be unpacked by hand"
+        return "is a RAR or 7z archive, which has to be unpacked manually"
     return "" if is_archive(path) else "is not an archive, or not all of one"
 
 
 def page_of(head: bytes) -> str:
-    """Description of the web page that a file's first bytes belong to; "" if they don't."""
+    """Return a description of the web page that a file's first bytes belong to; empty if they are not a web page."""
     if not re.match(rb"(\xef\xbb\xbf)?\s*(<!--.*?-->\s*)?<(!doctype\s+html|html)\b", head, re.IGNORECASE | re.DOTALL):
         return ""
     text = head.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""Downloading datasets: archives are fetched into a folder, checked, and unpacked completely or not at all."""
+"""Download of datasets: archives are fetched into a folder, checked, and unpacked completely or not at all."""
 
 from __future__ import annotations
 
@@ -12,39 +12,44 @@ from pathlib import Path
 from nvsdata.common.errors import DownloadError, message_of, shown
 from nvsdata.common.files import claimed, remove_link
 from nvsdata.common.locks import lock_path, locked
-from nvsdata.datasets.archives.arrival_check import fault_of
+from nvsdata.datasets.archives.arrival_check import archive_fault
 from nvsdata.datasets.archives.transfer import MIRROR, fetch
-from nvsdata.datasets.archives.unpack import difference, unpack
+from nvsdata.datasets.archives.unpack import first_difference, unpack
 from nvsdata.datasets.facts import Archive, Info
 
 WORK = ".nvsdata-download"  # folder in the root for unfinished work; it contains no files of the user
 
 
 def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
-    """Download and unpack the archives of a dataset that are missing in `root`; return the folders of all archives.
+    """Download and unpack the archives of a dataset that are missing in `root`.
 
-    Existing files stay as they are: an archive that was put into `root` by hand is used if its hash is right.
-    A run that was interrupted can be repeated: transfers continue where they broke off, unpacking starts again. A
-    folder gets its final name when it is complete.
+    Existing files don't change: an archive that was downloaded manually into `root` is used if its hash is right. An
+    interrupted run can be repeated: transfers continue where they broke off, unpacking starts again. A folder gets its
+    final name when it is complete.
 
-    - `info`: facts about the dataset, including its archives
-    - `root`: the folder, made if needed
-    - `keep`: whether archives stay in `root` (default True). If not, each is deleted once it is unpacked. One whose
-      folder was there before is deleted if its hash is known and right, and all of it is in the folder, byte for byte;
-      otherwise a warning says what is missing
+    The environment variable NVSDATA_MIRROR names a folder of archives, or its address (https://...). It is tried first:
+    `info.name/ARCHIVE`, then `ARCHIVE`.
 
-    Environment variable NVSDATA_MIRROR: a folder of archives, or its address (https://...), which is tried
-    before the addresses known here: first `info.name/ARCHIVE`, then `ARCHIVE`.
+    Args:
+        info: facts about the dataset, including its archives.
+        root: the folder, made if needed.
+        keep: whether archives stay in `root`. If not, each is deleted once it is unpacked. One whose folder existed
+            before is deleted if its hash is known and right, and the folder contains all of it, byte for byte;
+            otherwise a warning says what is missing.
 
-    Raises DownloadError if an archive can't be fetched or unpacked (a warning if it is `optional`), OutputInUse if
-    another process downloads to `root`.
+    Returns:
+        The folders of all archives.
+
+    Raises:
+        DownloadError: an archive can't be fetched or unpacked (a warning if it is `optional`).
+        OutputInUse: another process downloads to `root`.
     """
     if not info.archives:
         raise DownloadError(f"{info.name} can't be downloaded by a program: see {info.page}")
     work = root / WORK
     remove_link(work)
     missing = [archive for archive in info.archives if not _is_there(root / archive.folder)]
-    for archive in [archive for archive in missing if archive.optional and not _can_be_had(archive, root)]:
+    for archive in [archive for archive in missing if archive.optional and not _has_a_place(archive, root)]:
         warnings.warn(f"without {archive.folder}: put {archive.name} from {info.page} into {shown(root)}", stacklevel=2)
         missing.remove(archive)
     if missing or work.exists():
@@ -55,50 +60,50 @@ def download(info: Info, root: Path, *, keep: bool = True) -> list[Path]:
         # left by a run that was killed at its very end
         with suppress(OSError), locked(root):
             pass
-    if not keep and unneeded(info.archives, root):
+    if not keep and unneeded_archives(info.archives, root):
         with claimed(root):
             for archive in info.archives:
-                for path in unneeded([archive], root):
-                    if archive.hash and not fault_of(path, archive.hash) and not _is_of_mirror(path):
+                for path in unneeded_archives([archive], root):
+                    if archive.hash and not archive_fault(path, archive.hash) and not _is_of_mirror(path):
                         _delete_if_unpacked(archive, path, root)
     return [root / archive.folder for archive in info.archives if _is_there(root / archive.folder)]
 
 
 def _delete_if_unpacked(archive: Archive, path: Path, root: Path) -> None:
-    """Delete an archive that an earlier run, or somebody else, unpacked: only if all of it is in its folder."""
+    """Delete an archive that was unpacked earlier, if its folder contains all of it."""
     work = root / WORK
     work.mkdir(exist_ok=True)
     try:
         # the archive may contain the folder itself or only its content
-        missing = difference(path, root / archive.folder, work) and difference(path, root, work)
+        missing = first_difference(path, root / archive.folder, work) and first_difference(path, root, work)
     except DownloadError as error:
         missing = str(error)
     finally:
-        # the rest of a transfer stays
+        # not empty if it contains an unfinished transfer
         with suppress(OSError):
             work.rmdir()
     if missing:
-        reason = f"it isn't all in {shown(root / archive.folder)} ({shown(missing)})"
+        reason = f"{shown(root / archive.folder)} doesn't contain all of it ({shown(missing)})"
         warnings.warn(f"{shown(path)} is kept: {reason}", stacklevel=3)
     else:
         path.unlink()
 
 
-def unneeded(archives: Iterable[Archive], root: Path) -> list[Path]:
-    """Files in `root` that are named as archives whose folder is there, too."""
+def unneeded_archives(archives: Iterable[Archive], root: Path) -> list[Path]:
+    """Return the archives in `root` whose folder exists, too."""
     places = ((root / archive.name, root / archive.folder) for archive in archives)
     return [path for path, folder in places if path != folder and path.is_file() and _is_there(folder)]
 
 
 def _is_of_mirror(path: Path) -> bool:
-    """Whether a file lies in the user's folder of archives, which others may need."""
+    """Return whether a file is in the user's folder of archives, which other programs may need."""
     mirror = os.environ.get(MIRROR, "")
     if not mirror or mirror.startswith(("http://", "https://")):
         return False
     return Path(mirror).expanduser().resolve() in path.resolve().parents
 
 
-def _can_be_had(archive: Archive, root: Path) -> bool:
+def _has_a_place(archive: Archive, root: Path) -> bool:
     known = archive.urls or archive.within
     return bool(known or os.environ.get(MIRROR) or (root / archive.name).exists())
 
@@ -120,13 +125,13 @@ def _get(archives: list[Archive], root: Path, work: Path, info: Info, keep: bool
         if not failed:
             shutil.rmtree(work, ignore_errors=True)
     finally:
-        # the next run continues with what is left there
+        # if it is not empty, the next run continues with its content
         with suppress(OSError):
             work.rmdir()
 
 
 def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> Path:
-    """Unpack an archive into its folder; returns its path."""
+    """Unpack an archive into its folder; return the archive's path."""
     path, folder, unpacked = fetch(archive, root, work, info), root / archive.folder, work / "unpacked"
     # left by a run that was killed
     shutil.rmtree(unpacked, ignore_errors=True)
@@ -143,7 +148,7 @@ def _fetch_and_unpack(archive: Archive, root: Path, work: Path, info: Info) -> P
 
 
 def _is_there(folder: Path) -> bool:
-    """Whether the folder exists and isn't empty. DownloadError for a file with that name."""
+    """Return whether the folder exists and isn't empty; DownloadError for a file with that name."""
     if folder.exists() and not folder.is_dir():
         raise DownloadError(f"{shown(folder)} is a file, where a folder is to be unpacked: move it away and try again")
     return folder.is_dir() and any(folder.iterdir())

@@ -1,4 +1,7 @@
-"""Fetching files from the first place that has them, resuming broken connections."""
+"""Transfer of files from the first address that has them, with resumption of broken connections.
+
+pooch has no resumption, takes one address per file, and retries any failure a fixed number of times; so it isn't used.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,13 @@ import urllib3
 from nvsdata.common.errors import DownloadError, shown
 from nvsdata.common.files import append_own, read_own, remove_link, write_all
 from nvsdata.common.progress import bar as progress
-from nvsdata.datasets.archives.arrival_check import QUOTA, fault_of, kind_of, page_of
-from nvsdata.datasets.archives.unpack import take_out
+from nvsdata.datasets.archives.arrival_check import QUOTA, archive_fault, kind_of, page_of
+from nvsdata.datasets.archives.unpack import extract_file
 from nvsdata.datasets.facts import Archive, Info
 
 MIRROR = "NVSDATA_MIRROR"
 MOST_NOTE = 1 << 20  # bytes of a note on an unfinished transfer
-TRIES = 3  # in a row without a new byte, before the next place is tried
+TRIES = 3  # in a row without a new byte, before the next address is tried
 PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s before the next try; each is twice as long as the one before
 MUCH = 16 << 20  # bytes received before a connection broke, after which pauses start again from the shortest
 TIMEOUT = (30.0, 60.0)  # s to connect, and s without a byte
@@ -36,15 +39,15 @@ AGAIN = (408, 425, 429, 500, 502, 503, 504)  # HTTP statuses that may be tempora
 
 
 class _Broken(Exception):
-    """A try failed, but the next one may succeed."""
+    """A failed try; the next one may succeed."""
 
 
 class _Changed(_Broken):
-    """The part downloaded so far is not the beginning of the server's file."""
+    """The bytes downloaded so far are not the beginning of the server's file."""
 
 
 class _NotHere(Exception):
-    """A place doesn't have the file; the message says why."""
+    """The file isn't available at a place; the message says why."""
 
 
 # errors that end a try; OSError would be too wide: errors of requests are OSErrors, but so are those of the disk
@@ -52,30 +55,39 @@ _FAILURES = (_Broken, requests.RequestException, urllib3.exceptions.HTTPError)
 
 
 def fetch(archive: Archive, root: Path, work: Path, info: Info) -> Path:
-    """Path of the intact archive: in `root`, otherwise in a local mirror, otherwise downloaded into `root`.
+    """Return the path of the intact archive: in `root`, in a local mirror, or downloaded into `root`.
 
-    `work` is a folder on the same disk for unfinished files. Places are tried in order: NVSDATA_MIRROR,
-    the archive's `urls`, the archive that it is `within`. DownloadError if no place has it, the disk is full
-    or fails, or a file with the archive's name in `root` is not the archive: no existing file is overwritten.
+    Places are tried in order: NVSDATA_MIRROR, the archive's `urls`, the archive that it is `within`. No existing file
+    is overwritten.
+
+    Args:
+        archive: the archive.
+        root: folder of the dataset.
+        work: a folder on the same disk for unfinished files.
+        info: facts about the dataset.
+
+    Raises:
+        DownloadError: no place has the archive, the disk is full or fails, or a file with the archive's name in `root`
+            is not the archive.
     """
     try:
-        return _brought(archive, root, work, info)
+        return _find_or_download(archive, root, work, info)
     except _NotHere as faults:
-        raise DownloadError(_by_hand(archive, root, info, str(faults))) from faults
+        raise DownloadError(_instructions(archive, root, info, str(faults))) from faults
 
 
-def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
-    """What `fetch` returns; _NotHere says what went wrong at each place."""
+def _find_or_download(archive: Archive, root: Path, work: Path, info: Info) -> Path:
+    """Return the path of the archive; _NotHere with the failure at each place."""
     path, part = root / archive.name, _Part(work / archive.name)
     if path.exists():
-        if fault := fault_of(path, archive.hash):
+        if fault := archive_fault(path, archive.hash):
             raise _NotHere(f"{path} {fault}; move it away")
         return path
     faults = []
     for place in _places(archive, info):
         try:
             if isinstance(place, Path):
-                if fault := fault_of(place, archive.hash):
+                if fault := archive_fault(place, archive.hash):
                     raise _NotHere(f"it {fault}")
                 return place
             if isinstance(place, Archive):
@@ -98,7 +110,7 @@ def _brought(archive: Archive, root: Path, work: Path, info: Info) -> Path:
 
 
 def _places(archive: Archive, info: Info) -> Iterator[Path | str | Archive]:
-    """Places to try for an archive: the user's mirror (in the dataset's folder or beside it), then its hosts."""
+    """Yield the places to try: the user's mirror (the dataset's folder in it first), then the known addresses."""
     mirror, names = os.environ.get(MIRROR, ""), (f"{info.name}/{archive.name}", archive.name)
     if mirror.startswith(("http://", "https://")):
         yield from (f"{mirror.rstrip('/')}/{quote(name)}" for name in names)
@@ -113,26 +125,26 @@ def _places(archive: Archive, info: Info) -> Iterator[Path | str | Archive]:
 
 
 def _take_from(outer: Archive, part: _Part, archive: Archive, work: Path, info: Info) -> None:
-    """Take the archive out of another one, which stays in `work`. _NotHere if that can't be fetched."""
-    found = _brought(outer, work, work, info)
+    """Extract the archive from another one, which stays in `work`; _NotHere if that can't be fetched."""
+    found = _find_or_download(outer, work, work, info)
     part.discard()
-    take_out(found, archive.name, part.path)
-    if fault := fault_of(part.path, archive.hash):
+    extract_file(found, archive.name, part.path)
+    if fault := archive_fault(part.path, archive.hash):
         part.discard()
         raise _NotHere(f"the file in it {fault}")
 
 
-def _by_hand(archive: Archive, root: Path, info: Info, faults: str) -> str:
-    """Instructions for downloading with a browser, and what went wrong without one."""
+def _instructions(archive: Archive, root: Path, info: Info, faults: str) -> str:
+    """Return how to download the archive with a browser, and why that is necessary."""
     facts = [f"about {archive.size / 1e9:.1f} GB"] if archive.size else []
     facts += [f"{kind_of(archive.hash)} {archive.hash}"] if archive.hash else []
     known = f" ({', '.join(facts)})" if facts else ""
-    words = f"can't download {archive.name}: get it with a browser from {info.page}, put it into {shown(root)}{known}"
-    return f"{words} and try again" + (f". What went wrong:\n  {faults}" if faults else "")
+    message = f"can't download {archive.name}: get it with a browser from {info.page}, put it into {shown(root)}{known}"
+    return f"{message} and try again" + (f". What went wrong:\n  {faults}" if faults else "")
 
 
 class _Part:
-    """A partly downloaded file, with a note beside it of its address and version."""
+    """A partly downloaded file, and a note in a second file: its address and version."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._note = path.with_name(path.name + ".part"), path.with_name(path.name + ".json")
@@ -159,10 +171,10 @@ class _Part:
 
 
 def _download(url: str, part: _Part, archive: Archive) -> None:
-    """Complete the part and check it. _NotHere if that isn't possible; OSError if the disk fails."""
+    """Complete the part and check it; _NotHere if that isn't possible, OSError if the disk fails."""
     for last in (False, True):
-        in_pieces = _go_on(url, part, archive)
-        fault = fault_of(part.path, archive.hash)
+        in_pieces = _transfer(url, part, archive)
+        fault = archive_fault(part.path, archive.hash)
         if not fault:
             return
         part.discard()
@@ -171,8 +183,8 @@ def _download(url: str, part: _Part, archive: Archive) -> None:
             raise _NotHere(f"what it sent {fault}")
 
 
-def _go_on(url: str, part: _Part, archive: Archive) -> bool:
-    """Try again, after growing pauses, while there are new bytes. Returns whether the part comes from several tries."""
+def _transfer(url: str, part: _Part, archive: Archive) -> bool:
+    """Repeat tries, with growing pauses, as long as new bytes arrive; return whether several tries made the part."""
     most, fruitless, changes, pause = len(part), 0, 0, PAUSE
     while True:
         before = len(part)
@@ -184,27 +196,27 @@ def _go_on(url: str, part: _Part, archive: Archive) -> bool:
             changes += isinstance(error, _Changed)
             most = 0 if isinstance(error, _Changed) else max(most, have)
             if TRIES in (fruitless, changes):
-                raise _NotHere(_words(error)) from error
+                raise _NotHere(_reason(error)) from error
             if have - before > MUCH:
                 pause = PAUSE
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
 
-def _words(error: BaseException) -> str:
-    """Why a connection failed, by urllib3's innermost message."""
+def _reason(error: BaseException) -> str:
+    """Return the reason why a connection failed: urllib3's innermost message."""
     inner = getattr(error, "reason", None) or (error.args[0] if error.args else None)
     if isinstance(inner, BaseException):
-        return _words(inner)
+        return _reason(inner)
     return re.sub(r"<[^>]*>: ?", "", str(error)) or type(error).__name__
 
 
 def _one_try(url: str, part: _Part, archive: Archive) -> bool:
-    """Request the missing bytes and append them. Returns whether there were bytes before; raises one of _FAILURES."""
+    """Request the missing bytes and append them; return whether there were bytes before. Raises one of _FAILURES."""
     have, note = len(part), part.note
     version = note.get("version", "") if note.get("url") == url else ""
     headers = {"Accept-Encoding": "identity"}
-    # without a version or a hash, a rest that belongs to another file would go unnoticed
+    # without a version or a hash, the bytes of another version of the file would go unnoticed
     if have and (version or archive.hash):
         headers["Range"] = f"bytes={have}-"
         if version:
@@ -231,15 +243,15 @@ def _one_try(url: str, part: _Part, archive: Archive) -> bool:
     return begin > 0
 
 
-def asked(url: str) -> tuple[str, int | None]:
-    """Why a file isn't to be had at an address, empty if it is, and its bytes, None if the server doesn't say."""
+def probe(url: str) -> tuple[str, int | None]:
+    """Return why a file isn't available at an address (empty if it is), and its size in bytes (None if unknown)."""
     headers = {"Accept-Encoding": "identity"}
     try:
         with requests.get(url, headers=headers, stream=True, timeout=TIMEOUT) as response:
             _bytes_of(response)
             return "", _extent(response)[1]
     except (_NotHere, *_FAILURES) as error:
-        return _words(error), None
+        return _reason(error), None
 
 
 def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, name: str) -> None:
@@ -252,7 +264,7 @@ def _append(path: Path, chunks: Iterator[bytes], begin: int, total: int | None, 
 
 
 def _bytes_of(response: requests.Response) -> Iterator[bytes]:
-    """The bytes that a server sends. _Broken or _NotHere if they don't belong to the file."""
+    """Return the bytes that a server sends; _Broken or _NotHere if they don't belong to the file."""
     code = response.status_code
     status = f"HTTP {code} {response.reason or ''}".strip()
     # not decoded, because a compressed file may be declared as a compressed transfer
@@ -273,7 +285,7 @@ def _bytes_of(response: requests.Response) -> Iterator[bytes]:
 
 
 def _extent(response: requests.Response) -> tuple[int, int | None]:
-    """First byte of an answer (-1 if there is none), and the size of the file if stated."""
+    """Return the position in the file of an answer's first byte (-1 if unknown), and the file's size if stated."""
     if response.status_code == 200:
         length = response.headers.get("Content-Length", "")
         return 0, int(length) if length.isdecimal() else None
@@ -283,7 +295,7 @@ def _extent(response: requests.Response) -> tuple[int, int | None]:
 
 
 def _version(response: requests.Response) -> str:
-    """What identifies a version of the file: a strong ETag, otherwise the time of the last change, otherwise ""."""
+    """Return the version of the file: a strong ETag, otherwise the time of the last change, otherwise ""."""
     tag: str = response.headers.get("ETag", "")
     return tag if tag.startswith('"') else response.headers.get("Last-Modified", "")
 
@@ -291,4 +303,4 @@ def _version(response: requests.Response) -> str:
 def _check_disk(folder: Path, needed: int) -> None:
     free = shutil.disk_usage(folder).free
     if needed > free:
-        raise OSError(errno.ENOSPC, f"{needed:,} bytes are to come, but the disk has {free:,} left", str(folder))
+        raise OSError(errno.ENOSPC, f"{needed:,} bytes are missing, but the disk has {free:,} left", str(folder))

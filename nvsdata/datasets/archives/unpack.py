@@ -1,4 +1,4 @@
-"""Unpacking archives: completely, into a new folder, or not at all."""
+"""Safe unpacking of archives: completely, into a new folder, or not at all."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from typing import IO
 
 from nvsdata.common.errors import DownloadError, shown
 
-MOST_BYTES = 100 << 30  # that an archive may unpack to, including the archives within it
+MOST_BYTES = 100 << 30  # that an archive may unpack to, including the archives inside it
 MOST_FILES = 1_000_000
 MOST_TIMES, SMALL = 100, 1 << 28  # times its own size, above SMALL bytes; recordings compress less than that
 DEEPEST = 3  # archives within archives
 BLOCK = 4096  # bytes of a disk block, to which the sizes of files are rounded up
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
-# what Python's readers raise for damaged archives, besides an OSError without a number
+# exceptions of Python's readers for damaged archives, in addition to an OSError without a number
 _DAMAGE = (
     zipfile.BadZipFile,
     tarfile.TarError,
@@ -48,25 +48,31 @@ def unpack(path: Path, folder: Path) -> None:
     """Unpack a zip or tar, and the zips in it (each into a folder with its name), into the new folder `folder`.
 
     Nothing outside `folder` is written or removed, and the headers of all entries are checked before any is written.
-    DownloadError, with no folder left behind, if `folder` exists; if an entry is a link or a device, leads
-    out of the folder, occurs twice, is encrypted, damaged or compressed by an unknown method; if the archive is
-    truncated or fails its checksum; if it unpacks to more than `MOST_BYTES`, `MOST_FILES`, `MOST_TIMES` times its
-    size, or more than the disk has room for.
+
+    Args:
+        path: the archive.
+        folder: the new folder.
+
+    Raises:
+        DownloadError: `folder` exists; an entry is a link or a device, leads out of the folder, occurs twice, is
+            encrypted, damaged or compressed by an unknown method; the archive is truncated or fails its checksum; it
+            unpacks to more than `MOST_BYTES`, `MOST_FILES`, `MOST_TIMES` times its size, or more than the free space
+            of the disk. No folder is left behind.
     """
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
         raise DownloadError(f"{shown(path)}: not unpacked, because {shown(folder)} is there already") from None
     try:
-        room = _Room(min(MOST_BYTES, max(SMALL, MOST_TIMES * path.stat().st_size)), MOST_FILES)
-        _unpack(path, shown(path), folder, room, DEEPEST)
+        budget = _Budget(min(MOST_BYTES, max(SMALL, MOST_TIMES * path.stat().st_size)), MOST_FILES)
+        _unpack(path, shown(path), folder, budget, DEEPEST)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
-def difference(path: Path, folder: Path, work: Path) -> str:
-    """Return what of an archive isn't in the folder that it was unpacked into, byte for byte; empty if nothing.
+def first_difference(path: Path, folder: Path, work: Path) -> str:
+    """Return the first difference between an archive and the folder that it was unpacked into; empty if none.
 
     Args:
         path: the archive.
@@ -74,13 +80,13 @@ def difference(path: Path, folder: Path, work: Path) -> str:
         work: a folder for temporary files.
 
     Returns:
-        The first difference, in words.
+        A message that names the entry that is missing or different, byte for byte.
 
     Raises:
         DownloadError: the archive can't be read.
     """
-    with _told(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
-        for entry in list(_entries(archive, str(path), folder, _Room(MOST_BYTES, MOST_FILES))):
+    with _as_download_error(f"{path}: damaged archive"), _opened(path, str(path)) as archive:
+        for entry in list(_entries(archive, str(path), folder, _Budget(MOST_BYTES, MOST_FILES))):
             target = folder.joinpath(*_parts(entry.name, str(path)))
             if entry.is_folder:
                 if not target.is_dir():
@@ -88,7 +94,7 @@ def difference(path: Path, folder: Path, work: Path) -> str:
             elif _is_inner(target.name):
                 with tempfile.TemporaryDirectory(dir=work) as there:
                     _write(archive, entry, Path(there, target.name))
-                    if found := difference(Path(there, target.name), target.with_name(_stem(target.name)), work):
+                    if found := first_difference(Path(there, target.name), target.with_name(_stem(target.name)), work):
                         return found
             elif not target.is_file():
                 return f"{target} is missing"
@@ -107,32 +113,32 @@ def _is_copy(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: 
     return True
 
 
-def take_out(path: Path, file: str, target: Path) -> None:
-    """Write the entry of an archive named `file`, in any folder, to `target`. DownloadError if that fails."""
-    with _told(f"{shown(path)}: damaged archive"), _opened(path, shown(path)) as archive:
-        entries = list(_entries(archive, shown(path), target.parent, _Room(MOST_BYTES, MOST_FILES)))
+def extract_file(path: Path, file: str, target: Path) -> None:
+    """Write the entry of an archive that is named `file`, in any folder, to `target`; DownloadError if that fails."""
+    with _as_download_error(f"{shown(path)}: damaged archive"), _opened(path, shown(path)) as archive:
+        entries = list(_entries(archive, shown(path), target.parent, _Budget(MOST_BYTES, MOST_FILES)))
         found = [entry for entry in entries if entry.name.rsplit("/", 1)[-1] == file]
         if not found:
             raise DownloadError(f"{shown(path)}: {file!r} is not in it")
         _check_disk(target.parent, found[0].size, shown(path))
-        with _told(f"{shown(path)}: can't unpack {file!r}"):
+        with _as_download_error(f"{shown(path)}: can't unpack {file!r}"):
             _write(archive, found[0], target)
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is a zip or a tar, judged by its beginning and, for a zip, its end."""
+    """Return whether a file is a zip or a tar, by its beginning and, for a zip, its end."""
     return zipfile.is_zipfile(path) if _is_zip(path) else tarfile.is_tarfile(path)
 
 
 def _is_zip(path: Path) -> bool:
-    # not by its end alone, which may belong to a zip within a tar
+    # the end alone may belong to a zip within a tar
     with path.open("rb") as file:
         return file.read(2) == b"PK"
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """A file or folder of an archive, and its object in Python's module."""
+    """A file or folder in an archive, and the object that Python's reader has for it."""
 
     name: str
     size: int
@@ -141,14 +147,14 @@ class _Entry:
 
 
 @dataclass
-class _Room:
-    """How many bytes and files may still be unpacked."""
+class _Budget:
+    """Number of bytes and files that may still be unpacked."""
 
     bytes: int
     files: int
 
     def take(self, size: int, archive: str) -> None:
-        """Subtract a file; DownloadError if there is no room for it."""
+        """Subtract a file; DownloadError if that exceeds the limits."""
         self.bytes -= size
         self.files -= 1
         if self.bytes < 0 or self.files < 0:
@@ -158,19 +164,19 @@ class _Room:
             )
 
 
-def _unpack(path: Path, name: str, folder: Path, room: _Room, depth: int) -> None:
-    """Unpack an archive, called `name` in messages."""
-    with _told(f"{name}: damaged archive"), _opened(path, name) as archive:
-        entries = list(_entries(archive, name, folder, room))
+def _unpack(path: Path, name: str, folder: Path, budget: _Budget, depth: int) -> None:
+    """Unpack an archive, which messages call `name`."""
+    with _as_download_error(f"{name}: damaged archive"), _opened(path, name) as archive:
+        entries = list(_entries(archive, name, folder, budget))
         if not entries:
             raise DownloadError(f"{name}: there is nothing in it")
         _check_disk(folder, sum(-(-entry.size // BLOCK) * BLOCK for entry in entries), name)
         for entry in entries:
-            with _told(f"{name}: can't unpack {entry.name!r}"):
+            with _as_download_error(f"{name}: can't unpack {entry.name!r}"):
                 _write(archive, entry, folder.joinpath(*_parts(entry.name, name)))
     for inner in sorted(p for p in folder.rglob("*") if depth and _is_inner(p.name) and p.is_file()):
         there = inner.with_name(_stem(inner.name))
-        _unpack(inner, f"{name}: {str(inner.relative_to(folder))!r}", there, room, depth - 1)
+        _unpack(inner, f"{name}: {str(inner.relative_to(folder))!r}", there, budget, depth - 1)
         inner.unlink()
 
 
@@ -193,7 +199,7 @@ def _write(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry, target: Pa
 
 
 def _content(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry) -> IO[bytes]:
-    """The bytes of a file."""
+    """Return a stream of the bytes of a file."""
     file: IO[bytes] | None
     if isinstance(archive, zipfile.ZipFile):
         assert isinstance(entry.member, zipfile.ZipInfo)
@@ -205,14 +211,14 @@ def _content(archive: zipfile.ZipFile | tarfile.TarFile, entry: _Entry) -> IO[by
     return file
 
 
-def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path, room: _Room) -> Iterator[_Entry]:
-    """The entries of an archive; DownloadError if any of them can't be unpacked."""
+def _entries(archive: zipfile.ZipFile | tarfile.TarFile, name: str, folder: Path, budget: _Budget) -> Iterator[_Entry]:
+    """Yield the entries of an archive; DownloadError if any of them can't be unpacked."""
     listed = _of_zip(archive, name) if isinstance(archive, zipfile.ZipFile) else _of_tar(archive, name, folder)
     for entry in listed:
         parts = _parts(entry.name, name)
         if parts and _is_inner(parts[-1]) and not _stem(parts[-1]).strip(". "):
             raise _refused(name, entry.name, "leads elsewhere")
-        room.take(entry.size, name)
+        budget.take(entry.size, name)
         yield entry
 
 
@@ -228,11 +234,11 @@ def _of_zip(archive: zipfile.ZipFile, name: str) -> Iterator[_Entry]:
         if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
             raise _refused(name, info.filename, "a link or a device")
         if info.flag_bits & 1:
-            raise DownloadError(f"{name}: {info.filename!r} is encrypted; unpack the archive by hand")
+            raise DownloadError(f"{name}: {info.filename!r} is encrypted; unpack the archive manually")
         if info.compress_type not in METHODS:
             method = "Deflate64" if info.compress_type == 9 else f"method {info.compress_type}"
             raise DownloadError(
-                f"{name}: {info.filename!r} is compressed by {method}, which Python can't read; unpack it by hand"
+                f"{name}: {info.filename!r} is compressed by {method}, which Python can't read; unpack it manually"
             )
         yield _Entry(info.filename, info.file_size, info.is_dir(), info)
 
@@ -246,7 +252,7 @@ def _of_tar(archive: tarfile.TarFile, name: str, folder: Path) -> Iterator[_Entr
         except tarfile.FilterError as error:
             raise _refused(name, member.name, str(error)) from None
         yield _Entry(member.name, member.size, member.isdir(), member)
-    # Python takes a damaged header for the end, and doesn't read on to the checksum of compressed data
+    # Python takes a damaged header for the end, and doesn't read to the checksum of compressed data
     file = archive.fileobj
     assert file is not None
     file.seek(archive.offset)
@@ -257,12 +263,12 @@ def _of_tar(archive: tarfile.TarFile, name: str, folder: Path) -> Iterator[_Entr
 
 
 def _parts(entry: str, archive: str) -> tuple[str, ...]:
-    """The parts of an entry's name; DownloadError if it would lead out of the folder on any operating system."""
+    """Return the parts of an entry's path; DownloadError if it leads out of the folder on any operating system."""
     flat = entry.replace("\\", "/")
     parts = tuple(part for part in flat.split("/") if part not in ("", "."))
     # Windows drops dots and spaces at the end, and has drives, streams (a:b) and devices in every folder
-    odd = any(not part.strip(". ") or ":" in part or _WINDOWS_DEVICE.fullmatch(part) for part in parts)
-    if odd or flat.startswith("/"):
+    leads_elsewhere = any(not part.strip(". ") or ":" in part or _WINDOWS_DEVICE.fullmatch(part) for part in parts)
+    if leads_elsewhere or flat.startswith("/"):
         raise _refused(archive, entry, "leads elsewhere")
     return parts
 
@@ -272,7 +278,7 @@ def _refused(archive: str, entry: str, why: str) -> DownloadError:
 
 
 def _is_inner(file: str) -> bool:
-    """Whether a file is a zip by its name, and not one of the files that macOS adds (._NAME)."""
+    """Return whether a file is a zip by its name, and not a file that macOS adds (._NAME)."""
     return file.lower().endswith(".zip") and not file.startswith("._")
 
 
@@ -281,20 +287,20 @@ def _stem(file: str) -> str:
 
 
 def _check_disk(folder: Path, needed: int, archive: str) -> None:
-    there = next(parent for parent in (folder, *folder.parents) if parent.is_dir())
-    free = shutil.disk_usage(there).free
+    existing = next(parent for parent in (folder, *folder.parents) if parent.is_dir())
+    free = shutil.disk_usage(existing).free
     if needed > free:
         raise DownloadError(f"{archive}: unpacks to {needed:,} bytes, but the disk has {free:,} left")
 
 
 @contextmanager
-def _told(what: str) -> Iterator[None]:
-    """Turn any error of an archive or the disk into a DownloadError of one line."""
+def _as_download_error(action: str) -> Iterator[None]:
+    """Turn any error of an archive or the disk into a DownloadError of one line that begins with `action`."""
     try:
         yield
     except DownloadError:
         raise
     except _DAMAGE as error:
-        raise DownloadError(f"{what}: {error or type(error).__name__}") from error
+        raise DownloadError(f"{action}: {error or type(error).__name__}") from error
     except OSError as error:
-        raise DownloadError(f"{what}: {error.strerror or error}") from error
+        raise DownloadError(f"{action}: {error.strerror or error}") from error

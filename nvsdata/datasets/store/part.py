@@ -1,4 +1,4 @@
-"""An unfinished store: the progress of a packing run, from which the next run continues."""
+"""The unfinished store: progress of a packing run, from which the next run continues."""
 
 from __future__ import annotations
 
@@ -22,12 +22,18 @@ JOURNAL = "journal.jsonl"
 class Part:
     """A folder with a raw file per column and a journal with a line per recording. To be used in a `with` block.
 
-    The first line of the journal identifies the dataset. The work of an earlier run is used up to the first recording
-    that has changed, is gone, or whose events aren't on the disk as they were written.
+    The first line of the journal identifies the dataset. The recordings of an earlier run are used up to the first one
+    that has changed, is missing, or whose events on the disk differ from those that were written.
 
-    - `facts`: journal lines of the packed recordings
-    - `skipped`: recordings that weren't packed, name to reason
-    - `events`: number of events so far
+    Args:
+        folder: the folder, made if needed.
+        dataset: the dataset that is packed.
+        names: its recordings.
+
+    Attributes:
+        facts: journal lines of the packed recordings.
+        skipped: recordings that weren't packed, name to reason.
+        events: number of events so far.
     """
 
     def __init__(self, folder: Path, dataset: EventDataset, names: list[str]) -> None:
@@ -36,7 +42,7 @@ class Part:
         self.events = 0
         reasons = dataset.source.left_out
         self.skipped = {name: reasons.get(name, "empty") for name in dataset.skipped}
-        # by the size they are opened with; if each states its own, the next one may be larger
+        # depends on the size with which they are opened; if each states its own, the next one may be larger
         size = dataset.opened_with
         kind = np.dtype(np.uint8 if size is not None and max(size) <= 256 else np.uint16)
         self.kinds = {"t": np.dtype(np.int64), "x": kind, "y": kind, "p": np.dtype(np.uint8)}
@@ -59,38 +65,38 @@ class Part:
         return {facts["name"] for facts in self.facts} | set(self.skipped)
 
     def raw(self) -> dict[str, np.ndarray]:
-        """The columns so far, one recording after the other."""
-        # an empty file can't be mapped, but without events there is no store to assemble
+        """Return the columns so far, one recording after the other."""
+        # an empty file can't be mapped, but without events no store is written
         return {name: np.memmap(self.folder / name, kind, "r") for name, kind in self.kinds.items()}
 
     def _resume(self, names: set[str]) -> None:
         journal = self.folder / JOURNAL
         lines = read_own(journal, MOST_LINES).splitlines(keepends=True) if journal.exists() else []
-        whole = 0
-        # a line without its end was torn
+        valid = 0  # bytes of the journal
+        # a line without its end was cut off
         lines = [line for line in lines if line.endswith(b"\n")]
         if lines and parsed_line(lines[0]) == self._head:
-            whole = len(lines[0])
+            valid = len(lines[0])
             with ExitStack() as stack:
                 columns = [stack.enter_context((self.folder / name).open("rb")) for name in self.kinds]
                 for line in lines[1:]:
                     facts = parsed_line(line)
-                    if facts is None or not _is_sound(facts, names) or not self._holds(facts, columns):
+                    if facts is None or not _is_valid(facts, names) or not self._is_intact(facts, columns):
                         break
-                    whole += len(line)
+                    valid += len(line)
                     # recordings left out are tried again, because they may have been repaired
                     if "skipped" not in facts:
                         self._note(facts)
                         names.remove(facts["name"])
         with append_own(journal) as file:
-            file.truncate(whole)
-            if not whole:
+            file.truncate(valid)
+            if not valid:
                 write_all(file.fileno(), json_line(self._head).encode())
         for name, kind in self.kinds.items():
             os.truncate(self.folder / name, self.events * kind.itemsize)
 
-    def _holds(self, facts: dict[str, Any], columns: Sequence[IO[bytes]]) -> bool:
-        """Whether a recording in the journal is unchanged and its events are in the raw files."""
+    def _is_intact(self, facts: dict[str, Any], columns: Sequence[IO[bytes]]) -> bool:
+        """Return whether a recording in the journal is unchanged and its events are in the raw files."""
         if "skipped" in facts:
             return True
         try:
@@ -131,7 +137,7 @@ class Part:
             file.close()
 
     def add(self, name: str, result: tuple[dict[str, Any], list[np.ndarray]] | str) -> None:
-        """Append a recording, or the reason why there is none: first its columns, then the line that makes it count."""
+        """Append a recording, or the reason why it is left out: first its columns, then the line that makes it valid."""
         line: dict[str, Any]
         if isinstance(result, str):
             line = {"name": name, "skipped": result}
@@ -147,17 +153,22 @@ class Part:
         self._note(line)
 
 
-def _is_sound(facts: dict[str, Any], names: set[str]) -> bool:
-    """Whether a line says of one of these recordings what a line can say."""
+def _is_valid(facts: dict[str, Any], names: set[str]) -> bool:
+    """Return whether a line has valid facts about one of these recordings."""
     if not isinstance(facts.get("name"), str) or facts["name"] not in names:
         return False
     if "skipped" in facts:
         return isinstance(facts["skipped"], str)
     try:
         check_sensor_size(facts["size"])
-        whole = [*facts["size"], *facts["stamp"], *facts["time"], *(facts[name] for name in ("events", "bytes", "crc"))]
+        numbers = [
+            *facts["size"],
+            *facts["stamp"],
+            *facts["time"],
+            *(facts[name] for name in ("events", "bytes", "crc")),
+        ]
         return (
-            all(type(number) is int and EVER[0] <= number <= EVER[1] for number in (*whole, facts["base"]))
+            all(type(number) is int and EVER[0] <= number <= EVER[1] for number in (*numbers, facts["base"]))
             and -LATEST < facts["base"] < LATEST
             and facts["events"] > 0
             and facts["bytes"] >= 0

@@ -9,11 +9,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from nvsdata.common.checksum import crc32
 from nvsdata.common.errors import FormatError, shown
+from nvsdata.common.files import crc32
+from nvsdata.common.memory import SharedArray
 from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
-from nvsdata.datasets.shared import Shared
 from nvsdata.datasets.source import Listing
 from nvsdata.formats.hdf5.chunks import Chunks, values_of
 from nvsdata.formats.hdf5.file import (
@@ -55,7 +55,7 @@ TYPES: dict[str, tuple[str, ...]] = dict.fromkeys(
 )
 TYPES |= {"mark": ("u4", "i8"), "size": ("i4",), "crc": ("u4",)}  # texts and bytes are uint8
 TYPES |= {"t": ("u4", "i8"), "x": ("u1", "u2"), "y": ("u1", "u2"), "p": ("u1",)}  # of the events
-UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state when it begins and ends
+UNSTATED = np.iinfo(np.int64).min  # for a recording whose file doesn't state beginning and end
 MARKED = 256  # the index has the time of every 256th event
 CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it verifies all of it
 
@@ -63,16 +63,22 @@ CHECKED = 1 << 22  # bytes of a recording up to which reading a window of it ver
 class Store:
     """A packed store, opened for reading: a `Source` of recordings and side files.
 
-    - `dataset`: `info.name` of the dataset
-    - `split`, `fold`: which split of it was packed
-    - `names`: of the recordings, by number
-    - `left_out`: recordings that couldn't be packed, name to reason
+    Pickling is cheap: only the path is sent to workers, and each process opens the file itself. The first read of a
+    recording verifies its checksum (FormatError if it fails), unless the environment variable `NVSDATA_STORE_CHECK` is 0
+    or only a window of a recording with more than 4 MiB of events is read.
 
-    Pickling is cheap: only the path is sent to workers, and each process opens the file itself.
-    The first read of a recording verifies its checksum, unless the environment variable `NVSDATA_STORE_CHECK` is 0 or
-    only a window of more than 4 MiB of events is read: FormatError if it fails.
-    Raises FormatError for a file that is not a store, is truncated, is of another version, or whose
-    index fails its checksum.
+    Args:
+        path: the file.
+
+    Attributes:
+        dataset: `info.name` of the dataset.
+        split: the split that was packed.
+        fold: its fold.
+        names: names of the recordings, by number.
+        left_out: recordings that couldn't be packed, name to reason.
+
+    Raises:
+        FormatError: the file is not a store, is truncated, is of another version, or its index fails its checksum.
     """
 
     def __init__(self, path: Path) -> None:
@@ -98,14 +104,14 @@ class Store:
             self._event_size = sum(column.dtype.itemsize for column in columns)
             shapes = {column.shape for column in columns}
         first_mark = np.concatenate(([0], np.cumsum(-(-np.diff(index["offset"]) // MARKED))))
-        # lists, because taking a number out of an array costs as much as the rest of a look-up
+        # lists, because reading a number from an array takes as long as the rest of a look-up
         self._offset, self._base, self._duration = (index[name].tolist() for name in ("offset", "base", "duration"))
         self._first_mark = first_mark.tolist()
         self._time = [None if begin == UNSTATED else (begin, end) for begin, end in index["time"].tolist()]
         self._sizes, self._sources, self._crc = index["size"], index["bytes"], index["crc"]
         try:
-            texts = {name: unpacked(index[name]) for name in ("name", "format", "folder", "file_name")}
-            self.left_out = dict(zip(unpacked(index["left_out"]), unpacked(index["reason"]), strict=True))
+            texts = {name: unpack_texts(index[name]) for name in ("name", "format", "folder", "file_name")}
+            self.left_out = dict(zip(unpack_texts(index["left_out"]), unpack_texts(index["reason"]), strict=True))
         except ValueError as error:
             raise FormatError(path, f"its index has no valid names: {error}") from None
         self.names, self.formats, self._folders = texts["name"], texts["format"], texts["folder"]
@@ -120,8 +126,8 @@ class Store:
         # arguments for `read_window`, if it can read the columns
         begins, widths = [begin for *_, begin in self._places], [width for _, width, _ in self._places]
         self._direct = (*begins, *widths[:3]) if len(widths) == len(COLUMNS) and hasattr(os, "pread") else ()
-        # which recordings are verified; forked workers share it
-        self._verified = Shared(len(self.names), np.bool_)
+        # True for each verified recording; forked workers share it
+        self._verified = SharedArray(len(self.names), np.bool_)
         self._verified.values[:] = os.environ.get("NVSDATA_STORE_CHECK") == "0"
         self._file = path.open("rb", buffering=0)
         self._handle = self._file.fileno()
@@ -130,7 +136,7 @@ class Store:
         return Store, (self.root,)
 
     def _is_sound(self, index: dict[str, np.ndarray]) -> bool:
-        """Whether all arrays have the same number of recordings, in sequence, with possible sensor sizes."""
+        """Return whether all arrays have the same number of recordings, in sequence, with possible sensor sizes."""
         counts = {len(index[name]) for name in ("base", "duration", "time", "size", "bytes", "crc")}
         counts |= {len(self.names), len(self.formats), len(self._offset) - 1}
         sizes, base, files = index["size"], index["base"], index["file_offset"]
@@ -144,7 +150,7 @@ class Store:
         return bool(times.all() and ((sizes > 0) & (sizes <= MAX_COORDINATE + 1)).all())
 
     def listing(self) -> Listing:
-        """The packed folders and recordings, including those left out, and the side files."""
+        """Return the packed folders and recordings, including those left out, and the side files."""
         found: Listing = {folder: [] for folder in self._folders}
         for name in (*self.names, *self.left_out, *self._files):
             folder, _, file = name.rpartition("/")
@@ -152,33 +158,33 @@ class Store:
         return {folder: sorted(found[folder]) for folder in sorted(found)}
 
     def open(self, name: str, sensor_size: tuple[int, int] | None, *, strict: bool = True) -> StoredRecording:
-        """The recording with that name, which was intact when packed; FormatError for one that was left out."""
+        """Return a recording, which was intact when it was packed; FormatError for one that was left out."""
         if name in self.left_out:
             raise FormatError(self.root, f"{shown(name)} was left out when it was packed: {self.left_out[name]}")
         return StoredRecording(self, self._number[name], sensor_size)
 
     def data(self, name: str) -> bytes:
-        """The bytes of a side file."""
+        """Return the bytes of a side file."""
         i = self._files[name]
         return self._file_data[self._file_offset[i] : self._file_offset[i + 1]].tobytes()
 
     def size(self, name: str) -> int:
-        """Bytes of the file that was packed."""
+        """Return the size in bytes of the file that was packed."""
         if name in self._files:
             return len(self.data(name))
         return int(self._sources[self._number[name]])
 
     def stamp(self, name: str) -> tuple[int, ...]:
-        """Checksum of the events, and the values that it doesn't cover."""
+        """Return the checksum of the events, and the values that it doesn't cover."""
         number = self._number[name]
         return int(self._crc[number]), self._base[number], *self.sensor_size(number)
 
     def settled(self, name: str, at: int) -> bool:
-        """A store doesn't change."""
+        """Return True, because a store doesn't change."""
         return True
 
     def read(self, number: int, start: int, stop: int) -> Columns:
-        """Events of a recording with start <= t < stop: bisects the index, then reads that part of each column."""
+        """Return the events of a recording with start <= t < stop: bisect the index, read that part of each column."""
         lo, hi, base = self._offset[number], self._offset[number + 1], self._base[number]
         verified = self._verified.values[number]
         if not verified and (raw := self._verify(number, start, stop)):
@@ -192,7 +198,7 @@ class Store:
         if self._direct:
             count = read_window(*columns, base, start, stop, self._handle, lo, *self._direct)
         if count < 0:
-            # or get the error that says why there are fewer bytes
+            # or raise the error that explains why there are fewer bytes
             count = stored_window(*columns, base, start, stop, *self._raw(lo, max(lo, hi)))
         columns = columns.first(count)
         if not verified:
@@ -202,7 +208,7 @@ class Store:
         return columns
 
     def _verify(self, number: int, start: int, stop: int) -> list[np.ndarray] | None:
-        """All events of a recording as they are stored, verified; None where that costs much more than the window."""
+        """Return all events of a recording as stored, verified; None if that takes much longer than the window."""
         lo, hi = self._offset[number], self._offset[number + 1]
         first, last = self.span(number)
         if (hi - lo) * self._event_size > CHECKED and (start > first or stop <= last):
@@ -216,7 +222,7 @@ class Store:
         return raw
 
     def _check(self, number: int, raw: list[np.ndarray]) -> None:
-        """FormatError unless the index fits all events of a recording, whose checksum is right; it is verified then."""
+        """Mark a recording, whose checksum is right, as verified; FormatError if the index contradicts its events."""
         marks = self._marks[self._first_mark[number] : self._first_mark[number + 1]]
         ends = (raw[0][0], raw[0][-1]) if raw[0].size else (0, self._duration[number])
         if ends != (0, self._duration[number]) or not np.array_equal(raw[0][::MARKED], marks):
@@ -225,7 +231,7 @@ class Store:
         self._verified.values[number] = True
 
     def check_inside(self, number: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, size: tuple[int, int]) -> None:
-        """FormatError unless events of a recording are on a sensor of this size and have polarities."""
+        """Raise FormatError unless the events of a recording are on a sensor of this size, with polarities 0 and 1."""
         # int16 below 0 are the highest uint16
         x, y = (column.view(np.uint16) if column.dtype == np.int16 else column for column in (x, y))
         if x.size and (x.max() >= size[0] or y.max() >= size[1] or p.max() > 1):
@@ -233,23 +239,23 @@ class Store:
             raise FormatError(f"{self.path}:{self.names[number]}", reason)
 
     def span(self, number: int) -> tuple[int, int]:
-        """Times of the first and the last event of a recording."""
+        """Return the times in µs of the first and the last event of a recording."""
         base: int = self._base[number]
         return base, base + self._duration[number]
 
     def time(self, number: int) -> tuple[int | None, int | None]:
-        """Start and end of a recording as its file states them, None where it doesn't."""
+        """Return start and end of a recording in µs as its file states them; None if it doesn't."""
         return self._time[number] or (None, None)
 
     def sensor_size(self, number: int) -> tuple[int, int]:
-        """(width, height) of a recording when it was packed."""
+        """Return (width, height) in pixels of a recording when it was packed."""
         width, height = self._sizes[number].tolist()
         return width, height
 
     def _raw(self, lo: int, hi: int) -> list[np.ndarray]:
-        """Events lo..hi as they are stored.
+        """Return events lo to hi - 1 as they are stored.
 
-        Read rather than memory-mapped, because a mapped page costs more than its bytes and stays in memory.
+        They are read and not memory-mapped, because a mapped page takes longer than its bytes and stays in memory.
         """
         if len(self._places) == len(COLUMNS):
             return [self._column(lo, hi, *place) for place in self._places]
@@ -262,13 +268,13 @@ class Store:
         return columns
 
     def _column(self, lo: int, hi: int, kind: np.dtype[Any], size: int, begin: int) -> np.ndarray:
-        """Items lo..hi of a column, `begin` being the byte of its first one."""
+        """Return items lo to hi - 1 of a column; `begin` is the byte of its first item."""
         items = np.empty(hi - lo, kind)
         read_into(self._handle, self.path, begin + lo * size, items)
         return items
 
     def fault(self, name: str) -> str:
-        """Why the events of a recording can't be read, or aren't those that were packed; empty if they are sound."""
+        """Return why the events of a recording can't be read or were changed; empty if they are intact."""
         number = self._number[name]
         try:
             raw = self._raw(self._offset[number], self._offset[number + 1])
@@ -281,7 +287,7 @@ class Store:
 
 
 class StoredRecording(Recording):
-    """A recording in a store; None as `sensor_size` takes the size it had when packed."""
+    """A recording in a store; if `sensor_size` is None, it has the size with which it was packed."""
 
     def __init__(self, store: Store, number: int, sensor_size: tuple[int, int] | None) -> None:
         self._store, self._number = store, number
@@ -326,19 +332,19 @@ class StoredRecording(Recording):
         return Events.trusted(columns, self._size, *bounds_of(start, stop, *self._time))
 
     def frames(self, start: int | None = None, stop: int | None = None) -> NoReturn:
-        raise FormatError(self.path, "a packed store holds only events, no frames")
+        raise FormatError(self.path, "a packed store contains only events, no frames")
 
     def inertial(self, start: int | None = None, stop: int | None = None) -> NoReturn:
-        raise FormatError(self.path, "a packed store holds only events, no inertial samples")
+        raise FormatError(self.path, "a packed store contains only events, no inertial samples")
 
 
 def checksum(index: dict[str, np.ndarray]) -> int:
-    """CRC-32 over the arrays of the index, in the order of `INDEX`."""
+    """Return the CRC-32 of the arrays of the index, in the order of `INDEX`."""
     return crc_of([index[name] for name in INDEX])
 
 
 def crc_of(arrays: list[np.ndarray]) -> int:
-    """CRC-32 over the bytes of all arrays in sequence."""
+    """Return the CRC-32 of the bytes of all arrays in sequence."""
     value = 0
     for array in arrays:
         value = crc32(np.ascontiguousarray(array).data.cast("B") if array.size else b"", value)
@@ -346,9 +352,9 @@ def crc_of(arrays: list[np.ndarray]) -> int:
 
 
 def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
-    """Type, size of an item and first byte of a column that is contiguous in the file; None for a compressed one."""
+    """Return type, item size and first byte of a column that is contiguous in the file; None for a compressed one."""
     offset = dataset.id.get_offset()
-    # one in chunks has no offset
+    # a column in chunks has no offset
     if dataset.size and (links_are_followed() or offset is None):
         return None
     if offset is not None and offset + dataset.nbytes > path.stat().st_size:
@@ -357,17 +363,17 @@ def _place(path: Path, dataset: Any) -> tuple[np.dtype[Any], int, int] | None:
 
 
 def _has_types(index: dict[str, np.ndarray]) -> bool:
-    """Whether the arrays of an index have the types and the number of axes that `docs/store.md` states."""
+    """Return whether the arrays of an index have the types and the number of axes that `docs/store.md` states."""
     shapes = {"time": (-1, 2), "size": (-1, 2)}
     fits = all(array.shape[1:] == shapes.get(name, (-1,))[1:] and array.ndim >= 1 for name, array in index.items())
     return fits and all(array.dtype in TYPES.get(name, ("u1",)) for name, array in index.items())
 
 
-def packed(texts: Iterable[str]) -> np.ndarray:
-    """Strings as bytes: UTF-8, each followed by a zero, which no file name contains."""
+def pack_texts(texts: Iterable[str]) -> np.ndarray:
+    """Return strings as bytes: UTF-8, each followed by a zero, which no file name contains."""
     return np.frombuffer("".join(text + "\0" for text in texts).encode("utf-8", "surrogatepass"), np.uint8)
 
 
-def unpacked(kept: np.ndarray) -> list[str]:
-    """The strings given to `packed`."""
+def unpack_texts(kept: np.ndarray) -> list[str]:
+    """Return the strings given to `pack_texts`."""
     return kept.tobytes().decode("utf-8", "surrogatepass").split("\0")[:-1]

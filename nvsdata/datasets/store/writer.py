@@ -1,4 +1,4 @@
-"""Packing a dataset into a store: in parallel, resumable, and completely or not at all."""
+"""Packing of a dataset into a store: in parallel, resumable, and completely or not at all."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from nvsdata.common.files import atomic, creating, named
 from nvsdata.common.progress import bar
 from nvsdata.common.terminal import say
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.source import Source, joined
+from nvsdata.datasets.source import Source, path_below
 from nvsdata.datasets.store.part import Part
-from nvsdata.datasets.store.reader import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, packed
+from nvsdata.datasets.store.reader import COLUMNS, INDEX, MARKED, UNSTATED, VERSION, Store, checksum, crc_of, pack_texts
 from nvsdata.formats.hdf5.disk import created
 from nvsdata.formats.hdf5.layouts import STORE
 
@@ -34,9 +34,10 @@ NARROW = np.iinfo(np.uint32).max
 class PackReport:
     """Result of `pack`.
 
-    - `packed`: number of recordings
-    - `events`: number of their events
-    - `skipped`: recordings that were left out, name to reason
+    Attributes:
+        packed: number of recordings in the store.
+        events: number of their events.
+        skipped: recordings that were left out, name to reason.
     """
 
     packed: int = 0
@@ -54,19 +55,37 @@ def pack(
 ) -> PackReport:
     """Write the recordings of `dataset` and its small side files (lists, labels) into the store `out`.
 
-    The dataset's class opens the store in place of a folder, with the same classes, splits and samples: a store of
-    `split="all"` gives every split and fold. Recordings without events or with a FormatError are left out and
-    reported; the store keeps their names and the reasons. Frames and inertial samples aren't packed. Until the
-    store is complete, the work is kept in ".OUT.part" beside it, from which an interrupted run continues.
+    The dataset's class opens the store in place of a folder, with the same classes, splits and samples; a store of
+    `split="all"` contains every split and fold. Recordings without events or with a FormatError are left out and
+    reported; the store contains their names and the reasons. Frames and inertial samples aren't packed. Until the store
+    is complete, the progress is kept in the folder `.OUT.part` next to it, from which an interrupted run continues.
 
-    - `dataset`: the dataset; its transforms are not applied
-    - `out`: path of the new file
-    - `jobs`: processes that decode (default 1)
-    - `compress`: whether to compress the columns with gzip (default False)
-    - `overwrite`: whether to replace an existing file (default False)
+    Args:
+        dataset: the dataset; its transforms are not applied.
+        out: path of the new file.
+        jobs: number of processes that decode.
+        compress: whether to compress the columns with gzip.
+        overwrite: whether to replace an existing file.
 
-    FileExistsError if `out` exists, unless `overwrite`; OutputInUse if another process packs into it; OSError for a
-    full disk, before `out` appears: what was written is read back first. ValueError if there is nothing to pack.
+    Returns:
+        The number of recordings and events, and the recordings that were left out.
+
+    Raises:
+        FileExistsError: `out` exists, unless `overwrite`.
+        OutputInUse: another process packs into `out`.
+        OSError: the disk is full; `out` doesn't appear, because the store is read back first.
+        ValueError: there is nothing to pack.
+
+    Example:
+        >>> import tempfile, nvsdata
+        >>> from pathlib import Path
+        >>> root = Path(tempfile.mkdtemp())
+        >>> (root / "data/waving").mkdir(parents=True)
+        >>> _ = nvsdata.write(nvsdata.example(), root / "data/waving/0.npy")
+        >>> nvsdata.pack(nvsdata.EventFolder(root / "data"), root / "data.h5").packed
+        1
+        >>> len(nvsdata.EventFolder(root / "data.h5"))
+        1
     """
     target = Path(out).expanduser()
     with creating(target, overwrite=overwrite), named(target):
@@ -82,8 +101,8 @@ def pack(
                         part.add(name, result)
                         progress.update()
             except BaseException:
-                there = f"{len(part.done):,} of {len(names):,} recordings"
-                say(f"{there} are in {shown(part.folder)}: the same command resumes")
+                progress_made = f"{len(part.done):,} of {len(names):,} recordings"
+                say(f"{progress_made} are in {shown(part.folder)}: the same command resumes")
                 raise
         if not part.facts:
             raise ValueError(f"nothing to pack in {dataset.root}: {part.skipped}")
@@ -101,7 +120,7 @@ Decoded = tuple[dict[str, Any], list[np.ndarray]] | str
 
 
 def _decode(source: Source, size: tuple[int, int] | None, name: str) -> Decoded:
-    """Facts and columns of a recording, or why it can't be packed."""
+    """Return facts and columns of a recording, or the reason why it can't be packed."""
     try:
         stamp = source.stamp(name) if name not in source.left_out else ()
         recording = source.open(name, size)
@@ -127,7 +146,7 @@ def _decode(source: Source, size: tuple[int, int] | None, name: str) -> Decoded:
 
 
 def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> None:
-    """Write the store from its part, and read it back."""
+    """Write the store from its unfinished parts, and read it back."""
     facts = part.facts
     offset = np.concatenate(([0], np.cumsum([line["events"] for line in facts])))
     bounds = list(pairwise(offset.tolist()))
@@ -152,11 +171,11 @@ def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> 
             "size": np.array([line["size"] for line in facts], np.int32),
             "bytes": np.array([line["bytes"] for line in facts], np.int64),
             "crc": np.fromiter(_checksums(part, raw, bounds, kinds), np.uint32),
-            "format": packed(line["format"] for line in facts),
-            "name": packed(line["name"] for line in facts),
-            "folder": packed(dataset.listing),
-            "left_out": packed(part.skipped),
-            "reason": packed(reason.replace("\0", " ") for reason in part.skipped.values()),
+            "format": pack_texts(line["format"] for line in facts),
+            "name": pack_texts(line["name"] for line in facts),
+            "folder": pack_texts(dataset.listing),
+            "left_out": pack_texts(part.skipped),
+            "reason": pack_texts(reason.replace("\0", " ") for reason in part.skipped.values()),
             **_side_files(dataset, part),
         }
         for name in INDEX:
@@ -176,7 +195,7 @@ def _assemble(part: Part, dataset: EventDataset, path: Path, compress: bool) -> 
 def _checksums(
     part: Part, raw: dict[str, np.ndarray], bounds: list[tuple[int, int]], kinds: dict[str, np.dtype[Any]]
 ) -> Iterator[int]:
-    """Checksum of each recording in the types of the store. OSError if the raw files aren't as they were written."""
+    """Yield the checksum of each recording in the store's types; OSError if the raw files were changed."""
     for line, (a, b) in zip(part.facts, bounds, strict=True):
         columns = {name: raw[name][a:b] for name in COLUMNS}
         if crc_of(list(columns.values())) != line["crc"]:
@@ -185,7 +204,7 @@ def _checksums(
 
 
 def _read_back(path: Path) -> None:
-    """OSError unless the file is a store whose index and events match their checksums."""
+    """Raise OSError unless the file is a store whose index and events match their checksums."""
     store = Store(path)
     for name in store.names:
         if store.fault(name):
@@ -193,19 +212,19 @@ def _read_back(path: Path) -> None:
 
 
 def _side_files(dataset: EventDataset, part: Part) -> dict[str, np.ndarray]:
-    """Lists, labels and annotations: all small files that aren't recordings of any split."""
+    """Return lists, labels and annotations: all small files that aren't recordings of any split."""
     names, blobs = [], []
     recordings = part.done.union(dataset.files_of(dataset.found()))
     for folder, files in dataset.listing.items():
         for file in files:
-            name = joined(folder, file)
-            # a store isn't a side file, also not the one that is being replaced
+            name = path_below(folder, file)
+            # a store isn't a side file, even if it is being replaced
             known = name in recordings or name.lower().endswith((".h5", ".hdf5"))
             if not known and dataset.source.size(name) <= MOST_SIDE_BYTES:
                 names.append(name)
                 blobs.append(dataset.source.data(name))
     return {
-        "file_name": packed(names),
+        "file_name": pack_texts(names),
         "file_offset": np.concatenate(([0], np.cumsum([len(blob) for blob in blobs]))).astype(np.int64),
         "file_data": np.frombuffer(b"".join(blobs), np.uint8),
     }

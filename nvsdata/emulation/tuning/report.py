@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from nvsdata.common.tables import aligned
+from nvsdata.common.text import aligned
 from nvsdata.emulation.settings import Settings
 from nvsdata.emulation.tuning.search import Measured, Search
 

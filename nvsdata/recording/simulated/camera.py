@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import usb.core
 
-from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events
 from nvsdata.kernels.recording.davis_stream import encode
+from nvsdata.recording.camera import host_time
 from nvsdata.recording.davis.driver import READ, REGISTER, SEVERAL, WRITE
 from nvsdata.recording.davis.registers import APS, CHIP, DVS, EXTERNAL, IMU, MUX, SYSTEM, USB
 from nvsdata.recording.simulated.scenes import Outlines, Scene

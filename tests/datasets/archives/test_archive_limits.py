@@ -17,9 +17,9 @@ import trees
 from nvsdata.common.errors import DownloadError
 from nvsdata.datasets.archives import transfer
 from nvsdata.datasets.archives import unpack as module
-from nvsdata.datasets.archives.arrival_check import fault_of, page_of
+from nvsdata.datasets.archives.arrival_check import archive_fault, page_of
 from nvsdata.datasets.archives.download import WORK, download
-from nvsdata.datasets.archives.unpack import take_out, unpack
+from nvsdata.datasets.archives.unpack import extract_file, unpack
 from nvsdata.datasets.facts import Archive, Info
 
 INFO = Info("made-up", None, ("a",), "https://example.org/made-up", "none")
@@ -174,7 +174,7 @@ def test_what_is_optional_may_come_from_a_mirror(tmp_path, monkeypatch):
 def test_a_page_is_known_by_its_first_64_kib(tmp_path):
     for length, found in ((65_536, True), (65_537, False)):
         (tmp_path / "a").write_bytes(b"<!--" + b"x" * (length - 12) + b"--><html rest")
-        assert fault_of(tmp_path / "a", "").startswith("is a web page") == found
+        assert archive_fault(tmp_path / "a", "").startswith("is a web page") == found
 
 
 @pytest.mark.parametrize("status", [408, 425, 429, 500, 502, 503, 504])
@@ -209,14 +209,14 @@ def test_what_is_still_to_come_must_fit_the_disk(host, get, monkeypatch):
     url = host.serve("/a", CONTENT)
     get.part.write_bytes(CONTENT[:5_000])
     disk_with(monkeypatch, len(CONTENT) - 5_001)
-    with pytest.raises(DownloadError, match=f"{len(CONTENT) - 5_000:,} bytes are to come, but the disk has 1"):
+    with pytest.raises(DownloadError, match=f"{len(CONTENT) - 5_000:,} bytes are missing, but the disk has 1"):
         get(url)
     disk_with(monkeypatch, len(CONTENT) - 5_000)
     assert get(url) == CONTENT
     # where the server doesn't say, what is known counts
     disk_with(monkeypatch, len(CONTENT) - 1)
     (get.part.parent.parent / "a.zip").unlink()
-    with pytest.raises(DownloadError, match=f"{len(CONTENT):,} bytes are to come"):
+    with pytest.raises(DownloadError, match=f"{len(CONTENT):,} bytes are missing"):
         get(host.serve("/b", CONTENT, length=False), size=len(CONTENT))
 
 
@@ -292,9 +292,9 @@ def test_what_is_taken_out_must_fit_the_disk(tmp_path, monkeypatch):
     (tmp_path / "a.zip").write_bytes(zipped({"a/x": b"12345", "b/x": b"6", "y": bytes(99)}))
     disk_with(monkeypatch, 4)
     with pytest.raises(DownloadError, match="unpacks to 5 bytes, but the disk has 4 left"):
-        take_out(tmp_path / "a.zip", "x", tmp_path / "x")
+        extract_file(tmp_path / "a.zip", "x", tmp_path / "x")
     disk_with(monkeypatch, 5)
-    take_out(tmp_path / "a.zip", "x", tmp_path / "x")
+    extract_file(tmp_path / "a.zip", "x", tmp_path / "x")
     assert (tmp_path / "x").read_bytes() == b"12345"
 
 
@@ -354,18 +354,18 @@ def test_titles_of_web_pages_are_told_briefly(tmp_path):
         page = f"<html><title>{'x' * length}</title>".encode()
         assert page_of(page) == f"a web page, '{'x' * told}': the file needs a browser"
     (tmp_path / "a").write_bytes(b"<!-- one -->\n<HTML>")
-    assert fault_of(tmp_path / "a", "0" * 32) == "is a web page, without a title: the file needs a browser"
+    assert archive_fault(tmp_path / "a", "0" * 32) == "is a web page, without a title: the file needs a browser"
     (tmp_path / "a").write_bytes(b"<htmlx>")
-    assert fault_of(tmp_path / "a", "") == "is not an archive, or not all of one"
+    assert archive_fault(tmp_path / "a", "") == "is not an archive, or not all of one"
     (tmp_path / "a").write_bytes(b"")
-    assert fault_of(tmp_path / "a", "") == "is empty"
+    assert archive_fault(tmp_path / "a", "") == "is empty"
 
 
 @pytest.mark.parametrize("head", [b"Rar!\x1a\7", b"7z\xbc\xaf\x27\x1c"])
 def test_archives_that_python_can_not_read_are_named_where_no_hash_is_known(tmp_path, head):
     (tmp_path / "a").write_bytes(head)
-    assert fault_of(tmp_path / "a", "") == "is a RAR or 7z archive, which has to be unpacked by hand"
+    assert archive_fault(tmp_path / "a", "") == "is a RAR or 7z archive, which has to be unpacked manually"
     for digest in ("md5", "sha256"):
-        assert fault_of(tmp_path / "a", hashlib.new(digest, head).hexdigest()) == ""
-        wrong = fault_of(tmp_path / "a", hashlib.new(digest, b"").hexdigest())
+        assert archive_fault(tmp_path / "a", hashlib.new(digest, head).hexdigest()) == ""
+        wrong = archive_fault(tmp_path / "a", hashlib.new(digest, b"").hexdigest())
         assert wrong == f"is another file: its {digest} is wrong, {hashlib.new(digest, head).hexdigest()}"

@@ -23,7 +23,7 @@ from nvsdata.common.errors import DownloadError
 from nvsdata.common.locks import OutputInUse, lock_path, locked
 from nvsdata.datasets import DATASETS, NMNIST, DVS128Gesture, NCaltech101
 from nvsdata.datasets.archives import download as module
-from nvsdata.datasets.archives.download import WORK, download, unneeded
+from nvsdata.datasets.archives.download import WORK, download, unneeded_archives
 from nvsdata.datasets.facts import Archive, Info
 
 CONTENT = trees.zipped({f"Train/{d}/{i}.bin": random.Random(d).randbytes(10_000) for d in range(10) for i in range(3)})
@@ -83,14 +83,14 @@ def test_archives_are_deleted_only_if_asked_and_only_what_is_unpacked(host, root
     # one that an earlier run kept, or that was put there by hand
     (root / "Train.zip").write_bytes(CONTENT)
     (root / "other.zip").write_bytes(CONTENT)
-    assert unneeded(info.archives, root) == [root / "Train.zip"]
+    assert unneeded_archives(info.archives, root) == [root / "Train.zip"]
     download(info, root)
     assert left(root) == ["Train", "Train.zip", "other.zip"]
     download(info, root, keep=False)
     assert left(root) == ["Train", "other.zip"]
     (root / "Train.zip").write_bytes(CONTENT)
     shutil.rmtree(root / "Train")
-    assert unneeded(info.archives, root) == []
+    assert unneeded_archives(info.archives, root) == []
 
 
 def test_what_was_neither_unpacked_nor_is_the_archive_stays(host, root, monkeypatch):

@@ -312,7 +312,7 @@ def test_an_archive_is_taken_out_of_the_one_it_is_within(host, tmp_path):
 
 def test_a_full_disk_is_said_before_the_transfer(host, get, monkeypatch):
     monkeypatch.setattr(transfer.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 10**9, 100_000))
-    with pytest.raises(DownloadError, match=f"{len(CONTENT):,} bytes are to come, but the disk has 100,000 left"):
+    with pytest.raises(DownloadError, match=f"{len(CONTENT):,} bytes are missing, but the disk has 100,000 left"):
         get(host.serve("/a", CONTENT))
 
 

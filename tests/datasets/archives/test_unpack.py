@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from nvsdata.common.errors import DownloadError
 from nvsdata.datasets.archives import unpack as module
-from nvsdata.datasets.archives.unpack import take_out, unpack
+from nvsdata.datasets.archives.unpack import extract_file, unpack
 
 
 def zipped(files, method=zipfile.ZIP_STORED):
@@ -187,7 +187,7 @@ def test_names_that_differ_in_case_only_are_both_kept_or_refused(tmp_path):
 
 
 def test_what_python_cannot_read_is_named(refused):
-    refused(with_fields(zipped({"in/enc": b"1"}), 6, 8, 1), "'in/enc' is encrypted; unpack the archive by hand")
+    refused(with_fields(zipped({"in/enc": b"1"}), 6, 8, 1), "'in/enc' is encrypted; unpack the archive manually")
     for method, name in ((9, "Deflate64"), (93, "method 93")):
         refused(with_fields(zipped({"in/x": b"1"}), 8, 10, method), f"'in/x' is compressed by {name}, which Python")
     refused(zipped({"enc.zip": with_fields(zipped({"x": b"1"}), 6, 8, 1)}), "'enc.zip': 'x' is encrypted")
@@ -325,7 +325,7 @@ def test_a_disk_that_fills_up_leaves_nothing(refused):
 
 def test_taking_a_file_out(tmp_path):
     (tmp_path / "a.zip").write_bytes(zipped({"d/x.zip": b"1", "d/y.zip": b"2"}))
-    take_out(tmp_path / "a.zip", "y.zip", tmp_path / "y.part")
+    extract_file(tmp_path / "a.zip", "y.zip", tmp_path / "y.part")
     assert (tmp_path / "y.part").read_bytes() == b"2"
     with pytest.raises(DownloadError, match=r"'z.zip' is not in it"):
-        take_out(tmp_path / "a.zip", "z.zip", tmp_path / "z.part")
+        extract_file(tmp_path / "a.zip", "z.zip", tmp_path / "z.part")

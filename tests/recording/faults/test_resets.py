@@ -5,9 +5,8 @@ import pytest
 
 import nvsdata
 from nvsdata.cli import main
-from nvsdata.common.clock import host_time
 from nvsdata.recording import capture
-from nvsdata.recording.camera import CameraError
+from nvsdata.recording.camera import CameraError, host_time
 from nvsdata.recording.capture import Unfinished, record
 from nvsdata.recording.davis.driver import Davis
 from nvsdata.recording.davis.registers import MUX

@@ -29,9 +29,9 @@ from disks import file_limit
 
 import nvsdata
 from nvsdata.cli import main
-from nvsdata.common.clock import host_time
 from nvsdata.data.events import Events
 from nvsdata.recording import capture
+from nvsdata.recording.camera import host_time
 from nvsdata.recording.davis import driver
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation

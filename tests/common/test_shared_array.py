@@ -7,7 +7,7 @@ import pytest
 from torch.multiprocessing import get_context
 
 from nvsdata import NMNIST
-from nvsdata.datasets.shared import Shared
+from nvsdata.common.memory import SharedArray
 
 
 def add_one(shared):
@@ -17,7 +17,7 @@ def add_one(shared):
 def test_processes_that_start_later_count_in_one_place():
     if os.name != "posix":
         pytest.skip("other systems spawn only")
-    shared = Shared(3, np.int64)
+    shared = SharedArray(3, np.int64)
     shared.values[0] = 7
     for method in ("fork", "spawn"):
         process = get_context(method).Process(target=add_one, args=(shared,))
@@ -27,7 +27,7 @@ def test_processes_that_start_later_count_in_one_place():
 
 
 def test_a_copy_by_pickle_begins_with_the_counts_so_far():
-    shared = Shared(3, np.uint8)
+    shared = SharedArray(3, np.uint8)
     shared.values[2] = 5
     copy = pickle.loads(ForkingPickler.dumps(shared))
     assert copy.values.tolist() == [0, 0, 5]

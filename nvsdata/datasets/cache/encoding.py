@@ -1,7 +1,7 @@
-"""Samples as bytes: a line of JSON that says what they are made of, then the numbers of their tensors and arrays.
+"""Samples as bytes: a line of JSON that describes the sample, then the numbers of its tensors and arrays.
 
-Nothing in such bytes is believed: other types, shapes that the numbers don't fill, Events that can't be and edges
-between nodes that aren't there raise ValueError. So no code of the file is run, and no kernel gets what it can't take.
+The bytes are not trusted. Unknown types, shapes that don't match the numbers, impossible Events and edges between
+missing nodes raise ValueError. So no code from the file is run, and kernels get valid arguments only.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from nvsdata.data.graph import Graph
 from nvsdata.kernels.decode.order import is_sorted
 
 PLAIN = (type(None), bool, int, float, str)
-ALIGNED = 16  # each tensor's numbers begin at a multiple of so many bytes
+ALIGNED = 16  # bytes; each tensor's numbers begin at a multiple of it
 KINDS = {
     str(kind).removeprefix("torch."): kind
     for kind in vars(torch).values()
@@ -27,18 +27,18 @@ KINDS = {
 }
 
 
-def packed(sample: Any) -> bytes:
-    """The bytes of a sample. TypeError if `unpacked` couldn't give back the same type."""
+def encode_sample(sample: Any) -> bytes:
+    """Return the bytes of a sample; TypeError if `decode_sample` couldn't return the same type."""
     numbers: list[bytes] = []
-    head = json.dumps(_described(sample, numbers)).encode() + b"\n"
+    head = json.dumps(_description(sample, numbers)).encode() + b"\n"
     parts = [head, bytes(-len(head) % ALIGNED)]
     for one in numbers:
         parts += one, bytes(-len(one) % ALIGNED)
     return b"".join(parts)
 
 
-def _described(sample: Any, numbers: list[bytes]) -> list[Any]:
-    """A sample as its kind and its content, whose numbers are added to `numbers`."""
+def _description(sample: Any, numbers: list[bytes]) -> list[Any]:
+    """Return kind and content of a sample for JSON; the numbers of its tensors are added to `numbers`."""
     kind = type(sample)
     if kind in PLAIN:
         return ["value", sample]
@@ -47,53 +47,53 @@ def _described(sample: Any, numbers: list[bytes]) -> list[Any]:
     if kind is bytes:
         return ["bytes", sample.hex()]
     if kind is Events:
-        columns = [_of_tensor(torch.from_numpy(np.ascontiguousarray(c)), numbers) for c in sample.columns]
+        columns = [_tensor_description(torch.from_numpy(np.ascontiguousarray(c)), numbers) for c in sample.columns]
         times = [None if time is None else int(time) for time in (sample.start, sample.stated_end)]
         return ["events", columns, [int(side) for side in sample.sensor_size], *times]
     if kind is Graph:
-        return ["graph", {field.name: _described(getattr(sample, field.name), numbers) for field in fields(sample)}]
+        return ["graph", {field.name: _description(getattr(sample, field.name), numbers) for field in fields(sample)}]
     if kind in (list, tuple):
-        return [kind.__name__, [_described(item, numbers) for item in sample]]
+        return [kind.__name__, [_description(item, numbers) for item in sample]]
     if kind is dict:
-        return ["dict", [[_described(key, numbers), _described(value, numbers)] for key, value in sample.items()]]
+        return ["dict", [[_description(key, numbers), _description(value, numbers)] for key, value in sample.items()]]
     if kind is torch.Tensor and sample.layout == torch.strided and not sample.is_quantized:
-        return ["tensor", _of_tensor(sample.detach(), numbers)]
+        return ["tensor", _tensor_description(sample.detach(), numbers)]
     if kind is np.ndarray or isinstance(sample, np.generic):
         try:
             tensor = torch.from_numpy(np.array(sample, order="C"))
         except TypeError:
             raise TypeError(f"a cache can't keep arrays of {sample.dtype}") from None
-        return ["array" if kind is np.ndarray else "number", _of_tensor(tensor, numbers)]
+        return ["array" if kind is np.ndarray else "number", _tensor_description(tensor, numbers)]
     raise TypeError(
         "a cache keeps Events, graphs, dense tensors, arrays, numbers, strings, and tuples, lists and dicts of them, "
         f"not {kind.__module__}.{kind.__qualname__}: the last deterministic transform must return one of these"
     )
 
 
-def _of_tensor(tensor: torch.Tensor, numbers: list[bytes]) -> list[Any]:
-    """Type, shape and device of a tensor."""
+def _tensor_description(tensor: torch.Tensor, numbers: list[bytes]) -> list[Any]:
+    """Return type, shape and device of a tensor, whose numbers are added to `numbers`."""
     plain = tensor.resolve_conj().resolve_neg().contiguous().cpu()
     numbers.append(plain.view(-1).view(torch.uint8).numpy().tobytes())
     return [str(tensor.dtype).removeprefix("torch."), list(tensor.shape), str(tensor.device)]
 
 
-def unpacked(content: memoryview) -> Any:
-    """The sample that `packed` was given. ValueError for bytes that it didn't make."""
+def decode_sample(content: memoryview) -> Any:
+    """Return the sample that `encode_sample` was given; ValueError for bytes that it didn't return."""
     end = bytes(content[: 1 << 16]).find(b"\n") + 1 or bytes(content).find(b"\n") + 1
     numbers = _Numbers(content, end + -end % ALIGNED)
     try:
-        sample = _restored(json.loads(bytes(content[:end])), numbers)
+        sample = _decoded(json.loads(bytes(content[:end])), numbers)
     except ValueError:
         raise
-    except Exception as error:  # of torch and numpy, and of lists that are something else
+    except Exception as error:  # of torch and numpy, or a list where something else is expected
         raise ValueError(f"not a sample: {error}") from None
     if numbers.at != len(content):
-        raise ValueError("not a sample: more numbers than it speaks of")
+        raise ValueError("not a sample: more numbers than it describes")
     return sample
 
 
 class _Numbers:
-    """The numbers of tensors, in their order; `at`: the first byte of the next one's."""
+    """Reads the numbers of tensors one after the other; `at` is the byte at which the next tensor begins."""
 
     def __init__(self, content: memoryview, at: int) -> None:
         self.content, self.at = content, at
@@ -104,19 +104,19 @@ class _Numbers:
         if not all(type(side) is int and side >= 0 for side in shape):
             raise ValueError(f"not a shape: {shape}")
         size = prod(shape) * kind.itemsize
-        # before memory is made
+        # before memory is allocated
         if size > len(self.content) - self.at:
             raise ValueError(f"fewer numbers than {shape}")
         # a copy, because it may be written to
         numbers = np.frombuffer(self.content[self.at : self.at + size], np.uint8).copy()
         self.at += size + -size % ALIGNED
         if kind is torch.bool and size and numbers.max() > 1:
-            raise ValueError("a truth value that is neither 0 nor 1")
+            raise ValueError("a boolean that is neither 0 nor 1")
         tensor = torch.from_numpy(numbers).view(kind).reshape(shape)
         return tensor if device == "cpu" else tensor.to(torch.device(device))
 
 
-def _restored(stated: Any, numbers: _Numbers) -> Any:
+def _decoded(stated: Any, numbers: _Numbers) -> Any:
     kind, value, *more = stated
     if kind == "value" and type(value) in PLAIN:
         return value
@@ -127,12 +127,12 @@ def _restored(stated: Any, numbers: _Numbers) -> Any:
     if kind == "events":
         return _events([numbers.tensor(one) for one in value], *more)
     if kind == "graph":
-        return _checked(Graph(**{name: _restored(part, numbers) for name, part in value.items()}))
+        return _checked_graph(Graph(**{name: _decoded(part, numbers) for name, part in value.items()}))
     if kind in ("list", "tuple"):
-        items = [_restored(item, numbers) for item in value]
+        items = [_decoded(item, numbers) for item in value]
         return items if kind == "list" else tuple(items)
     if kind == "dict":
-        return {_restored(key, numbers): _restored(item, numbers) for key, item in value}
+        return {_decoded(key, numbers): _decoded(item, numbers) for key, item in value}
     if kind == "tensor":
         return numbers.tensor(value)
     if kind in ("array", "number"):
@@ -150,8 +150,8 @@ def _events(tensors: list[torch.Tensor], size: list[int], start: int | None, end
     return Events(t, x, y, p, (width, height), start=start, end=end)
 
 
-def _checked(graph: Graph) -> Graph:
-    """The graph; ValueError if it can't be one."""
+def _checked_graph(graph: Graph) -> Graph:
+    """Return the graph; ValueError if its fields contradict each other."""
     nodes, edges = graph.x.shape[0], graph.edge_index
     kinds = [graph.x.dtype, graph.pos.dtype, graph.t.dtype, edges.dtype, graph.edge_attr.dtype]
     shapes = [graph.x.ndim, *graph.pos.shape, *graph.t.shape, edges.shape[0], edges.ndim, *graph.edge_attr.shape]
@@ -166,5 +166,5 @@ def _checked(graph: Graph) -> Graph:
         target = edges[1]
         lowest, highest = torch.aminmax(edges)
         if lowest < 0 or highest >= nodes or bool((target[1:] < target[:-1]).any()):
-            raise ValueError("edges between nodes that aren't there, or that aren't grouped by target")
+            raise ValueError("edges between missing nodes, or edges that aren't grouped by target")
     return graph

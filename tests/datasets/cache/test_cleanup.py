@@ -16,14 +16,14 @@ from nvsdata.cli import main
 from nvsdata.common.locks import lock_path, locked
 from nvsdata.datasets import source
 from nvsdata.datasets.archives.download import WORK
-from nvsdata.datasets.cache_folders import caches_below, remove
+from nvsdata.datasets.cache.cleanup import kept_below, remove_kept
 from nvsdata.datasets.store import writer
 from nvsdata.datasets.windows import windows
 from nvsdata.formats import kept_index
 
 
 def kinds(folder):
-    return sorted((one.kind, one.path.relative_to(folder).as_posix()) for one in caches_below(folder))
+    return sorted((one.kind, one.path.relative_to(folder).as_posix()) for one in kept_below(folder))
 
 
 @pytest.fixture
@@ -76,8 +76,8 @@ def test_locks_of_dead_processes_and_unfinished_downloads(tmp_path):
     expected += [("leftover", "unsigned/.nvsdata.lock"), ("unfinished", WORK)]
     with locked(tmp_path / "alive.h5"):
         assert kinds(tmp_path) == expected
-        for one in list(caches_below(tmp_path)):
-            remove(one)
+        for one in list(kept_below(tmp_path)):
+            remove_kept(one)
         assert sorted(path.name for path in tmp_path.iterdir()) == [
             ".alive.h5.lock",
             ".mine.lock",
@@ -89,7 +89,7 @@ def test_locks_of_dead_processes_and_unfinished_downloads(tmp_path):
 def test_indexes_of_recordings_datasets_and_windows(tmp_path, monkeypatch):
     monkeypatch.setattr(kept_index, "LEAST", 1_000)
     monkeypatch.setattr(kept_index, "SETTLED_NS", 0)
-    monkeypatch.setattr(source, "REMEMBERED", 1)
+    monkeypatch.setattr(source, "MANY_FILES", 1)
     (tmp_path / "a").mkdir()
     random = np.random.default_rng(0)
     ev = nvsdata.Events(np.arange(20_000) * 10, *random.integers(0, 100, (2, 20_000)), random.integers(0, 2, 20_000))
@@ -115,21 +115,21 @@ def test_a_clearing_of_samples_that_was_killed_can_be_continued(tmp_path):
     cached = nvsdata.cache(NMNIST(root, "all"), tmp_path / "cache")
     for index in range(3):
         cached[index]
-    (kept,) = [one for one in caches_below(tmp_path) if one.kind == "samples"]
+    (kept,) = [one for one in kept_below(tmp_path) if one.kind == "samples"]
     for count in range(1, len(kept.files)):
         kept.files[count - 1].unlink()
-        (left,) = [one for one in caches_below(tmp_path) if one.kind == "samples"]
+        (left,) = [one for one in kept_below(tmp_path) if one.kind == "samples"]
         assert sorted(left.files) == sorted(kept.files[count:])
 
 
 def test_what_a_process_takes_over_in_the_meantime_stays(stopped):
     lock = lock_path(stopped / "a.h5")
     lock.write_text(json.dumps({"owner": dead_owner(), "host": "here", "pid": 1, "command": "pack", "since": "then"}))
-    found = list(caches_below(stopped))
+    found = list(kept_below(stopped))
     assert sorted(one.kind for one in found) == ["leftover", "unfinished"]
     with locked(stopped / "a.h5"), locked(stopped / "digits.h5"):
         for one in found:
-            remove(one)
+            remove_kept(one)
         assert lock.exists()
         assert len(list((stopped / ".digits.h5.part").iterdir())) == 5
 

@@ -19,7 +19,7 @@ import nvsdata
 from nvsdata import NMNIST
 from nvsdata import transforms as T
 from nvsdata.common.files import sealed, unsealed
-from nvsdata.datasets.cache_identity import described
+from nvsdata.datasets.cache.cached import settings_key
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_nothing_is_tried_again_on_a_disk_that_is_full(digits, tmp_path, monkeyp
         tried.append(given)
         raise OSError("full")
 
-    monkeypatch.setattr("nvsdata.datasets.cache._save", fails)
+    monkeypatch.setattr("nvsdata.datasets.cache.cached._save", fails)
     cached = nvsdata.cache(NMNIST(digits, transform=T.Window(0, 100)), tmp_path)
     with pytest.warns(UserWarning, match="can't be written to, samples are made again each time: full"):
         cached[0]
@@ -304,17 +304,17 @@ class Loud(nn.Module):
     ],
 )
 def test_whatever_says_its_settings_is_taken(make):
-    assert described(make(1)) == described(make(1)) != described(make(2))
+    assert settings_key(make(1)) == settings_key(make(1)) != settings_key(make(2))
 
 
 def test_the_order_of_a_set_is_none():
-    assert described({"a", "b", "c"}) == described({"c", "b", "a"})
-    assert described(["a", "b"]) != described(["b", "a"]) != described(("b", "a"))
-    assert described({"a": 1}) != described({"a": 2}) != described({"b": 2})
+    assert settings_key({"a", "b", "c"}) == settings_key({"c", "b", "a"})
+    assert settings_key(["a", "b"]) != settings_key(["b", "a"]) != settings_key(("b", "a"))
+    assert settings_key({"a": 1}) != settings_key({"a": 2}) != settings_key({"b": 2})
 
 
 @pytest.mark.parametrize("text", ["<Thing at 0x7F00>", "<Thing AT 0X12>", "Thing(1, ..., 9)"])
 def test_addresses_and_what_is_shortened_say_nothing(text):
-    with pytest.raises(TypeError, match="has a repr that doesn't say its settings, so a cache can't distinguish it"):
-        described(type("Thing", (), {"__repr__": lambda _: text})())
-    assert described(type("Thing", (), {"__repr__": lambda _: "Thing(at=0x12)"})()).endswith(": Thing(at=0x12)")
+    with pytest.raises(TypeError, match="has a repr that doesn't show its settings, so a cache can't distinguish it"):
+        settings_key(type("Thing", (), {"__repr__": lambda _: text})())
+    assert settings_key(type("Thing", (), {"__repr__": lambda _: "Thing(at=0x12)"})()).endswith(": Thing(at=0x12)")

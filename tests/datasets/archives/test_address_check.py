@@ -8,7 +8,7 @@ from hosts import hosting
 
 from nvsdata.cli import main
 from nvsdata.datasets import DATASETS, NCARS, NMNIST
-from nvsdata.datasets.archives.sources import PAGE, Source, check
+from nvsdata.datasets.archives.address_check import PAGE, AddressCheck, check_addresses
 from nvsdata.datasets.facts import Archive, Info
 
 CONTENT = trees.zipped({"a/b.bin": b"1" * 300_000})
@@ -28,9 +28,9 @@ def info(host, *urls, name="made-up"):
 def test_each_address_is_asked_for_its_first_bytes(host):
     urls = [host.serve("/there", CONTENT), f"{host.address}/gone", host.serve("/web", WEB), "http://127.0.0.1:1/x"]
     host.serve("/page", WEB)
-    page, there, gone, web, none = check([info(host, *urls)])
-    assert page == Source("made-up", PAGE, f"{host.address}/page", "", None)
-    assert there == Source("made-up", "a.zip", urls[0], "", len(CONTENT))
+    page, there, gone, web, none = check_addresses([info(host, *urls)])
+    assert page == AddressCheck("made-up", PAGE, f"{host.address}/page", "", None)
+    assert there == AddressCheck("made-up", "a.zip", urls[0], "", len(CONTENT))
     assert (gone.fault, gone.bytes) == ("HTTP 404 Not Found", None)
     assert web.fault == "the server sent a web page, 'Sign in': the file needs a browser"
     assert "Connection refused" in none.fault
@@ -39,15 +39,15 @@ def test_each_address_is_asked_for_its_first_bytes(host):
 def test_archives_that_contain_others_are_asked_once(host):
     outer = Archive("all.zip", "", (host.serve("/all", CONTENT),), "all")
     inner = tuple(Archive(f"{name}.zip", "", (), name, within=outer) for name in "ab")
-    assert check([Info("made-up", None, ("a",), "", "none", inner)]) == [
-        Source("made-up", "all.zip", outer.urls[0], "", len(CONTENT))
+    assert check_addresses([Info("made-up", None, ("a",), "", "none", inner)]) == [
+        AddressCheck("made-up", "all.zip", outer.urls[0], "", len(CONTENT))
     ]
 
 
 def test_pages_that_are_gone_and_archives_without_an_address(host):
-    (page,) = check([info(host)])
+    (page,) = check_addresses([info(host)])
     assert page.fault == "HTTP 404 Not Found"
-    assert check([Info("made-up", None, ("a",), "", "none")]) == []
+    assert check_addresses([Info("made-up", None, ("a",), "", "none")]) == []
 
 
 def test_the_command_says_what_answers_by_its_exit_code_too(host, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""Whether the addresses of a dataset still lead to its files."""
+"""Checks that the addresses of datasets still lead to their files."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from typing import NamedTuple
 
 import requests
 
-from nvsdata.datasets.archives.transfer import asked
+from nvsdata.datasets.archives.transfer import probe
 from nvsdata.datasets.facts import Info
 
-AT_ONCE = 8  # addresses that are asked at the same time
+AT_ONCE = 8  # addresses that are checked at the same time
 PAGE = "its page"
 
 
-class Source(NamedTuple):
-    """An address, and what came of asking it.
+class AddressCheck(NamedTuple):
+    """An address and the result of its check.
 
-    - `dataset`: name of the dataset
-    - `file`: name of the archive; `PAGE` for the dataset's own page
-    - `url`: the address
-    - `fault`: why it isn't to be had there; empty if it is
-    - `bytes`: size of the file as the server states it; None if it doesn't
+    Attributes:
+        dataset: name of the dataset.
+        file: name of the archive; `PAGE` for the dataset's own page.
+        url: the address.
+        fault: why the file isn't available there; empty if it is.
+        bytes: size of the file as the server states it; None if it doesn't.
     """
 
     dataset: str
@@ -32,18 +33,18 @@ class Source(NamedTuple):
     bytes: int | None
 
 
-def check(infos: Iterable[Info]) -> list[Source]:
-    """Ask every address of these datasets for its first bytes."""
+def check_addresses(infos: Iterable[Info]) -> list[AddressCheck]:
+    """Request the first bytes of every address of these datasets."""
     places = list(dict.fromkeys(place for info in infos for place in _places(info)))
     with ThreadPoolExecutor(AT_ONCE) as threads:
         answers = threads.map(
-            lambda place: (page_fault(place[2]), None) if place[1] == PAGE else asked(place[2]), places
+            lambda place: (page_fault(place[2]), None) if place[1] == PAGE else probe(place[2]), places
         )
-        return [Source(*place, *answer) for place, answer in zip(places, answers, strict=True)]
+        return [AddressCheck(*place, *answer) for place, answer in zip(places, answers, strict=True)]
 
 
 def _places(info: Info) -> Iterator[tuple[str, str, str]]:
-    """Dataset, file and address of the dataset's page, of its archives, and of those that contain them."""
+    """Yield dataset, file and address for the dataset's page, its archives, and the archives that contain them."""
     if info.page:
         yield info.name, PAGE, info.page
     waiting = list(info.archives)
@@ -54,7 +55,7 @@ def _places(info: Info) -> Iterator[tuple[str, str, str]]:
 
 
 def page_fault(url: str) -> str:
-    """Why a page can't be seen; empty if it can."""
+    """Return why a page isn't available; empty if it is."""
     try:
         with requests.get(url, stream=True, timeout=30) as response:
             return "" if response.ok else f"HTTP {response.status_code} {response.reason or ''}".strip()

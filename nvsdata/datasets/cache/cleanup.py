@@ -1,4 +1,4 @@
-"""What nvsdata keeps on disk to be faster, and what killed processes left."""
+"""Files that nvsdata keeps on disk: finding and removing caches, indexes and remains of killed processes."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ from typing import NamedTuple
 from nvsdata.common.files import PART, is_left_over, read_own
 from nvsdata.common.locks import OutputInUse, is_dead_lock, is_locked, locked, remove_dead_lock
 from nvsdata.datasets.archives.download import WORK
-from nvsdata.datasets.cache import TAG
+from nvsdata.datasets.cache.cached import TAG
 from nvsdata.datasets.source import CACHE_TAG, INDEX
 from nvsdata.datasets.store.part import JOURNAL
 from nvsdata.datasets.store.reader import COLUMNS
 from nvsdata.formats.kept_index import SUFFIX
 
-# key of the cache, shard and sample, as `Cached` names them; or one that a killed process was writing
+# key of the cache, shard and sample, as `Cached` names them; or the temporary file of a killed process
 SAMPLE = re.compile(r"[0-9a-f]{16}/\d+/(\d+\.pt|\.\d+\.pt\..*\.part)")
 
 
 class Kept(NamedTuple):
     """Files of one kind in one place.
 
-    - `kind`: "samples", "index", "leftover" or "unfinished" (a store or a download, which the same command resumes)
-    - `path`: the place
-    - `files`: all of them
-    - `bytes`: that they take
+    Attributes:
+        kind: "samples", "index", "leftover" or "unfinished" (a store or a download, which the same command resumes).
+        path: the place.
+        files: all of them.
+        bytes: their size.
     """
 
     kind: str
@@ -37,19 +38,19 @@ class Kept(NamedTuple):
     bytes: int
 
 
-def caches_below(folder: Path) -> Iterator[Kept]:
-    """Caches of samples (`nvsdata.cache`), indexes of recordings, datasets and windows, and what killed processes left.
+def kept_below(folder: Path) -> Iterator[Kept]:
+    """Yield caches of samples, indexes of recordings, datasets and windows, and remains of killed processes.
 
-    What a running process writes isn't among them. FileNotFoundError if there is no such folder.
+    Files that a running process writes are left out. FileNotFoundError if there is no such folder.
     """
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: no such folder")
     for place, folders, names in os.walk(folder):
         here = Path(place)
         if CACHE_TAG in names and _is_ours(here / CACHE_TAG):
-            # what a user put beside them stays
+            # other files in the folder are a user's and stay
             samples = [path for path in here.rglob("*") if SAMPLE.fullmatch(path.relative_to(here).as_posix())]
-            # the tag last: without it, a clearing that was killed couldn't be continued
+            # the tag is removed last: without it, the rest of an interrupted clearing couldn't be found
             yield _kept("samples", here, [*samples, here / CACHE_TAG])
             folders.clear()
             continue
@@ -65,34 +66,34 @@ def caches_below(folder: Path) -> Iterator[Kept]:
 
 
 def _is_index(name: str) -> bool:
-    """Whether nvsdata gives this name to an index: of a dataset's folder, of windows, or of a recording."""
+    """Return whether this is the name of an index: of a dataset's folder, of windows, or of a recording."""
     windows = name.startswith(".nvsdata-windows-") and name.endswith(".json")
     return name == INDEX or windows or (name.startswith(".") and name.endswith(SUFFIX))
 
 
 def _is_unfinished(folder: Path) -> bool:
-    """Whether a folder is that of a packing or a download that ended, and that nothing else is in it."""
+    """Return whether a folder contains an interrupted packing or download, and nothing else."""
     output = _output_of(folder)
     return output is not None and not is_locked(output)
 
 
 def _output_of(folder: Path) -> Path | None:
-    """What an unfinished store or download, in this folder, is to become; None if the folder is neither."""
+    """Return the output of the unfinished store or download in this folder; None if the folder is neither."""
     if folder.is_symlink():
         return None
     if folder.name == WORK:
         return folder.parent
     if not (folder.name.startswith(".") and folder.name.endswith(PART)):
         return None
-    # one that was killed while it made or removed the folder has left some of them
+    # a process killed while it made or removed the folder leaves some of them
     ours = {path.name for path in folder.iterdir()} <= {*COLUMNS, JOURNAL}
     return folder.with_name(folder.name[1 : -len(PART)]) if ours else None
 
 
-def remove(kept: Kept) -> None:
-    """Delete the files, and the folders of a cache, store or download that are empty then.
+def remove_kept(kept: Kept) -> None:
+    """Delete the files, and then the empty folders of a cache, store or download.
 
-    What a process has taken over in the meantime stays.
+    Files that a process has taken over in the meantime stay.
     """
     output = _output_of(kept.path) if kept.kind == "unfinished" else None
     if output is None:
@@ -111,7 +112,7 @@ def _remove(kept: Kept) -> None:
     if kept.kind in ("samples", "unfinished"):
         within = {folder for path in kept.files for folder in path.parents if kept.path in folder.parents}
         for folder in (*sorted(within, key=lambda folder: -len(folder.parts)), kept.path):
-            # a process that uses the cache, or a user, may have put something there
+            # not empty if a process uses the cache, or a user has put something there
             with suppress(OSError):
                 folder.rmdir()
 

@@ -19,8 +19,8 @@ from nvsdata import Events, FormatError
 from nvsdata import transforms as T
 from nvsdata.data.views import Slice
 from nvsdata.datasets import ASLANDVS, NMNIST
-from nvsdata.datasets.cache_files import packed, unpacked
-from nvsdata.datasets.cache_identity import described
+from nvsdata.datasets.cache.cached import settings_key
+from nvsdata.datasets.cache.encoding import decode_sample, encode_sample
 from nvsdata.datasets.store.writer import pack
 
 HEAD = (T.Window(0, 80_000), T.RadiusGraph())
@@ -219,7 +219,7 @@ def big(last):
     ],
 )
 def test_settings_are_told_apart(make):
-    assert described(make(1)) == described(make(1)) != described(make(2))
+    assert settings_key(make(1)) == settings_key(make(1)) != settings_key(make(2))
 
 
 def test_a_file_that_changed_is_read_anew(digits, tmp_path):
@@ -302,7 +302,7 @@ def equal(a, b):
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_the_same_type_cold_and_warm(digits, tmp_path, sample):
-    assert equal(unpacked(memoryview(packed(sample))), sample)
+    assert equal(decode_sample(memoryview(encode_sample(sample))), sample)
     for _ in range(2):
         cached = nvsdata.cache(dataset(digits, Gives(sample)), tmp_path / "cache")
         assert equal(cached[3][0], sample)
@@ -311,9 +311,9 @@ def test_the_same_type_cold_and_warm(digits, tmp_path, sample):
 
 def test_when_events_begin_and_end_is_kept():
     ev = nvsdata.Events([5], [1], [1], [1], start=0, end=9)
-    again = unpacked(memoryview(packed(ev)))
+    again = decode_sample(memoryview(encode_sample(ev)))
     assert (again, again.start, again.stated_end) == (ev, 0, 9)
-    again = unpacked(memoryview(packed(nvsdata.Events([5], [1], [1], [1]))))
+    again = decode_sample(memoryview(encode_sample(nvsdata.Events([5], [1], [1], [1]))))
     assert again.stated_end is None
 
 
