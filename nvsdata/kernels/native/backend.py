@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import platform
 import shutil
 import sys
 import tempfile
@@ -81,8 +82,10 @@ def _compiler() -> Iterator[None]:
     if importlib.util.find_spec("ziglang") is None:
         raise SystemExit(NO_COMPILER)
     with tempfile.TemporaryDirectory(prefix="nvsdata-zig-") as folder:
-        for name, command in (("CC", "cc"), ("CXX", "c++"), ("AR", "ar"), ("RANLIB", "ranlib")):
-            script = Path(folder, command)
+        # for any processor, not only this one: CMakeLists.txt asks for x86-64-v2 in words that zig does not know
+        cpu = f"-mcpu={'x86_64_v2' if platform.machine() == 'x86_64' else 'baseline'}"
+        for name, command in (("CC", f"cc {cpu}"), ("CXX", f"c++ {cpu}"), ("AR", "ar"), ("RANLIB", "ranlib")):
+            script = Path(folder, name)
             script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ziglang {command} "$@"\n')
             script.chmod(0o755)
             os.environ[name] = str(script)
