@@ -147,7 +147,7 @@ NVSDATA_INLINE void update_tile(const Rule<Number>* rule, Rows<const Number> lev
             Number here = level[x], before = reference[x];
             bool fired = std::abs(difference[x]) >= threshold;
             Number after = jumps ? here : before + alpha * (here - before);
-            after = everywhere | fired ? after : before;
+            after = (everywhere | fired) ? after : before;
             reference[x] = after;
             found |= alone ? std::abs(here - after) >= calm : fired | (after != before);
         }

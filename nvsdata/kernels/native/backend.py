@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import platform
 import shutil
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +33,11 @@ __all__ = [
 ]
 
 COMPILERS = ("c++", "g++", "clang++", "cl")
+NO_COMPILER = (
+    "nvsdata's kernels are C++17, and no C++ compiler was found. Install one (Debian, Ubuntu: apt install g++; Fedora: "
+    "dnf install gcc-c++; macOS: xcode-select --install), name one by the environment variable CXX, or "
+    "pip install ziglang, which contains one"
+)
 
 
 def _has_compiler() -> bool:
@@ -51,26 +61,32 @@ def get_requires_for_build_editable(settings: Any = None) -> list[str]:
 
 def build_wheel(folder: str, settings: Any = None, metadata: str | None = None) -> str:
     """Build a wheel."""
-    _choose_compiler()
-    wheel: str = build.build_wheel(folder, settings, metadata)
+    with _compiler():
+        wheel: str = build.build_wheel(folder, settings, metadata)
     return wheel
 
 
 def build_editable(folder: str, settings: Any = None, metadata: str | None = None) -> str:
     """Build an editable wheel."""
-    _choose_compiler()
-    wheel: str = build.build_editable(folder, settings, metadata)
+    with _compiler():
+        wheel: str = build.build_editable(folder, settings, metadata)
     return wheel
 
 
-def _choose_compiler() -> None:
+@contextmanager
+def _compiler() -> Iterator[None]:
     """Let CMake use zig's compiler, by scripts because CMake wants a compiler's path without arguments."""
     if _has_compiler():
+        yield
         return
-    folder = Path("build/zig").absolute()
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, command in (("CC", "cc"), ("CXX", "c++"), ("AR", "ar"), ("RANLIB", "ranlib")):
-        script = folder / command
-        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ziglang {command} "$@"\n')
-        script.chmod(0o755)
-        os.environ[name] = str(script)
+    if importlib.util.find_spec("ziglang") is None:
+        raise SystemExit(NO_COMPILER)
+    with tempfile.TemporaryDirectory(prefix="nvsdata-zig-") as folder:
+        # for any processor, not only this one: CMakeLists.txt asks for x86-64-v2 in words that zig does not know
+        cpu = f"-mcpu={'x86_64_v2' if platform.machine() == 'x86_64' else 'baseline'}"
+        for name, command in (("CC", f"cc {cpu}"), ("CXX", f"c++ {cpu}"), ("AR", "ar"), ("RANLIB", "ranlib")):
+            script = Path(folder, name)
+            script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ziglang {command} "$@"\n')
+            script.chmod(0o755)
+            os.environ[name] = str(script)
+        yield

@@ -13,6 +13,7 @@
 
 #if defined(__x86_64__) && defined(__GNUC__)
 #define NVSDATA_LEVELS
+#include <cpuid.h>
 #endif
 
 #ifdef __GNUC__
@@ -31,17 +32,30 @@ NVSDATA_INLINE To bits_of(From value) {
     return bits;
 }
 
+#ifdef NVSDATA_LEVELS
+// The registers that the system keeps for each thread: a bit for each kind.
+inline unsigned kept_registers() {
+    unsigned low, high;
+    __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    return low;
+}
+#endif
+
 // The highest level that the processor has: 2, 3 or 4.
 inline int processor_level() {
 #ifdef NVSDATA_LEVELS
-    // exactly what the functions below are compiled for
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2")) {
-        bool wide = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-                    __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
-        return wide ? 4 : 3;
-    }
-#endif
+    // not __builtin_cpu_supports, which is always 0 with ziglang 0.17
+    unsigned a, b, c, d;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_OSXSAVE)) return 2;
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 2;
+    // exactly what the functions below are compiled for, and the 256 and 512 bits of their registers
+    constexpr unsigned three = bit_AVX2 | bit_BMI | bit_BMI2;
+    constexpr unsigned four = bit_AVX512F | bit_AVX512BW | bit_AVX512DQ | bit_AVX512VL;
+    if ((b & three) != three || (kept_registers() & 0x06) != 0x06) return 2;
+    return (b & four) == four && (kept_registers() & 0xE6) == 0xE6 ? 4 : 3;
+#else
     return 2;
+#endif
 }
 
 inline int allowed_level() {
