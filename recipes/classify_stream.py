@@ -28,7 +28,7 @@ from nvsdata.training import run
 
 def main() -> None:
     args = arguments()
-    decider = models.Decider(models.load(args.model), args.window)
+    decider = models.OnlineClassifier(models.load(args.model), args.window)
     decider.prepare()
     events = nvsdata.read(args.recording)
     for line in decisions(decider, events, every=args.every, speed=args.speed, behind=args.behind):
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def decisions(
-    decider: models.Decider, events: Events, *, every: int, speed: float | None, behind: int
+    decider: models.OnlineClassifier, events: Events, *, every: int, speed: float | None, behind: int
 ) -> Iterator[dict[str, Any]]:
     """A line per decision."""
     began, skipped = time.perf_counter(), 0

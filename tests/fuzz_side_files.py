@@ -39,7 +39,7 @@ from nvsdata.datasets.verification import problems
 from nvsdata.formats import contents, kept_index, reading
 from nvsdata.kernels.recording.davis_stream import encode
 from nvsdata.recording.davis.file import MARK, header
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.stream import DavisDecoder
 
 Rng = np.random.Generator
 SECRET = b"a file that nothing may read or change\n" * 9
@@ -346,7 +346,7 @@ def davis(rng: Rng, home: Path) -> str:
     words = np.zeros(8 * len(ev) + 4_000, np.uint16)
     count = encode(*ev.columns, np.array([0, -1, -1]), words[1:])
     words[0] = 1
-    head = header(Decoder(240, 180, steady=True), choice(rng, (None, 10**6)), {"camera": "DAVIS240C"})
+    head = header(DavisDecoder(240, 180, steady=True), choice(rng, (None, 10**6)), {"camera": "DAVIS240C"})
     if rng.random() < 0.4:
         told = json_changed(json.loads(head[len(MARK) :]), rng)
         head = MARK + json.dumps(told).encode() + b"\n"

@@ -12,7 +12,7 @@ from torch_spline_conv import spline_conv
 CLUSTERS = (2, 4, 7)
 
 
-class SplineConv(nn.Module):
+class PygSplineConv(nn.Module):
     """The layer that PyTorch Geometric built on torch_spline_conv before it required pyg-lib."""
 
     def __init__(self, a: int, b: int, kernel_size: int) -> None:
@@ -27,13 +27,13 @@ class SplineConv(nn.Module):
         return out
 
 
-class Residual(nn.Module):
+class PygResidual(nn.Module):
     """Convolution and shortcut."""
 
     def __init__(self, a: int, b: int) -> None:
         super().__init__()
-        self.conv, self.norm = SplineConv(a, b, 5), nn.BatchNorm1d(b)
-        self.shortcut, self.shortcut_norm = SplineConv(a, b, 1), nn.BatchNorm1d(b)
+        self.conv, self.norm = PygSplineConv(a, b, 5), nn.BatchNorm1d(b)
+        self.shortcut, self.shortcut_norm = PygSplineConv(a, b, 1), nn.BatchNorm1d(b)
 
     def forward(self, x: torch.Tensor, edges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
         return torch.relu(self.norm(self.conv(x, edges, u)) + self.shortcut_norm(self.shortcut(x, edges, u)))
@@ -44,8 +44,8 @@ class PyGRGCNN(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.first, self.norm = SplineConv(1, 32, 5), nn.BatchNorm1d(32)
-        self.blocks = nn.ModuleList([Residual(32, 64), Residual(64, 128)])
+        self.first, self.norm = PygSplineConv(1, 32, 5), nn.BatchNorm1d(32)
+        self.blocks = nn.ModuleList([PygResidual(32, 64), PygResidual(64, 128)])
         self.hidden, self.classify = nn.Linear(25 * 128, 128), nn.Linear(128, 10)
         self.dropout = nn.Dropout(0.5)
 

@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
             # only here: torch takes seconds to start
             from nvsdata import models
 
-            decider = models.Decider(models.load(args.model))
+            decider = models.OnlineClassifier(models.load(args.model))
         how = {"live": args.live, "overwrite": args.overwrite, "decider": decider, "note": args.note}
         how |= {"as_json": args.json}
         return session.run(args.out, args.seconds, args.device, settings, simulate, **how)

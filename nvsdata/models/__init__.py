@@ -13,12 +13,12 @@ from typing import Any, Literal
 from nvsdata.models import reference
 from nvsdata.models.checkpoint import load, save
 from nvsdata.models.conv import CONVOLUTIONS
-from nvsdata.models.decisions import Decider
+from nvsdata.models.decisions import OnlineClassifier
 from nvsdata.models.event_tensors import EST
 from nvsdata.models.fusing import fused
 from nvsdata.models.graph_cnn import GCNN, RGCNN, Pooling
 from nvsdata.models.graph_cnn3d import RGCNN3D
-from nvsdata.models.grid import Graph2Grid
+from nvsdata.models.grid import Graph2GridLayer
 from nvsdata.models.incremental.streaming import stream
 from nvsdata.models.matrix_lstm import MatrixLSTM
 from nvsdata.models.norm import BatchNorm
@@ -43,10 +43,10 @@ __all__ = [
     "TEMPORAL",
     "BatchNorm",
     "Complexity",
-    "Decider",
-    "Graph2Grid",
+    "Graph2GridLayer",
     "GraphPool",
     "MatrixLSTM",
+    "OnlineClassifier",
     "SplineConv",
     "Trained",
     "complexity",

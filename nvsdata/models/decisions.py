@@ -17,7 +17,7 @@ from nvsdata.transforms.graphs.edges import RadiusGraph
 from nvsdata.transforms.graphs.features import NodeFeatures
 
 
-class Decider:
+class OnlineClassifier:
     """A trained network that follows events, in the window, on the graph and with the sampler of its training.
 
     - `trained`: what `models.load` gives

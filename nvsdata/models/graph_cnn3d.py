@@ -10,7 +10,7 @@ from torch import nn
 
 from nvsdata.data.graph import Graph
 from nvsdata.models.graph_cnn import Kernel, Pooling, ResidualBlock, Size, activated_pool, check_pairs, input_of
-from nvsdata.models.grid import Graph2Grid
+from nvsdata.models.grid import Graph2GridLayer
 from nvsdata.models.registry import register_network
 from nvsdata.models.temporal import temporal_network
 
@@ -63,7 +63,7 @@ class RGCNN3D(nn.Module):
             layers += activated_pool(cluster, sensor_size, pooling)
             previous = width
         self.spatial = nn.Sequential(*layers)
-        self.grid = Graph2Grid(clusters[-1], sensor_size)
+        self.grid = Graph2GridLayer(clusters[-1], sensor_size)
         self.temporal, width = temporal_network(temporal, previous)
         self.classify = nn.Linear(width, num_classes)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from torch_geometric.data import Data
 
 
-class Graph2Grid(nn.Module):
+class Graph2GridLayer(nn.Module):
     """Graphs to frames (eq. 5.1): a batch of sequences of S graphs to [B, C, S, H, W], with C features per node.
 
     - `cluster`: (width, height) of a cell in pixels

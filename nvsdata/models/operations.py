@@ -29,7 +29,7 @@ GATES = {"LSTM": 9, "GRU": 8, "RNN_TANH": 1, "RNN_RELU": 0}
 
 
 @dataclass(frozen=True)
-class Layer:
+class LayerCost:
     """A layer that does something or has weights.
 
     - `name`: in the network, "" for the network itself; `kind`: its class
@@ -54,7 +54,7 @@ class Complexity:
     - `weights`: number of all parameters of the network
     """
 
-    layers: tuple[Layer, ...]
+    layers: tuple[LayerCost, ...]
     uncounted: tuple[str, ...]
     weights: int
 
@@ -128,7 +128,7 @@ def complexity(model: nn.Module, sample: Any) -> Complexity:
         if weights or counting.flops[name] or _parameters(model, name, module) is not None:
             flops = sum(formulas[name]) if name in formulas else None
             parameters = _parameters(model, name, module)
-            layers.append(Layer(name, type(module).__name__, flops, counting.flops[name], parameters, weights))
+            layers.append(LayerCost(name, type(module).__name__, flops, counting.flops[name], parameters, weights))
     uncounted = tuple(f"{name} ({type(units[name]).__name__}): {what}" for name, what in sorted(counting.unknown))
     return Complexity(tuple(layers), uncounted, sum(p.numel() for p in model.parameters()))
 

@@ -32,7 +32,7 @@ class Facts(Protocol):
     def height(self) -> int: ...
 
 
-class Decoder(Protocol):
+class StreamDecoder(Protocol):
     """Decoder of a camera's stream; `width` and `height` are the sensor's, in pixels."""
 
     width: int
@@ -89,7 +89,7 @@ class Camera(Protocol):
     def dropped(self) -> int | None:
         """Events that the camera itself has dropped since it was powered on; None if it doesn't count them."""
 
-    def decoder(self) -> Decoder:
+    def decoder(self) -> StreamDecoder:
         """A new decoder of its stream, whose times never fall."""
 
     def about(self) -> dict[str, Any]:

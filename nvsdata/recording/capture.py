@@ -23,8 +23,8 @@ from nvsdata.common.prefetch import prefetch
 from nvsdata.common.signals import ENDING, Ended
 from nvsdata.data.events import Events
 from nvsdata.data.samples import Piece
-from nvsdata.recording.camera import Camera, CameraError, Decoder, check_camera, host_time
-from nvsdata.recording.journal import Journal, check_finished, told_of
+from nvsdata.recording.camera import Camera, CameraError, StreamDecoder, check_camera, host_time
+from nvsdata.recording.journal import StreamJournal, check_finished, left_over_message
 from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, CameraReader
 
 # s until the reset of the clock must be in the stream, and how often it is asked for
@@ -129,7 +129,7 @@ def record(
     camera.configure(settings)
     before = camera.dropped()
     decoder, last = camera.decoder(), None if seconds is None else round(seconds * 1e6)
-    journal: Journal | None = None
+    journal: StreamJournal | None = None
     with switching_fast():
         camera.start()
         reader = CameraReader(camera, seconds, stop or Event())
@@ -141,7 +141,7 @@ def record(
             report.about = camera.about() | {"started": datetime.now(UTC).isoformat(timespec="microseconds")}
             head = camera.journal_head(decoder, last, report.about) if report.path is not None and journaled else None
             if report.path is not None and head is not None:
-                journal = Journal(report.path, head)
+                journal = StreamJournal(report.path, head)
             reader.keep(journal)
             pieces = _pieces(camera, decoder, reader, last, report, watch)
             if path is None:
@@ -151,7 +151,7 @@ def record(
         except Exception as error:
             reader.finish()
             if journal is not None and journal.size:
-                raise Unfinished(f"{path} couldn't be written ({error}); {told_of(journal.path)}") from error
+                raise Unfinished(f"{path} couldn't be written ({error}); {left_over_message(journal.path)}") from error
             raise
         else:
             reader.finish()
@@ -221,7 +221,7 @@ def switching_fast() -> Iterator[None]:
         sys.setswitchinterval(before)
 
 
-def _blocks(camera: Camera, decoder: Decoder, reader: CameraReader, report: RecordingReport) -> Iterator[bytes]:
+def _blocks(camera: Camera, decoder: StreamDecoder, reader: CameraReader, report: RecordingReport) -> Iterator[bytes]:
     """Yield the blocks that were read; request the clock's reset again if missing. CameraError if it never comes."""
     asked, times = time.monotonic(), 1
     while block := reader.take():
@@ -239,7 +239,7 @@ def _blocks(camera: Camera, decoder: Decoder, reader: CameraReader, report: Reco
 
 def _pieces(
     camera: Camera,
-    decoder: Decoder,
+    decoder: StreamDecoder,
     reader: CameraReader,
     last: int | None,
     report: RecordingReport,

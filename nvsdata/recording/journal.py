@@ -21,7 +21,7 @@ def journal_of(path: Path) -> Path:
     return path.with_name(path.name + SUFFIX)
 
 
-class Journal:
+class StreamJournal:
     """The journal of a recording: `head`, which says how to decode the stream, and then the stream.
 
     What `write` has taken stays if the process is killed. FileExistsError if there is a journal already: it belongs to
@@ -69,7 +69,7 @@ class Journal:
                 self.path.unlink(missing_ok=True)
 
 
-def told_of(journal: Path) -> str:
+def left_over_message(journal: Path) -> str:
     """A line that says what a journal is that was left, and what to do with it."""
     command = shlex.join(("nvsdata", "convert", str(journal), str(journal.with_suffix(""))))
     return f"{shown(journal)} is a recording that wasn't finished: `{shown(command)}` finishes it"
@@ -78,7 +78,7 @@ def told_of(journal: Path) -> str:
 def check_finished(path: Path) -> None:
     """FileExistsError if an earlier recording to this file wasn't finished: its journal is there."""
     if (journal := journal_of(path)).exists():
-        raise FileExistsError(told_of(journal))
+        raise FileExistsError(left_over_message(journal))
 
 
 def left_over(folder: Path) -> Iterator[Path]:

@@ -12,8 +12,8 @@ from nvsdata.recording.camera import host_time
 from nvsdata.recording.capture import RecordingReport
 
 
-class Decides(Protocol):
-    """Protocol of a classifier that is fed events and returns a line per decision, such as `models.Decider`."""
+class OnlineModel(Protocol):
+    """Protocol of a classifier that gets events and returns a line per decision, such as `models.OnlineClassifier`."""
 
     stream: Any
 
@@ -21,7 +21,7 @@ class Decides(Protocol):
     def decide(self, now: int) -> dict[str, Any]: ...
 
 
-class Deciding(Thread):
+class OnlineInference(Thread):
     """Decides about what a camera sends as soon as it is there, and never makes the recording wait.
 
     - `decider`: fed all events, but for those that no decision would see: if it is late by more than its window, it
@@ -36,7 +36,7 @@ class Deciding(Thread):
 
     def __init__(
         self,
-        decider: Decides,
+        decider: OnlineModel,
         tell: Callable[[dict[str, Any]], None],
         ended: Callable[[Exception], None] = lambda error: None,
     ) -> None:
@@ -83,7 +83,7 @@ class Deciding(Thread):
             self._waiting.clear()
         return blocks
 
-    def __enter__(self) -> Deciding:
+    def __enter__(self) -> OnlineInference:
         self.start()
         return self
 

@@ -7,7 +7,7 @@ from queue import SimpleQueue
 from threading import Event, Thread
 
 from nvsdata.recording.camera import Camera, CameraError
-from nvsdata.recording.journal import Journal
+from nvsdata.recording.journal import StreamJournal
 
 ROOM = 64 << 20  # bytes that may wait to be kept and decoded
 PIECE = 1 << 20  # bytes handed on at once, if that many wait
@@ -85,7 +85,7 @@ class CameraReader(Thread):
         if self.seconds is not None:
             self.seconds += seconds
 
-    def keep(self, journal: Journal | None) -> None:
+    def keep(self, journal: StreamJournal | None) -> None:
         """From now on hand on what was read, after it is in the journal if there is one."""
         if journal is None:
             self._kept = self._read_out
@@ -93,7 +93,7 @@ class CameraReader(Thread):
             self._keeper = Thread(target=self._hand_on, args=(journal,), name="nvsdata-journal", daemon=True)
             self._keeper.start()
 
-    def _hand_on(self, journal: Journal) -> None:
+    def _hand_on(self, journal: StreamJournal) -> None:
         failed = False
         try:
             while block := self._read_out.take():

@@ -19,28 +19,28 @@ from nvsdata.common.terminal import remark, say, tell
 from nvsdata.data.events import Events
 from nvsdata.recording.capture import RecordingReport, check_format, record, stopped_by_interrupt
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.diagnostics import examine
-from nvsdata.recording.journal import check_finished, journal_of, left_over, told_of
+from nvsdata.recording.journal import check_finished, journal_of, left_over, left_over_message
 from nvsdata.recording.live_view import LiveView
-from nvsdata.recording.online_inference import Deciding
+from nvsdata.recording.online_inference import OnlineInference
 from nvsdata.recording.recorder import Recorder
 from nvsdata.recording.simulated.options import Simulation
 
 if TYPE_CHECKING:
-    from nvsdata.models import Decider
+    from nvsdata.models import OnlineClassifier
 
 
 def run(
     out: Path | None,
     seconds: float | None,
     serial: str | None,
-    settings: Settings,
+    settings: CameraSettings,
     simulate: Simulation | None,
     *,
     live: bool,
     overwrite: bool,
-    decider: Decider | None = None,
+    decider: OnlineClassifier | None = None,
     note: str | None = None,
     as_json: bool = False,
 ) -> int:
@@ -105,7 +105,7 @@ def run(
     return 0 if report.whole and (deciding is None or deciding.error is None) else 1
 
 
-def _deciding(decider: Decider, stop: Event, *, alone: bool) -> Deciding:
+def _deciding(decider: OnlineClassifier, stop: Event, *, alone: bool) -> OnlineInference:
     """Decisions as lines of JSON; if they fail, and events are for nothing else (`alone`), the recording ends."""
 
     def ended(error: Exception) -> None:
@@ -113,7 +113,7 @@ def _deciding(decider: Decider, stop: Event, *, alone: bool) -> Deciding:
         if alone:
             stop.set()
 
-    return Deciding(decider, lambda line: print(json.dumps(line), flush=True), ended)
+    return OnlineInference(decider, lambda line: print(json.dumps(line), flush=True), ended)
 
 
 def _check_size(camera: tuple[int, int], network: tuple[int, int]) -> None:
@@ -122,7 +122,7 @@ def _check_size(camera: tuple[int, int], network: tuple[int, int]) -> None:
 
 
 @contextmanager
-def _place(out: Path | None, settings: Settings, overwrite: bool) -> Iterator[None]:
+def _place(out: Path | None, settings: CameraSettings, overwrite: bool) -> Iterator[None]:
     """Keep the place of a recording from other processes; delete or name what killed processes left there."""
     if out is None:
         yield
@@ -133,19 +133,19 @@ def _place(out: Path | None, settings: Settings, overwrite: bool) -> Iterator[No
     with creating(out, overwrite=overwrite):
         check_finished(out)
         for journal in left_over(out.parent):
-            say(told_of(journal))
+            say(left_over_message(journal))
         try:
             yield
         except KeyboardInterrupt:
             if (left := journal_of(out)).exists():
-                say(told_of(left))
+                say(left_over_message(left))
             raise
 
 
 def _shown(
     camera: Davis,
     out: Path | None,
-    settings: Settings,
+    settings: CameraSettings,
     seconds: float | None,
     stop: Event,
     watch: Callable[[RecordingReport, Events], None],
@@ -202,16 +202,16 @@ def summary(report: RecordingReport) -> str:
     return "\n".join(lines)
 
 
-def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> Settings:
+def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> CameraSettings:
     """Settings of a JSON file, replaced by those that were given: `biases` as NAME=A:B, others by name unless None.
 
     ValueError for a file or bias that can't be understood.
     """
-    settings = Settings()
+    settings = CameraSettings()
     if file is not None:
         try:
             read = json.loads(file.read_text())
-            known = {field.name for field in fields(Settings)}
+            known = {field.name for field in fields(CameraSettings)}
             unknown = sorted(set(read) - known)
             if unknown:
                 raise ValueError(f"no such setting: {', '.join(unknown)}; there are {', '.join(sorted(known))}")
@@ -220,7 +220,7 @@ def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> Setti
                 if read.get(name) is not None:
                     read[name] = tuple(read[name])
             masked = tuple(tuple(pixel) for pixel in read.pop("masked", ()))
-            settings = Settings(biases=pairs, masked=masked, **read)
+            settings = CameraSettings(biases=pairs, masked=masked, **read)
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             raise ValueError(f"{file}: {error}") from None
     numbers = dict(settings.biases)

@@ -21,7 +21,7 @@ from nvsdata.common.errors import line_of
 from nvsdata.common.files import append_own, claimed, json_line, write_all
 from nvsdata.common.progress import say_above_bar
 from nvsdata.recording.camera import Camera, CameraError, host_time
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.live_view import DisplayError
 from nvsdata.rig.contact_sheets import Sheets
 from nvsdata.rig.content import Inspector
@@ -29,7 +29,7 @@ from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, STEP
 from nvsdata.rig.status import Status
 from nvsdata.rig.sync import TakeRejected
-from nvsdata.rig.take import cut_take, record_take
+from nvsdata.rig.take import record_screen, trim
 from nvsdata.rig.watch import Watch, prune
 
 TAKES = 3  # takes of a video before it counts as failed
@@ -44,7 +44,7 @@ HIDDEN = ".takes"  # in the folder of recordings: takes that aren't cut yet, or 
 
 @contextmanager
 def manifest_of(
-    out: Path, settings: Settings, format: str, monitor: Monitor, videos: list[Video], *, resume: bool
+    out: Path, settings: CameraSettings, format: str, monitor: Monitor, videos: list[Video], *, resume: bool
 ) -> Iterator[Manifest]:
     """The manifest of a folder of recordings, created if there is none, for a run with these `videos`.
 
@@ -80,7 +80,7 @@ def record_videos(
     manifest: Manifest,
     find: Callable[[], Camera],
     monitor: Monitor,
-    settings: Settings,
+    settings: CameraSettings,
     *,
     corners: list[list[float]] | None = None,
     strict: bool = False,
@@ -261,7 +261,7 @@ def _recorded(
     out: Path,
     camera: Camera,
     monitor: Monitor,
-    settings: Settings,
+    settings: CameraSettings,
     inspector: Inspector,
     live: bool,
     show: Callable[[str], None],
@@ -270,7 +270,7 @@ def _recorded(
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
     try:
-        take = record_take(camera, monitor, video.path, raw, settings, live=live)
+        take = record_screen(camera, monitor, video.path, raw, settings, live=live)
     except CameraError:
         raise
     except BaseException:
@@ -280,7 +280,7 @@ def _recorded(
     with append_own(out / PLAYED) as file:
         write_all(file.fileno(), json_line({"video": video.name, **take.performance.log()}).encode())
     try:
-        line = cut_take(take, video, inspector)
+        line = trim(take, video, inspector)
     except (ValueError, cv2.error, MemoryError) as error:
         # the video was played, so it isn't the reason
         raise TakeRejected(f"the recording can't be read or judged: {error}") from error
@@ -294,7 +294,7 @@ def _recorded(
 class _Cameras:
     """The camera, found again after it was gone."""
 
-    def __init__(self, find: Callable[[], Camera], monitor: Monitor, settings: Settings) -> None:
+    def __init__(self, find: Callable[[], Camera], monitor: Monitor, settings: CameraSettings) -> None:
         self.monitor, self.settings, self._find = monitor, settings, find
         self._camera: Camera | None = None
         self._had_one = False

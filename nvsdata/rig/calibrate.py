@@ -7,10 +7,10 @@ import numpy as np
 from nvsdata.data.events import Events, concatenate
 from nvsdata.recording.camera import Camera, host_time
 from nvsdata.recording.capture import RecordingReport
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.live_view import LiveView
 from nvsdata.recording.recorder import Recorder
-from nvsdata.rig.calibration import Calibration, corners_of, lines_of, rectangles, response, spectrum_of
+from nvsdata.rig.calibration import ScreenCalibration, corners_of, lines_of, rectangles, response, spectrum_of
 from nvsdata.rig.clock_fit import fit
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, STILL, pattern
@@ -21,7 +21,7 @@ WATCHED = 4_000_000  # µs of a still screen in which flicker is looked for
 MAINS = (100.0, 120.0)  # Hz at which lamps on mains flicker
 
 
-def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: float | None) -> Calibration:
+def calibrate(camera: Camera, monitor: Monitor, settings: CameraSettings, seconds: float | None) -> ScreenCalibration:
     """Show a target, then flashes and a still screen, and measure what the camera sees.
 
     Events are shown in a window all the time. The target is shown until Enter is pressed or `seconds` are over (None:
@@ -64,7 +64,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: Settings, seconds: flo
     moment = round(line.camera(still))
     frequencies, spectrum = spectrum_of(events.window(moment, moment + WATCHED), moment, WATCHED)
     flicker = lines_of(frequencies, spectrum, (1e6 / monitor.refresh, *MAINS))
-    return Calibration(seen, corners, *rectangles(corners, size), frequencies, spectrum, flicker)
+    return ScreenCalibration(seen, corners, *rectangles(corners, size), frequencies, spectrum, flicker)
 
 
 def _aim(monitor: Monitor, seconds: float | None) -> None:

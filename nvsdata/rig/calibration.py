@@ -15,7 +15,7 @@ from nvsdata.common.files import put
 from nvsdata.data.events import Events
 from nvsdata.plots import curves, save
 from nvsdata.plots.drawing import OFF, ON
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.rig.clock_fit import LONGEST, ClockFit, NoSync
 
 FIGURES = "calibration.json"
@@ -32,7 +32,7 @@ Round = Callable[[float], float]
 
 
 @dataclass(frozen=True)
-class Calibration:
+class ScreenCalibration:
     """Measurements of a calibration.
 
     - `response`: the share of the flashes that each pixel saw, [H, W]
@@ -178,7 +178,7 @@ def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[floa
     return dict(sorted(found.items()))
 
 
-def summary(found: Calibration, size: tuple[int, int]) -> str:
+def calibration_summary(found: ScreenCalibration, size: tuple[int, int]) -> str:
     """The calibration in a few lines; `size` is the sensor's."""
     places = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in found.corners)
     lines = [
@@ -205,7 +205,7 @@ def summary(found: Calibration, size: tuple[int, int]) -> str:
     return "\n".join(lines)
 
 
-def write_calibration(found: Calibration, settings: Settings, size: tuple[int, int], out: Path) -> None:
+def write_calibration(found: ScreenCalibration, settings: CameraSettings, size: tuple[int, int], out: Path) -> None:
     """Write `calibration.json`, `settings.json` (for `--settings`), `corners.png` and `flicker.png` to a folder."""
     out.mkdir(parents=True, exist_ok=True)
     figures = {
@@ -237,7 +237,7 @@ def corners_in(folder: Path) -> list[list[float]]:
     return corners
 
 
-def _picture(found: Calibration) -> np.ndarray:
+def _picture(found: ScreenCalibration) -> np.ndarray:
     """Draw the pixels that saw the flashes, with corners, region and crop: uint8 [H, W, 3], BGR."""
     gray = (found.response * 255).astype(np.uint8).repeat(ZOOM, 0).repeat(ZOOM, 1)
     picture = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)

@@ -15,7 +15,7 @@ from nvsdata.rig.calibration import outline_of, response
 from nvsdata.rig.clock_fit import ClockFit, NoSync
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.motion import BIN, emulated, histogram
-from nvsdata.rig.sync import Take, TakeRejected, around_flashes
+from nvsdata.rig.sync import ScreenRecording, TakeRejected, around_flashes
 
 BLOCK = 5  # bins in which events may come early or late
 FEWEST = 1_000  # events that a video must give within a second for its motion to be judged by
@@ -70,7 +70,7 @@ class Content:
 class Span(NamedTuple):
     """A take whose events and whose host's time go together: its video lasts from `start` to `stop` (µs, camera)."""
 
-    take: Take
+    take: ScreenRecording
     recording: Recording
     line: ClockFit
     start: int

@@ -15,12 +15,11 @@ from nvsdata.common.files import claimed
 from nvsdata.common.terminal import remark, say, tell
 from nvsdata.recording.capture import check_format
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig.batch import DONE, manifest_of, record_videos, status_before
 from nvsdata.rig.calibrate import calibrate
-from nvsdata.rig.calibration import FIGURES, corners_in, write_calibration
-from nvsdata.rig.calibration import summary as calibration_summary
+from nvsdata.rig.calibration import FIGURES, calibration_summary, corners_in, write_calibration
 from nvsdata.rig.estimate import estimate
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.report import REPORT, write_report
@@ -36,7 +35,7 @@ def run_calibration(
     out: Path,
     seconds: float | None,
     serial: str | None,
-    settings: Settings,
+    settings: CameraSettings,
     simulate: Simulation | None,
     screen: dict[str, Any],
     *,
@@ -69,7 +68,7 @@ def run_batch(
     source: Path,
     out: Path,
     serial: str | None,
-    settings: Settings,
+    settings: CameraSettings,
     simulate: Simulation | None,
     screen: dict[str, Any],
     *,

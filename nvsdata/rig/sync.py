@@ -25,7 +25,7 @@ class TakeRejected(Exception):
 
 
 @dataclass
-class Take:
+class ScreenRecording:
     """A video played and recorded.
 
     - `raw`: the uncut recording
@@ -46,7 +46,7 @@ class Sync(NamedTuple):
     refused: str | None = None
 
 
-def synced(take: Take) -> Sync:
+def synced(take: ScreenRecording) -> Sync:
     """The fit of the take's flashes: by triggers if they show all flashes and nothing else, otherwise by events.
 
     `NoSync` if the events don't show the flashes, whatever triggers do, because then the camera doesn't see the screen;
@@ -79,7 +79,7 @@ def _check_due(triggers: np.ndarray, line: ClockFit, rising: np.ndarray) -> None
             raise NoSync(f"{there} triggers among {group.size} flashes: something else triggers, too")
 
 
-def around_flashes(take: Take) -> Events:
+def around_flashes(take: ScreenRecording) -> Events:
     """Events of the time around the flashes, before and after the video."""
     recording = formats.open(take.raw)
     flashes, start = np.array(take.performance.flashes), take.performance.start

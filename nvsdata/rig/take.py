@@ -19,14 +19,14 @@ from nvsdata.data.pieces import cut
 from nvsdata.data.recording import Recording
 from nvsdata.recording.camera import Camera
 from nvsdata.recording.capture import RecordingReport
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.live_view import LiveView
 from nvsdata.recording.recorder import Recorder
 from nvsdata.rig.clock_fit import ClockFit, NoSync
 from nvsdata.rig.content import Inspector, Span
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import PlaybackLog, perform
-from nvsdata.rig.sync import Take, TakeRejected, synced
+from nvsdata.rig.sync import ScreenRecording, TakeRejected, synced
 
 PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
@@ -52,9 +52,9 @@ class Tally:
     full: float = 0.0
 
 
-def record_take(
-    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings, *, live: bool = False
-) -> Take:
+def record_screen(
+    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: CameraSettings, *, live: bool = False
+) -> ScreenRecording:
     """Record to `raw` while a video plays; an error of the monitor, the video or the camera ends both.
 
     With `live`, events are shown in a window.
@@ -64,8 +64,8 @@ def record_take(
 
 
 def _recorded(
-    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: Settings, view: LiveView | None
-) -> Take:
+    camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: CameraSettings, view: LiveView | None
+) -> ScreenRecording:
     # no journal, because a take that is cut short is recorded again
     watch: dict[str, Any] = {} if view is None else {"watch": lambda report, events: view.add(events)}
     recorder = Recorder(camera, raw, settings, journaled=False, **watch)
@@ -89,10 +89,10 @@ def _recorded(
     report = recorder.finish()
     if report.failure is not None:
         raise report.failure
-    return Take(raw, report, performance)
+    return ScreenRecording(raw, report, performance)
 
 
-def cut_take(take: Take, video: Video, inspector: Inspector) -> dict[str, Any]:
+def trim(take: ScreenRecording, video: Video, inspector: Inspector) -> dict[str, Any]:
     """Write the take of a video to its recording, cut to it, from time 0; return what the manifest is to say about it.
 
     `TakeRejected` if it must be done again: nothing is written then.

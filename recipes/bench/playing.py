@@ -21,7 +21,7 @@ import numpy as np
 
 from nvsdata.batch.folder import videos_in
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig import batch, take
@@ -75,24 +75,24 @@ def measured(place: Path, simulation: Simulation) -> dict[str, float]:
             super()._begin()
             began.append(self._began or 0)
 
-    def cut_take(one: take.Take, target: Path) -> dict[str, object]:
-        told = take.cut_take(one, target)
+    def trim(one: take.Take, target: Path) -> dict[str, object]:
+        told = take.trim(one, target)
         line = take.synced(one).line
         true = (one.performance.start - began[-1]) * (1 + simulation.drift * 1e-6)
         starts.append(line.camera(one.performance.start) - true)
         drifts.append(line.drift * 1e6 - simulation.drift)
         return told
 
-    batch.cut_take = cut_take
+    batch.trim = trim
     backend, look = simulation.watched(Known)
     videos = videos_in(place / "in", place / "out")
     began_at = time.perf_counter()
     with (
         Monitor(window=(640, 480), look=look) as monitor,
-        batch.manifest_of(place / "out", Settings(), "hdf5", monitor, resume=False) as manifest,
+        batch.manifest_of(place / "out", CameraSettings(), "hdf5", monitor, resume=False) as manifest,
     ):
         result = batch.record_videos(
-            videos, place / "out", manifest, lambda: Davis.find(backend=backend), monitor, Settings()
+            videos, place / "out", manifest, lambda: Davis.find(backend=backend), monitor, CameraSettings()
         )
     spent = time.perf_counter() - began_at
     return {

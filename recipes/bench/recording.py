@@ -24,7 +24,7 @@ import nvsdata
 from nvsdata.kernels.recording.davis_stream import encode
 from nvsdata.recording.capture import record
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.stream import DavisDecoder
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.usb_backend import Backend
 
@@ -52,7 +52,7 @@ def main() -> None:
 def decoding(path: Path, piece: int) -> Row:
     """Events/s of the decoder on one core; the stream is decoded twenty times."""
     data = memoryview(path.read_bytes())
-    decoder, events, spent = Decoder(240, 180), 0, []
+    decoder, events, spent = DavisDecoder(240, 180), 0, []
     for _ in range(20):
         start = time.perf_counter()
         found = sum(len(decoder.feed(data[a : a + piece])) for a in range(0, len(data), piece))

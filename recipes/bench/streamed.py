@@ -33,7 +33,7 @@ def main() -> None:
     torch.set_num_threads(1)
     trained = models.load(args.model)
     recordings = TrainTestSplit(args.dataset, args.root, seed=args.seed).test(lambda recording: recording.read())
-    decider = models.Decider(trained)
+    decider = models.OnlineClassifier(trained)
     decider.prepare()
     live, batch = decider.stream, models.fused(trained.model)
     right = {"whole windows": 0, "streamed": 0}

@@ -164,11 +164,11 @@ def test_a_convolution_multiplies_the_rows_of_pairs_that_occur(batch, lonely):
 def test_frames_of_graphs_are_written_where_nodes_are(batch):
     import torch
 
-    from nvsdata.models import Graph2Grid
+    from nvsdata.models import Graph2GridLayer
 
     given = batch()
     with Products() as done:
-        frames = Graph2Grid((4, 4), (64, 64))(given)
+        frames = Graph2GridLayer((4, 4), (64, 64))(given)
     assert done.added == [tuple(given.x.shape)]
     assert frames.shape == (2, 24, 1, 16, 16)
     assert torch.count_nonzero(frames.abs().sum(1)) == len(np.unique(given.pos[:NODES] // 4, axis=0)) * 2

@@ -8,8 +8,8 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.data.events import Columns
 from nvsdata.kernels import _native
-from nvsdata.models.incremental.causal import LiveCausal
-from nvsdata.models.incremental.network import LiveNetwork, Parts
+from nvsdata.models.incremental.causal import IncrementalCausalNetwork
+from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
 
 pytestmark = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indices counts them")
 SMALL = {"channels": (4, 6, 5), "hidden": 9, "sensor_size": (128, 128)}
@@ -41,8 +41,8 @@ def test_a_step_of_one_event_costs_the_same_however_many_the_window_has(causal):
     found = []
     # as many events near each, of equal times apart
     for count in (4_000, 16_000):
-        parts, window = Parts(network, graph), 10 * (count - 200)
-        live = LiveCausal(parts, window) if causal else LiveNetwork(parts)
+        parts, window = NetworkLayers(network, graph), 10 * (count - 200)
+        live = IncrementalCausalNetwork(parts, window) if causal else IncrementalNetwork(parts)
         found.append(touched(live, events_of(count, 10), window, 100))
     assert found[1] < 2 * found[0]
 
@@ -55,5 +55,5 @@ def test_a_step_of_one_event_costs_the_same_however_large_the_sensor_is(size):
         # the last clusters are as many
         clusters = ((2, 2), (8, 8), tuple(side // 4 for side in sensor_size))
         network = models.RGCNN(3, clusters=clusters, **SMALL | {"sensor_size": sensor_size}).eval()
-        found.append(touched(LiveNetwork(Parts(network, graph)), events_of(2_000, 10), 10_000, 100))
+        found.append(touched(IncrementalNetwork(NetworkLayers(network, graph)), events_of(2_000, 10), 10_000, 100))
     assert found[1] < 1.5 * found[0]

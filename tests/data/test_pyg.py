@@ -96,7 +96,7 @@ NETWORKS = {
     "gcnn": lambda: models.gcnn("n-mnist", convolution="gin"),
     "rgcnn3d": lambda: models.RGCNN3D(3, sensor_size=(34, 34), channels=(8, 8), clusters=((2, 2), (4, 4))),
     "fused": lambda: models.fused(models.rgcnn("n-mnist")),
-    "grid": lambda: models.Graph2Grid((2, 2), (34, 34)),
+    "grid": lambda: models.Graph2GridLayer((2, 2), (34, 34)),
 }
 
 

@@ -19,7 +19,7 @@ from nvsdata.formats.hdf5.chunks import Chunks
 from nvsdata.kernels.decode.evt2 import evt21_count
 from nvsdata.kernels.decode.evt3 import evt3_count
 from nvsdata.recording.davis import file
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.stream import DavisDecoder
 
 SIZE = (128, 128)
 RAW = {".evt2.raw": (evt2_bytes, "2.0"), ".evt21.raw": (evt21_bytes, "2.1"), ".evt3.raw": (evt3_bytes, "3.0")}
@@ -155,7 +155,7 @@ def test_a_journal_that_is_reset_in_a_later_pass_is_an_error(tmp_path, monkeypat
     """One without a reset is read twice; a reset in the second pass would let times fall."""
     path = tmp_path / "a.davis"
     words = [0x8000 | 500, 0x2001, 0x8000 | 600, 0x2002]
-    path.write_bytes(file.header(Decoder(240, 180, steady=True), None, {}) + np.array(words, "<u2").tobytes())
+    path.write_bytes(file.header(DavisDecoder(240, 180, steady=True), None, {}) + np.array(words, "<u2").tobytes())
     assert nvsdata.read(path).t.tolist() == [500, 600]
     blocks = file.StreamRecording._blocks
     passes = []

@@ -11,7 +11,7 @@ import nvsdata
 from nvsdata import FormatError
 from nvsdata.formats import FORMATS
 from nvsdata.recording.davis.file import header
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.stream import DavisDecoder
 
 
 def davis_bytes(ev):
@@ -19,7 +19,7 @@ def davis_bytes(ev):
     words = [0x0001]
     for t, x, y, p in rows(ev):
         words += [0x8000 | t, 0x1000 | y, (0x3000 if p else 0x2000) | x]
-    decoder = Decoder(*ev.sensor_size, swap=False, steady=True)
+    decoder = DavisDecoder(*ev.sensor_size, swap=False, steady=True)
     return header(decoder, None, {}) + struct.pack(f"<{len(words)}H", *words)
 
 

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from nvsdata.models import Complexity, complexity
-from nvsdata.models.operations import Layer
+from nvsdata.models.operations import LayerCost
 
 
 class Does(nn.Module):
@@ -84,8 +84,8 @@ def test_packed_sequences_have_as_many_steps_as_values():
 
 def test_the_table_has_a_line_for_each_layer_and_their_sums():
     layers = (
-        Layer("first", "SplineConv", 1_234_567, 2_000_000, 12_345, 12_346),
-        Layer("a.very.long.name", "AClassOfAVeryLongName", None, 500, None, 7),
+        LayerCost("first", "SplineConv", 1_234_567, 2_000_000, 12_345, 12_346),
+        LayerCost("a.very.long.name", "AClassOfAVeryLongName", None, 500, None, 7),
     )
     table = str(Complexity(layers, ("first (SplineConv): aten.odd",), 12_353)).splitlines()
     assert table == [
@@ -95,7 +95,7 @@ def test_the_table_has_a_line_for_each_layer_and_their_sums():
         "all                                            1.235        2.001       12,345       12,353",
         "not counted: first (SplineConv): aten.odd",
     ]
-    short = str(Complexity((Layer("a", "B", 1, 1, 1, 1),), (), 1)).splitlines()
+    short = str(Complexity((LayerCost("a", "B", 1, 1, 1, 1),), (), 1)).splitlines()
     assert short[0].startswith("layer     class                MFLOPs ")
     assert len({len(line) for line in short}) == 1
     assert Complexity(layers, (), 0).size == 12_345 * 4 / 1024**2

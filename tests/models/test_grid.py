@@ -17,7 +17,7 @@ def graphs(count=6, size=(240, 180)):
 def test_pooled_nodes_go_to_the_cells_of_their_clusters():
     batch = GraphBatch.from_graphs(graphs(), volumes=3)
     pooled = models.GraphPool((8, 6), (240, 180))(batch)
-    grid = models.Graph2Grid((8, 6), (240, 180))(pooled)
+    grid = models.Graph2GridLayer((8, 6), (240, 180))(pooled)
     assert grid.shape == (2, 1, 3, 30, 30)
     expected = torch.zeros_like(grid)
     for node in range(pooled.num_nodes):
@@ -30,7 +30,7 @@ def test_pooled_nodes_go_to_the_cells_of_their_clusters():
 def test_gradients_reach_every_node():
     batch = GraphBatch.from_graphs(graphs(2), volumes=1)
     x = torch.randn(batch.num_nodes, 3, dtype=torch.float64, requires_grad=True)
-    module = models.Graph2Grid((60, 45), (240, 180))
+    module = models.Graph2GridLayer((60, 45), (240, 180))
 
     def run(values):
         return module(GraphBatch(**{**vars(batch), "x": values}))
@@ -39,6 +39,6 @@ def test_gradients_reach_every_node():
 
 
 def test_one_graph_is_a_batch_of_one():
-    assert models.Graph2Grid((8, 6), (240, 180))(graphs(1)[0]).shape == (1, 1, 1, 30, 30)
+    assert models.Graph2GridLayer((8, 6), (240, 180))(graphs(1)[0]).shape == (1, 1, 1, 30, 30)
     with pytest.raises(ValueError, match="cluster must be"):
-        models.Graph2Grid((0, 6), (240, 180))
+        models.Graph2GridLayer((0, 6), (240, 180))

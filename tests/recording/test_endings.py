@@ -20,7 +20,7 @@ import nvsdata
 from nvsdata.cli import main
 from nvsdata.common.locks import locked
 from nvsdata.recording.capture import Unfinished, record
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.journal import journal_of, left_over
 from nvsdata.recording.pipeline import CameraReader
 
@@ -149,7 +149,7 @@ class Failing:
 
 def test_a_journal_that_fails_ends_the_recording_and_loses_nothing():
     with opened(SimulatedDavis()) as davis:
-        davis.configure(Settings())
+        davis.configure(CameraSettings())
         davis.start()
         reader = CameraReader(davis, 30, Event())
         reader.start()

@@ -13,7 +13,7 @@ from nvsdata import transforms as T
 from nvsdata.cli import main
 from nvsdata.recording.camera import host_time
 from nvsdata.recording.capture import RecordingReport
-from nvsdata.recording.online_inference import Deciding
+from nvsdata.recording.online_inference import OnlineInference
 
 CLASSES = ("left", "right")
 
@@ -29,7 +29,7 @@ def saved(path, size=(240, 180), transform=None):
 @pytest.fixture
 def decider(tmp_path):
     saved(tmp_path / "m.safetensors")
-    return models.Decider(models.load(tmp_path / "m.safetensors"))
+    return models.OnlineClassifier(models.load(tmp_path / "m.safetensors"))
 
 
 def block(first, count):
@@ -40,7 +40,7 @@ def block(first, count):
 
 def test_each_line_is_the_decision_of_its_window(decider):
     lines, report = [], RecordingReport(None, zero=host_time())
-    with Deciding(decider, lines.append) as deciding:
+    with OnlineInference(decider, lines.append) as deciding:
         deciding.add(report, Events.empty((240, 180)))
         deciding.add(report, block(5_000, 100))
     assert deciding.error is None
@@ -62,7 +62,7 @@ def test_what_is_late_is_skipped_and_told(decider):
         lines.append(line)
         going_on.wait(10)
 
-    with Deciding(decider, slow) as deciding:
+    with OnlineInference(decider, slow) as deciding:
         deciding.add(report, block(0, 50))
         while not lines:
             pass
@@ -79,7 +79,7 @@ def test_what_is_late_is_skipped_and_told(decider):
 
 
 def test_a_network_that_fails_is_told_and_the_recording_goes_on(decider):
-    deciding, report = Deciding(decider, lambda line: None), RecordingReport(None)
+    deciding, report = OnlineInference(decider, lambda line: None), RecordingReport(None)
     with deciding:
         deciding.add(report, block(1_000, 10))
         deciding.add(report, block(0, 10))
@@ -134,16 +134,16 @@ def test_what_fails_is_told_when_it_does_and_ends_what_nothing_else_needs(tmp_pa
     transform = T.Compose([T.RandomWindow(10_000), T.RadiusGraph(max_degree=4)])
     models.save(network, tmp_path / "n.safetensors", transform=transform)
     with pytest.raises(ValueError, match="gives NaN"):
-        models.Decider(models.load(tmp_path / "n.safetensors")).prepare()
+        models.OnlineClassifier(models.load(tmp_path / "n.safetensors")).prepare()
 
-    class Failing(models.Decider):
+    class Failing(models.OnlineClassifier):
         def decide(self, now):
             raise BrokenPipeError(32, "Broken pipe")
 
         def prepare(self):
             pass
 
-    monkeypatch.setattr(models, "Decider", Failing)
+    monkeypatch.setattr(models, "OnlineClassifier", Failing)
     words = ["record", "--simulate", "--model", str(tmp_path / "m.safetensors")]
     # without an end of its own
     assert main(words) == 1
@@ -167,10 +167,10 @@ def test_networks_that_say_too_little(tmp_path, capsys, transform, message):
 def test_the_window_is_that_of_the_training_unless_one_is_given(tmp_path):
     saved(tmp_path / "m.safetensors")
     trained = models.load(tmp_path / "m.safetensors")
-    assert models.Decider(trained).stream.window == 10_000
-    assert models.Decider(trained, 500).stream.window == 500
+    assert models.OnlineClassifier(trained).stream.window == 10_000
+    assert models.OnlineClassifier(trained, 500).stream.window == 500
     with pytest.raises(ValueError, match="window"):
-        models.Decider(trained, 0)
+        models.OnlineClassifier(trained, 0)
 
 
 def test_one_model_per_recording(tmp_path, capsys):

@@ -8,7 +8,7 @@ import pytest
 import nvsdata
 from nvsdata.cli import main
 from nvsdata.recording.davis import driver
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.session import settings_of
 from nvsdata.recording.simulated.camera import picture
 
@@ -56,7 +56,7 @@ def test_settings_from_a_file_and_flags(tmp_path):
     given = {"biases": {"OnBn": [5, 1], "PrBp": [2, 2]}, "activity_filter": None, "masked": [[7, 8]]}
     file.write_text(json.dumps(given))
     settings = settings_of(file, ["OnBn=4:7"], region=(1, 2, 3, 4))
-    assert settings == Settings(
+    assert settings == CameraSettings(
         biases={"OnBn": (4, 7), "PrBp": (2, 2)}, activity_filter=None, region=(1, 2, 3, 4), masked=((7, 8),)
     )
 
@@ -90,7 +90,7 @@ def test_flags_replace_what_a_file_says_unless_they_are_not_given(tmp_path):
     file = tmp_path / "s.json"
     file.write_text('{"region": null, "frame_region": [1, 2, 3, 4], "frames": true, "skip": 5}')
     settings = settings_of(file, [], frames=False, skip=None, exposure=7)
-    assert settings == Settings(frame_region=(1, 2, 3, 4), skip=5, exposure=7)
+    assert settings == CameraSettings(frame_region=(1, 2, 3, 4), skip=5, exposure=7)
     file.write_text('{"skip": 5, "b": 1, "a": 2}')
     with pytest.raises(ValueError, match=r"s\.json: no such setting: a, b; there are activity_filter, biases, expos"):
         settings_of(file, [])
@@ -141,4 +141,4 @@ def test_a_format_says_what_it_cannot_hold_before_it_starts(tmp_path, capsys):
 
 def test_the_recipes_preset_is_understood():
     preset = Path(__file__).parents[2] / "recipes/screen_playback/preset.json"
-    assert settings_of(preset, []) == Settings(activity_filter=None)
+    assert settings_of(preset, []) == CameraSettings(activity_filter=None)

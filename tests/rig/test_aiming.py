@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nvsdata import Events
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.rig import calibrate
 from nvsdata.rig.clock_fit import ClockFit
 from nvsdata.rig.playback import BRIGHT, DIM
@@ -139,7 +139,7 @@ def test_a_still_screen_is_watched_after_its_flashes(monkeypatch):
         ("lines_of", lambda frequencies, spectrum, expected: expected),
     ):
         monkeypatch.setattr(calibrate, name, value)
-    found = calibrate.calibrate(Camera(), screen, Settings(), None)
+    found = calibrate.calibrate(Camera(), screen, CameraSettings(), None)
     # the screen is still from 0.3 s after it was filled
     assert asked.spectrum == ([5_000_001, 9_000_000], 5_000_001, 4_000_000)
     assert screen.now == pytest.approx(4_700_000.6 + 300_000 + 4_000_000 + 300_000)

@@ -17,7 +17,7 @@ from nvsdata.batch.folder import videos_in
 from nvsdata.cli import main
 from nvsdata.recording import capture
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.camera import SimulatedDavis, picture
 from nvsdata.recording.simulated.scenes import Watched
 from nvsdata.recording.simulated.usb_backend import Backend
@@ -33,9 +33,11 @@ def recorded(source, out, camera, *, before=lambda camera, call: None, resume=Fa
     backend = Backend(camera, before=before)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
-        batch.manifest_of(out, Settings(), format, monitor, videos, resume=resume) as manifest,
+        batch.manifest_of(out, CameraSettings(), format, monitor, videos, resume=resume) as manifest,
     ):
-        return batch.record_videos(videos, out, manifest, lambda: Davis.find(backend=backend), monitor, Settings())
+        return batch.record_videos(
+            videos, out, manifest, lambda: Davis.find(backend=backend), monitor, CameraSettings()
+        )
 
 
 def lines(out):
@@ -46,7 +48,7 @@ def lines(out):
 def truth(monkeypatch):
     """Of each take, how far its start and drift (µs, ppm) are from what the camera's clock says."""
     found, began = [], []
-    begin, develop = SimulatedDavis._begin, take.cut_take
+    begin, develop = SimulatedDavis._begin, take.trim
 
     def remembering(self):
         begin(self)
@@ -60,7 +62,7 @@ def truth(monkeypatch):
         return develop(one, *how)
 
     monkeypatch.setattr(SimulatedDavis, "_begin", remembering)
-    monkeypatch.setattr(batch, "cut_take", measuring)
+    monkeypatch.setattr(batch, "trim", measuring)
     return found
 
 
@@ -230,7 +232,7 @@ def test_frames_and_samples_are_cut_with_their_video(tmp_path):
     make_video(tmp_path / "in/run/a\nb.avi")
     videos = videos_in(tmp_path / "in", tmp_path / "out")
     camera = SimulatedDavis(scene=Watched())
-    backend, settings = Backend(camera), Settings(frames=True)
+    backend, settings = Backend(camera), CameraSettings(frames=True)
     with (
         Monitor(window=(320, 240), look=camera.scene.look) as monitor,
         batch.manifest_of(tmp_path / "out", settings, "hdf5", monitor, videos, resume=False) as manifest,

@@ -9,23 +9,23 @@ import pytest
 
 from nvsdata import Events
 from nvsdata.plots.drawing import OFF, ON
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.rig import calibration
 from nvsdata.rig.calibration import (
-    Calibration,
+    ScreenCalibration,
     _picture,
     _quadrilateral,
+    calibration_summary,
     corners_of,
     lines_of,
     rectangles,
     response,
     spectrum_of,
-    summary,
     write_calibration,
 )
 from nvsdata.rig.clock_fit import ClockFit, NoSync
 
-FOUND = Calibration(
+FOUND = ScreenCalibration(
     np.array([[0.0, 0.5], [1.0, 0.25]]),
     np.array([[10.04, 20.06], [200.0, 12.0], [198.456, 150.0], [12.0, 160.0]]),
     (10, 12, 191, 149),
@@ -246,7 +246,7 @@ BEGIN = (
 )
 def test_a_calibration_in_a_few_lines(roi, flicker, told):
     found = replace(FOUND, roi=roi, flicker=flicker)
-    assert summary(found, (240, 180)) == BEGIN.format(" ".join(map(str, roi))) + told
+    assert calibration_summary(found, (240, 180)) == BEGIN.format(" ".join(map(str, roi))) + told
 
 
 def test_what_a_calibration_writes(tmp_path, monkeypatch):
@@ -258,7 +258,7 @@ def test_what_a_calibration_writes(tmp_path, monkeypatch):
 
     monkeypatch.setattr(calibration, "curves", curves)
     out = tmp_path / "deep/c"
-    write_calibration(replace(FOUND, flicker={60.0: 13.5}), Settings(region=FOUND.roi), (240, 180), out)
+    write_calibration(replace(FOUND, flicker={60.0: 13.5}), CameraSettings(region=FOUND.roi), (240, 180), out)
     assert sorted(path.name for path in out.iterdir()) == [
         "calibration.json",
         "corners.png",
@@ -279,7 +279,7 @@ def test_what_a_calibration_writes(tmp_path, monkeypatch):
     # from 20 to 400 Hz, by halves
     assert shown == pytest.approx((np.arange(40, 801) / 200).tolist())
     assert (axis, how) == ("Hz", {"highest": 12.0, "ends": (20.0, 400.0)})
-    write_calibration(replace(FOUND, spectrum=FOUND.spectrum * 10), Settings(), (240, 180), out)
+    write_calibration(replace(FOUND, spectrum=FOUND.spectrum * 10), CameraSettings(), (240, 180), out)
     assert drawn[1][1]["highest"] == pytest.approx(40.0)
 
 

@@ -10,13 +10,13 @@ import pytest
 import nvsdata
 from nvsdata import Events
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig import motion, playback, take
 from nvsdata.rig.content import Content, Inspector, Span, TakeRejected, _compared
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.motion import emulated
-from nvsdata.rig.sync import Take, synced
+from nvsdata.rig.sync import ScreenRecording, synced
 from nvsdata.video.frames import Frame
 
 SIZE = (240, 180)
@@ -50,8 +50,8 @@ def lab_of_one(tmp_path_factory):
 
             def recorded(video):
                 with Davis.find(backend=backend) as camera:
-                    camera.configure(Settings())
-                    one = take.record_take(camera, monitor, video, folder / f"{video.stem}.h5", Settings())
+                    camera.configure(CameraSettings())
+                    one = take.record_screen(camera, monitor, video, folder / f"{video.stem}.h5", CameraSettings())
                 line = synced(one).line
                 ends = round(line.camera(one.performance.start)), round(line.camera(one.performance.stop))
                 return Span(one, nvsdata.open(one.raw), line, *ends)
@@ -75,7 +75,9 @@ def right(lab_of_one, video):
 def judged(lab_of_one, video, span, events, path, **how):
     """The figures of a recording with other events, and what is odd about it."""
     nvsdata.write(events, path)
-    other = span._replace(take=Take(path, span.take.report, span.take.performance), recording=nvsdata.open(path))
+    other = span._replace(
+        take=ScreenRecording(path, span.take.report, span.take.performance), recording=nvsdata.open(path)
+    )
     inspector = Inspector(lab_of_one.monitor, **how)
     found = inspector.look(other, video)
     return found, inspector.doubts(found)
@@ -171,7 +173,7 @@ def test_still_and_blank_videos_are_quiet_and_right(lab_of_one, tmp_path, kind):
 def test_strict_refuses_and_a_moving_video_needs_events(lab_of_one, video, right, tmp_path):
     span, events = right
     nvsdata.write(spoiled("a hand before the lens", span, events), tmp_path / "a.h5")
-    take_ = Take(tmp_path / "a.h5", span.take.report, span.take.performance)
+    take_ = ScreenRecording(tmp_path / "a.h5", span.take.report, span.take.performance)
     odd = span._replace(take=take_, recording=nvsdata.open(tmp_path / "a.h5"))
     lenient, strict = Inspector(lab_of_one.monitor), Inspector(lab_of_one.monitor, strict=True)
     assert len(lenient.judged(odd, video, 10**6)["look"]) >= 1
@@ -189,7 +191,7 @@ def test_a_screen_that_hardly_a_pixel_sees_is_no_quiet_video(lab_of_one, video, 
     span, events = right
     faint = events[np.random.default_rng(0).random(len(events)) < 0.005]
     nvsdata.write(faint, tmp_path / "a.h5")
-    take_ = Take(tmp_path / "a.h5", span.take.report, span.take.performance)
+    take_ = ScreenRecording(tmp_path / "a.h5", span.take.report, span.take.performance)
     odd = span._replace(take=take_, recording=nvsdata.open(tmp_path / "a.h5"))
     with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: hardly a pixel saw the screen"):
         Inspector(lab_of_one.monitor).judged(odd, video, 150)

@@ -146,6 +146,6 @@ def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_show
 )
 def test_a_video_slightly_faster_than_the_screen_is_told_as_such(fps, refresh, told):
     """Not as a computer that is busy, after three takes."""
-    frames = [Frame(round(n * 1e6 / fps), np.zeros((2, 2), np.uint8), True) for n in range(playback.COMPARED)]
+    frames = [Frame(round(n * 1e6 / fps), np.zeros((2, 2), np.uint8), True) for n in range(playback.LOOKED_AT)]
     with pytest.raises(ValueError, match=f"the video has {fps} pictures per second") if told else nullcontext():
         playback._check_rate(frames, 1e6 / refresh)

@@ -9,7 +9,7 @@ from nvsdata.recording.capture import RecordingReport
 from nvsdata.rig import sync
 from nvsdata.rig.clock_fit import NoSync, flashes
 from nvsdata.rig.playback import PlaybackLog
-from nvsdata.rig.sync import Take, around_flashes, synced
+from nvsdata.rig.sync import ScreenRecording, around_flashes, synced
 
 STEP, START, STOP = 50_000.0, 4_000_000.0, 9_000_000.0  # µs, of the host
 DELAY = 4_000  # µs from a change of the screen to its events
@@ -25,14 +25,14 @@ def test_only_the_events_around_the_flashes_are_looked_at(tmp_path):
     t = [499_000, 501_000, 1_500_000, 2_600_000, 2_604_000, 5_490_000, 5_498_000, 6_000_000, 6_600_000, 6_604_000]
     nvsdata.write(events_at(t), tmp_path / "a.h5")
     done = PlaybackLog(16_667.0, flashes=[1_100_000.0, 2_200_000.0, start + 3_100_000, start + 3_200_000], start=start)
-    found = around_flashes(Take(tmp_path / "a.h5", RecordingReport(None, zero=zero), done))
+    found = around_flashes(ScreenRecording(tmp_path / "a.h5", RecordingReport(None, zero=zero), done))
     # from half a second before the first to half a second after the last, and a drift of 500 ppm more
     # 1,000,000 - 500 - 500,000 to 2,100,000 + 1,050 + 500,000; 6,000,000 - 3,000 - 500,000 to 6,603,050
     assert found.t.tolist() == [501_000, 1_500_000, 2_600_000, 5_498_000, 6_000_000, 6_600_000]
     assert found.sensor_size == (40, 30)
     close = PlaybackLog(16_667.0, flashes=[600_000.0, 1_700_000.0, start + 1, start + 2], start=start)
     # what lies around both groups is read once, and nothing from before the recording
-    found = around_flashes(Take(tmp_path / "a.h5", RecordingReport(None, zero=zero + 2.6e6), close))
+    found = around_flashes(ScreenRecording(tmp_path / "a.h5", RecordingReport(None, zero=zero + 2.6e6), close))
     assert found.t.tolist() == [499_000, 501_000]
 
 
@@ -57,7 +57,7 @@ def taken(tmp_path):
         order = np.argsort(t, kind="stable")
         nvsdata.write(events_at(t[order], p[order].astype(int)), tmp_path / "raw.h5")
         done = PlaybackLog(16_667.0, host.tolist(), bright.tolist(), START, STOP)
-        return Take(tmp_path / "raw.h5", RecordingReport(None, triggers=sorted(map(int, triggers))), done)
+        return ScreenRecording(tmp_path / "raw.h5", RecordingReport(None, triggers=sorted(map(int, triggers))), done)
 
     take.rising = host[bright]
     return take

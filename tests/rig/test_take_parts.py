@@ -13,8 +13,8 @@ from nvsdata.recording.capture import RecordingReport
 from nvsdata.rig import take
 from nvsdata.rig.clock_fit import ClockFit
 from nvsdata.rig.playback import PlaybackLog, _in_turn
-from nvsdata.rig.sync import Sync, Take
-from nvsdata.rig.take import TakeRejected, Tally, _check, _check_stream, _tally, cut_take
+from nvsdata.rig.sync import ScreenRecording, Sync
+from nvsdata.rig.take import TakeRejected, Tally, _check, _check_stream, _tally, trim
 
 
 def events_at(t, p=None):
@@ -84,14 +84,14 @@ def test_a_take_is_cut_to_its_video(tmp_path, monkeypatch):
     nvsdata.write(events_at(t, np.array([1, 1, 0, 1, 1])), tmp_path / "raw.h5")
     report = RecordingReport(None, dropped=7, error_counts={"a": 2, "b": 0}, temperature=20.5)
     done = PlaybackLog(16_667.0, start=1_000.0, stop=20_000.0, due=[1.0, 2.0], shown=[1.0, 2.0], dropped=0)
-    one, video = Take(tmp_path / "raw.h5", report, done), tmp_path / "a.avi"
+    one, video = ScreenRecording(tmp_path / "raw.h5", report, done), tmp_path / "a.avi"
 
     def judged(span, given, events):
         assert (span.take, span.line, span.start, span.stop) == (one, line, 2_500, 31_000)
         assert (given, events) == (video, 2)
         return {"content": {"gap": 0.0}, "look": ["odd"]}
 
-    told = cut_take(one, Video("a.avi", video, tmp_path / "deep/out/a.h5"), SimpleNamespace(judged=judged))
+    told = trim(one, Video("a.avi", video, tmp_path / "deep/out/a.h5"), SimpleNamespace(judged=judged))
     assert nvsdata.read(tmp_path / "deep/out/a.h5").t.tolist() == [0, 500]
     assert told == {
         "recording": (tmp_path / "deep/out/a.h5").stat().st_size,

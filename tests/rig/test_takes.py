@@ -14,7 +14,7 @@ import nvsdata
 from nvsdata import Events
 from nvsdata.batch.folder import Video, sha256, videos_in
 from nvsdata.recording.camera import CameraError
-from nvsdata.recording.davis.registers import Settings
+from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.rig import batch, status, verification, watch
 from nvsdata.rig.take import TakeRejected
 
@@ -55,12 +55,12 @@ def recorded(folder, monkeypatch, fails=(), *, resume=False):
             "recording_sha256": sha256(target)
         }
 
-    monkeypatch.setattr(batch, "record_take", taken)
-    monkeypatch.setattr(batch, "cut_take", cut)
+    monkeypatch.setattr(batch, "record_screen", taken)
+    monkeypatch.setattr(batch, "trim", cut)
     camera = SimpleNamespace(facts=SimpleNamespace(serial="x"), configure=lambda _: None, close=lambda: None)
     videos = videos_in(folder / "in", out)
-    with batch.manifest_of(out, Settings(), "hdf5", MONITOR, videos, resume=resume) as manifest:
-        return batch.record_videos(videos, out, manifest, lambda: camera, MONITOR, Settings())
+    with batch.manifest_of(out, CameraSettings(), "hdf5", MONITOR, videos, resume=resume) as manifest:
+        return batch.record_videos(videos, out, manifest, lambda: camera, MONITOR, CameraSettings())
 
 
 def lines(folder):

@@ -159,7 +159,7 @@ def test_a_million_nodes_are_pooled_into_one():
     assert error(pooled.x, [exact]) < 1e-7
     assert (pooled.pos.tolist(), pooled.t.tolist()) == ([[1, 0]], [sum(graph.t.tolist()) // MANY])
     assert models.GraphPool((3, 1), (3, 1))(graph).x.item() == value.max().item()
-    assert error(models.Graph2Grid((3, 1), (3, 1))(graph), [exact * MANY]) < 3e-4
+    assert error(models.Graph2GridLayer((3, 1), (3, 1))(graph), [exact * MANY]) < 3e-4
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, SIDE), (SIDE, 1), (2, 1)])

@@ -134,7 +134,7 @@ def test_pooling_at_the_ends_of_float32(value):
     for mode in ("max", "average"):
         assert (models.GraphPool((34, 34), (34, 34), mode)(graph).x == graph.x[0]).all()
     alone = models.GraphPool((1, 1), (34, 34))(graph)
-    grid = models.Graph2Grid((1, 1), (34, 34))(alone)
+    grid = models.Graph2GridLayer((1, 1), (34, 34))(alone)
     assert set(grid.unique().tolist()) == {0.0, float(graph.x[0])}
     of = torch.zeros(300, dtype=torch.int64)
     assert max_rows_torch(graph.x, of, 1).item() == graph.x[0].item()

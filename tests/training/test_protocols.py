@@ -193,7 +193,7 @@ def test_causal_networks_pool_at_their_end_only_and_can_stream(kind, sensor, cha
     assert model.settings["clusters"] == (None, None, last)
     assert model.settings["sensor_size"] == sensor
     trained = models.Trained(model.eval(), (), protocol.pipeline(training=False), {}, {})
-    decider = models.Decider(trained)
+    decider = models.OnlineClassifier(trained)
     assert isinstance(decider.stream, models.streaming.CausalStream)
     assert decider.stream.window == 30_000
 
@@ -208,4 +208,4 @@ def test_causal_networks_know_no_events_to_come(wrong):
 def test_the_usual_networks_can_stream_as_they_were_trained():
     protocol = Objects("n-mnist")
     trained = models.Trained(protocol.build((34, 34), 10).eval(), (), protocol.pipeline(training=False), {}, {})
-    assert models.Decider(trained).stream.scores().shape == (10,)
+    assert models.OnlineClassifier(trained).stream.scores().shape == (10,)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from nvsdata.kernels.streaming.causal import CausalNetwork
-from nvsdata.models.incremental.network import Parts
+from nvsdata.models.incremental.network import NetworkLayers
 
 
-class LiveCausal(CausalNetwork):
+class IncrementalCausalNetwork(CausalNetwork):
     """A network's rows for events whose neighbors are those before them.
 
     ValueError for average pooling.
     """
 
-    def __init__(self, network: Parts, window: int | None) -> None:
+    def __init__(self, network: NetworkLayers, window: int | None) -> None:
         pool = network.pools[-1]
         assert pool is not None, "the last block is pooled"
         if pool.mode != "max":

@@ -26,7 +26,7 @@ from nvsdata.transforms.graphs.edges import RadiusGraph
 MOST_NEIGHBORS = 1_024  # of a node; each event has room for all
 
 
-class Parts:
+class NetworkLayers:
     """Layers that incremental inference uses: convolutions, the pooling of each, and the fully connected layers.
 
     - `channels`: features of a node of `graph`
@@ -117,10 +117,10 @@ class Parts:
         return to_grid(batch.x, batch.pos, batch.batch, 1, 1, self.cluster, self.grid)[0, :, 0]
 
 
-class LiveNetwork(SlidingNetwork):
+class IncrementalNetwork(SlidingNetwork):
     """A network's rows for the events in a window that slides."""
 
-    def __init__(self, network: Parts) -> None:
+    def __init__(self, network: NetworkLayers) -> None:
         super().__init__(network.weights, network.shape, network.units)
 
     def columns(self) -> Columns:

@@ -11,8 +11,8 @@ from torch import nn
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Columns, Events, check_inside, concatenate
 from nvsdata.data.graph import Graph
-from nvsdata.models.incremental.causal import LiveCausal
-from nvsdata.models.incremental.network import LiveNetwork, Parts
+from nvsdata.models.incremental.causal import IncrementalCausalNetwork
+from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
 from nvsdata.transforms.compose import Compose
 from nvsdata.transforms.events.causal_filters import LookingBack
 from nvsdata.transforms.graphs.edges import RadiusGraph
@@ -62,7 +62,7 @@ def _edges_of(graph: Any) -> Any:
     return graph
 
 
-class _Follower(ABC):
+class _IncrementalInference(ABC):
     """Incremental inference of a network in a window, on a graph."""
 
     def __init__(self, model: nn.Module, window: int | None, graph: Any, sampler: LookingBack | None) -> None:
@@ -74,7 +74,7 @@ class _Follower(ABC):
         self.window, self.graph, self.sampler = window, graph, sampler
         self._has_features = isinstance(graph, NodeFeatures)
         channels = graph(Events.empty((1, 1))).x.shape[1] if self._has_features else 1
-        self._network = Parts(model, _edges_of(graph), channels)
+        self._network = NetworkLayers(model, _edges_of(graph), channels)
         self.reset()
 
     def reset(self) -> None:
@@ -135,7 +135,7 @@ class _Follower(ABC):
     def _scores(self) -> torch.Tensor: ...
 
 
-class Stream(_Follower):
+class Stream(_IncrementalInference):
     """A network that follows events; made by `stream`.
 
     Its scores are those of the network on `graph` of the events in the window, up to rounding, however events were cut.
@@ -151,7 +151,7 @@ class Stream(_Follower):
         self._waiting: list[Columns] = []
         # events whose rows aren't kept, and how many steps with few changes there were since
         self._held, self._calm = Columns.empty(0), 0
-        self._live: LiveNetwork | None = None
+        self._live: IncrementalNetwork | None = None
         self._found: torch.Tensor | None = None
         self._seen = -FOREVER
 
@@ -215,7 +215,7 @@ class Stream(_Follower):
         # features of nodes change with all events around
         self._calm = self._calm + 1 if few and not self._has_features else 0
         if self._calm == CALM:
-            self._live = LiveNetwork(self._network)
+            self._live = IncrementalNetwork(self._network)
             self._step(until, self._held)
             self._held = Columns.empty(0)
 
@@ -226,7 +226,7 @@ class Stream(_Follower):
         self.products += self._live.products - before
 
 
-class CausalStream(_Follower):
+class CausalStream(_IncrementalInference):
     """A network on a causal graph that follows events; made by `stream`.
 
     An event's neighbors are among those that the window held when it came, its rows are computed once, at `feed`, and
@@ -240,7 +240,7 @@ class CausalStream(_Follower):
     def reset(self) -> None:
         """Forget all events."""
         super().reset()
-        self._live = LiveCausal(self._network, self.window)
+        self._live = IncrementalCausalNetwork(self._network, self.window)
 
     def _take(self, columns: Columns) -> None:
         self._live.step(self._until, *columns)

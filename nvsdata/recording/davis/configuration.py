@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from nvsdata.recording.davis.registers import APS, CHIP, CHIPS, DVS, EXTERNAL, IMU, MUX, USB, Settings
+from nvsdata.recording.davis.registers import APS, CHIP, CHIPS, DVS, EXTERNAL, IMU, MUX, USB, CameraSettings
 
 Write = tuple[int, int, int]
 """Module, parameter, value."""
@@ -83,9 +83,9 @@ def defaults(facts: DeviceInfo) -> Iterator[Write]:
     yield USB, 1, cycles(1_000, facts.usb_clock)
 
 
-def changes(facts: DeviceInfo, settings: Settings) -> Iterator[Write]:
+def changes(facts: DeviceInfo, settings: CameraSettings) -> Iterator[Write]:
     """Writes for `settings` that differ from the defaults. ValueError for what the camera can't do."""
-    default = Settings()
+    default = CameraSettings()
     for name, asked, needed in (
         ("send only the events of a region", settings.region, "region filter"),
         ("mask pixels", settings.masked, "pixel filter"),

@@ -26,12 +26,12 @@ from nvsdata.recording.davis.registers import (
     RUNNING,
     SYSTEM,
     USB,
-    Settings,
+    CameraSettings,
     biases_of,
 )
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.stream import DavisDecoder
 from nvsdata.recording.usb.process_reader import SubprocessStream, can_read_in_subprocess
-from nvsdata.recording.usb.transfers import INTERRUPT, AsyncStream, Disconnected, Stream, SyncStream, queued
+from nvsdata.recording.usb.transfers import INTERRUPT, AsyncStream, Disconnected, SyncStream, UsbStream, queued
 
 VENDOR = 0x152A
 # product ID: the board, and the oldest firmware that will do
@@ -59,9 +59,9 @@ class Davis:
 
     def __init__(self, device: Any) -> None:
         self.device = device
-        self.settings = Settings()
+        self.settings = CameraSettings()
         self.note: str | None = None  # what recordings are to say besides
-        self._stream: Stream | None = None
+        self._stream: UsbStream | None = None
         self._debug: AsyncStream | None = None
         self.messages: list[str] = []  # of its firmware
         self.faults = 0  # USB requests that failed since the last start
@@ -222,12 +222,12 @@ class Davis:
             if high == again:
                 return high << 32 | low
 
-    def configure(self, settings: Settings | None = None) -> None:
+    def configure(self, settings: CameraSettings | None = None) -> None:
         """The vendor's default configuration, then what differs from it.
 
         ValueError for biases or a region that the camera doesn't have.
         """
-        settings = settings or Settings()
+        settings = settings or CameraSettings()
         facts, biases = self.facts, biases_of(self.facts.chip)
         for name in settings.biases:
             if name not in biases:
@@ -299,10 +299,10 @@ class Davis:
         """Events that the camera itself has dropped since it was powered on, None if it doesn't count them."""
         return self.get64(MUX, 83) if "statistics" in self.facts.has else None
 
-    def decoder(self) -> Decoder:
+    def decoder(self) -> DavisDecoder:
         """A decoder for this camera's stream, whose times never fall."""
         facts = self.facts
-        return Decoder(
+        return DavisDecoder(
             facts.width,
             facts.height,
             facts.swap,
@@ -322,7 +322,7 @@ class Davis:
         facts["settings"] = {name: value for name, value in asdict(self.settings).items() if name != "biases"}
         return facts | ({"note": self.note} if self.note else {})
 
-    def journal_head(self, decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
+    def journal_head(self, decoder: DavisDecoder, last: int | None, about: Mapping[str, Any]) -> bytes:
         """The first bytes of a file of the format `davis`; see `Camera`."""
         return header(decoder, last, about)
 
@@ -351,7 +351,7 @@ def devices(backend: Any) -> list[Any]:
         raise CameraError("libusb isn't installed: install libusb-1.0 (Debian and Ubuntu: libusb-1.0-0)") from None
 
 
-def _stream(device: Any) -> Stream:
+def _stream(device: Any) -> UsbStream:
     """The best way to read that the device's backend allows."""
     found = queued(device, ENDPOINT)
     if found is not None:

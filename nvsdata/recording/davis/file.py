@@ -19,16 +19,16 @@ from nvsdata.data.samples import Frame, Inertial, Piece, within
 from nvsdata.formats.file_recording import FileRecording
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.kernels.decode.order import is_sorted
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.stream import DavisDecoder
 
 MARK = b"#!DAVIS-STREAM1 "
 BLOCK = 1 << 20  # bytes that are decoded at once
 MAX_SIDE = 4096  # pixels per side
 
 
-def header(decoder: Decoder, last: int | None, about: Mapping[str, Any]) -> bytes:
+def header(decoder: DavisDecoder, last: int | None, about: Mapping[str, Any]) -> bytes:
     """The first line of a file."""
-    how = {field.name: getattr(decoder, field.name) for field in fields(Decoder) if field.init}
+    how = {field.name: getattr(decoder, field.name) for field in fields(DavisDecoder) if field.init}
     return MARK + json.dumps({"decoder": how, "last": last, "about": dict(about)}).encode() + b"\n"
 
 
@@ -68,8 +68,8 @@ class StreamRecording(FileRecording):
         if not self._how["steady"]:
             raise ValueError("a decoder that isn't steady, whose times may fall")
 
-    def _decoder(self) -> Decoder:
-        return Decoder(**self._how)
+    def _decoder(self) -> DavisDecoder:
+        return DavisDecoder(**self._how)
 
     @property
     def about(self) -> Mapping[str, Any]:
@@ -88,7 +88,7 @@ class StreamRecording(FileRecording):
         for name, count in decoder.error_counts.items():
             self._repair(name, count)
 
-    def _in_order(self, decoder: Decoder, last: int | None) -> Iterator[Piece]:
+    def _in_order(self, decoder: DavisDecoder, last: int | None) -> Iterator[Piece]:
         """Yield a decoder's events. FormatError if times fall: it met a reset that wasn't there in an earlier pass."""
         latest = 0
         for piece, _ in decoder.decoded(self._blocks(), last):

@@ -129,7 +129,7 @@ def biases_of(chip: int) -> dict[str, Bias]:
 
 
 @dataclass(frozen=True)
-class Settings:
+class CameraSettings:
     """Settings of a DAVIS camera.
 
     - `biases`: by name, each two numbers (see `Bias`), in place of the chip's defaults

@@ -65,7 +65,7 @@ NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
 
 
 @dataclass
-class Decoder:
+class DavisDecoder:
     """Decodes a camera's stream, piece by piece.
 
     - `width`, `height`: of the sensor in pixels, as the host sees it

@@ -23,7 +23,7 @@ class Disconnected(Exception):
     """The device doesn't answer any more."""
 
 
-class Stream(Protocol):
+class UsbStream(Protocol):
     """A camera's stream, as it comes; `faults` counts requests that failed, with which bytes may be lost."""
 
     faults: int

@@ -14,7 +14,7 @@ from nvsdata.data.events import LATEST
 from nvsdata.data.graph import GraphBatch
 from nvsdata.models.graph_cnn import input_of
 from nvsdata.models.incremental import streaming
-from nvsdata.models.incremental.network import LiveNetwork, Parts
+from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
 from nvsdata.models.pool import GraphPool
 from nvsdata.transforms.defaults import LITERAL_BETA
 
@@ -127,7 +127,7 @@ def test_neighbors_are_those_of_the_graph(seed, k, window):
     beta, pseudo = [2.5e-11, LITERAL_BETA, 0.0][seed % 3], ("signed", "signed-time")[seed % 2]
     graph = T.RadiusGraph(radius=3, beta=beta, max_degree=k, pseudo=pseudo)
     axes = 2 + seed % 2
-    live = LiveNetwork(Parts(trained(dim=axes), graph))
+    live = IncrementalNetwork(NetworkLayers(trained(dim=axes), graph))
     pieces, now = [], 0
     for _ in range(10):
         pieces.append(drawn(rng, int(rng.integers(1, 30)), ("burst", "ties", "narrow")[rng.integers(3)], now))
@@ -252,7 +252,7 @@ def test_nothing_is_computed_before_scores_are_asked_for(monkeypatch):
     rng = np.random.default_rng(6)
     live = models.stream(trained(), 3_000)
     events = drawn(rng, 5_000, "wide")
-    monkeypatch.setattr(streaming, "LiveNetwork", None)
+    monkeypatch.setattr(streaming, "IncrementalNetwork", None)
     for at in range(0, 5_000, 10):
         live.feed(events[at : at + 10])
         # what is over isn't kept

@@ -10,7 +10,7 @@ import usb.core
 from nvsdata.recording.camera import CameraError, Unplugged
 from nvsdata.recording.davis.configuration import DeviceInfo, changes, cycles, defaults
 from nvsdata.recording.davis.driver import Davis, _told
-from nvsdata.recording.davis.registers import SHIFTED, VDAC, Bias, N, P, Settings, biases_of
+from nvsdata.recording.davis.registers import SHIFTED, VDAC, Bias, CameraSettings, N, P, biases_of
 from nvsdata.recording.simulated.camera import DAVIS240C, SimulatedDavis
 from nvsdata.recording.simulated.usb_backend import Backend
 
@@ -82,16 +82,16 @@ def test_which_chips_have_biases(chip):
     ],
 )
 def test_settings_and_their_bounds(good, bad):
-    Settings(**good)
+    CameraSettings(**good)
     with pytest.raises(ValueError, match=next(iter(bad))):
-        Settings(**bad)
+        CameraSettings(**bad)
 
 
 def test_what_is_set_if_nothing_is_said():
-    assert Settings() == Settings(
+    assert CameraSettings() == CameraSettings(
         {}, False, True, None, 2_000, None, 4_000, 40_000, 1_000, "pulses", (), None, "both", None
     )
-    assert list(changes(FACTS, Settings())) == []
+    assert list(changes(FACTS, CameraSettings())) == []
 
 
 @pytest.mark.parametrize(
@@ -142,9 +142,9 @@ def test_a_time_in_cycles(time, clock, count):
 def test_what_settings_change(settings, facts, writes):
     if isinstance(writes, str):
         with pytest.raises(ValueError, match=writes):
-            list(changes(replace(FACTS, **facts), Settings(**settings)))
+            list(changes(replace(FACTS, **facts), CameraSettings(**settings)))
     else:
-        assert list(changes(replace(FACTS, **facts), Settings(**settings))) == writes
+        assert list(changes(replace(FACTS, **facts), CameraSettings(**settings))) == writes
 
 
 def test_defaults_of_the_parts_that_a_camera_has():

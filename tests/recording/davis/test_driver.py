@@ -10,7 +10,7 @@ from places import SHARED
 
 from nvsdata.recording.camera import CameraError, Unplugged
 from nvsdata.recording.davis.driver import Davis
-from nvsdata.recording.davis.registers import APS, DVS, EXTERNAL, IMU, MUX, SYSTEM, Settings
+from nvsdata.recording.davis.registers import APS, DVS, EXTERNAL, IMU, MUX, SYSTEM, CameraSettings
 from nvsdata.recording.simulated.camera import DAVIS240C, SimulatedDavis
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
@@ -81,7 +81,7 @@ def test_the_conversation_is_the_vendors(name):
         assert set(camera.log) == set(expected["open"])
         assert davis.facts.serial == told["serial"][:8]
         for phase, act in (
-            ("default_config", lambda: davis.configure(Settings(frames=True))),
+            ("default_config", lambda: davis.configure(CameraSettings(frames=True))),
             ("data_start", davis.start),
             ("data_stop", davis.stop),
         ):
@@ -103,7 +103,7 @@ def camera(**options):
 def test_events_alone_leave_frames_and_samples_off():
     one = camera()
     with Davis.find(backend=Backend(one)) as davis:
-        davis.configure(Settings(inertial=False))
+        davis.configure(CameraSettings(inertial=False))
         one.log.clear()
         davis.start()
         started = [(value, index) for *_, value, index, data in one.log if data == b"\0\0\0\1"]
@@ -113,7 +113,7 @@ def test_events_alone_leave_frames_and_samples_off():
 def test_settings_are_sent_after_the_defaults():
     one = camera()
     with Davis.find(backend=Backend(one)) as davis:
-        settings = Settings(
+        settings = CameraSettings(
             biases={"OnBn": (4, 200), "SSP": (2, 30)},
             region=(10, 20, 100, 80),
             activity_filter=None,
@@ -146,11 +146,11 @@ def test_settings_are_sent_after_the_defaults():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (Settings(biases={"Onbn": (1, 1)}), "DAVIS240C has no bias 'Onbn'; it has DiffBn, OnBn"),
-        (Settings(biases={"OnBn": (8, 1)}), r"takes 0..7:0..255, not 8:1"),
-        (Settings(region=(200, 0, 41, 10)), "not within 240x180"),
-        (Settings(frame_region=(0, 100, 10, 81)), "frame_region .* is not within 240x180"),
-        (Settings(masked=((240, 0),)), r"masked pixel \(240, 0\) is not within"),
+        (CameraSettings(biases={"Onbn": (1, 1)}), "DAVIS240C has no bias 'Onbn'; it has DiffBn, OnBn"),
+        (CameraSettings(biases={"OnBn": (8, 1)}), r"takes 0..7:0..255, not 8:1"),
+        (CameraSettings(region=(200, 0, 41, 10)), "not within 240x180"),
+        (CameraSettings(frame_region=(0, 100, 10, 81)), "frame_region .* is not within 240x180"),
+        (CameraSettings(masked=((240, 0),)), r"masked pixel \(240, 0\) is not within"),
     ],
 )
 def test_settings_that_do_not_fit(settings, message):
@@ -203,9 +203,9 @@ def test_unplugged_in_each_phase(phase):
         if phase == "configure":
             one.unplugged = True
             with pytest.raises(Unplugged, match="was unplugged"):
-                davis.configure(Settings())
+                davis.configure(CameraSettings())
             return
-        davis.configure(Settings())
+        davis.configure(CameraSettings())
         if phase == "start":
             one.unplugged = True
             with pytest.raises(Unplugged):
@@ -230,7 +230,7 @@ class Noted(Outlines):
 def test_the_stream_of_a_simulated_camera_is_what_it_saw():
     one = camera(scene=Noted(), room=1 << 22)
     with Davis.find(backend=Backend(one)) as davis:
-        davis.configure(Settings())
+        davis.configure(CameraSettings())
         davis.start()
         davis.reset_time()
         decoder = davis.decoder()

@@ -8,14 +8,14 @@ import pytest
 import nvsdata
 from nvsdata import FormatError
 from nvsdata.recording.davis.file import header
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.stream import DavisDecoder
 
 RESET, BEGIN, SIGNAL, COLUMN_END, END = 1, 8, 12, 13, 10
 
 
 def journal(path, words, **how):
     """A file of these words; `how`: what its first line says otherwise than a camera's."""
-    line = header(Decoder(240, 180, steady=True), None, {})
+    line = header(DavisDecoder(240, 180, steady=True), None, {})
     mark, told = line.split(b" ", 1)
     told = json.loads(told)
     told["decoder"] |= how
@@ -30,7 +30,7 @@ def test_a_decoder_whose_times_may_fall_is_refused(tmp_path):
     # a time that falls shows that the camera's clock went round
     assert nvsdata.read(journal(tmp_path / "a.davis", words)).t.tolist() == [500, 3 + (1 << 15)]
     with pytest.raises(ValueError, match="only a steady decoder gives events in order"):
-        next(Decoder(240, 180).decoded([b""], None))
+        next(DavisDecoder(240, 180).decoded([b""], None))
 
 
 def region(first, last):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from places import SHARED
 
-from nvsdata.recording.davis.stream import SPECIALS, Decoder
+from nvsdata.recording.davis.stream import SPECIALS, DavisDecoder
 from nvsdata.recording.simulated.camera import SAMPLE_WORDS as SAMPLE
 from nvsdata.recording.simulated.camera import readings
 
@@ -37,7 +37,7 @@ def decoder(profile):
         columns, rows = profile[f"{kind}_columns"], profile[f"{kind}_rows"]
         return (rows, columns) if profile[f"{kind}_orientation"] & 4 else (columns, rows)
 
-    return Decoder(
+    return DavisDecoder(
         *seen("dvs"),
         swap=bool(profile["dvs_orientation"] & 4),
         frame_size=seen("aps"),
@@ -134,7 +134,7 @@ def compare_frames(name, frames):
 def test_a_lost_wrap_to_the_next_period_is_reported_wherever_the_stream_is_cut(cut):
     # 2^31 µs are 65,536 wraps: sixteen words of 4,095, one of 15, and one that is lost
     words = np.array([0x0001, *[0x7FFF] * 16, 0x700F, 0x800A, 0x8005, 0x7001], "<u2")
-    ours = Decoder(240, 180, steady=True)
+    ours = DavisDecoder(240, 180, steady=True)
     specials = decoded(ours, [words[:cut].tobytes(), words[cut:].tobytes()])[1]
     assert specials == [(0, 0, 1), (20, (1 << 31) + (1 << 15), 0)]
 
@@ -144,7 +144,7 @@ def test_any_split_gives_the_same(words, cuts):
     data = np.array(words, "<u2").tobytes()
     ends = np.minimum(2 * np.cumsum(cuts, dtype=np.int64), len(data)).tolist() if cuts else []
     pieces = [data[a:b] for a, b in zip([0, *ends], [*ends, len(data)], strict=True)]
-    whole, split = Decoder(64, 48), Decoder(64, 48)
+    whole, split = DavisDecoder(64, 48), DavisDecoder(64, 48)
     one, many = decoded(whole, [data]), decoded(split, pieces)
     assert np.array_equal(one[0], many[0])
     assert one[1:3] == many[1:3]
@@ -155,7 +155,7 @@ def test_any_split_gives_the_same(words, cuts):
 
 
 def test_events_rows_and_times():
-    ours = Decoder(240, 180)
+    ours = DavisDecoder(240, 180)
     # time 5, row 3, ON at column 7, OFF at 8, one wrap, time 1, column 9 in the same row
     ev = ours.feed(np.array([0x8005, 0x1003, 0x3007, 0x2008, 0x7001, 0x8001, 0x3009], "<u2").tobytes())
     assert ev.t.tolist() == [5, 5, 32769]
@@ -168,7 +168,7 @@ def test_times_go_on_where_wraps_and_resets_break_them():
         """A time word for each, and an event with it; None is a reset."""
         return [word for t in times for word in ((0x0001,) if t is None else (0x8000 | t, 0x3001))]
 
-    ours = Decoder(240, 180, steady=True)
+    ours = DavisDecoder(240, 180, steady=True)
     stream = [*words(None, 1, 5), 0x7001, *words(32, 7_000, 232), *SAMPLE, *words(None, 100)]
     ev = ours.feed(np.array(stream, "<u2").tobytes())
     assert ev.t.tolist() == [1, 5, 32_768 + 32, 39_768, 65_536 + 232, 98_304 + 100]
@@ -185,7 +185,7 @@ def test_times_go_on_where_wraps_and_resets_break_them():
 
 @given(st.lists(st.integers(0, 0xFFFF), max_size=400), st.integers(0, 400))
 def test_a_steady_clock_never_falls_whatever_comes(words, cut):
-    ours = Decoder(64, 48, steady=True)
+    ours = DavisDecoder(64, 48, steady=True)
     pieces = [ours.feed(np.array(part, "<u2").tobytes()).t for part in (words[:cut], words[cut:])]
     reset = next((n for n, word in enumerate(words) if word == 1), None)
     if reset is None:
@@ -193,7 +193,7 @@ def test_a_steady_clock_never_falls_whatever_comes(words, cut):
 
 
 def test_what_is_amiss_is_counted():
-    ours = Decoder(240, 180)
+    ours = DavisDecoder(240, 180)
     ours.feed(np.array([0x8005, 0x8005, 0x10B4, 0x30F0, 0x0FFF, 0x5F00, 0x6C00], "<u2").tobytes() + b"\1")
     error_counts = {name: count for name, count in ours.error_counts.items() if count}
     assert error_counts == {
@@ -207,7 +207,7 @@ def test_what_is_amiss_is_counted():
 
 
 def test_more_special_events_than_the_kernel_has_room_for():
-    ours = Decoder(240, 180)
+    ours = DavisDecoder(240, 180)
     ours.feed(np.full(5000, 0x0004, "<u2").tobytes())
     assert ours.specials.word.tolist() == list(range(5000))
     assert {SPECIALS[kind] for kind in ours.specials.kind.tolist()} == {"external_pulse"}
@@ -221,7 +221,7 @@ def test_rising_edges_and_pulses_after_the_first_reset_are_triggers(size):
     blocks = [np.array(words[i : i + size], "<u2").tobytes() for i in range(0, len(words), size)]
 
     def times(last):
-        found = [times for _, times in Decoder(240, 180, steady=True).decoded(blocks, last)]
+        found = [times for _, times in DavisDecoder(240, 180, steady=True).decoded(blocks, last)]
         return np.concatenate(found).tolist()
 
     assert times(None) == [10, 30, 50]
@@ -235,7 +235,7 @@ def test_what_comes_before_the_first_reset_or_from_the_end_on_is_left_out(size, 
     before = [0x8005, 0x1003, 0x3001, *SAMPLE, *frame_words()]
     words = [*before, 0x0001, 0x800A, 0x1003, 0x3002, *SAMPLE, 0x8014, 0x3003, *SAMPLE, *frame_words(), 0x801E, 0x3004]
     blocks = [np.array(words[i : i + size], "<u2").tobytes() for i in range(0, len(words), size)]
-    found = [piece for piece, _ in Decoder(240, 180, steady=True).decoded(blocks, last)]
+    found = [piece for piece, _ in DavisDecoder(240, 180, steady=True).decoded(blocks, last)]
     kept = [t for t in (10, 20, 30) if last is None or t < last]
     assert [t for piece in found for t in piece.t.tolist()] == kept
     assert [t for piece in found for t in piece.inertial.t.tolist()] == [t for t in kept if t < 30]

@@ -263,7 +263,7 @@ def patched(day: Weekend, camera: Camera) -> None:
     """Put the lab before, behind and around the batch."""
     lab.hurry()
     take.MOST_WRONG, watch.PAUSED, batch.RETRY = 50.0, 1_000_000, 300_000
-    record, cut, play, fade = batch.record_take, batch.cut_take, playback._play, Monitor.fade
+    record, cut, play, fade = batch.record_screen, batch.trim, playback._play, Monitor.fade
     usage = shutil.disk_usage
 
     def recorded(camera_, monitor, video, *how, **more):
@@ -299,7 +299,7 @@ def patched(day: Weekend, camera: Camera) -> None:
         fade(*how, **more)
         day.fading = False
 
-    batch.record_take, batch.cut_take, playback._play, Monitor.fade = recorded, cut_and_told, played, faded
+    batch.record_screen, batch.trim, playback._play, Monitor.fade = recorded, cut_and_told, played, faded
     pygame.display.flip = flip_of(pygame.display.flip)
     pygame.display.get_desktop_refresh_rates = lambda: [60]
     driver.SyncStream, Wire.weekend = Wire, day

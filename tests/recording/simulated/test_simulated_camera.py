@@ -9,7 +9,7 @@ import pytest
 import usb.core
 
 from nvsdata import Events
-from nvsdata.recording.davis.stream import SPECIALS, Decoder
+from nvsdata.recording.davis.stream import SPECIALS, DavisDecoder
 from nvsdata.recording.simulated import camera as module
 from nvsdata.recording.simulated.camera import SimulatedDavis, picture
 from nvsdata.recording.simulated.scenes import Outlines
@@ -67,7 +67,7 @@ def sent(camera, size=1 << 20, reads=None):
 
 
 def decoded(data):
-    ours = Decoder(240, 180)
+    ours = DavisDecoder(240, 180)
     events = ours.feed(data)
     assert not any(ours.error_counts.values())
     rows = list(zip(*(column.tolist() for column in events.columns), strict=True))
@@ -166,7 +166,7 @@ def test_samples_come_each_tenth_of_a_second(host):
     found = []
     for step in (100_000, 1, 99_999, 1, 1, 30_000):
         camera.advance(step)
-        ours = Decoder(240, 180)
+        ours = DavisDecoder(240, 180)
         ours.feed(sent(camera) or b"")
         found.append(ours.samples.t.size)
         if ours.samples.t.size:
@@ -181,7 +181,7 @@ def test_frames_come_as_often_as_they_are_asked_for(host):
     camera = running(Told(), on=[(APS, 4)])
     for place, value in (((APS, 13), 30 * 20_000), ((APS, 8), 10), ((APS, 9), 20), ((APS, 10), 12), ((APS, 11), 23)):
         write(camera, place, value)
-    ours, frames = Decoder(240, 180), []
+    ours, frames = DavisDecoder(240, 180), []
     for step in (19_999, 4_000, 10_000, 15_000):
         camera.advance(step)
         ours.feed(sent(camera) or b"")
@@ -197,7 +197,7 @@ def test_a_busy_computer_loses_nothing(host):
     scene = Outlines(noise=0)
     camera = running(scene, speed=1)
     host[0] += 10e6
-    ours, count, least = Decoder(240, 180), 0, []
+    ours, count, least = DavisDecoder(240, 180), 0, []
     while block := sent(camera, reads=1):
         least.append(len(block))
         count += len(ours.feed(block))

@@ -15,8 +15,8 @@ import usb.core
 from nvsdata.recording.camera import CameraError
 from nvsdata.recording.davis import driver
 from nvsdata.recording.davis.driver import ENDPOINT, Davis
-from nvsdata.recording.davis.registers import Settings
-from nvsdata.recording.davis.stream import Decoder
+from nvsdata.recording.davis.registers import CameraSettings
+from nvsdata.recording.davis.stream import DavisDecoder
 from nvsdata.recording.simulated.camera import SimulatedDavis
 from nvsdata.recording.simulated.scenes import Outlines
 from nvsdata.recording.simulated.usb_backend import Backend
@@ -34,7 +34,7 @@ def streaming(reads=None, rate=400_000):
         camera.unplugged = reads is not None and count > reads
 
     one = Davis.find(backend=Backend(camera, before=before))
-    one.configure(Settings())
+    one.configure(CameraSettings())
     one.start()
     return one.device
 
@@ -59,7 +59,7 @@ def dying():
 
 def test_what_another_process_reads_is_the_stream():
     apart = SubprocessStream(streaming, ENDPOINT)
-    decoder, events = Decoder(240, 180), []
+    decoder, events = DavisDecoder(240, 180), []
     until = time.monotonic() + 30
     while sum(map(len, events)) <= 50_000 and time.monotonic() < until:
         events.append(decoder.feed(apart.read(100)))
