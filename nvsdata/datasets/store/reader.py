@@ -64,8 +64,8 @@ class Store:
     """A packed store, opened for reading: a `Source` of recordings and side files.
 
     Pickling is cheap: only the path is sent to workers, and each process opens the file itself. The first read of a
-    recording verifies its checksum (FormatError if it fails), unless the environment variable `NVSDATA_STORE_CHECK` is 0
-    or only a window of a recording with more than 4 MiB of events is read.
+    recording verifies its checksum (FormatError if it fails), unless the environment variable `NVSDATA_STORE_CHECK` is
+    0 or only a window of a recording with more than 4 MiB of events is read.
 
     Args:
         path: the file.
