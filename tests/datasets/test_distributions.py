@@ -186,7 +186,7 @@ def test_ncaltech101_boxes_as_targets(home):
     ((name, reason),) = skipping.damaged().items()
     assert name == "Caltech101/ant/image_0002.bin"
     assert "annotation_0002.bin" in reason
-    with pytest.raises(ValueError, match="a cache keeps what `transform` makes"):
+    with pytest.raises(ValueError, match="a cache keeps what `transform` returns"):
         nvsdata.cache(moved, root / "cache")
 
 

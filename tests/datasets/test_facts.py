@@ -215,9 +215,9 @@ def test_gestures_are_sorted_by_trial_and_then_by_time(tmp_path):
         # one that ends as it begins is kept, one that ends too late is cut where the next begins
         (["1,5,5", "11,7,20", "2,9,12"], [(0, (5, 5)), (10, (7, 9)), (1, (9, 12))]),
         (["3,9,12", "2,0,9"], [(1, (0, 9)), (2, (9, 12))]),
-        (["0,1,2"], "a label of class 0 from 1 to 2 µs makes no sense"),
-        (["12,1,2"], "a label of class 12 from 1 to 2 µs makes no sense"),
-        (["1,5,4"], "a label of class 1 from 5 to 4 µs makes no sense"),
+        (["0,1,2"], "a label of class 0 from 1 to 2 µs is impossible"),
+        (["12,1,2"], "a label of class 12 from 1 to 2 µs is impossible"),
+        (["1,5,4"], "a label of class 1 from 5 to 4 µs is impossible"),
         ([], "labels aren't a table of class, startTime_usec, endTime_usec: KeyError"),
         (["1,1"], "labels aren't a table of class, startTime_usec, endTime_usec"),
     ],
@@ -257,7 +257,7 @@ def test_a_broken_view_2_is_named(tmp_path, shape):
         return out.getvalue()
 
     trees.put(tmp_path, {"v_1.mat": b"", "v_2.mat": b"", "View2.mat": saved(np.ones(shape))})
-    with pytest.raises(ValueError, match=r"^View2.mat holds no action_splits_pairs of \[pairs, 5, folds\]$"):
+    with pytest.raises(ValueError, match=r"^View2.mat contains no action_splits_pairs of \[pairs, 5, folds\]$"):
         ASLANDVS(tmp_path, "all")
     # the two columns of actions aren't needed; zeros before an id make no difference
     trees.put(tmp_path, {"v_003.mat": b"", "View2.mat": saved(np.array([[[1, 3, 0]], [[2, 1, 1]]]).transpose(0, 2, 1))})

@@ -80,5 +80,5 @@ def test_what_a_store_leaves_out_is_skipped_once(home, tmp_path):
     pack(UCF101DVS(root, "all"), tmp_path / "a.h5")
     assert UCF101DVS(tmp_path / "a.h5").skipped == UCF101DVS(root).skipped == ["Billards/v_Billiards_g08_c02.mat"]
     assert "left out: 1" in repr(UCF101DVS(tmp_path / "a.h5"))
-    with pytest.raises(ValueError, match=f"{tmp_path / 'a.h5'} holds ucf101-dvs, not folder"):
+    with pytest.raises(ValueError, match=f"{tmp_path / 'a.h5'} contains ucf101-dvs, not folder"):
         EventFolder(tmp_path / "a.h5")

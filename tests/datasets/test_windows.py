@@ -174,7 +174,7 @@ def test_settings_out_of_range(root, way, reason):
 
 def test_windows_of_windows_and_of_nothing(root):
     dataset = EventFolder(root)
-    with pytest.raises(TypeError, match="windows are cut from recordings"):
+    with pytest.raises(TypeError, match="windows are made from recordings"):
         windows(windows(dataset, events=5), 100)
     with pytest.raises(ValueError, match="none of the recordings has any events"):
         windows(dataset.subset([i for i, s in enumerate(dataset.samples) if "none" in s.name]), 100)

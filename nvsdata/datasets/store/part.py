@@ -137,7 +137,7 @@ class Part:
             file.close()
 
     def add(self, name: str, result: tuple[dict[str, Any], list[np.ndarray]] | str) -> None:
-        """Append a recording, or the reason to leave it out: first its columns, then the line that makes it valid."""
+        """Append a recording, or why it is left out: first its columns, then the line that makes it valid."""
         line: dict[str, Any]
         if isinstance(result, str):
             line = {"name": name, "skipped": result}

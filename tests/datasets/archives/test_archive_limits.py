@@ -132,7 +132,7 @@ def test_more_than_16_mib_make_pauses_short_again(pauses, monkeypatch):
         return True
 
     monkeypatch.setattr(transfer, "_one_try", breaks_off)
-    assert transfer._go_on("url", Growing(), Archive("a.zip", "", (), "a"))
+    assert transfer._transfer("url", Growing(), Archive("a.zip", "", (), "a"))
     assert pauses == [1, 2, 4, 1, 2]
 
 

@@ -210,7 +210,7 @@ def test_damage_is_named(store, change, reason):
 
 
 def test_a_store_of_another_dataset_is_named(store):
-    with pytest.raises(ValueError, match="holds n-mnist, not asl-dvs"):
+    with pytest.raises(ValueError, match="contains n-mnist, not asl-dvs"):
         ASLDVS(store)
 
 

@@ -85,7 +85,7 @@ def test_a_store_says_that_it_holds_events_alone(digits, tmp_path):
     pack(NMNIST(digits, "all"), tmp_path / "a.h5")
     recording = NMNIST(tmp_path / "a.h5").recording(0)
     for ask in (recording.frames, recording.inertial):
-        with pytest.raises(FormatError, match="a packed store holds only events"):
+        with pytest.raises(FormatError, match="a packed store contains only events"):
             ask()
 
 
