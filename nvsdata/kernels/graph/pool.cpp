@@ -51,18 +51,21 @@ void each_part(i64 count, Each each) {
     }
 }
 
+// Of nodes from number `first` on.
 template <class Float>
-NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, i64 begin, i64 end,
-                                Rows<Float> best, Rows<i32> where, Span<u8> seen) {
-    for (i64 i = begin; i < end; ++i) {
+NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best,
+                                Rows<i32> where, i64 first, Span<u8> seen) {
+    for (i64 i = 0; i < cluster.size(); ++i) {
+        i64 home = cluster[i];
+        i32 node = i32(first + i);
         Span<const Float> given = features[i];
-        Span<Float> most = best[cluster[i]];
-        Span<i32> from = where[cluster[i]];
-        if (!seen[cluster[i]]) {
-            seen[cluster[i]] = 1;
+        Span<Float> most = best[home];
+        Span<i32> from = where[home];
+        if (!seen[home]) {
+            seen[home] = 1;
             for (i64 c = 0; c < given.size(); ++c) {
                 most[c] = given[c];
-                from[c] = i32(i);
+                from[c] = node;
             }
             continue;
         }
@@ -71,7 +74,7 @@ NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> clus
             // true of NaN, unless there was one before
             bool more = !(value <= before) & (before == before);
             most[c] = more ? value : before;
-            from[c] = more ? i32(i) : from[c];
+            from[c] = more ? node : from[c];
         }
     }
 }
@@ -194,7 +197,8 @@ void max_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> b
             "maxima must have the channels of the features");
     Vector<u8> seen(best.rows());
     each_part(cluster.size(), [&](i64 from, i64 to) {
-        nvsdata::best<take_larger<Float>>(features, cluster, from, to, best, where, Span<u8>(seen));
+        Rows<const Float> some(features.data() + from * features.columns(), to - from, features.columns());
+        nvsdata::best<take_larger<Float>>(some, cluster.part(from, to), best, where, from, Span<u8>(seen));
     });
     for (i64 m = 0; m < best.rows(); ++m) {
         if (seen[m]) continue;
