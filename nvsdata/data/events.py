@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 import numpy.typing as npt
 
+from nvsdata.kernels.decode import clock
 from nvsdata.kernels.decode.order import is_sorted, late, merge_late, stable_order
 from nvsdata.kernels.decode.select import copy_at, copy_where
 from nvsdata.kernels.represent.inside import inside
@@ -16,9 +17,9 @@ from nvsdata.kernels.represent.inside import inside
 if TYPE_CHECKING:
     import torch
 
+LATEST = clock.LATEST  # µs; times lie between this and its negative, so that differences can't overflow
 MAX_COORDINATE = 32766
 FEW = 32  # of so many events, at most one is mended where it is; if there are more, all are sorted
-LATEST = 1 << 62  # µs; times lie between this and its negative, so that differences can't overflow
 ORDER = "; the order is Events(t, x, y, p)"
 EVER = (-(2**63), 2**63 - 1)
 STRUCTURE = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.uint8)])
@@ -257,7 +258,7 @@ def sort_by_time(columns: Columns) -> Columns:
     if is_sorted(columns.t):
         return columns
     strays = late(columns.t, columns.t.size // FEW)
-    if strays[0] >= 0:
+    if strays is not None:
         mended = Columns.empty(columns.t.size)
         merge_late(strays, strays[np.argsort(columns.t[strays], kind="stable")], *columns, *mended)
         return mended

@@ -130,8 +130,7 @@ class AtisRecording(IndexedFile):
         return columns
 
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        width, height = self._size or (0, 0)
-        count, bad = atis_decode(raw, width, height, state, kept, *columns)
+        count, bad = atis_decode(raw, *self._limits, state, kept, *columns)
         return count, bad
 
     def anomalies(self) -> dict[str, int]:

@@ -52,8 +52,7 @@ class DatRecording(ClockedFile):
         return raw.view("<u4")[::2]
 
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        width, height = self._size or (0, 0)
-        count, bad = dat_decode(raw, self.block, self.version, width, height, state, kept, *columns)
+        count, bad = dat_decode(raw, self.block, self.version, *self._limits, state, kept, *columns)
         return count, bad
 
 

@@ -80,7 +80,7 @@ class TextRecording(FileRecording):
         """Events of a piece of the file, and how many of its lines were dropped."""
         raw = self._contents.read(start, stop)
         columns = Columns.empty(int(np.count_nonzero(raw == ord("\n"))) + 1)
-        kept, fault, where, dropped = kernel.text_decode(raw, 0, raw.size, self._seconds, not self.strict, *columns)
+        kept, fault, where, dropped = kernel.text_decode(raw, self._seconds, not self.strict, *columns)
         if fault:
             raise FormatError(self.path, FAULTS[fault], offset=start + where)
         return columns.first(kept), dropped

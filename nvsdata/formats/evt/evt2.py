@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from nvsdata.formats.evt.raw import EvtRecording, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
@@ -20,9 +18,6 @@ class Evt2Recording(EvtRecording):
     low_bits, high_bits = 6, 28
     walk, decode_words = evt2_walk, evt2_decode
     find_triggers = evt2_triggers
-
-    def _heads(self, raw: np.ndarray) -> np.ndarray:
-        return raw.view(np.uint32)
 
 
 def write(pieces: Pieces, path: Path) -> None:

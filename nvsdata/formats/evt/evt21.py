@@ -46,9 +46,6 @@ class Evt21Recording(EvtRecording):
             return raw
         return np.ascontiguousarray(raw.view(np.uint32).reshape(-1, 2)[:, ::-1]).reshape(-1).view(np.uint8)
 
-    def _heads(self, raw: np.ndarray) -> np.ndarray:
-        return raw.view(np.uint32)[::2]
-
     def _most(self, raw: np.ndarray) -> int:
         return int(evt21_count(raw))
 

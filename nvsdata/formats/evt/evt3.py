@@ -22,9 +22,6 @@ class Evt3Recording(EvtRecording):
     walk, decode_words = evt3_walk, evt3_decode
     find_triggers = evt3_triggers
 
-    def _heads(self, raw: np.ndarray) -> np.ndarray:
-        return raw.view(np.uint16)
-
     def _most(self, raw: np.ndarray) -> int:
         # one more, because words that are no events are written, too, and then written over
         return int(evt3_count(raw)) + 1

@@ -7,7 +7,6 @@ the sensor (`% geometry 1280x720`, `% Width`, `% Height`).
 from __future__ import annotations
 
 import re
-from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -48,9 +47,10 @@ class EvtRecording(IndexedFile):
     find_triggers: ClassVar[Callable[..., Any]]
     _dropped: np.ndarray | None = None  # words of a damaged file that are skipped
 
-    @abstractmethod
     def _heads(self, raw: np.ndarray) -> np.ndarray:
-        """The words of a piece that have a type, which begins at bit `high_bits`; or those of their halves."""
+        """The words of a piece, or their lower halves of 32 bits: a type begins at bit `high_bits`."""
+        size = min(self.record_size, 4)
+        return raw.view(f"<u{size}")[:: self.record_size // size]
 
     def _ordered(self, raw: np.ndarray) -> np.ndarray:
         """The bytes of a piece in the order that kernels take."""
@@ -141,8 +141,7 @@ class EvtRecording(IndexedFile):
         return state[: self.state_size], state[self.state_size :]
 
     def _piece(self, raw: np.ndarray, state: np.ndarray, kept: int, columns: Columns) -> tuple[int, int]:
-        width, height = self._size or (0, 0)
-        count, bad = type(self).decode_words(raw, width, height, *self._parts(state), kept, *columns)
+        count, bad = type(self).decode_words(raw, *self._limits, *self._parts(state), kept, *columns)
         return count, bad
 
     def decode(self) -> Columns:

@@ -2,6 +2,7 @@
 #include "../native/bind.h"
 #include "../native/interrupt.h"
 #include "clocked.h"
+#include "events.h"
 
 namespace nvsdata {
 
@@ -39,8 +40,8 @@ struct Davis {
 
 template <class Layout>
 Layout layout_of(i64 chip_width, i64 chip_height) {
-    if (std::min(chip_width, chip_height) < 1 || std::max(chip_width, chip_height) > 1 << 15)
-        throw std::invalid_argument("a chip has 1 to 32768 pixels along each side");
+    require(std::min(chip_width, chip_height) >= 1 && std::max(chip_width, chip_height) <= 1 << 15,
+            "a chip has 1 to 32768 pixels along each side");
     return {i32(chip_width - 1), i32(chip_height - 1)};
 }
 
@@ -78,8 +79,7 @@ Found aedat2_decode(Span<const u8> raw, i64 block, i64 layout, i64 chip_width, i
 
 void aedat2_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 layout,
                    i64 chip_width, i64 chip_height, Span<u64> records) {
-    if (x.size() != t.size() || y.size() != t.size() || p.size() != t.size() || records.size() != t.size())
-        throw std::invalid_argument("columns of different lengths");
+    require(Events(t, x, y, p).size() == records.size(), "there must be a record for each event");
     if (layout == DVS128)
         encode_all(layout_of<Dvs128>(chip_width, chip_height), t, x, y, p, records);
     else

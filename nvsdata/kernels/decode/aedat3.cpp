@@ -55,7 +55,7 @@ private:
 }  // namespace
 
 std::tuple<i64, int, i64> aedat3_packets(Span<const u8> known, int descriptor, i64 size, i64 start, Rows<i64> packets) {
-    if (start < 0) throw std::invalid_argument("packets begin before the file");
+    require(start >= 0, "packets begin before the file");
     Interrupt interrupt;
     Near near(known, descriptor, size);
     i64 count = 0, at = start;
@@ -123,13 +123,11 @@ std::tuple<i64, i64, i64, i64> aedat3_decode(Span<const u8> raw, i64 base, Rows<
                                              i64 height, i64 kept, Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
     constexpr i64 FURTHEST = 1 << 15;  // beyond any pixel
     i64 begin = kept, unmarked = 0, bad = -1, strayed = -1;
-    // a sensor of unknown size has all places
-    if (width <= 0) width = height = FURTHEST;
     for (i64 k = 0; k < packets.rows(); ++k) {
         Packet packet = load<Packet>(packets[k]);
         i64 at = minus(packet.first_byte, base), number = packet.number;
-        if (at < 0 || at > raw.size() || number < 0 || number > (raw.size() - at) / SIZE)
-            throw std::invalid_argument("a packet lies outside of the bytes");
+        require(at >= 0 && at <= raw.size() && number >= 0 && number <= (raw.size() - at) / SIZE,
+                "a packet lies outside of the bytes");
         Span<const u8> records = raw.part(at, at + SIZE * number);
         Columns out(t, x, y, p, kept, number);
         Bounds bounds{u32(std::clamp<i64>(width, 0, FURTHEST)), u32(std::clamp<i64>(height, 0, FURTHEST)), 0,

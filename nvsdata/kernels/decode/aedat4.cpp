@@ -3,6 +3,8 @@
 
 #include "../native/bind.h"
 #include "../native/levels.h"
+#include "../native/require.h"
+#include "../native/times.h"
 #include "columns.h"
 
 namespace nvsdata {
@@ -10,7 +12,6 @@ namespace nvsdata {
 namespace {
 
 constexpr i64 BLOCK = 512;  // events whose columns are in the cache while they are checked
-constexpr i64 FAR = i64(1) << 62;
 
 // The largest values of columns, coordinates as unsigned ones; `strays` has bit 63 if a time is out of range.
 struct Largest {
@@ -31,8 +32,8 @@ NVSDATA_INLINE void write_columns(const i64* words, u64 last, Columns out, Large
         i64 end = std::min(begin + BLOCK, size);
         for (i64 i = begin; i < end; ++i) {
             u64 time = u64(words[2 * i]), rest = u64(words[2 * i + 1]);
-            // differences, because comparisons of 64 bits can't be vectorized everywhere; where one wraps, the other one
-            // is negative
+            // differences, because comparisons of 64 bits can't be vectorized everywhere; where one wraps, the other
+            // one is negative
             strays |= (last - time) | (last + time);
             t[i] = i64(time);
             x[i] = i16(rest);
@@ -50,8 +51,8 @@ NVSDATA_INLINE void write_columns(const i64* words, u64 last, Columns out, Large
 
 bool aedat4_decode(Span<const i64> words, i64 latest, i64 width, i64 height, Span<i64> t, Span<i16> x, Span<i16> y,
                    Span<u8> p) {
-    if (latest < 1 || latest > FAR) throw std::invalid_argument("times are at most 2^62");
-    if (words.size() % 2) throw std::invalid_argument("an event has two words");
+    require(latest >= 1 && latest <= LATEST, "times are at most 2^62");
+    require(words.size() % 2 == 0, "an event has two words");
     i64 size = words.size() / 2;
     if (size == 0) return true;
     // in `write_columns`, no index reaches `size`

@@ -1,6 +1,5 @@
 // Frames among AEDAT 2 records, assembled pixel by pixel.
 #include <algorithm>
-#include <stdexcept>
 #include <utility>
 
 #include "../native/bind.h"
@@ -26,8 +25,7 @@ public:
     FrameReader(Rows<u16> before, Rows<u16> light, Rows<u8> state, Span<const i64> facts)
         : before_(before), light_(light), state_(state), facts_(load<FrameFacts>(facts)) {
         for (Rows<u16> rows : {before, light})
-            if (rows.rows() != state.rows() || rows.columns() != state.columns())
-                throw std::invalid_argument("arrays of different sensors");
+            require(rows.rows() == state.rows() && rows.columns() == state.columns(), "arrays of different sensors");
     }
     const FrameFacts& facts() const { return facts_; }
 
@@ -110,8 +108,7 @@ private:
 
 std::pair<i64, bool> next_frame(Span<const u32> addresses, Span<const i64> t, i64 at, Rows<u16> before,
                                 Rows<u16> light, Rows<u8> state, Span<i64> facts) {
-    if (t.size() != addresses.size() || u64(at) > u64(t.size()))
-        throw std::invalid_argument("a record is an address and a time");
+    require(t.size() == addresses.size() && u64(at) <= u64(t.size()), "a record is an address and a time");
     FrameReader reader(before, light, state, facts);
     bool found = addresses.empty() && reader.ended();
     while (at < addresses.size() && !(found = reader.take(addresses[at], t[at]))) ++at;

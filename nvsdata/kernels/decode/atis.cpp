@@ -6,6 +6,7 @@
 #include "../native/levels.h"
 #include "clock.h"
 #include "columns.h"
+#include "events.h"
 
 namespace nvsdata {
 
@@ -98,8 +99,8 @@ void atis_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> times, 
     Walk walk = load<Walk>(state);
     i64 n = raw.size() / SIZE, next = to_next_block(walk.records, block);
     u64 after = u64(walk.records) + u64(n);
-    if (n && ((after - 1) / u64(block) >= u64(std::min(times.size(), offsets.rows())) || offsets.columns() != 1))
-        throw std::invalid_argument("more blocks than places for their times and offsets");
+    i64 places = offsets.columns() == 1 ? std::min(times.size(), offsets.rows()) : 0;
+    require(n == 0 || (after - 1) / u64(block) < u64(places), "more blocks than places for their times and offsets");
     Summary found = summary(raw);
     if (found.bottom >= MARKER_Y) {
         walk_with_markers(raw, block, walk, times, offsets);
@@ -157,8 +158,7 @@ Found atis_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, i6
     Decoding done = load<Decoding>(state);
     i64 size = raw.size() / SIZE, begin = done.records;
     Columns out(t, x, y, p, kept, size);
-    i64 right = width > 0 ? std::min<i64>(width, 256) : 256;
-    i64 bottom = height > 0 ? std::min(height, MARKER_Y) : MARKER_Y;
+    i64 right = std::clamp<i64>(width, 0, 256), bottom = std::clamp<i64>(height, 0, MARKER_Y);
     done.records = plus(begin, size);
     if (decode_events(raw, done.overflow, i32(right), i32(bottom), out)) {
         store(done, state);
@@ -172,7 +172,7 @@ Found atis_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, i6
         } else if (row > MARKER_Y) {
             if (done.damaged++ == 0) done.damage = plus(begin, i);
         } else {
-            if (width > 0 && (column >= right || row >= bottom) && bad < 0) bad = i;
+            if ((column >= right || row >= bottom) && bad < 0) bad = i;
             out.t[count] = plus(time_at(raw, i), done.overflow);
             out.x[count] = i16(column);
             out.y[count] = i16(row);
@@ -184,13 +184,12 @@ Found atis_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, i6
 }
 
 i64 atis_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, i64 offset, Span<u8> out) {
-    if (x.size() != t.size() || y.size() != t.size() || p.size() != t.size())
-        throw std::invalid_argument("columns of different lengths");
+    Events(t, x, y, p);  // equally long
     Interrupt interrupt;
     i64 at = 0;
     for (i64 i = 0; i < t.size();) {
         if (i % OFTEN == 0) interrupt.poll();
-        if (out.size() - at < SIZE) throw std::invalid_argument("events are not sorted by time");
+        require(out.size() - at >= SIZE, "events are not sorted by time");
         bool marker = minus(t[i], offset) >= FULL_US;
         u32 place = marker ? u32(MARKER_Y) << 8 : u32(u8(x[i])) | u32(u8(y[i])) << 8;
         u32 rest = marker ? u32(FULL_US - 1) : u32(p[i]) << 23 | u32(minus(t[i], offset));

@@ -3,7 +3,7 @@
 A decoder takes `raw`, uint8, some records of a file, and the `state` before them, which it updates to the state after
 them. It fills `t`, `x`, `y`, `p` (int64 µs, int16, int16, uint8) from index `kept` on, where there is room for one
 event per record, and returns `(count, bad)`: the number of events, and the index of the first record
-whose coordinates lie outside the sensor (-1 if none; a width of 0 means "unknown").
+whose coordinates lie outside the sensor (-1 if none). A sensor of unknown size is larger than any place.
 """
 
 from __future__ import annotations

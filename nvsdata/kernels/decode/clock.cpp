@@ -8,6 +8,8 @@
 #include "../native/bind.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
+#include "../native/require.h"
+#include "extremes.h"
 
 namespace nvsdata {
 
@@ -110,21 +112,11 @@ std::pair<i64, bool> lasting(Span<const u32> raw) {
     return {time - raw[0], damaged};
 }
 
-namespace {
-
-NVSDATA_INLINE void find_extremes(Span<const i64> t, i64* lowest, i64* highest) {
-    i64 low = t[0], high = t[0];
-    for (i64 i = 1; i < t.size(); ++i) low = std::min(low, t[i]), high = std::max(high, t[i]);
-    *lowest = low, *highest = high;
-}
-
-}  // namespace
-
 void extremes(Span<const i64> t, i64 block, Span<i64> starts, Span<i64> lowest, Span<i64> highest) {
     to_next_block(0, block);
     i64 count = t.size() / block + (t.size() % block != 0);
-    if (std::min({starts.size(), lowest.size(), highest.size()}) < count)
-        throw std::invalid_argument("there are more blocks than places for their times");
+    require(std::min({starts.size(), lowest.size(), highest.size()}) >= count,
+            "there are more blocks than places for their times");
     for (i64 k = 0; k < count; ++k) {
         Span<const i64> part = t.part(k * block, std::min(block, t.size() - k * block) + k * block);
         starts[k] = part[0];
@@ -229,8 +221,8 @@ private:
 }  // namespace
 
 void kept_words(Span<const i64> raw, int bits, i64 back, i64 silent, Span<bool> keep) {
-    if (bits < 1 || bits > 61) throw std::invalid_argument("a counter has 1 to 61 bits");
-    if (keep.size() != raw.size()) throw std::invalid_argument("the mask has another length than the words");
+    require(bits >= 1 && bits <= 61, "a counter has 1 to 61 bits");
+    require(keep.size() == raw.size(), "the mask has another length than the words");
     Interrupt interrupt;
     i64 mask = (i64(1) << bits) - 1;
     std::vector<Run> runs;
@@ -256,6 +248,14 @@ void kept_words(Span<const i64> raw, int bits, i64 back, i64 silent, Span<bool> 
 }
 
 void define_clock(nb::module_& module) {
+    module.attr("BACK_US") = BACK_US;
+    module.attr("SILENT_US") = SILENT_US;
+    module.attr("WRAP_US") = WRAP_US;
+    module.attr("LATEST") = LATEST;
+    module.attr("UNKNOWN") = UNKNOWN;
+    module.attr("SOON_US") = SOON_US;
+    module.attr("PEEK") = PEEK;
+    module.attr("PEEK_US") = PEEK_US;
     define<nearest>(module, "nearest");
     define<first_time>(module, "first_time");
     define<is_jump>(module, "is_jump");

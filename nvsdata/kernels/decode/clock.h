@@ -6,9 +6,8 @@
 // damage, and so is a step across a wrap that lasts longer than `SILENT_US`.
 #pragma once
 
-#include <stdexcept>
-
-#include "../native/span.h"
+#include "../native/require.h"
+#include "../native/times.h"
 #include "../native/wrap.h"
 
 namespace nvsdata {
@@ -18,7 +17,7 @@ constexpr i64 BACK_US = 100'000;
 // Within a wrap, where it moves no other event, a silence of any length is accepted.
 constexpr i64 SILENT_US = 300'000'000;
 constexpr i64 WRAP_US = i64(1) << 32;     // wrap of a 32-bit counter of µs
-constexpr i64 UNKNOWN = -(i64(1) << 62);  // the time before a counter's first word
+constexpr i64 UNKNOWN = -LATEST;          // the time before a counter's first word
 
 // The time nearest to `last` that a counter of `bits` bits (1 to 62) shows as `raw`.
 inline i64 nearest(i64 raw, i64 last, int bits) {
@@ -37,7 +36,7 @@ inline bool is_jump(i64 before, i64 after, int bits, i64 back, i64 silent) {
 
 // Number of records up to the next first record of a block, of `block` records each, from a record on.
 inline i64 to_next_block(i64 record, i64 block) {
-    if (record < 0 || block < 1) throw std::invalid_argument("records count from 0, and a block has at least one");
+    require(record >= 0 && block >= 1, "records count from 0, and a block has at least one");
     return (block - record % block) % block;
 }
 
@@ -45,7 +44,7 @@ inline i64 to_next_block(i64 record, i64 block) {
 class Clock {
 public:
     explicit Clock(Span<i64> state) : state_(state) {
-        if (state.size() != 8) throw std::invalid_argument("a clock's state has 8 numbers");
+        require(state.size() == 8, "a clock's state has 8 numbers");
     }
     i64& last() const { return state_[0]; }    // time of the last record
     i64& begun() const { return state_[1]; }   // time of the last record that began a block

@@ -12,13 +12,13 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-BACK_US = 100_000
+BACK_US: int = _native.BACK_US
 # No camera is silent for longer, because of its noise: a longer silence across a wrap comes from a damaged word. Within
 # a wrap, where it moves no other event, a silence of any length is accepted
-SILENT_US = 300_000_000
-ANY = 1 << 62  # a silence of any length
-WRAP_US = 1 << 32  # wrap of a 32-bit counter of µs
-UNKNOWN = -(1 << 62)  # the time before a counter's first word
+SILENT_US: int = _native.SILENT_US
+LATEST: int = _native.LATEST  # µs; times lie between this and its negative, so that differences can't overflow
+WRAP_US: int = _native.WRAP_US  # wrap of a 32-bit counter of µs
+UNKNOWN: int = _native.UNKNOWN  # the time before a counter's first word
 NONE = -1
 
 # The state after some records: the time of the last one, and of the last one that began a block; 1 if that block
@@ -27,7 +27,9 @@ NONE = -1
 LAST, BEGUN, DENSE, FELL, NEXT, JUMP, HIDDEN, MIXED = range(8)
 # An index finds how long a block lasts, up to whole wraps, from its first word and the next block's. It reads all words
 # of blocks that seem to last longer than SOON_US, or no time, or whose first PEEK records last longer than PEEK_US
-SOON_US, PEEK, PEEK_US = 1 << 26, 16, 100_000
+SOON_US: int = _native.SOON_US
+PEEK: int = _native.PEEK
+PEEK_US: int = _native.PEEK_US
 
 
 def clock_at(time: int, record: int) -> np.ndarray:
@@ -83,7 +85,7 @@ def extremes(t: np.ndarray, block: int, starts: np.ndarray, lowest: np.ndarray, 
     _native.extremes(t, block, starts, lowest, highest)
 
 
-def kept_words(raw: np.ndarray, bits: int, back: int, silent: int = ANY) -> np.ndarray:
+def kept_words(raw: np.ndarray, bits: int, back: int, silent: int = LATEST) -> np.ndarray:
     """Return the mask of the largest set of words without a jump between them (see `is_jump`). O(N log N).
 
     `raw` int64 [N] shows a counter of `bits` bits; `back` and `silent` are in its units.

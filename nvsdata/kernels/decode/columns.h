@@ -3,14 +3,14 @@
 // A decoder takes some records of a file, as bytes, and the state before them, which it updates to that after them.
 // It fills the columns t, x, y and p (int64 µs, int16, int16, uint8) from index `kept` on, and returns the number of
 // events, and the index of the first record whose coordinates lie outside the sensor, or whose polarity is neither 0
-// nor 1 (-1 if none; a width of 0 means "unknown").
+// nor 1 (-1 if none). A sensor of unknown size is larger than any place.
 #pragma once
 
 #include <cstring>
-#include <stdexcept>
 #include <type_traits>
 #include <utility>
 
+#include "../native/require.h"
 #include "../native/span.h"
 
 namespace nvsdata {
@@ -25,8 +25,8 @@ struct Columns {
     // Room for `size` events from index `kept` on.
     Columns(Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p, i64 kept, i64 size) : t(t), x(x), y(y), p(p) {
         for (i64 room : {t.size(), x.size(), y.size(), p.size()})
-            if (kept < 0 || size < 0 || kept > room || size > room - kept)
-                throw std::invalid_argument("columns are too short for the events");
+            require(kept >= 0 && size >= 0 && kept <= room && size <= room - kept,
+                    "columns are too short for the events");
         *this = part(kept, kept + size);
     }
     Columns(Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) : t(t), x(x), y(y), p(p) {}
@@ -39,8 +39,8 @@ struct Columns {
 template <class State>
 State load(Span<const i64> numbers) {
     static_assert(std::is_trivially_copyable_v<State> && sizeof(State) % sizeof(i64) == 0);
-    if (numbers.size() != i64(sizeof(State) / sizeof(i64)))
-        throw std::invalid_argument("the state of another decoder, of another number of values");
+    require(numbers.size() == i64(sizeof(State) / sizeof(i64)),
+            "the state of another decoder, of another number of values");
     State state;
     std::memcpy(&state, numbers.data(), sizeof state);
     return state;

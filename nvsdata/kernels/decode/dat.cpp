@@ -25,8 +25,6 @@ struct Dat2 {
 Found dat_decode(Span<const u8> raw, i64 block, i64 version, i64 width, i64 height, Span<i64> state, i64 kept,
                  Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
     Columns out(t, x, y, p, kept, raw.size() / 8);
-    // a sensor of unknown size has all places
-    if (width <= 0) width = height = 1 << 14;
     return version >= 2 ? decode_clocked(Dat2(), raw, block, width, height, state, out)
                         : decode_clocked(Dat1(), raw, block, width, height, state, out);
 }

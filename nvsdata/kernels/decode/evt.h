@@ -12,7 +12,6 @@ namespace nvsdata {
 
 constexpr u32 TRIGGER = 0xA;  // type of a word
 constexpr i64 FAR_X = 32'767;  // pixels; events have x below it
-constexpr i64 ROWS = 1 << 11;  // that a word can name
 
 // Words of a file, which may lie at any address.
 template <class Word>
@@ -27,19 +26,21 @@ private:
     i64 size_;
 };
 
-// What was seen until now; kept in an array.
+// What was seen until now.
 struct Seen {
     i64 last, first;  // times of the last and of the first event, -1 before any
     i64 falls;        // times that fell
     i64 words;        // before the piece
     i64 jump;         // the first word that no camera wrote, -1 if there is none
 
+    // One by one, because that leaves them in registers, and `load` and `store` don't.
     explicit Seen(Span<const i64> seen) {
         require(seen.size() == 5, "what was seen has 5 numbers");
         last = seen[0], first = seen[1], falls = seen[2], words = seen[3], jump = seen[4];
     }
-    void keep(Span<i64> seen) const {
-        seen[0] = last, seen[1] = first, seen[2] = falls, seen[3] = words, seen[4] = jump;
+    // After `more` words.
+    void keep(Span<i64> seen, i64 more) const {
+        seen[0] = last, seen[1] = first, seen[2] = falls, seen[3] = plus(words, more), seen[4] = jump;
     }
     void begin(i64 time) {
         if (first < 0) first = time;

@@ -26,65 +26,76 @@ i64 low_part(u32 head) { return head >> 22 & 0x3F; }
 i64 column(u32 head) { return head >> 11 & 0x7FF; }
 i64 row(u32 head) { return head & 0x7FF; }
 
+// The high part of the time: an array of Python's, of one number.
+struct State {
+    i64 high;
+
+    explicit State(Span<const i64> numbers) {
+        require(numbers.size() == 1, "a state is one number");
+        high = numbers[0];
+    }
+    void keep(Span<i64> numbers) const { numbers[0] = high; }
+    bool has_time() const { return high >= 0; }
+    // Take word i of a piece, of time.
+    void take_high(u32 word, i64 i, Seen& seen) {
+        i64 before = std::exchange(high, Highs::next(high, high_part(word)));
+        if (Highs::is_jump(before, high)) seen.note_jump(i);
+    }
+    i64 time(u32 word) const { return plus(high, low_part(word)); }
+};
+
 }  // namespace
 
 template <class Word>
 void evt2_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, Rows<i64> states, Span<i64> times) {
-    require(state.size() == 1 && states.columns() == 1 && times.size() == states.rows(), "a state is one number");
+    require(states.columns() == 1 && times.size() == states.rows(), "a state is one number");
     Words<Word> words(raw);
-    i64 high = state[0];
-    Seen now(seen);
+    State now(state);
+    Seen noted(seen);
     auto begin = [&](i64 number) {
-        states(number, 0) = high;
-        times[number] = now.last;
+        now.keep(states[number]);
+        times[number] = noted.last;
     };
     auto is_event = [&](i64 i) { return kind(head(words[i])) <= ON && pixels(words[i]); };
-    auto time = [&](i64 i) { return plus(high, low_part(head(words[i]))); };
-    by_blocks(words.size(), block, now.words, times.size(), begin, [&](i64 start, i64 stop) {
+    auto time = [&](i64 i) { return now.time(head(words[i])); };
+    by_blocks(words.size(), block, noted.words, times.size(), begin, [&](i64 start, i64 stop) {
         for (i64 i = start; i < stop; ++i) {
             u32 word = head(words[i]);
             if (kind(word) == TIME) {
-                i64 before = std::exchange(high, Highs::next(high, high_part(word)));
-                if (Highs::is_jump(before, high)) now.note_jump(i);
-            } else if (high >= 0 && is_event(i)) {
+                now.take_high(word, i, noted);
+            } else if (now.has_time() && is_event(i)) {
                 // all events of the high part
-                now.begin(time(i));
-                now.event(time(i));
-                for (; i + 1 < stop && is_event(i + 1); ++i) now.event(time(i + 1));
+                noted.begin(time(i));
+                noted.event(time(i));
+                for (; i + 1 < stop && is_event(i + 1); ++i) noted.event(time(i + 1));
             }
         }
     });
-    state[0] = high;
-    now.words = plus(now.words, words.size());
-    now.keep(seen);
+    now.keep(state);
+    noted.keep(seen, words.size());
 }
 
 Found evt2_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Span<i64> seen, i64 kept, Span<i64> t,
                   Span<i16> x, Span<i16> y, Span<u8> p) {
-    require(state.size() == 1, "a state is one number");
     Words<u32> words(raw);
     Columns out{t, x, y, p, kept, words.size()};
-    i64 high = state[0];
-    Seen now(seen);
-    i64 right = width > 0 ? width : ROWS, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
+    State now(state);
+    Seen noted(seen);
+    i64 bad = -1, count = 0;
     for (i64 i = 0; i < words.size(); ++i) {
         u32 word = words[i];
-        if (kind(word) == TIME) {
-            i64 before = std::exchange(high, Highs::next(high, high_part(word)));
-            if (Highs::is_jump(before, high)) now.note_jump(i);
-        }
+        if (kind(word) == TIME) now.take_high(word, i, noted);
         // without a branch: a word that is no event is written over; `count` is at most i
-        out.t[count] = plus(high, low_part(word));
+        out.t[count] = now.time(word);
         out.x[count] = i16(column(word));
         out.y[count] = i16(row(word));
         out.p[count] = u8(kind(word));
-        bool event = (kind(word) <= ON) & (high >= 0);
-        if (event && (column(word) >= right || row(word) >= bottom) && bad < 0) bad = i;
+        bool event = (kind(word) <= ON) & now.has_time();
+        if (event && (column(word) >= width || row(word) >= height) && bad < 0) bad = i;
         count += event;
     }
-    state[0] = high;
-    now.words = plus(now.words, words.size());
-    now.keep(seen);
+    now.keep(state);
+    noted.keep(seen, words.size());
     return {count, bad};
 }
 
@@ -103,54 +114,51 @@ i64 evt21_count(Span<const u8> raw) {
 
 Found evt21_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Span<i64> seen, i64 kept, Span<i64> t,
                    Span<i16> x, Span<i16> y, Span<u8> p) {
-    require(state.size() == 1, "a state is one number");
     Words<u64> words(raw);
-    i64 room = minus(t.size(), kept);
+    i64 room = minus(t.size(), kept), bad = -1, count = 0;
     Columns out{t, x, y, p, kept, room};
-    i64 high = state[0];
-    Seen now(seen);
-    i64 right = width > 0 ? width : FAR_X, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
+    State now(state);
+    Seen noted(seen);
     for (i64 i = 0; i < words.size(); ++i) {
         u32 word = head(words[i]);
         if (kind(word) == TIME) {
-            i64 before = std::exchange(high, Highs::next(high, high_part(word)));
-            if (Highs::is_jump(before, high)) now.note_jump(i);
-        } else if (kind(word) <= ON && high >= 0) {
+            now.take_high(word, i, noted);
+        } else if (kind(word) <= ON && now.has_time()) {
             require(ones(pixels(words[i])) <= room - count, "columns are too short for the events");
             for (u32 mask = pixels(words[i]); mask; mask &= mask - 1, ++count) {
                 // at most 2078
                 i64 at = column(word) + trailing_zeros(mask);
-                if ((at >= right || row(word) >= bottom) && bad < 0) bad = i;
-                out.t[count] = plus(high, low_part(word));
+                if ((at >= width || row(word) >= height) && bad < 0) bad = i;
+                out.t[count] = now.time(word);
                 out.x[count] = i16(at);
                 out.y[count] = i16(row(word));
                 out.p[count] = u8(kind(word));
             }
         }
     }
-    state[0] = high;
-    now.words = plus(now.words, words.size());
-    now.keep(seen);
+    now.keep(state);
+    noted.keep(seen, words.size());
     return {count, bad};
 }
 
 template <class Word>
 i64 evt2_triggers(Span<const u8> raw, Span<i64> state, Span<i64> t, Span<u8> channel, Span<u8> level) {
-    require(!state.empty() && channel.size() == t.size() && level.size() == t.size(), "columns must be equally long");
+    require(channel.size() == t.size() && level.size() == t.size(), "columns must be equally long");
     Words<Word> words(raw);
-    i64 high = state[0], kept = 0;
+    State now(state);
+    i64 kept = 0;
     for (i64 i = 0; i < words.size(); ++i) {
         u32 word = head(words[i]);
         if (kind(word) <= ON) continue;
         if (kind(word) == TIME) {
-            high = Highs::next(high, high_part(word));
-        } else if (kind(word) == TRIGGER && high >= 0 && kept < t.size()) {
-            t[kept] = plus(high, low_part(word));
+            now.high = Highs::next(now.high, high_part(word));
+        } else if (kind(word) == TRIGGER && now.has_time() && kept < t.size()) {
+            t[kept] = now.time(word);
             channel[kept] = word >> 8 & 0x1F;
             level[kept++] = word & 1;
         }
     }
-    state[0] = high;
+    now.keep(state);
     return kept;
 }
 
@@ -172,29 +180,27 @@ i64 event_word(i64 t, i64 x, i64 y, i64 p) { return i64(u64(p) << 28 | u64(t & 0
 void evt2_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<i64> state,
                  Span<u32> words) {
     Events events{t, x, y, p};
-    require(state.size() == 1, "a state is one number");
     Writer<u32> writer(words);
-    i64 high = state[0];
+    State now(state);
     for (i64 i = 0; i < events.size();) {
-        show(high, t[i], [&](i64 word) { writer.put(word); });
+        show(now.high, t[i], [&](i64 word) { writer.put(word); });
         i64 stop = i + 1;
-        while (stop < events.size() && t[stop] >> LOW == high) ++stop;
+        while (stop < events.size() && t[stop] >> LOW == now.high) ++stop;
         for (u32& word : writer.take(stop - i)) {
             word = u32(event_word(t[i], x[i], y[i], p[i]));
             ++i;
         }
     }
-    state[0] = high;
+    now.keep(state);
 }
 
 i64 evt21_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<i64> state,
                  Span<u32> words) {
     Events events{t, x, y, p};
-    require(state.size() == 1, "a state is one number");
     Writer<u32> writer(words);
-    i64 high = state[0];
+    State now(state);
     for (i64 i = 0; i < events.size();) {
-        show(high, t[i], [&](i64 word) {
+        show(now.high, t[i], [&](i64 word) {
             writer.put(word);
             writer.put(0);
         });
@@ -208,7 +214,7 @@ i64 evt21_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<c
             mask |= u32(1) << (x[i] - base);
         writer.put(mask);
     }
-    state[0] = high;
+    now.keep(state);
     return writer.count();
 }
 

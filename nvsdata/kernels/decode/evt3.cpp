@@ -20,7 +20,7 @@ using Highs = High<12, 12>;
 
 // What words before say about an event: an array of Python's.
 struct State {
-    i64 high, time;  // the high part of the time, and the time
+    i64 high, time;  // the high part of the time, and the time; the array has the low part in its place
     i64 row, base, polarity;
 
     explicit State(Span<const i64> state) {
@@ -86,8 +86,7 @@ void evt3_walk(Span<const u8> raw, i64 block, Span<i64> state, Span<i64> seen, R
         }
     });
     now.keep(state);
-    noted.words = plus(noted.words, words.size());
-    noted.keep(seen);
+    noted.keep(seen, words.size());
 }
 
 NVSDATA_INLINE void evt3_add(Span<const u8> raw, i64* count) {
@@ -117,11 +116,10 @@ i64 evt3_count(Span<const u8> raw) {
 Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Span<i64> seen, i64 kept, Span<i64> t,
                   Span<i16> x, Span<i16> y, Span<u8> p) {
     Words<u16> words(raw);
-    i64 room = minus(t.size(), kept);
+    i64 room = minus(t.size(), kept), bad = -1, count = 0;
     Columns out{t, x, y, p, kept, room};
     State now(state);
     Seen noted(seen);
-    i64 right = width > 0 ? width : FAR_X, bottom = width > 0 ? height : ROWS, bad = -1, count = 0;
     for (i64 i = 0; i < words.size();) {
         require(count < room, "columns are too short for the events");
         // as many words as there is room for if each is an event
@@ -135,7 +133,7 @@ Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
             out.y[count] = i16(now.row);
             out.p[count] = u8(polarity(word));
             bool event = (kind(word) == X) & now.has_time();
-            if (event & (outside(column, right) | outside(now.row, bottom)) && bad < 0) bad = i;
+            if (event & (outside(column, width) | outside(now.row, height)) && bad < 0) bad = i;
             count += event;
             if (!(SPECIAL >> kind(word) & 1)) continue;
             if (kind(word) == HIGH) {
@@ -147,7 +145,7 @@ Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
                 require(ones(bits) <= room - count, "columns are too short for the events");
                 for (; bits; bits &= bits - 1, ++count) {
                     i64 at = plus(now.base, trailing_zeros(bits));
-                    if ((outside(at, right) || outside(now.row, bottom)) && bad < 0) bad = i;
+                    if ((outside(at, width) || outside(now.row, height)) && bad < 0) bad = i;
                     out.t[count] = now.time;
                     out.x[count] = i16(std::min(at, FAR_X));
                     out.y[count] = i16(now.row);
@@ -159,8 +157,7 @@ Found evt3_decode(Span<const u8> raw, i64 width, i64 height, Span<i64> state, Sp
         }
     }
     now.keep(state);
-    noted.words = plus(noted.words, words.size());
-    noted.keep(seen);
+    noted.keep(seen, words.size());
     return {count, bad};
 }
 
@@ -227,7 +224,8 @@ i64 evt3_encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<co
         if (low != (t[i] & 0xFFF)) writer.put(LOW << 12 | (low = t[i] & 0xFFF));
         if (row != y[i]) writer.put(Y << 12 | (row = y[i]));
         stop = i + 1;
-        while (stop < t.size() && t[stop] == t[i] && y[stop] == y[i] && p[stop] == p[i] && x[stop] > x[stop - 1]) ++stop;
+        while (stop < t.size() && t[stop] == t[i] && y[stop] == y[i] && p[stop] == p[i] && x[stop] > x[stop - 1])
+            ++stop;
         i64 polarity = i64(p[i]) << 11;
         if (stop - i < 3)
             for (i64 j = i; j < stop; ++j) writer.put(X << 12 | polarity | x[j]);

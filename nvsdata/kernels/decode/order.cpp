@@ -7,6 +7,7 @@
 #include "../native/levels.h"
 #include "../native/interrupt.h"
 #include "events.h"
+#include "extremes.h"
 
 namespace nvsdata {
 
@@ -15,15 +16,6 @@ namespace {
 constexpr i64 BLOCK = 4096;
 constexpr int DIGIT = 11;  // bits of the times that are sorted by at a time
 constexpr u64 MASK = (1 << DIGIT) - 1;
-
-NVSDATA_INLINE void find_ends(Span<const i64> t, i64* ends) {
-    i64 low = t[0], high = t[0];
-    for (i64 i = 1; i < t.size(); ++i) {
-        low = std::min(low, t[i]);
-        high = std::max(high, t[i]);
-    }
-    ends[0] = low, ends[1] = high;
-}
 
 NVSDATA_INLINE void find_falls(Span<const i64> t, bool* falls) {
     for (i64 start = 1; start < t.size() && !*falls; start += BLOCK) {
@@ -118,9 +110,9 @@ void stable_order(Span<const i64> t, Rows<i32> orders, Rows<u64> keys) {
             "two numbers of each kind for each time");
     if (n == 0) return;
     Interrupt interrupt;
-    i64 ends[2];
-    best<find_ends>(t, &ends[0]);
-    u64 low = u64(ends[0]), span = u64(ends[1]) - low;
+    i64 lowest, highest;
+    best<find_extremes>(t, &lowest, &highest);
+    u64 low = u64(lowest), span = u64(highest) - low;
     int passes = 0;
     while (DIGIT * passes < 64 && span >> (DIGIT * passes)) ++passes;
     // times move along, because looking them up by index is slow

@@ -15,14 +15,11 @@ def is_sorted(t: np.ndarray) -> bool:
     return rises
 
 
-def late(t: np.ndarray, most: int) -> np.ndarray:
-    """Return indices int64 of the events that come after one with a later time; all -1 if more than `most`. O(N)."""
+def late(t: np.ndarray, most: int) -> np.ndarray | None:
+    """Return indices int64 of the events that come after one with a later time; None if more than `most`. O(N)."""
     found = np.empty(most + 1, np.int64)
     count = _native.late(t, found)
-    if count > most:
-        found[:] = -1
-        return found
-    return found[:count]
+    return found[:count] if count <= most else None
 
 
 def merge_late(late: np.ndarray, order: np.ndarray, *columns: np.ndarray) -> None:

@@ -1,7 +1,6 @@
 // Windows of stored columns.
 #include <algorithm>
 #include <memory>
-#include <stdexcept>
 #include <utility>
 #include <variant>
 
@@ -84,7 +83,7 @@ bool read_items(const Stored& column, i64 first, Span<Item> out, Interrupt& inte
 bool read_places(const Stored& column, i64 first, Span<i16> out, Interrupt& interrupt) {
     // uint16 have the same bits
     if (column.width == 2) return read_items(column, first, out, interrupt);
-    if (column.width != 1) throw std::invalid_argument("coordinates have one or two bytes");
+    require(column.width == 1, "coordinates have one or two bytes");
     std::unique_ptr<u8[]> memory(new u8[std::size_t(std::min(out.size(), PIECE))]);
     for (i64 i = 0; i < out.size(); i += PIECE) {
         if (i) interrupt.poll();
@@ -113,13 +112,12 @@ i64 read_window(Span<i64> out_t, Span<i16> out_x, Span<i16> out_y, Span<u8> out_
     if (t_width == 8) {
         if (!read_items(t, lo, out.t, interrupt)) return -1;
         found = times_between(Span<const i64>(out.t), base, start, stop, out.t);
-    } else if (t_width == 4) {
+    } else {
+        require(t_width == 4, "times have four or eight bytes");
         std::unique_ptr<u32[]> memory(new u32[std::size_t(room)]);
         Span<u32> times(memory.get(), room);
         if (!read_items(t, lo, times, interrupt)) return -1;
         found = times_between(Span<const u32>(times), base, start, stop, out.t);
-    } else {
-        throw std::invalid_argument("times have four or eight bytes");
     }
     auto [first, count] = found;
     first = plus(first, lo);
@@ -133,8 +131,8 @@ i64 stored_window(Span<i64> out_t, Span<i16> out_x, Span<i16> out_y, Span<u8> ou
                   Times t, Places x, Places y, Span<const u8> p) {
     auto size = [](auto column) { return column.size(); };
     i64 room = std::visit(size, t);
-    if (std::visit(size, x) != room || std::visit(size, y) != room || p.size() != room)
-        throw std::invalid_argument("columns of different lengths");
+    require(std::visit(size, x) == room && std::visit(size, y) == room && p.size() == room,
+            "columns of different lengths");
     Columns out(out_t, out_x, out_y, out_p, 0, room);
     auto between = [&](auto times) { return times_between(times, base, start, stop, out.t); };
     auto [first, count] = std::visit(between, t);

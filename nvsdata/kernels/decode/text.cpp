@@ -2,6 +2,8 @@
 #include <tuple>
 
 #include "../native/bind.h"
+#include "../native/require.h"
+#include "../native/times.h"
 #include "columns.h"
 
 namespace nvsdata {
@@ -10,19 +12,19 @@ namespace {
 
 enum Fault { OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE, TOO_LATE };
 
-constexpr i64 MOST = INT64_MAX, LATEST = i64(1) << 62;
+constexpr i64 MOST = INT64_MAX;
 constexpr int DECIMALS = 6;  // of seconds
 
 bool is_digit(u8 c) { return c >= '0' && c <= '9'; }
 bool is_space(u8 c) { return c == ' ' || c == '\t' || c == ',' || c == '\r'; }
 
-// Reads numbers of a text from byte `i` on, up to byte `stop`.
+// Reads numbers of a text from byte `i` on.
 struct Reader {
     Span<const u8> raw;
-    i64 stop, i;
+    i64 i = 0;
     i64 values[4] = {};
 
-    bool more() const { return i < stop; }
+    bool more() const { return i < raw.size(); }
     u8 here() const { return raw[i]; }
 
     // Numbers of the line: how many, and what is wrong, at byte `where`. Goes on to the next line.
@@ -79,12 +81,11 @@ struct Reader {
 
 }  // namespace
 
-std::tuple<i64, int, i64, i64> text_decode(Span<const u8> raw, i64 start, i64 stop, bool seconds_first, bool skip_faults,
-                                           Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
-    if (start < 0 || stop > raw.size()) throw std::invalid_argument("bytes beyond the text's ends");
+std::tuple<i64, int, i64, i64> text_decode(Span<const u8> raw, bool seconds_first, bool skip_faults, Span<i64> t,
+                                           Span<i16> x, Span<i16> y, Span<u8> p) {
     i64 room = t.size(), kept = 0, dropped = 0, where = 0;
     Columns out{t, x, y, p, 0, room};
-    Reader reader{raw, stop, start};
+    Reader reader{raw};
     while (reader.more()) {
         auto [found, fault] = reader.line(seconds_first, where);
         if (found == 0 && fault == OK) continue;
@@ -98,7 +99,7 @@ std::tuple<i64, int, i64, i64> text_decode(Span<const u8> raw, i64 start, i64 st
             ++dropped;
             continue;
         }
-        if (kept == room) throw std::invalid_argument("columns are too short for the lines");
+        require(kept < room, "columns are too short for the lines");
         out.t[kept] = time;
         out.x[kept] = i16(column);
         out.y[kept] = i16(row);

@@ -11,13 +11,12 @@ OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE, TOO_LATE = 0, 1, 2, 3, 4
 
 
 def text_decode(
-    raw: np.ndarray, start: int, stop: int, seconds_first: bool, skip_faults: bool, *columns: np.ndarray
+    raw: np.ndarray, seconds_first: bool, skip_faults: bool, *columns: np.ndarray
 ) -> tuple[int, int, int, int]:
-    """Parse lines of four numbers between bytes `start` and `stop`. O(bytes).
+    """Parse lines of four numbers. O(bytes).
 
     Args:
         raw: uint8 [N].
-        start, stop: bytes.
         seconds_first: a line is `t x y p` with t in seconds (kept exact: digits, not floats, rounded down to the µs);
             otherwise `x y t p`, all integers, t in µs. Empty lines and lines that begin with `#` are skipped.
         skip_faults: drop faulty lines; otherwise the first one ends the parsing.
@@ -26,5 +25,5 @@ def text_decode(
     Returns:
         (events, fault code, byte of the fault, lines dropped).
     """
-    result: tuple[int, int, int, int] = _native.text_decode(raw, start, stop, seconds_first, skip_faults, *columns)
+    result: tuple[int, int, int, int] = _native.text_decode(raw, seconds_first, skip_faults, *columns)
     return result

@@ -1,9 +1,8 @@
 // The brightness of pixels: luminance of bytes, and logarithms.
 #include "brightness.h"
 
-#include <stdexcept>
-
 #include "../native/bind.h"
+#include "../native/require.h"
 
 namespace nvsdata {
 
@@ -52,7 +51,7 @@ void weigh(Span<const u8> row, i64 first_weight, Span<i32> thousandths) {
 
 template <class Thousandths>
 void logarithm(Span<const Thousandths> thousandths, float t_log, float slope, Span<float> out) {
-    if (thousandths.size() != out.size()) throw std::invalid_argument("arrays of pixels differ in shape");
+    require(thousandths.size() == out.size(), "arrays of pixels differ in shape");
     // compared in thousandths, which are whole numbers: (3.1) jumps at t_log
     best<logarithms<Thousandths>>(thousandths, 1000.0f * t_log, slope, out);
 }
@@ -61,10 +60,10 @@ template void logarithm(Span<const i32>, float, float, Span<float>);
 template void logarithm(Span<const float>, float, float, Span<float>);
 
 void check_light(i64 bytes, i64 first_weight, i64 table, bool calculated) {
-    if (bytes != 1 && bytes != 3) throw std::invalid_argument("pixels must have one byte or three");
-    if (first_weight < 0 || first_weight > 413) throw std::invalid_argument("weights must lie between 0 and 413");
+    require(bytes == 1 || bytes == 3, "pixels must have one byte or three");
+    require(first_weight >= 0 && first_weight <= 413, "weights must lie between 0 and 413");
     bool needless = bytes == 3 && calculated && table == 0;
-    if (!needless && table < (bytes == 1 ? BYTES : TABLE_SIZE)) throw std::invalid_argument("the table is too short");
+    require(needless || table >= (bytes == 1 ? BYTES : TABLE_SIZE), "the table is too short");
 }
 
 template <class Thousandths>

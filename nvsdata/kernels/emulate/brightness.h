@@ -1,6 +1,8 @@
 // The brightness of pixels: luminance of bytes, and logarithms.
 #pragma once
 
+#include <vector>
+
 #include "../native/levels.h"
 #include "../native/span.h"
 
@@ -30,5 +32,35 @@ template <class Place, class Number>
 void look_up(Span<const Place> places, Span<const Number> table, Span<Number> out) {
     best<copy_from<Place, Number>>(places, table, out);
 }
+
+// ln(q + dark) of pixels of one byte or of three, q in thousandths, by a table or, in float32 without one, by (3.1).
+template <class Number>
+class Logarithms {
+public:
+    Logarithms(i64 width, i64 first_weight, Span<const Number> table, i32 dark, Number t_log, Number slope)
+        : first_weight_(first_weight), table_(table), dark_(dark), t_log_(t_log), slope_(slope), thousandths_(width) {}
+
+    // Of a row's pixels from `left` up to `right`.
+    void operator()(Span<const u8> row, i64 left, i64 right, Span<Number> out) {
+        if (row.size() == i64(thousandths_.size())) return look_up(row.part(left, right), table_, out);
+        Span<i32> thousandths(thousandths_.data(), out.size());
+        weigh(row.part(3 * left, 3 * right), first_weight_, thousandths);
+        if constexpr (sizeof(Number) == 4) {
+            if (table_.empty()) {
+                if (dark_)
+                    for (i32& q : thousandths) q += dark_;
+                return logarithm(Span<const i32>(thousandths), t_log_, slope_, out);
+            }
+        }
+        look_up(Span<const i32>(thousandths), table_, out);
+    }
+
+private:
+    i64 first_weight_;
+    Span<const Number> table_;
+    i32 dark_;
+    Number t_log_, slope_;
+    std::vector<i32> thousandths_;
+};
 
 }  // namespace nvsdata

@@ -73,7 +73,8 @@ NVSDATA_INLINE void three_times(Span<const Time> first, Span<const Time> later, 
 template <class Number, class Time>
 class Crossings {
 public:
-    Crossings(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array, i64 before, i64 now)
+    Crossings(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array, i64 before,
+              i64 now)
         : rousing_(light, sensor, array),
           sensor_(sensor),
           array_(array),
@@ -95,17 +96,12 @@ public:
 
     void run(Keys& keys) {
         Interrupt interrupt;
-        i64 height = array_.height();
-        for (i64 r = 0; r < array_.dirty.rows(); ++r) {
-            if (!rousing_.rouse(r, now_)) continue;
-            for (i64 y = r * TILE_ROWS; y < std::min((r + 1) * TILE_ROWS, height); ++y) {
-                rousing_.find(y);
-                if (i64 m = fired(y)) fire(y, m, keys);
-                rousing_.keep(y);
-                if (sensor_.leak > 0) set_wake(y);
-            }
-            interrupt.poll();
-        }
+        rousing_.each_row(now_, [&](i64 y) {
+            if (i64 m = fired(y)) fire(y, m, keys);
+            rousing_.keep(y);
+            if (sensor_.leak > 0) set_wake(y);
+            if (y % TILE_ROWS == 0) interrupt.poll();
+        });
     }
 
 private:
@@ -123,22 +119,17 @@ private:
 
     // List a row's pixels that have reached their thresholds; their number.
     i64 fired(i64 y) {
-        i64 width = array_.width(), done = 0;
+        i64 width = array_.width();
         Span<const Number> levels(rousing_.end), memories = array_.memory[y];
         Span<const Number> off = sensor_.off(y, width), on = sensor_.on(y, width);
-        each_run(rousing_.active(), width, [&](i64 left, i64 right) {
-            marks_.clear(done, left);
+        return marks_.list(rousing_.active(), width, [&](i64 left, i64 right, Span<u8> mark) {
             Span<const Number> level = levels.part(left, right), memory = memories.part(left, right);
-            Span<u8> mark = Span<u8>(marks_.mark).part(left, right);
             if (on.empty())
                 best<mark_crossed<Number>>(level, memory, drift_, sensor_.off(), sensor_.on(), mark);
             else
                 best<mark_crossed_each<Number>>(level, memory, drift_, off.part(left, right), on.part(left, right),
                                                 mark);
-            done = right;
         });
-        marks_.clear(done, width);
-        return marks_.list();
     }
 
     // Add events of `m` pixels whose levels go to `end`, as keys; memories follow.
@@ -147,12 +138,15 @@ private:
         Span<Number> memory = array_.memory[y], level = array_.level[y], end(rousing_.end);
         Span<const Number> off = sensor_.off(y, array_.width()), on = sensor_.on(y, array_.width());
         Span<Number> moved(moved_.data(), m), rise(rise_.data(), m), step(step_.data(), m);
+        bool are_positive = true;
         for (i64 j = 0; j < m; ++j) {
             i64 i = x[j];
             moved[j] = end[i] - memory[i] + drift_;
             rise[j] = level[i] - memory[i] + past_;
             step[j] = moved[j] > 0 ? (on.empty() ? sensor_.on() : on[i]) : (off.empty() ? sensor_.off() : off[i]);
+            are_positive &= step[j] > 0;
         }
+        require(are_positive, "thresholds must be above 0");
         Span<Time> later(later_.data(), m), first(first_.data(), m);
         Span<i32> count(count_.data(), m);
         Span<u32> low(low_.data(), m), one(one_.data(), m), two(two_.data(), m), three(three_.data(), m);

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from nvsdata.kernels import _native
+from nvsdata.kernels.decode.clock import LATEST
 
-NEVER = 2**62  # µs
+NEVER = LATEST  # µs
 
 
 class Sensor(NamedTuple):

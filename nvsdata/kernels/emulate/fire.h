@@ -93,16 +93,9 @@ private:
     std::vector<u32> low_, first_, second_, third_;
 
     i64 fired(Span<const Number> difference, Span<const bool> active) {
-        i64 end = 0;
-        Span<u8> mark(marks_.mark);
-        each_run(active, difference.size(), [&](i64 left, i64 right) {
-            marks_.clear(end, left);
-            best<mark_fired<Number>>(difference.part(left, right), threshold_, mark.part(left, right));
-            end = right;
+        return marks_.list(active, difference.size(), [&](i64 left, i64 right, Span<u8> mark) {
+            best<mark_fired<Number>>(difference.part(left, right), threshold_, mark);
         });
-        if (end == 0) return 0;
-        marks_.clear(end, difference.size());
-        return marks_.list();
     }
 
     void write(Span<const Number> difference, u32 row, i64 m, Keys& keys) {

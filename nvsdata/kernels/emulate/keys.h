@@ -6,14 +6,15 @@
 #include <algorithm>
 #include <cstring>
 #include <memory>
-#include <stdexcept>
 #include <utility>
 #include <vector>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include "../native/require.h"
 #include "../native/span.h"
+#include "tiles.h"
 
 namespace nvsdata {
 
@@ -23,7 +24,7 @@ constexpr i64 LONGEST = i64(1) << 31;  // µs between frames that keys can hold
 
 // std::invalid_argument for frames with pixels that keys can't hold.
 inline void check_addresses(i64 height, i64 width) {
-    if (height > 1 << 15 || width > 1 << 16) throw std::invalid_argument("the frame is too large for keys");
+    require(height <= 1 << 15 && width <= 1 << 16, "the frame is too large for keys");
 }
 
 // A frame's keys, in the caller's array or, if that is too short, in a longer one.
@@ -68,6 +69,21 @@ struct RowMarks {
 
     explicit RowMarks(i64 width) : mark(std::size_t(width + 7) / 8 * 8), place(std::size_t(width) + 8) {}
 
+    // List the pixels that mark_run(left, right, marks) marks in the runs of active tiles of a row; their number.
+    template <class MarkRun>
+    i64 list(Span<const bool> active, i64 width, MarkRun mark_run) {
+        i64 end = 0;
+        each_run(active, width, [&](i64 left, i64 right) {
+            clear(end, left);
+            mark_run(left, right, Span<u8>(mark).part(left, right));
+            end = right;
+        });
+        if (end == 0) return 0;
+        clear(end, width);
+        return list();
+    }
+
+private:
     void clear(i64 from, i64 to) { std::fill(mark.begin() + from, mark.begin() + to, u8(0)); }
 
     // List where marks are 1; their number.

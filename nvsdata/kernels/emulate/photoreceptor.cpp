@@ -69,18 +69,14 @@ public:
           keys_(keys) {}
 
     void run() {
-        i64 height = array_.height();
-        for (i64 r = 0; r < array_.dirty.rows(); ++r) {
-            if (!rousing_.rouse(r, now_)) continue;
-            for (i64 y = r * TILE_ROWS; y < std::min((r + 1) * TILE_ROWS, height); ++y) {
-                rousing_.find(y);
-                for (i64 tile = 0; tile < rousing_.active().size(); ++tile)
-                    if (rousing_.active()[tile]) follow(y, tile);
-                interrupt_.poll();
-            }
+        rousing_.each_row(now_, [&](i64 y) {
+            for (i64 tile = 0; tile < rousing_.active().size(); ++tile)
+                if (rousing_.active()[tile]) follow(y, tile);
+            interrupt_.poll();
+        });
+        for (i64 r = 0; r < since_.rows(); ++r)
             for (i64 c = 0; c < since_.columns(); ++c)
                 if (array_.dirty(r, c)) since_(r, c) = now_;
-        }
     }
 
 private:
@@ -104,6 +100,7 @@ private:
         i64 since = since_(y / TILE_ROWS, tile), origin = changed ? now_ : since;
         for (i64 i = tile * TILE_COLUMNS; i < std::min((tile + 1) * TILE_COLUMNS, level.size()); ++i) {
             Pixel pixel{off.empty() ? sensor_.off() : off[i], on.empty() ? sensor_.on() : on[i], u32(y << 17 | i << 1)};
+            require(pixel.off > 0 && pixel.on > 0, "thresholds must be above 0");
             double lag = level[i] - reached[i];
             if (!changed) {
                 if (lag != 0 || leak_ != 0) {
@@ -212,7 +209,7 @@ Keys::Result advance_receptors(Rows<const u8> frame, Rows<const u8> previous, i6
     check_pixels(speed.rows(), speed.columns(), level.rows(), level.columns());
     check_pixels(since.rows(), since.columns(), wake.rows(), wake.columns());
     for (i64 time : since.flat())
-        if (time < 0 || time > before) throw std::invalid_argument("tiles changed in the future");
+        require(time >= 0 && time <= before, "tiles changed in the future");
     Keys keys(place);
     Receptors(light, sensor, array, reached, speed, since, white, before, now, keys).run();
     return keys.result();

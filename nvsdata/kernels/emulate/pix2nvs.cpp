@@ -48,26 +48,10 @@ struct Tiles {
 template <class Number>
 void see(Rows<const u8> frame, i64 first_weight, Span<const Number> table, Number t_log, Number slope,
          Rows<const bool> tiles, Rows<Number> plane) {
-    i64 width = plane.columns();
-    bool gray = frame.columns() == width;
-    std::vector<i32> thousandths(width);
-    each_box(tiles, plane.rows(), width, [&](Box box) {
-        Span<i32> q(thousandths.data(), box.right - box.left);
-        for (i64 y = box.top; y < box.bottom; ++y) {
-            Span<Number> out = plane[y].part(box.left, box.right);
-            if (gray) {
-                look_up(frame[y].part(box.left, box.right), table, out);
-                continue;
-            }
-            weigh(frame[y].part(3 * box.left, 3 * box.right), first_weight, q);
-            if constexpr (std::is_same_v<Number, float>) {
-                if (table.empty()) {
-                    logarithm(Span<const i32>(q), t_log, slope, out);
-                    continue;
-                }
-            }
-            look_up(Span<const i32>(q), table, out);
-        }
+    Logarithms<Number> logarithms(plane.columns(), first_weight, table, 0, t_log, slope);
+    each_box(tiles, plane.rows(), plane.columns(), [&](Box box) {
+        for (i64 y = box.top; y < box.bottom; ++y)
+            logarithms(frame[y], box.left, box.right, plane[y].part(box.left, box.right));
     });
 }
 
@@ -211,7 +195,7 @@ void wake(bool contrast, Method method, i64 side, const Tiles& tiles) {
 }
 
 Method method_of(i64 number) {
-    if (number < CO_LOCATED || number > MINIMUM) throw std::invalid_argument("no such method");
+    require(number >= CO_LOCATED && number <= MINIMUM, "no such method");
     return Method(number);
 }
 
@@ -300,7 +284,7 @@ bool look_at(Rows<const u8> frame, Rows<const u8> previous, bool contrast, i64 m
     Tiles tiles{dirty, affected, active, still, behind};
     tiles.check(level.rows(), level.columns());
     check_pixels(reference.rows(), reference.columns(), level.rows(), level.columns());
-    if (side < 1) throw std::invalid_argument("blocks must have a side of at least 1");
+    require(side >= 1, "blocks must have a side of at least 1");
     return look<Number>(frame, previous, contrast, method_of(method), side, Number(alpha), everywhere, tiles,
                         {level, level, reference, level});
 }
@@ -324,11 +308,13 @@ Keys::Result next_frame(Rows<const u8> frame, Rows<const u8> previous, i64 first
     check_addresses(height, width);
     // bands of whole tiles and whole blocks, and all rows where pixels look at their neighbors
     i64 rows = difference.rows();
-    if (side < 1 || (rows < height && (rows < 1 || rows % TILE_ROWS || rows % side || method != CO_LOCATED)))
-        throw std::invalid_argument("bands must consist of whole tiles and blocks");
+    bool fits = side >= 1 && (rows >= height ||
+                              (rows >= 1 && rows % TILE_ROWS == 0 && rows % side == 0 && method == CO_LOCATED));
+    require(fits, "bands must consist of whole tiles and blocks");
     check_pixels(std::min(rows, height), difference.columns(), std::min(rows, height), width);
-    if (most < 1 || timing < INTERPOLATED || timing > AT_ONCE || span < 1 || span >= LONGEST || !(rule.threshold > 0))
-        throw std::invalid_argument("settings out of range");
+    require(most >= 1 && timing >= INTERPOLATED && timing <= AT_ONCE && span >= 1 && span < LONGEST &&
+                rule.threshold > 0,
+            "settings out of range");
     Keys keys(place);
     if (frame.rows()) {
         check_light(check_frames(frame, previous, height, width), first_weight, table.size(), sizeof(Number) == 4);

@@ -2,16 +2,17 @@
 #pragma once
 
 #include <algorithm>
-#include <stdexcept>
+#include <memory>
 #include <vector>
 
+#include "../native/times.h"
 #include "brightness.h"
 #include "keys.h"
 #include "tiles.h"
 
 namespace nvsdata {
 
-constexpr i64 NEVER = i64(1) << 62;    // µs
+constexpr i64 NEVER = LATEST;          // µs
 constexpr double SOMEDAY = 1LL << 61;  // µs: a pause that ends after all others
 
 // µs after which something happens, as an integer.
@@ -67,12 +68,11 @@ void check_sensor(const Light<Number>& light, const Sensor<Number>& sensor, cons
     check_tiles(array.dirty, height, width);
     check_pixels(array.wake.rows(), array.wake.columns(), array.dirty.rows(), array.dirty.columns());
     check_addresses(height, width);
-    if (sensor.thresholds.size() != 2 || (sensor.each.size() && sensor.each.size() != 2 * height * width))
-        throw std::invalid_argument("thresholds don't fit pixels");
-    if (!(sensor.off() > 0 && sensor.on() > 0 && sensor.leak >= 0) || sensor.dark < 0 || sensor.dark > 1'000'000'000)
-        throw std::invalid_argument("settings out of range");
-    if (before < 0 || now <= before || now - before >= LONGEST || now >= NEVER)
-        throw std::invalid_argument("times must rise");
+    require(sensor.thresholds.size() == 2 && (sensor.each.empty() || sensor.each.size() == 2 * height * width),
+            "thresholds don't fit pixels");
+    require(sensor.off() > 0 && sensor.on() > 0 && sensor.leak >= 0 && sensor.dark >= 0 && sensor.dark <= 1'000'000'000,
+            "settings out of range");
+    require(before >= 0 && now > before && now - before < LONGEST && now < NEVER, "times must rise");
 }
 
 // Goes through the rows of tiles that changed, or that wake, and finds the levels of their pixels.
@@ -80,7 +80,8 @@ template <class Number>
 class Rousing {
 public:
     Rousing(const Light<Number>& light, const Sensor<Number>& sensor, const PixelArray<Number>& array)
-        : end(array.width()), light_(light), sensor_(sensor), array_(array), thousandths_(array.width()),
+        : end(array.width()), light_(light), array_(array),
+          logarithms_(array.width(), light.first_weight, sensor.table, i32(sensor.dark), 0, 1),
           active_(new bool[std::size_t(array.dirty.columns()) + 1]) {
         if (i64 bytes = array.width() ? light.frame.columns() / array.width() : 0)
             find_dirty(light.frame, light.previous, bytes * TILE_COLUMNS, array.dirty);
@@ -89,6 +90,32 @@ public:
     std::vector<Number> end;  // levels of a row, in active tiles
 
     Span<const bool> active() const { return {active_.get(), array_.dirty.columns()}; }
+
+    // Call each(row of pixels) for those in rows of tiles that changed, or wake at `now`, their levels in `end`.
+    template <class Each>
+    void each_row(i64 now, Each each) {
+        for (i64 r = 0; r < array_.dirty.rows(); ++r) {
+            if (!rouse(r, now)) continue;
+            for (i64 y = r * TILE_ROWS; y < std::min((r + 1) * TILE_ROWS, array_.height()); ++y) {
+                find(y);
+                each(y);
+            }
+        }
+    }
+
+    // Levels of a row that changed, from `end`.
+    void keep(i64 y) {
+        each_run(array_.dirty[y / TILE_ROWS], i64(end.size()), [&](i64 left, i64 right) {
+            Span<Number> level = array_.level[y].part(left, right);
+            std::copy(end.begin() + left, end.begin() + right, level.begin());
+        });
+    }
+
+private:
+    const Light<Number>& light_;
+    const PixelArray<Number>& array_;
+    Logarithms<Number> logarithms_;
+    std::unique_ptr<bool[]> active_;
 
     // Which tiles of a row changed, or wake at `now`; whether any does. They have no time to wake at then.
     bool rouse(i64 r, i64 now) {
@@ -117,38 +144,9 @@ public:
                 Span<const Number> given = light_.given[y].part(left, right);
                 std::copy(given.begin(), given.end(), to.begin());
             } else {
-                logarithms(light_.frame[y], left, right, to);
+                logarithms_(light_.frame[y], left, right, to);
             }
         });
-    }
-
-    // Levels of a row that changed, from `end`.
-    void keep(i64 y) {
-        each_run(array_.dirty[y / TILE_ROWS], i64(end.size()), [&](i64 left, i64 right) {
-            Span<Number> level = array_.level[y].part(left, right);
-            std::copy(end.begin() + left, end.begin() + right, level.begin());
-        });
-    }
-
-private:
-    const Light<Number>& light_;
-    const Sensor<Number>& sensor_;
-    const PixelArray<Number>& array_;
-    std::vector<i32> thousandths_;
-    std::unique_ptr<bool[]> active_;
-
-    // ln(q + dark) of gray or color bytes.
-    void logarithms(Span<const u8> row, i64 left, i64 right, Span<Number> out) {
-        if (row.size() == array_.width()) return look_up(row.part(left, right), sensor_.table, out);
-        Span<i32> thousandths(thousandths_.data(), out.size());
-        weigh(row.part(3 * left, 3 * right), light_.first_weight, thousandths);
-        if constexpr (sizeof(Number) == 4) {
-            if (sensor_.table.empty()) {
-                for (i32& q : thousandths) q += i32(sensor_.dark);
-                return logarithm(Span<const i32>(thousandths), 0.0f, 1.0f, out);
-            }
-        }
-        look_up(Span<const i32>(thousandths), sensor_.table, out);
     }
 };
 

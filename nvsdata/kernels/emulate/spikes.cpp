@@ -6,11 +6,16 @@
 #include <vector>
 
 #include "../native/bind.h"
+#include "../native/interrupt.h"
 #include "../native/levels.h"
+#include "../native/require.h"
+#include "../native/times.h"
 
 namespace nvsdata {
 
 namespace {
+
+constexpr i64 OFTEN = 1 << 16;  // keys between two polls for Ctrl-C
 
 // A digit of keys, and for each of its values where the next key with it belongs.
 struct Digit {
@@ -20,12 +25,16 @@ struct Digit {
     u32& place_of(u64 key) const { return places[i64(key >> shift & mask)]; }
 };
 
-NVSDATA_INLINE void distribute(Span<const u64> keys, Digit digit, Span<u64> out) {
-    for (i64 i = 0; i < keys.size(); ++i) out[digit.place_of(keys[i])++] = keys[i];
+NVSDATA_INLINE void distribute(Span<const u64> keys, Digit digit, Span<u64> out, Interrupt* interrupt) {
+    for (i64 start = 0; start < keys.size(); start += OFTEN) {
+        interrupt->poll();
+        for (i64 i = start, stop = std::min(start + OFTEN, keys.size()); i < stop; ++i)
+            out[digit.place_of(keys[i])++] = keys[i];
+    }
 }
 
 // Sort keys stably by two digits, whose places are 0; `spare` is scratch. O(N + values of a digit).
-NVSDATA_INLINE void sort_by(Digit minor, Digit major, Span<u64> keys, Span<u64> spare) {
+NVSDATA_INLINE void sort_by(Digit minor, Digit major, Span<u64> keys, Span<u64> spare, Interrupt* interrupt) {
     for (i64 i = 0; i < keys.size(); ++i) {
         ++minor.place_of(keys[i]);
         ++major.place_of(keys[i]);
@@ -35,17 +44,18 @@ NVSDATA_INLINE void sort_by(Digit minor, Digit major, Span<u64> keys, Span<u64> 
         before += std::exchange(minor.places[value], before);
         before_major += std::exchange(major.places[value], before_major);
     }
-    distribute(keys, minor, spare);
-    distribute(spare, major, keys);
+    distribute(keys, minor, spare, interrupt);
+    distribute(spare, major, keys, interrupt);
 }
 
 void sort_keys(Span<u64> keys, Span<u64> spare, i64 bits) {
+    Interrupt interrupt;
     u64 digit = u64(bits + 1) / 2, values = u64(1) << digit;
     std::vector<u32> places(2 * values);
     Span<u32> all(places);
     Digit minor{32, values - 1, all.part(0, i64(values))};
     Digit major{32 + digit, values - 1, all.part(i64(values), all.size())};
-    best<sort_by>(minor, major, keys, spare);
+    best<sort_by>(minor, major, keys, spare, &interrupt);
 }
 
 NVSDATA_INLINE void unpack(Span<const u64> keys, i64 start, Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
@@ -72,7 +82,6 @@ struct Readout {
 };
 
 NVSDATA_INLINE void pass_on(Readout* readout) {
-    constexpr double LATEST = i64(1) << 62;
     auto [t, x, y, width, ready, refractory, gap, busy, start, out, kept] = *readout;
     for (i64 i = 0; i < t.size(); ++i) {
         u64 pixel = u64(i64(y[i])) * u64(width) + u64(i64(x[i]));
@@ -82,7 +91,7 @@ NVSDATA_INLINE void pass_on(Readout* readout) {
         kept[i] = seen;
         if (!seen) continue;
         double free = std::max(double(i64(u64(time) - u64(start))), busy);
-        if (!(free < LATEST)) throw std::out_of_range("the readout falls too far behind");
+        if (!(free < double(LATEST))) throw std::out_of_range("the readout falls too far behind");
         busy = free + gap;
         i64 leaves = i64(u64(start) + u64(i64(std::ceil(free))));
         out[i] = leaves;
@@ -94,10 +103,10 @@ NVSDATA_INLINE void pass_on(Readout* readout) {
 }  // namespace
 
 void read_keys(Span<u64> keys, i64 bits, i64 start, Span<i64> t, Span<i16> x, Span<i16> y, Span<u8> p) {
-    if (t.size() != keys.size() || x.size() != keys.size() || y.size() != keys.size() || p.size() != keys.size())
-        throw std::invalid_argument("columns must be as long as keys");
-    if (bits < 0 || bits > 32) throw std::invalid_argument("times of keys have 0 to 32 bits");
-    if (keys.size() > i64(UINT32_MAX)) throw std::invalid_argument("too many keys");
+    i64 n = keys.size();
+    require(t.size() == n && x.size() == n && y.size() == n && p.size() == n, "columns must be as long as keys");
+    require(bits >= 0 && bits <= 32, "times of keys have 0 to 32 bits");
+    require(n <= i64(UINT32_MAX), "too many keys");
     // the column of times serves as scratch until it is written
     if (bits) sort_keys(keys, {reinterpret_cast<u64*>(t.data()), t.size()}, bits);
     best<unpack>(keys, start, t, x, y, p);
@@ -105,8 +114,8 @@ void read_keys(Span<u64> keys, i64 bits, i64 start, Span<i64> t, Span<i16> x, Sp
 
 double read_out(Span<const i64> t, Span<const i16> x, Span<const i16> y, i64 width, Span<i64> ready, i64 refractory,
                 double gap, double busy, i64 start, Span<i64> out, Span<bool> kept) {
-    if (x.size() != t.size() || y.size() != t.size() || out.size() != t.size() || kept.size() != t.size())
-        throw std::invalid_argument("columns differ in length");
+    i64 n = t.size();
+    require(x.size() == n && y.size() == n && out.size() == n && kept.size() == n, "columns differ in length");
     Readout readout{t, x, y, width, ready, refractory, gap, busy, start, out, kept};
     best<pass_on>(&readout);
     return readout.busy;

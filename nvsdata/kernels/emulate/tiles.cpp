@@ -1,10 +1,10 @@
 // The tiles of a frame that changed.
 #include "tiles.h"
 
-#include <stdexcept>
 #include <vector>
 
 #include "../native/bind.h"
+#include "../native/require.h"
 
 namespace nvsdata {
 
@@ -18,29 +18,28 @@ bool same(Span<const u8> a, Span<const u8> b) {
 }  // namespace
 
 void check_pixels(i64 rows, i64 columns, i64 height, i64 width) {
-    if (rows != height || columns != width) throw std::invalid_argument("arrays of pixels differ in shape");
+    require(rows == height && columns == width, "arrays of pixels differ in shape");
 }
 
 void check_tiles(Rows<const bool> marks, i64 height, i64 width) {
-    if (marks.rows() != tiles_along(height, TILE_ROWS) || marks.columns() != tiles_along(width, TILE_COLUMNS))
-        throw std::invalid_argument("arrays of tiles don't fit those of pixels");
+    require(marks.rows() == tiles_along(height, TILE_ROWS) && marks.columns() == tiles_along(width, TILE_COLUMNS),
+            "arrays of tiles don't fit those of pixels");
 }
 
 i64 check_frames(Rows<const u8> frame, Rows<const u8> previous, i64 height, i64 width) {
     i64 bytes = width ? frame.columns() / width : 0;
-    if (frame.rows() != height || frame.columns() != bytes * width || previous.rows() != height ||
-        previous.columns() != frame.columns())
-        throw std::invalid_argument("frames don't fit arrays of pixels");
+    require(frame.rows() == height && frame.columns() == bytes * width && previous.rows() == height &&
+                previous.columns() == frame.columns(),
+            "frames don't fit arrays of pixels");
     return bytes;
 }
 
 i64 find_dirty(Rows<const u8> frame, Rows<const u8> previous, i64 tile_bytes, Rows<bool> dirty) {
-    if (previous.rows() != frame.rows() || previous.columns() != frame.columns())
-        throw std::invalid_argument("frames differ in shape");
+    require(previous.rows() == frame.rows() && previous.columns() == frame.columns(), "frames differ in shape");
     // so that every byte lies in a tile
-    if (tile_bytes < 1 || dirty.rows() != tiles_along(frame.rows(), TILE_ROWS) ||
-        dirty.columns() != tiles_along(frame.columns(), tile_bytes))
-        throw std::invalid_argument("arrays of tiles don't fit frames");
+    require(tile_bytes >= 1 && dirty.rows() == tiles_along(frame.rows(), TILE_ROWS) &&
+                dirty.columns() == tiles_along(frame.columns(), tile_bytes),
+            "arrays of tiles don't fit frames");
     i64 count = 0;
     for (i64 r = 0; r < dirty.rows(); ++r) {
         Span<bool> marks = dirty[r];

@@ -4,14 +4,11 @@
 
 #include "../native/bind.h"
 #include "../native/wrap.h"
+#include "edges.h"
 
 namespace nvsdata {
 
 namespace {
-
-float fraction(float d, bool is_signed) {
-    return is_signed ? std::min(std::max(d * 0.5f + 0.5f, 0.0f), 1.0f) : std::min(std::abs(d), 1.0f);
-}
 
 // Pseudo-coordinates of edges, along x, y and, if there are three, t.
 struct Pseudo {
@@ -21,29 +18,22 @@ struct Pseudo {
     bool is_signed;
 
     void place(Span<float> out, i64 source, i64 target) const {
-        out[0] = fraction((pos(source, 0) - pos(target, 0)) / wide, is_signed);
-        out[1] = fraction((pos(source, 1) - pos(target, 1)) / high, is_signed);
-        if (out.size() == 3) out[2] = fraction(float(minus(t[source], t[target])) / longest, is_signed);
+        out[0] = pseudo_coordinate((pos(source, 0) - pos(target, 0)) / wide, is_signed);
+        out[1] = pseudo_coordinate((pos(source, 1) - pos(target, 1)) / high, is_signed);
+        if (out.size() == 3) out[2] = pseudo_coordinate(float(minus(t[source], t[target])) / longest, is_signed);
     }
 };
 
 }  // namespace
 
-void event_edges(Span<const i32> degree, Rows<const i32> source, Rows<const float> pos, Span<const i64> t,
-                 double wide, double high, double longest, bool is_signed, Rows<i64> edges, Rows<float> out) {
-    Pseudo pseudo{pos, t, float(wide), float(high), float(longest), is_signed};
-    i64 e = 0;
-    for (i64 i = 0; i < degree.size(); ++i)
-        for (i32 n = 0; n < degree[i]; ++n, ++e) {
-            i64 j = source(i, n);
-            edges(0, e) = j;
-            edges(1, e) = i;
-            pseudo.place(out[e], j, i);
-        }
-}
-
 void listed_edges(Span<const i32> degree, Rows<const i32> source, Rows<i64> edges) {
-    i64 e = 0;
+    i64 e = 0, all = 0;
+    bool fit = degree.size() == source.rows() && edges.rows() == 2;
+    for (i32 number : degree) {
+        fit &= number >= 0 && number <= source.columns();
+        all += number;
+    }
+    require(fit && all == edges.columns(), "degrees, sources and edges must agree in number");
     for (i64 i = 0; i < degree.size(); ++i)
         for (i32 n = 0; n < degree[i]; ++n, ++e) {
             edges(0, e) = source(i, n);
@@ -51,7 +41,11 @@ void listed_edges(Span<const i32> degree, Rows<const i32> source, Rows<i64> edge
         }
 }
 
-bool pseudo_coordinates(Rows<const float> pos, Span<const i64> t, Rows<const i64> edges, double wide, double high, double longest, bool is_signed, Rows<float> out) {
+bool pseudo_coordinates(Rows<const float> pos, Span<const i64> t, Rows<const i64> edges, double wide, double high,
+                        double longest, bool is_signed, Rows<float> out) {
+    require(pos.columns() == 2 && t.size() == pos.rows(), "nodes must have two coordinates and a time");
+    require(edges.rows() == 2 && out.rows() == edges.columns(), "edges must have two nodes, and a row of the result");
+    require(out.columns() == 2 || out.columns() == 3, "an edge must have two pseudo-coordinates or three");
     Pseudo pseudo{pos, t, float(wide), float(high), float(longest), is_signed};
     u64 nodes = u64(pos.rows());
     for (i64 e = 0; e < edges.columns(); ++e) {
@@ -64,6 +58,7 @@ bool pseudo_coordinates(Rows<const float> pos, Span<const i64> t, Rows<const i64
 
 template <class Float>
 int check_edges(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 nodes) {
+    require_edges(source, target, u.rows());
     int code = 0;
     i64 last = 0;
     for (i64 e = 0; e < source.size(); ++e) {
@@ -79,7 +74,10 @@ int check_edges(Span<const i64> source, Span<const i64> target, Rows<const Float
 template <class Float>
 void with_self_loops(Span<const i64> source, Span<const i64> target, Rows<const Float> u, Float origin, Rows<i64> edges,
                      Rows<Float> out) {
+    require_edges(source, target, u.rows());
     i64 nodes = edges.columns() - source.size(), e = 0, at = 0;
+    require(edges.rows() == 2 && nodes >= 0, "there must be room for each edge and for a loop of each node");
+    require(out.rows() == edges.columns() && out.columns() == u.columns(), "results must fit the edges");
     for (i64 node = 0; node < nodes; ++node) {
         edges(0, at) = edges(1, at) = node;
         for (Float& value : out[at]) value = origin;
@@ -92,7 +90,6 @@ void with_self_loops(Span<const i64> source, Span<const i64> target, Rows<const 
 }
 
 void define_edges(nb::module_& module) {
-    define<event_edges>(module, "event_edges");
     define<listed_edges>(module, "listed_edges");
     define<pseudo_coordinates>(module, "pseudo_coordinates");
     define<check_edges<float>>(module, "check_edges");

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nvsdata.kernels import _native
-from nvsdata.kernels.graph.neighbors import near_sources
+from nvsdata.kernels.graph.neighbors import near_edges
 
 GROUPED, UNGROUPED, NO_SUCH_NODE, NOT_FINITE = 0, 1, 2, 3  # results of `check_edges`
 
@@ -25,15 +25,13 @@ def event_graph(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the arrays of a graph: polarity ±1 [N, 1], pos [N, 2], t from `start`, edges and pseudo-coordinates.
 
-    See `near_sources` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
+    See `near_edges` for the edges, and `pseudo_coordinates` for `reach` and `signed`.
     """
-    degree, source, count = near_sources(t, x, y, radius, alpha, beta, k)
+    edges = near_edges(t, x, y, radius, alpha, beta, k)
     feature, pos = np.empty((t.size, 1), np.float32), np.empty((t.size, 2), np.float32)
     np.subtract(2 * p.astype(np.float32), 1, out=feature[:, 0])
     pos[:, 0], pos[:, 1] = x, y
-    edges, u = np.empty((2, count), np.int64), np.empty((count, len(reach)), np.float32)
-    _native.event_edges(degree, source, pos, t, *_ends(reach), signed, edges, u)
-    return feature, pos, t - start, edges, u
+    return feature, pos, t - start, edges, pseudo_coordinates(pos, t, edges, reach, signed)
 
 
 def pseudo_coordinates(
@@ -52,13 +50,10 @@ def pseudo_coordinates(
         IndexError: an edge names a node that doesn't exist.
     """
     out = np.empty((edges.shape[1], len(reach)), np.float32)
-    if not _native.pseudo_coordinates(pos, t, edges, *_ends(reach), signed, out):
+    ends = *reach[:2], reach[2] if len(reach) == 3 else 1.0
+    if not _native.pseudo_coordinates(pos, t, edges, *ends, signed, out):
         raise IndexError("edge_index names a node that is not there")
     return out
-
-
-def _ends(reach: tuple[float, ...]) -> tuple[float, float, float]:
-    return reach[0], reach[1], reach[2] if len(reach) == 3 else 1.0
 
 
 def check_edges(source: np.ndarray, target: np.ndarray, u: np.ndarray, nodes: int) -> int:

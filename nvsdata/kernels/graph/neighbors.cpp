@@ -5,6 +5,8 @@
 
 #include "../native/bind.h"
 #include "../native/bits.h"
+#include "../native/interrupt.h"
+#include "../native/require.h"
 #include "../native/vector.h"
 #include "../native/wrap.h"
 #include "neighbors.h"
@@ -12,6 +14,7 @@
 
 namespace nvsdata {
 
+constexpr i64 OFTEN = 256;          // events between two polls for Ctrl-C
 constexpr double ROUNDING = 1e-12;  // by how much more than a rounded bound is searched
 
 // Squared distance: alpha (dx² + dy²) + beta dt².
@@ -97,8 +100,9 @@ private:
 
 class Search {
 public:
-    Search(Span<const i64> t, PixelLists&& pixels, const Metric& metric, const Sources& sources)
-        : t_(t), pixels_(std::move(pixels)), metric_(metric), sources_(sources), marks_(t.size()), nearest_(metric.k) {}
+    Search(Span<const i64> t, PixelLists&& pixels, const Metric& metric, const Sources& sources, Interrupt& interrupt)
+        : t_(t), pixels_(std::move(pixels)), metric_(metric), sources_(sources), marks_(t.size()), nearest_(metric.k),
+          interrupt_(interrupt) {}
 
     void run() {
         double alpha = metric_.alpha, limit = metric_.limit();
@@ -132,6 +136,13 @@ private:
     double slack_ = 0;  // what the longest difference in time adds to a distance
     Vector<Near> near_;
     Vector<i32> whole_, last_, place_;
+    Interrupt& interrupt_;
+    unsigned steps_ = 0;
+
+    // Of one of thousands of events.
+    void poll() {
+        if (++steps_ % OFTEN == 0) interrupt_.poll();
+    }
 
     const i32* begin(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel]; }
     const i32* end(i32 pixel) const { return pixels_.order.data() + pixels_.first[pixel + 1]; }
@@ -143,7 +154,8 @@ private:
         auto far = std::remove_if(near_.begin(), near_.end(), [&](const Near& other) {
             if (alpha * double(other.apart) + slack_ <= limit) return false;
             double left = limit - alpha * double(other.apart);
-            bool none = left < 0 || !any_within(std::sqrt((left + limit * ROUNDING) / metric_.beta) + 1, pixel, other.pixel);
+            double dt = std::sqrt((left + limit * ROUNDING) / metric_.beta) + 1;
+            bool none = left < 0 || !any_within(dt, pixel, other.pixel);
             if (none) total -= pixels_.events(other.pixel);
             sure = sure && none;
             return none;
@@ -168,7 +180,8 @@ private:
         std::size_t q = near_.size();
         if (total > k + 1) {
             left = k + 1 - total;
-            for (i64 ring = near_.back().apart; q && near_[q - 1].apart == ring; --q) left += pixels_.events(near_[q - 1].pixel);
+            for (i64 ring = near_.back().apart; q && near_[q - 1].apart == ring; --q)
+                left += pixels_.events(near_[q - 1].pixel);
         }
         for (std::size_t p = 0; p < near_.size(); ++p)
             for (auto e = begin(near_[p].pixel); e != end(near_[p].pixel); ++e) marks_.mark(*e, p >= q);
@@ -177,6 +190,7 @@ private:
         bool own = q == 0;
         std::size_t from = 0;
         for (auto e = begin(pixel); e != end(pixel); ++e) {
+            poll();
             i32* out = sources_.of(*e);
             i32* first = out;
             if (left == 0) {
@@ -208,7 +222,8 @@ private:
         if (some == 0 || ((from == 0 || time(from - 1) != time(from)) && !own)) return {from, stop, stop, stop};
         // only the first of the chosen may have equals before them
         auto at = [&](std::size_t lo, std::size_t hi, i64 value) {
-            auto found = std::lower_bound(last_.begin() + lo, last_.begin() + hi, value, [&](i32 j, i64 v) { return t_[j] < v; });
+            auto found = std::lower_bound(last_.begin() + lo, last_.begin() + hi, value,
+                                          [&](i32 j, i64 v) { return t_[j] < v; });
             return std::size_t(found - last_.begin());
         };
         i64 equal = time(from);
@@ -242,6 +257,7 @@ private:
         place_.clear();
         for (const Near& other : near_) place_.push_back(pixels_.first[other.pixel]);
         for (auto e = begin(pixel); e != end(pixel); ++e) {
+            poll();
             nearest_.clear();
             for (std::size_t q = 0; q < near_.size(); ++q) {
                 double base = metric_.alpha * double(near_[q].apart);
@@ -277,7 +293,7 @@ private:
 // Pairs that are near in time, from each event backward; fills the lists of both events. O(N + pairs in time).
 template <class Coordinate>
 void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, const Metric& metric, i64 reach,
-           const Sources& sources) {
+           const Sources& sources, Interrupt& interrupt) {
     std::size_t n = t.size();
     i64 k = metric.k;
     double limit = metric.limit();
@@ -315,6 +331,7 @@ void sweep(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y
     u32 outside = ~((wide - 1) * 0x10001u), margin = u32(side) * 0x10001u;
     Vector<i32> near(n + 1);
     for (std::size_t i = 0; i < n; ++i) {
+        if (i % OFTEN == 0) interrupt.poll();
         while (minus(t[i], t[first]) > reach) ++first;
         u32 corner = place[i] - margin;
         std::size_t found = 0;
@@ -349,7 +366,11 @@ template <class Coordinate>
 i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordinate> y, double radius, double alpha,
                  double beta, i64 sweep_below, Span<i32> degree, Rows<i32> source) {
     i64 n = t.size();
+    require(x.size() == n && y.size() == n && degree.size() == n && source.rows() == n,
+            "columns, degrees and rows of sources must be as many as events");
     if (n == 0) return 0;
+    require(source.columns() >= 2, "there must be room for a source and one more");
+    Interrupt interrupt;
     Metric metric{radius, alpha, beta, source.columns() - 1};
     Sources sources{degree, source};
     double limit = metric.limit();
@@ -357,21 +378,19 @@ i64 near_sources(Span<const i64> t, Span<const Coordinate> x, Span<const Coordin
     if (alpha > 0 && beta > 0 && limit / beta < 1e36 && limit / alpha < 1e8) {
         i64 reach = i64(std::sqrt(limit / beta * (1 + ROUNDING))) + 1;
         swept = pairs_in_time(t, reach) <= sweep_below * n;
-        if (swept) sweep(t, x, y, metric, reach, sources);
+        if (swept) sweep(t, x, y, metric, reach, sources, interrupt);
     }
-    if (!swept) Search(t, PixelLists(x, y, alpha > 0), metric, sources).run();
+    if (!swept) Search(t, PixelLists(x, y, alpha > 0), metric, sources, interrupt).run();
     return std::accumulate(degree.begin(), degree.end(), i64(0));
 }
 
-template i64 near_sources<i16>(Span<const i64>, Span<const i16>, Span<const i16>, double, double, double, i64, Span<i32>,
-                               Rows<i32>);
-
-i64 pairs(Span<const i64> t, i64 reach) { return pairs_in_time(t, reach); }
+template i64 near_sources<i16>(Span<const i64>, Span<const i16>, Span<const i16>, double, double, double, i64,
+                               Span<i32>, Rows<i32>);
 
 void define_neighbors(nb::module_& module) {
+    module.attr("SWEEP") = SWEEP;
     define<near_sources<i16>>(module, "near_sources");
     define<near_sources<i32>>(module, "near_sources");
-    define<pairs>(module, "pairs_in_time");
 }
 
 }  // namespace nvsdata

@@ -5,7 +5,7 @@
 
 namespace nvsdata {
 
-constexpr i64 SWEEP = 48;  // as in neighbors.py
+constexpr i64 SWEEP = 48;  // mean number of events near in time up to which testing all of them is fastest
 
 // `degree` by event; `source` has room for one more than each event's sources. Returns the number of all.
 template <class Coordinate>

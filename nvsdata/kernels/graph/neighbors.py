@@ -6,7 +6,7 @@ import numpy as np
 
 from nvsdata.kernels import _native
 
-SWEEP = 48  # mean number of events near in time up to which testing all of them is fastest
+SWEEP: int = _native.SWEEP  # mean number of events near in time up to which testing all of them is fastest
 
 
 def near_sources(
@@ -61,9 +61,3 @@ def near_edges(
     edges = np.empty((2, count), np.int64)
     _native.listed_edges(degree, source, edges)
     return edges
-
-
-def pairs_in_time(t: np.ndarray, reach: int) -> int:
-    """Return the number of pairs that are at most `reach` apart in time, int64 [N]. O(N)."""
-    pairs: int = _native.pairs_in_time(t, reach)
-    return pairs

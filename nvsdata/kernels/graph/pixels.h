@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "../native/span.h"
+#include "../native/steps.h"
 #include "../native/vector.h"
 
 namespace nvsdata {
@@ -22,17 +23,12 @@ struct Offsets {
     Offsets(i64 furthest, i64 columns) {
         i64 reach = 0;
         while ((reach + 1) * (reach + 1) <= furthest) ++reach;
-        Vector<std::pair<i64, i64>> all;
-        for (i64 dy = -reach; dy <= reach; ++dy)
-            for (i64 dx = -reach; dx <= reach; ++dx)
-                if (dx * dx + dy * dy <= furthest) all.emplace_back(dx * dx + dy * dy, dy * columns + dx);
-        std::sort(all.begin(), all.end());
-        for (auto [length, step] : all) {
-            if (lengths.empty() || lengths.back() != length) {
+        for (const Step& step : steps_around(reach, [&](i64 square) { return square <= furthest; })) {
+            if (lengths.empty() || lengths.back() != step.square) {
                 begins.push_back(i64(steps.size()));
-                lengths.push_back(length);
+                lengths.push_back(step.square);
             }
-            steps.push_back(step);
+            steps.push_back(step.dy * columns + step.dx);
         }
         begins.push_back(i64(steps.size()));
     }
@@ -41,7 +37,9 @@ struct Offsets {
 struct Near {
     i64 apart;  // squared pixels
     i32 pixel;
-    bool operator<(const Near& other) const { return apart < other.apart || (apart == other.apart && pixel < other.pixel); }
+    bool operator<(const Near& other) const {
+        return apart < other.apart || (apart == other.apart && pixel < other.pixel);
+    }
 };
 
 // The pixels that have events, row by row. O(N), or O(N log N) where they lie far apart.
@@ -169,7 +167,8 @@ private:
             auto begin = x.begin() + begins[r], end = x.begin() + begins[r + 1];
             auto after = std::lower_bound(begin, end, x[pixel]), before = after;
             while (before != begin || after != end) {
-                i64 ahead = after != end ? *after - x[pixel] : FAR, behind = before != begin ? x[pixel] - before[-1] : FAR;
+                i64 ahead = after != end ? *after - x[pixel] : FAR;
+                i64 behind = before != begin ? x[pixel] - before[-1] : FAR;
                 i64 dx = std::min(ahead, behind);
                 if (dx * dx + dy * dy > bound) return;
                 take(i32((ahead <= behind ? after++ : --before) - x.begin()), dx * dx + dy * dy);

@@ -1,18 +1,23 @@
 // Clusters of nodes: the coarse graph, and features pooled over its clusters.
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
+#include <limits>
 #include <utility>
 
 #include "../native/bind.h"
 #include "../native/indexes.h"
+#include "../native/interrupt.h"
 #include "../native/levels.h"
+#include "../native/require.h"
 #include "../native/vector.h"
 #include "../native/wrap.h"
 
 namespace nvsdata {
 
 namespace {
+
+constexpr i64 MOST_CELLS = std::numeric_limits<i32>::max();
+constexpr i64 OFTEN = 1 << 12;  // clusters, or nodes, between two polls for Ctrl-C
 
 // The nodes of a cluster, summed up.
 struct Sum {
@@ -32,23 +37,35 @@ i64 mean_time(const Sum& sum) {
 }
 
 void check_clusters(i64 nodes, Span<const i64> cluster, i64 count) {
-    if (nodes != cluster.size()) throw std::invalid_argument("features and clusters are of different numbers of nodes");
+    require(nodes == cluster.size(), "features and clusters are of different numbers of nodes");
     check_below(cluster, count, "a node's cluster doesn't exist");
 }
 
+// Calls each(from, to) for parts of `count` rows.
+template <class Each>
+void each_part(i64 count, Each each) {
+    Interrupt interrupt;
+    for (i64 from = 0; from < count; from += OFTEN) {
+        interrupt.poll();
+        each(from, std::min(from + OFTEN, count));
+    }
+}
+
+// Of nodes from number `first` on.
 template <class Float>
 NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best,
-                                Rows<i32> where) {
-    Vector<u8> seen(best.rows());
+                                Rows<i32> where, i64 first, Span<u8> seen) {
     for (i64 i = 0; i < cluster.size(); ++i) {
+        i64 home = cluster[i];
+        i32 node = i32(first + i);
         Span<const Float> given = features[i];
-        Span<Float> most = best[cluster[i]];
-        Span<i32> from = where[cluster[i]];
-        if (!seen[cluster[i]]) {
-            seen[cluster[i]] = 1;
+        Span<Float> most = best[home];
+        Span<i32> from = where[home];
+        if (!seen[home]) {
+            seen[home] = 1;
             for (i64 c = 0; c < given.size(); ++c) {
                 most[c] = given[c];
-                from[c] = i32(i);
+                from[c] = node;
             }
             continue;
         }
@@ -57,25 +74,24 @@ NVSDATA_INLINE void take_larger(Rows<const Float> features, Span<const i64> clus
             // true of NaN, unless there was one before
             bool more = !(value <= before) & (before == before);
             most[c] = more ? value : before;
-            from[c] = more ? i32(i) : from[c];
+            from[c] = more ? node : from[c];
         }
-    }
-    for (i64 m = 0; m < best.rows(); ++m) {
-        if (seen[m]) continue;
-        std::fill(best[m].begin(), best[m].end(), Float(0));
-        std::fill(where[m].begin(), where[m].end(), -1);
     }
 }
 
 template <class Float>
-NVSDATA_INLINE void add_up(Rows<const Float> features, Span<const i64> cluster, Rows<double> sums, Rows<Float> mean,
+NVSDATA_INLINE void add_up(Rows<const Float> features, Span<const i64> cluster, i64 from, i64 to, Rows<double> sums,
                            Span<Float> members) {
-    for (i64 i = 0; i < cluster.size(); ++i) {
+    for (i64 i = from; i < to; ++i) {
         members[cluster[i]] += 1;
         Span<const Float> given = features[i];
         Span<double> sum = sums[cluster[i]];
         for (i64 c = 0; c < given.size(); ++c) sum[c] += double(given[c]);
     }
+}
+
+template <class Float>
+NVSDATA_INLINE void divide(Rows<const double> sums, Span<const Float> members, Rows<Float> mean) {
     for (i64 m = 0; m < mean.rows(); ++m) {
         Span<Float> out = mean[m];
         Span<const double> sum = sums[m];
@@ -90,11 +106,19 @@ template <class Float>
 i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 width, i64 height, i64 columns,
              i64 rows, Span<i64> cluster, Rows<float> position, Span<i64> time, Span<i64> graph, Span<i64> new_ptr) {
     i64 nodes = pos.rows(), graphs = ptr.size() - 1, last = 0;
+    require(pos.columns() == 2 && t.size() == nodes && cluster.size() == nodes,
+            "nodes must have two coordinates, a time and a cluster");
+    require(width > 0 && height > 0 && columns > 0 && rows > 0 && columns <= MOST_CELLS / rows, "no such clusters");
     for (i64 after : ptr) {
-        if (after < last || after > nodes) throw std::invalid_argument("ptr decreases, or is beyond the nodes");
+        require(after >= last && after <= nodes, "ptr decreases, or is beyond the nodes");
         last = after;
     }
-    if (ptr[0] != 0 || last != nodes) throw std::invalid_argument("ptr leaves nodes out");
+    require(!ptr.empty() && ptr[0] == 0 && last == nodes, "ptr leaves nodes out");
+    require(new_ptr.size() == ptr.size(), "graphs must be as many before and after");
+    i64 most = std::min(nodes, graphs * columns * rows);
+    require(position.columns() == 2 && std::min({position.rows(), time.size(), graph.size()}) >= most,
+            "there must be room for the clusters");
+    Interrupt interrupt;
     Vector<Sum> sums;
     Vector<i64> slot(columns * rows);
     new_ptr[0] = 0;
@@ -111,6 +135,7 @@ i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 
                 sums.push_back({});
             }
         for (i64 i = ptr[b]; i < ptr[b + 1]; ++i) {
+            if (i % OFTEN == 0) interrupt.poll();
             cluster[i] = slot[cluster[i]];
             Sum& sum = sums[cluster[i]];
             sum.x += double(pos(i, 0));
@@ -129,12 +154,13 @@ i64 clusters(Rows<const Float> pos, Span<const i64> t, Span<const i64> ptr, i64 
 }
 
 i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64> cluster, i64 count, Rows<i64> edges) {
-    if (source.size() != target.size()) throw std::invalid_argument("numbers of sources and targets differ");
+    require(source.size() == target.size(), "numbers of sources and targets differ");
+    require(edges.rows() == 2 && edges.columns() >= source.size(), "there must be room for the edges");
     i64 nodes = cluster.size(), kept = 0;
     check_below(source, nodes, "an edge names a node that doesn't exist");
     check_below(target, nodes, "an edge names a node that doesn't exist");
     check_below(cluster, count, "a node's cluster doesn't exist");
-    if (!std::is_sorted(target.begin(), target.end())) throw std::invalid_argument("edges aren't grouped by target");
+    require(std::is_sorted(target.begin(), target.end()), "edges aren't grouped by target");
     // where the edges of each node begin, and the nodes of each cluster
     Vector<i64> first(nodes + 1), begin(count + 1), members(nodes), mark(count, -1);
     for (i64 node : target) ++first[node + 1];
@@ -146,7 +172,9 @@ i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64>
     Vector<i64> next = begin;
     for (i64 node = 0; node < nodes; ++node) members[next[cluster[node]]++] = node;
     Span<i64> sources = edges[0], targets = edges[1];
+    Interrupt interrupt;
     for (i64 c = 0; c < count; ++c) {
+        if (c % OFTEN == 0) interrupt.poll();
         mark[c] = c;
         i64 from = kept;
         for (i64 m = begin[c]; m < begin[c + 1]; ++m)
@@ -165,28 +193,47 @@ i64 merged_edges(Span<const i64> source, Span<const i64> target, Span<const i64>
 template <class Float>
 void max_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> best, Rows<i32> where) {
     check_clusters(features.rows(), cluster, best.rows());
-    nvsdata::best<take_larger<Float>>(features, cluster, best, where);
+    require(best.columns() == features.columns() && where.rows() == best.rows() && where.columns() == best.columns(),
+            "maxima must have the channels of the features");
+    Vector<u8> seen(best.rows());
+    each_part(cluster.size(), [&](i64 from, i64 to) {
+        Rows<const Float> some(features.data() + from * features.columns(), to - from, features.columns());
+        nvsdata::best<take_larger<Float>>(some, cluster.part(from, to), best, where, from, Span<u8>(seen));
+    });
+    for (i64 m = 0; m < best.rows(); ++m) {
+        if (seen[m]) continue;
+        std::fill(best[m].begin(), best[m].end(), Float(0));
+        std::fill(where[m].begin(), where[m].end(), -1);
+    }
 }
 
 template <class Float>
 void max_rows_back(Rows<const Float> gradient, Rows<const i32> where, Rows<Float> out) {
-    if (gradient.rows() != where.rows() || gradient.columns() != where.columns())
-        throw std::invalid_argument("a gradient of another shape than the maxima");
+    require(gradient.rows() == where.rows() && gradient.columns() == where.columns() &&
+                out.columns() == where.columns(),
+            "a gradient of another shape than the maxima");
     check_below(where.flat(), out.rows(), "a maximum is of a node that doesn't exist");
-    for (i64 m = 0; m < where.rows(); ++m) {
-        Span<const i32> from = where[m];
-        Span<const Float> given = gradient[m];
-        for (i64 c = 0; c < given.size(); ++c) out(from[c], c) += given[c];
-    }
+    each_part(where.rows(), [&](i64 begin, i64 end) {
+        for (i64 m = begin; m < end; ++m) {
+            Span<const i32> from = where[m];
+            Span<const Float> given = gradient[m];
+            for (i64 c = 0; c < given.size(); ++c) out(from[c], c) += given[c];
+        }
+    });
 }
 
 template <class Float>
 void mean_rows(Rows<const Float> features, Span<const i64> cluster, Rows<Float> mean, Span<Float> members) {
     check_clusters(features.rows(), cluster, mean.rows());
+    require(mean.columns() == features.columns() && members.size() == mean.rows(),
+            "means must have the channels of the features, and each its number of members");
     // in double precision: sums may be beyond single precision where the mean isn't
     Vector<double> memory(mean.rows() * mean.columns());
     Rows<double> sums(memory.data(), mean.rows(), mean.columns());
-    best<add_up<Float>>(features, cluster, sums, mean, members);
+    each_part(cluster.size(), [&](i64 from, i64 to) {
+        best<add_up<Float>>(features, cluster, from, to, sums, members);
+    });
+    best<divide<Float>>(Rows<const double>(sums), Span<const Float>(members), mean);
 }
 
 template <class Float>

@@ -1,5 +1,6 @@
 // B-spline aggregation: each edge adds shares of its source's features to the kernel cells of its target.
 #include <algorithm>
+#include <limits>
 #include <memory>
 #include <stdexcept>
 
@@ -8,6 +9,7 @@
 #include "../native/interrupt.h"
 #include "../native/levels.h"
 #include "../native/vector.h"
+#include "edges.h"
 
 namespace nvsdata {
 
@@ -15,6 +17,7 @@ namespace {
 
 constexpr i64 TOGETHER = 128;  // edges whose shares are computed together
 constexpr i64 PATIENCE = 64;   // such groups between two looks for Ctrl-C
+constexpr i64 MOST_CELLS = std::numeric_limits<i32>::max();
 
 // Edges grouped by target, with pseudo-coordinates in 0..1, and the number of a kernel's cells along each axis.
 template <class Float>
@@ -23,9 +26,15 @@ struct Edges {
     Rows<const Float> u;
     i64 size, nodes;
 
-    void check() const {
-        if (source.size() != target.size() || source.size() != u.rows())
-            throw std::invalid_argument("sources, targets and pseudo-coordinates of edges differ in number");
+    // The number of a kernel's cells.
+    i64 check() const {
+        require_edges(source, target, u.rows());
+        i64 cells = 1;
+        for (i64 axis = 0; axis < u.columns(); ++axis) {
+            require(size >= 1 && cells <= MOST_CELLS / size, "no such kernel");
+            cells *= size;
+        }
+        return cells;
     }
 };
 
@@ -89,7 +98,6 @@ NVSDATA_INLINE void share_out(Corners<Float>* corners, const Float* of, i64 axes
 // Call `each(from, count, corners)` for all edges, some at a time.
 template <class Float, class Each>
 void for_edges(const Edges<Float>& edges, Each each) {
-    edges.check();
     Corners<Float> corners(edges);
     Interrupt interrupt;
     i64 all = edges.source.size(), group = 0, size = 0;
@@ -137,7 +145,9 @@ template <class Float>
 void dense_sums(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 size,
                 Rows<const Float> features, Rows<Float> sums) {
     Edges<Float> edges{source, target, u, size, features.rows()};
-    i64 cells = edges.nodes ? sums.rows() / edges.nodes : 0;
+    i64 cells = edges.check();
+    require(sums.rows() == edges.nodes * cells && sums.columns() == features.columns(),
+            "sums must have a row for each cell of each node, and the channels of the features");
     if (features.columns() != 1)
         return for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
             for (i64 e = 0; e < count; ++e)
@@ -170,7 +180,9 @@ template <class Float>
 void dense_gradient(Span<const i64> source, Span<const i64> target, Rows<const Float> u, i64 size,
                     Rows<const Float> gradient, Rows<Float> features) {
     Edges<Float> edges{source, target, u, size, features.rows()};
-    i64 cells = edges.nodes ? gradient.rows() / edges.nodes : 0;
+    i64 cells = edges.check();
+    require(gradient.rows() == edges.nodes * cells && gradient.columns() == features.columns(),
+            "gradients must have a row for each cell of each node, and the channels of the features");
     bool single = features.columns() == 1;
     for_edges(edges, [&](i64 from, i64 count, Corners<Float>& corners) {
         for (i64 e = 0; e < count; ++e) {
@@ -198,7 +210,10 @@ std::pair<i64, i64> spline_plan(Span<const i64> source, Span<const i64> target, 
                                 i64 nodes, Span<i64> cell_start, Span<i64> row_node, Span<i32> row, Span<i32> of,
                                 Span<Float> share) {
     Edges<Float> edges{source, target, u, size, nodes};
-    i64 cells = cell_start.size() - 1, entries = 0, rows = 0;
+    i64 cells = edges.check(), entries = 0, rows = 0, most = source.size() << (size > 1 ? u.columns() : 0);
+    require(cell_start.size() == cells + 1, "there must be a place for the beginning of each cell");
+    require(row_node.size() >= most && row.size() >= most && of.size() >= most && share.size() >= most,
+            "there must be room for as many entries as edges have corners");
     Vector<i64> latest(cells, -1);  // node of the last row of each cell
     std::fill(cell_start.begin(), cell_start.end(), 0);
     // not Vector, which writes zeros
@@ -238,8 +253,8 @@ template <class Float>
 void add_shares(Rows<Float> out, Span<const i32> into, Rows<const Float> features, Span<const i32> of,
                 Span<const Float> share) {
     i64 all = into.size();
-    if (of.size() != all || share.size() != all || features.columns() != out.columns())
-        throw std::invalid_argument("entries, or channels, differ in number");
+    require(of.size() == all && share.size() == all && features.columns() == out.columns(),
+            "entries, or channels, differ in number");
     check_below(into, out.rows(), "a row that doesn't exist");
     check_below(of, features.rows(), "a row of features that doesn't exist");
     Interrupt interrupt;
@@ -252,8 +267,7 @@ void add_shares(Rows<Float> out, Span<const i32> into, Rows<const Float> feature
 
 template <class Float>
 void add_rows(Rows<Float> out, Span<const i64> into, Rows<const Float> rows) {
-    if (into.size() != rows.rows() || rows.columns() != out.columns())
-        throw std::invalid_argument("rows, or channels, differ in number");
+    require(into.size() == rows.rows() && rows.columns() == out.columns(), "rows, or channels, differ in number");
     check_below(into, out.rows(), "a row that doesn't exist");
     best<add_all_rows<Float>>(out, into, rows);
 }

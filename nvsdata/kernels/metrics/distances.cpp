@@ -3,13 +3,14 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
-#include <tuple>
 #include <utility>
 
 #include "../native/bind.h"
 #include "../native/indexes.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
+#include "../native/require.h"
+#include "../native/steps.h"
 #include "../native/vector.h"
 
 namespace nvsdata {
@@ -26,29 +27,11 @@ struct Spikes {
     Span<const i64> x, y, value;
 
     void check(i64 height, i64 width) const {
-        if (x.size() != y.size() || x.size() != value.size())
-            throw std::invalid_argument("columns of spikes differ in length");
+        require(x.size() == y.size() && x.size() == value.size(), "columns of spikes differ in length");
         check_below(x, width, "a spike is outside the frame");
         check_below(y, height, "a spike is outside the frame");
     }
 };
-
-struct Step {
-    i64 square, dy, dx;
-    bool operator<(const Step& other) const {
-        return std::tie(square, dy, dx) < std::tie(other.square, other.dy, other.dx);
-    }
-};
-
-// Steps to the pixels within MARGIN, nearest first: all but the first come in fours of equal distance.
-Vector<Step> steps_around() {
-    Vector<Step> steps;
-    for (i64 dy = -MARGIN; dy <= MARGIN; ++dy)
-        for (i64 dx = -MARGIN; dx <= MARGIN; ++dx)
-            if (dy * dy + dx * dx <= MARGIN * MARGIN) steps.push_back({dy * dy + dx * dx, dy, dx});
-    std::sort(steps.begin(), steps.end());
-    return steps;
-}
 
 double cost(double square, double weight, double apart) { return square + weight * apart * apart; }
 
@@ -137,8 +120,7 @@ template <class Coordinate, class Sum>
 i64 sum_polarity(Span<const Coordinate> x, Span<const Coordinate> y, Span<const u8> p, Rows<Sum> sums,
                  Span<i64> touched) {
     i64 n = x.size(), width = sums.columns(), count = 0;
-    if (y.size() != n || p.size() != n || touched.size() < n)
-        throw std::invalid_argument("columns of events differ in length");
+    require(y.size() == n && p.size() == n && touched.size() >= n, "columns of events differ in length");
     check_below(x, width, "an event is outside the frame");
     check_below(y, sums.rows(), "an event is outside the frame");
     Span<Sum> flat = sums.flat();
@@ -153,6 +135,7 @@ i64 sum_polarity(Span<const Coordinate> x, Span<const Coordinate> y, Span<const 
 
 template <class Sum>
 i64 spikes(Rows<Sum> sums, Span<i64> places, Span<i64> x, Span<i64> y, Span<i64> total) {
+    require(std::min({x.size(), y.size(), total.size()}) >= places.size(), "there must be room for all spikes");
     check_below(Span<const i64>(places), sums.flat().size(), "a spike is outside the frame");
     std::sort(places.begin(), places.end());
     Span<Sum> flat = sums.flat();
@@ -172,6 +155,7 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
     Spikes from{x, y, value}, to{bx, by, bvalue};
     from.check(height, width);
     to.check(height, width);
+    require(least.size() == x.size(), "each spike must have a cost");
     std::fill(least.begin(), least.end(), limit + 1);
     if (double(bx.size()) * SPARSE < double(height) * double(width))
         return search_cells(from, to, height, width, weight, -1, least);
@@ -180,7 +164,8 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
     Vector<float> memory((height + 2 * MARGIN) * stride, std::numeric_limits<float>::infinity());
     Span<float> lattice(memory);
     for (i64 j = 0; j < bx.size(); ++j) lattice[(by[j] + MARGIN) * stride + bx[j] + MARGIN] = float(bvalue[j]);
-    static const Vector<Step> around = steps_around();
+    // all but the first come in fours of equal distance
+    static const Vector<Step> around = steps_around(MARGIN, [](i64 square) { return square <= MARGIN * MARGIN; });
     Vector<i64> memory_of_steps(around.size());
     Vector<double> memory_of_squares(around.size());
     Span<i64> steps(memory_of_steps);
@@ -201,8 +186,7 @@ void nearest(Span<const i64> x, Span<const i64> y, Span<const i64> value, Span<c
 }
 
 void cancel(Span<const i64> place_a, Span<i64> a, Span<const i64> place_b, Span<i64> b) {
-    if (place_a.size() != a.size() || place_b.size() != b.size())
-        throw std::invalid_argument("places and masses differ in number");
+    require(place_a.size() == a.size() && place_b.size() == b.size(), "places and masses differ in number");
     for (i64 i = 0, j = 0; i < a.size() && j < b.size();) {
         if (place_a[i] < place_b[j]) {
             ++i;

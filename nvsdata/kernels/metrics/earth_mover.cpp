@@ -6,12 +6,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <utility>
 
 #include "../native/bind.h"
 #include "../native/interrupt.h"
 #include "../native/levels.h"
+#include "../native/require.h"
 #include "../native/vector.h"
 
 namespace nvsdata {
@@ -30,13 +30,11 @@ struct Points {
     i64 size() const { return x.size(); }
     // The sum of masses.
     i64 check() const {
-        if (y.size() != size() || mass.size() != size())
-            throw std::invalid_argument("columns of points differ in length");
-        if (size() == 0) throw std::invalid_argument("no points to move mass from or to");
+        require(y.size() == size() && mass.size() == size(), "columns of points differ in length");
+        require(size() > 0, "no points to move mass from or to");
         i64 sum = 0;
         for (i64 one : mass) {
-            if (one <= 0 || one >= MOST - sum)
-                throw std::invalid_argument("masses must be positive, and less than 2^62 together");
+            require(one > 0 && one < MOST - sum, "masses must be positive, and less than 2^62 together");
             sum += one;
         }
         return sum;
@@ -216,7 +214,7 @@ double least_work(Span<const double> ax, Span<const double> ay, Span<const i64> 
     Points from{ax, ay, am}, to{bx, by, bm};
     i64 surplus = from.check() - to.check();
     if (surplus < 0) std::swap(from, to);
-    if (ax.size() + bx.size() >= std::numeric_limits<i32>::max()) throw std::invalid_argument("too many points");
+    require(ax.size() + bx.size() < std::numeric_limits<i32>::max(), "too many points");
     return Tree(from, to, std::abs(surplus)).solve();
 }
 

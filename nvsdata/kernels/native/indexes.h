@@ -14,7 +14,9 @@ namespace nvsdata {
 template <class Integer>
 void check_below(Span<const Integer> values, i64 count, const char* message) {
     using Unsigned = std::make_unsigned_t<Integer>;
-    Unsigned last = Unsigned(std::min(count, i64(std::numeric_limits<Integer>::max())) - 1), signs = 0;
+    // of no values, the sign of this is set
+    i64 most = std::min(std::max(count, i64(0)) - 1, i64(std::numeric_limits<Integer>::max()));
+    Unsigned last = Unsigned(most), signs = 0;
     // the sign of one or the other is set if a value is out of range
     for (Integer value : values) signs |= Unsigned(value) | Unsigned(last - Unsigned(value));
     if (Integer(signs) < 0) throw std::out_of_range(message);

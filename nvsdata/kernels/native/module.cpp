@@ -71,4 +71,5 @@ NB_MODULE(_native, module) {
 #endif
 #define NVSDATA_DEFINE(name) nvsdata::define_##name(module);
     NVSDATA_FILES(NVSDATA_DEFINE)
+    nvsdata::define_refusals(module);
 }

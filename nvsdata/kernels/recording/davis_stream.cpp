@@ -3,6 +3,7 @@
 #include <stdexcept>
 
 #include "../native/bind.h"
+#include "../decode/events.h"
 #include "davis_stream.h"
 
 namespace nvsdata {
@@ -44,12 +45,12 @@ std::tuple<i64, i64, i64, i64, bool> decode(Span<const u16> words, i64 start, Sp
                                             Span<const i64> setting, Span<u16> pixels, Span<i64> t, Span<i16> x,
                                             Span<i16> y, Span<u8> p, Rows<i64> specials, Rows<i64> samples) {
     i64 size = words.size();
-    if (specials.columns() != SPECIAL_VALUES || samples.columns() != SAMPLE_VALUES)
-        throw std::invalid_argument("the outputs of another decoder");
-    if (u64(start) > u64(size) || std::min({t.size(), x.size(), y.size(), p.size()}) < size - start)
-        throw std::invalid_argument("the columns must have room for an event per word");
+    require(specials.columns() == SPECIAL_VALUES && samples.columns() == SAMPLE_VALUES,
+            "the outputs of another decoder");
+    require(u64(start) <= u64(size) && std::min({t.size(), x.size(), y.size(), p.size()}) >= size - start,
+            "the columns must have room for an event per word");
     Camera camera(setting, kept, faults);
-    if (!camera.is_sound(kept, pixels.size())) throw std::invalid_argument("a state or a setting that no decoder has");
+    require(camera.is_sound(kept, pixels.size()), "a state or a setting that no decoder has");
 
     State& state = camera.state;
     const i64 columns = camera.how.columns, rows = camera.how.rows, factor = camera.how.factor;
@@ -223,9 +224,10 @@ std::tuple<i64, i64, i64, i64, bool> decode(Span<const u16> words, i64 start, Sp
 
 void measure(Rows<const i64> rows, i64 flips, float slope, float zero, Rows<float> acceleration, Rows<float> rotation,
              Span<float> temperature) {
-    if (rows.columns() != SAMPLE_VALUES || acceleration.columns() != 3 || rotation.columns() != 3 ||
-        acceleration.rows() != rows.rows() || rotation.rows() != rows.rows() || temperature.size() != rows.rows())
-        throw std::invalid_argument("samples and measures of different shapes");
+    require(rows.columns() == SAMPLE_VALUES && acceleration.columns() == 3 && rotation.columns() == 3 &&
+                acceleration.rows() == rows.rows() && rotation.rows() == rows.rows() &&
+                temperature.size() == rows.rows(),
+            "samples and measures of different shapes");
     // 16 bits have no +32768; integers are negated, because they have no -0
     auto flipped = [](i64 value, bool flip) {
         return float(flip && value != -32768 ? i64(0 - u64(value)) : value);
@@ -245,11 +247,11 @@ void measure(Rows<const i64> rows, i64 flips, float slope, float zero, Rows<floa
 
 // `sent`: µs of the wraps so far, the last time and row sent, -1 for none.
 i64 encode(Span<const i64> t, Span<const i16> x, Span<const i16> y, Span<const u8> p, Span<i64> sent, Span<u16> words) {
-    if (x.size() != t.size() || y.size() != t.size() || p.size() != t.size() || sent.size() != 3)
-        throw std::invalid_argument("columns of different lengths, or a state of another encoder");
+    Events(t, x, y, p);  // equally long
+    require(sent.size() == 3, "the state of another encoder");
     i64 n = 0;
     auto send = [&](i64 word) {
-        if (n == words.size()) throw std::invalid_argument("more words than there is room for");
+        require(n < words.size(), "more words than there is room for");
         words[n++] = u16(word);
     };
     i64 wrapped = sent[0], now = sent[1], row = sent[2];

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "../decode/columns.h"
+#include "../native/require.h"
 #include "../native/span.h"
 
 namespace nvsdata::davis {
@@ -78,13 +79,14 @@ public:
 
     Camera(Span<const i64> setting, Span<const i64> kept, Span<i64> faults)
         : how(load<Setting>(setting)), state(load<State>(kept)), faults_(faults) {
-        if (faults.size() != FAULTS) throw std::invalid_argument("the faults of another decoder");
+        require(faults.size() == FAULTS, "the faults of another decoder");
     }
 
     // Whether no value leads out of an array or overflows; those of a decoder never do.
     bool is_sound(Span<const i64> kept, i64 pixels) const {
         auto up_to = [](i64 most, auto... values) { return ((u64(values) <= u64(most)) && ...); };
-        if (!std::all_of(kept.begin(), kept.end(), [](i64 value) { return -FAR <= value && value <= FAR; })) return false;
+        auto is_near = [](i64 value) { return -FAR <= value && value <= FAR; };
+        if (!std::all_of(kept.begin(), kept.end(), is_near)) return false;
         if (!up_to(MAX_SIDE, how.size[0], how.size[1], how.factor, state.size[0], state.size[1])) return false;
         if (how.size[0] * how.size[1] != pixels || std::abs(state.next.step) > MAX_SIDE) return false;
         return up_to(1, state.signal) && up_to(0xFF, state.high_byte, state.sample_high) &&
@@ -95,7 +97,6 @@ public:
     void fault(Fault kind, i64 times = 1) { faults_[kind] += times; }
 
     void begin_frame(i64 now) {
-        state.in_frame = 1;
         state.signal = 0;
         for (int kind = 0; kind < 2; ++kind) state.columns[kind] = state.rows[kind] = 0;
         state.region_words = 0;

@@ -6,6 +6,7 @@
 
 #include <cmath>
 
+#include "../native/times.h"
 #include "events.h"
 
 namespace nvsdata {
@@ -19,7 +20,7 @@ struct Epochs {
 
     explicit Epochs(double tau) : tau(tau) {
         require(tau > 0, "tau must be positive");
-        length = i64(std::min(std::ceil(EPOCH * tau), 0x1p62));
+        length = i64(std::min(std::ceil(EPOCH * tau), double(LATEST)));
         old = std::exp(double(-length) / tau);
     }
     // Of a time since the first event.

@@ -185,12 +185,11 @@ private:
 };
 
 CausalNetwork causal_network(const Network& network, i64 age) {
-    if (age < 1) throw std::invalid_argument("the window must be at least 1 µs long");
-    if (network.layers.empty() || !network.hidden || network.last().is_average)
-        throw std::invalid_argument("the last layer must be pooled by maxima, and the network complete");
+    require(age >= 1, "the window must be at least 1 µs long");
+    require(!network.layers.empty() && network.hidden && !network.last().is_average,
+            "the last layer must be pooled by maxima, and the network complete");
     for (const Network::Layer& layer : network.layers)
-        if (layer.is_pooled != (&layer == &network.last()))
-            throw std::invalid_argument("only the last layer may be pooled");
+        require(layer.is_pooled == (&layer == &network.last()), "only the last layer may be pooled");
     return {network, age};
 }
 
@@ -216,7 +215,7 @@ void shown(CausalNetwork& network, Rows<float> features) {
 }  // namespace streaming
 
 void define_causal(nb::module_& module) {
-    nb::class_<streaming::CausalNetwork>(module, "CausalNetwork");
+    streaming::refuse_copies(nb::class_<streaming::CausalNetwork>(module, "CausalNetwork"));
     define<streaming::causal_network>(module, "causal_network");
     define<streaming::step>(module, "causal_step");
     define<streaming::size>(module, "live_size");

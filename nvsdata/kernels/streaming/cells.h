@@ -72,6 +72,11 @@ public:
         i64 wide = 2 * across + 1;
         return cell + (offset / wide - down) * grid.columns + offset % wide - across;
     }
+    // Where what is kept of a node below is: numbers of events go on, and their rows are a power of two.
+    i64 row_of(i64 node) const {
+        i64 rows = after.size();
+        return rows & (rows - 1) ? node : node & (rows - 1);
+    }
     // The offset of the same edge the other way around.
     i64 opposite(i64 offset) const { return offsets - 1 - offset; }
 
@@ -80,9 +85,9 @@ public:
         ++members[cell];
         add(cell, at, 1);
         i64 first = head[cell];
-        after[node % after.size()] = first;
-        previous_[node % after.size()] = -1;
-        if (first >= 0) previous_[first % after.size()] = node;
+        after[row_of(node)] = first;
+        previous_[row_of(node)] = -1;
+        if (first >= 0) previous_[row_of(first)] = node;
         head[cell] = node;
         touched_.mark(cell);
     }
@@ -91,9 +96,9 @@ public:
     void remove_member(i64 cell, i64 node, const Place& at) {
         --members[cell];
         add(cell, at, u64(-1));
-        i64 next = after[node % after.size()], before = previous_[node % after.size()];
-        (before >= 0 ? after[before % after.size()] : head[cell]) = next;
-        if (next >= 0) previous_[next % after.size()] = before;
+        i64 next = after[row_of(node)], before = previous_[row_of(node)];
+        (before >= 0 ? after[row_of(before)] : head[cell]) = next;
+        if (next >= 0) previous_[row_of(next)] = before;
         touched_.mark(cell);
     }
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "../native/span.h"
+#include "../native/vector.h"
 
 namespace nvsdata::streaming {
 
@@ -35,24 +35,11 @@ struct Zeros {
 };
 
 template <class T>
-class Column {
+class Column : public Vector<T, Zeros<T>> {
 public:
-    explicit Column(i64 size = 0) : values_(std::size_t(size)) {}
-    T& operator[](i64 i) {
-        check_index(u64(i), values_.size());
-        return values_[std::size_t(i)];
-    }
-    const T& operator[](i64 i) const {
-        check_index(u64(i), values_.size());
-        return values_[std::size_t(i)];
-    }
-    i64 size() const { return i64(values_.size()); }
-    void fill(T value) { values_.assign(values_.size(), value); }
-    operator Span<T>() { return {values_.data(), size()}; }
-    operator Span<const T>() const { return {values_.data(), size()}; }
-
-private:
-    std::vector<T, Zeros<T>> values_;
+    explicit Column(i64 size = 0) : Vector<T, Zeros<T>>(std::size_t(size)) {}
+    i64 size() const { return i64(Vector<T, Zeros<T>>::size()); }
+    void fill(T value) { std::fill(this->begin(), this->end(), value); }
 };
 
 template <class T>

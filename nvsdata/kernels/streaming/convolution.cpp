@@ -1,6 +1,7 @@
 // B-spline convolutions of graphs that change.
 #include "convolution.h"
 
+#include "../graph/edges.h"
 #include "../native/levels.h"
 
 namespace nvsdata::streaming {
@@ -68,8 +69,7 @@ struct Between {
 // In float32, as in batches.
 Between place(const Kernel& kernel, std::size_t axis, i64 difference) {
     float d = float(difference) / kernel.reach[axis];
-    float u = kernel.is_signed ? std::min(std::max(d * 0.5f + 0.5f, 0.0f), 1.0f) : std::min(std::abs(d), 1.0f);
-    float v = u * float(kernel.size - 1);
+    float v = pseudo_coordinate(d, kernel.is_signed) * float(kernel.size - 1);
     i64 lower = std::min(i64(v), kernel.size - 2);
     return {lower, v - float(lower)};
 }

@@ -1,6 +1,7 @@
 // The nearest of the events before each event.
 #include "../native/bind.h"
 #include "../native/interrupt.h"
+#include "../native/require.h"
 #include "window.h"
 
 namespace nvsdata {
@@ -11,16 +12,16 @@ namespace {
 i64 earlier_sources(Span<const i64> t, Span<const i32> x, Span<const i32> y, i64 width, i64 height, double radius,
                     double alpha, double beta, Span<i32> degree, Rows<i32> source) {
     i64 n = t.size(), count = 0;
-    if (x.size() != n || y.size() != n || degree.size() != n || source.rows() != n || n > streaming::MOST_EVENTS)
-        throw std::invalid_argument("columns of events must be equally long");
-    if (width <= 0 || height <= 0 || width > streaming::MOST_PIXELS / height || source.columns() == 0)
-        throw std::invalid_argument("no such sensor or number of neighbors");
+    require(x.size() == n && y.size() == n && degree.size() == n && source.rows() == n && n <= streaming::MOST_EVENTS,
+            "columns of events must be equally long");
+    require(width > 0 && height > 0 && width <= streaming::MOST_PIXELS / height && source.columns() > 0,
+            "no such sensor or number of neighbors");
     streaming::Metric metric(radius, alpha, beta, std::max(width, height) - 1);
     streaming::Window window(width, height, streaming::capacity_for(n), source.columns());
     Interrupt interrupt;
     for (i64 i = 0; i < n; ++i) {
         if (i % 256 == 0) interrupt.poll();
-        if (!window.is_inside(x[i], y[i])) throw std::invalid_argument("an event is outside the sensor");
+        require(window.is_inside(x[i], y[i]), "an event is outside the sensor");
         window.push(t[i], x[i], y[i]);
         window.search(i, metric);
         degree[i] = window.degree[i];

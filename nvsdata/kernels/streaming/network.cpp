@@ -64,7 +64,7 @@ void Readout::show(i64 cell, Span<const float> values) {
 }  // namespace streaming
 
 void define_streaming_network(nb::module_& module) {
-    nb::class_<streaming::Network>(module, "StreamingNetwork");
+    streaming::refuse_copies(nb::class_<streaming::Network>(module, "StreamingNetwork"));
     define<streaming::network>(module, "streaming_network");
     define<streaming::add_layer>(module, "add_streaming_layer");
     define<streaming::set_hidden>(module, "set_streaming_hidden");

@@ -3,6 +3,7 @@
 
 #include <mutex>
 
+#include "../native/bind.h"
 #include "pooling.h"
 
 namespace nvsdata::streaming {
@@ -43,12 +44,12 @@ struct Events {
 
     // Throws if kernels can't trust them: they must be on the sensor, and no earlier than `time`.
     void check(const Network& network, i64 time) const {
-        if (x.size() != size() || y.size() != size() || p.size() != size())
-            throw std::invalid_argument("columns of events must be equally long");
+        require(x.size() == size() && y.size() == size() && p.size() == size(),
+                "columns of events must be equally long");
         for (i64 i = 0; i < size(); ++i) {
-            if (x[i] < 0 || x[i] >= network.width || y[i] < 0 || y[i] >= network.height)
-                throw std::invalid_argument("an event is outside the sensor");
-            if (t[i] < time) throw std::invalid_argument("events must be in order of time, from 0 on");
+            bool is_inside = x[i] >= 0 && x[i] < network.width && y[i] >= 0 && y[i] < network.height;
+            require(is_inside, "an event is outside the sensor");
+            require(t[i] >= time, "events must be in order of time, from 0 on");
             time = t[i];
         }
     }
@@ -69,5 +70,14 @@ private:
     std::unique_ptr<std::mutex> mutex_ = std::make_unique<std::mutex>();
     bool is_changing_ = false;
 };
+
+// Let attempts to copy or pickle objects of a class say what to do.
+template <class Class>
+void refuse_copies(nb::class_<Class> made) {
+    made.def("__reduce_ex__", [](const Class&, int) -> nb::object {
+        throw nb::type_error(
+            "the state of a stream can't be copied or pickled: copy or pickle the network, and open the stream again");
+    });
+}
 
 }  // namespace nvsdata::streaming

@@ -1,14 +1,13 @@
 // Features of pooled graphs, and of the last one the first fully connected layer, that follow what is below them.
 #pragma once
 
+#include "../native/require.h"
 #include "convolution.h"
 
 namespace nvsdata::streaming {
 
 // Arrays that are to be filled must fit.
-inline void require_size(bool fits) {
-    if (!fits) throw std::invalid_argument("an array of another size is needed");
-}
+inline void require_size(bool fits) { require(fits, "an array of another size is needed"); }
 
 // Set the features of a node, and mark it if they changed.
 inline void set_features(Features& features, i64 node, Span<const float> values) {
@@ -32,15 +31,17 @@ inline void activate(const CellLayer& layer, Features& features) {
     }
 }
 
+constexpr unsigned OFTEN = 1 << 12;  // members between two polls for Ctrl-C
+
 // Pools the rows below, before their activation, of the cells in `rescan`. O(their members · channels).
 class Pooling {
 public:
     Pooling(bool is_average, i64 channels) : is_average_(is_average), pooled_(channels), sums_(channels) {}
 
-    void update(Cells& cells, const Table<float>& below, Features& features) {
+    void update(Cells& cells, const Table<float>& below, Features& features, Interrupt& interrupt) {
         for (i64 cell : cells.rescan.numbers())
             if (cells.members[cell]) {
-                is_average_ ? average(cells, cell, below) : maximum(cells, cell, below);
+                is_average_ ? average(cells, cell, below, interrupt) : maximum(cells, cell, below, interrupt);
                 set_features(features, cell, Span<const float>(pooled_));
             }
         cells.rescan.clear();
@@ -50,26 +51,29 @@ private:
     bool is_average_;
     std::vector<float> pooled_;
     std::vector<double> sums_;
+    unsigned members_ = 0;  // that were pooled, up to a wrap
 
-    void maximum(const Cells& cells, i64 cell, const Table<float>& below) {
+    void maximum(const Cells& cells, i64 cell, const Table<float>& below, Interrupt& interrupt) {
         std::fill(pooled_.begin(), pooled_.end(), 0.0f);
         float* most = pooled_.data();
-        each_member(cells, cell, below, [&](const float* row, i64 channels) {
+        each_member(cells, cell, below, interrupt, [&](const float* row, i64 channels) {
             for (i64 c = 0; c < channels; ++c) most[c] = std::max(most[c], row[c]);
         });
     }
-    void average(const Cells& cells, i64 cell, const Table<float>& below) {
+    void average(const Cells& cells, i64 cell, const Table<float>& below, Interrupt& interrupt) {
         std::fill(sums_.begin(), sums_.end(), 0.0);
         double* sums = sums_.data();
-        each_member(cells, cell, below, [&](const float* row, i64 channels) {
+        each_member(cells, cell, below, interrupt, [&](const float* row, i64 channels) {
             for (i64 c = 0; c < channels; ++c) sums[c] += std::max(row[c], 0.0f);
         });
         for (std::size_t c = 0; c < pooled_.size(); ++c) pooled_[c] = float(sums[c] / double(cells.members[cell]));
     }
     template <class Each>
-    static void each_member(const Cells& cells, i64 cell, const Table<float>& below, Each each) {
-        for (i64 node = cells.head[cell]; node >= 0; node = cells.after[node % cells.after.size()])
-            each(below[node % cells.after.size()].data(), below.columns());
+    void each_member(const Cells& cells, i64 cell, const Table<float>& below, Interrupt& interrupt, Each each) {
+        for (i64 node = cells.head[cell]; node >= 0; node = cells.after[cells.row_of(node)]) {
+            if (++members_ % OFTEN == 0) interrupt.poll();
+            each(below[cells.row_of(node)].data(), below.columns());
+        }
     }
 };
 

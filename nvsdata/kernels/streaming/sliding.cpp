@@ -19,8 +19,7 @@ public:
         for (const Network::Layer& layer : network.layers) {
             bool is_first = &layer == &network.layers[0];
             if (!is_first) layers_.emplace_back(layer.kernel, graph().grid.size());
-            if (layer.is_pooled && !is_first)
-                pooled_.push_back(graph().pooled(layer.grid));
+            if (layer.is_pooled && !is_first) pooled_.push_back(graph().pooled(layer.grid));
             poolings_.emplace_back(layer.is_average, layer.kernel->out);
             features_.emplace_back(graph().grid.size(), layer.kernel->out);
         }
@@ -45,8 +44,6 @@ public:
     const Window& window() const { return graph_.window; }
     const Table<float>& polarity() const { return polarity_; }
     const Readout& readout() const { return readout_; }
-    const Cells& cells(i64 level) const { return level ? pooled_[std::size_t(level - 1)] : graph_.cells; }
-    i64 levels() const { return 1 + i64(pooled_.size()); }
     i64 products() const {
         i64 sum = events_.products + readout_.products;
         for (const CellLayer& layer : layers_) sum += layer.products();
@@ -82,8 +79,8 @@ private:
     Turns turns_;
 
     static SlidingGraph graph_of(const Network& network) {
-        if (network.layers.empty() || !network.layers[0].is_pooled || !network.hidden)
-            throw std::invalid_argument("the first layer must be pooled, and the network complete");
+        require(!network.layers.empty() && network.layers[0].is_pooled && network.hidden,
+                "the first layer must be pooled, and the network complete");
         // offsets that are near lie in a circle: the farthest along an axis is the farthest of all
         i64 far = 0;
         for (const Metric::Offset& offset : network.metric->offsets) far = std::max(far, i64(offset.x));
@@ -120,7 +117,7 @@ private:
             }
             Cells& above = pooled_[level++];
             for (i64 row : layers_[n].rows) above.rescan.mark(below.home[row]);
-            poolings_[n + 1].update(above, layers_[n].out, features_[n + 1]);
+            poolings_[n + 1].update(above, layers_[n].out, features_[n + 1], interrupt);
         }
         readout_.update(graph(), features_.back());
         graph_.cells.rest();
@@ -133,7 +130,7 @@ private:
         graph_.dirty.drain(rows_, [&](i64 row) { return first + window().row_of(row - first) < next; });
         convolve(events_, window(), polarity_, Span<const i64>(rows_), out_, interrupt);
         for (i64 row : rows_) graph_.cells.rescan.mark(graph_.cell_of(row));
-        poolings_[0].update(graph_.cells, out_, features_[0]);
+        poolings_[0].update(graph_.cells, out_, features_[0], interrupt);
     }
 
     void grow(i64 capacity) {
@@ -188,48 +185,12 @@ void shown(SlidingNetwork& network, Rows<float> features) {
     network.readout().copy_shown(features);
 }
 
-// Edges of the graph of events, or of a pooled one from level 1 on: their number, and of those that fit which.
-i64 edges(SlidingNetwork& network, i64 level, Rows<i64> found) {
-    auto turn = network.turn();
-    require_size(found.rows() == 2 && level >= 0 && level <= network.levels());
-    i64 count = 0;
-    auto add = [&](i64 source, i64 target) {
-        if (count < found.columns()) found(0, count) = source, found(1, count) = target;
-        ++count;
-    };
-    const Window& window = network.window();
-    for (i64 number = window.first; level == 0 && number < window.next; ++number) {
-        i64 row = window.row_of(number);
-        for (i32 n = 0; n < window.degree[row]; ++n) add(window.source(row, n) - window.first, number - window.first);
-    }
-    if (level == 0) return count;
-    const Cells& cells = network.cells(level - 1);
-    for (i64 cell = 0; cell < cells.grid.size(); ++cell)
-        cells.around(cell, [&](i64 offset, i64 source) {
-            if (cells.edge(cell, offset)) add(source, cell);
-        });
-    return count;
-}
-
-// x, y and t of the nodes of a pooled graph by cell, -1 where there is none; t is 0 where it is no axis.
-void places(SlidingNetwork& network, i64 level, Rows<i64> found) {
-    auto turn = network.turn();
-    require_size(level >= 1 && level <= network.levels() && found.columns() == 3);
-    const Cells& cells = network.cells(level - 1);
-    require_size(found.rows() == cells.grid.size());
-    for (i64 cell = 0; cell < found.rows(); ++cell) {
-        Place place = cells.members[cell] ? cells.place[cell] : Place{-1, -1, -1};
-        found(cell, 0) = place.x, found(cell, 1) = place.y, found(cell, 2) = place.t;
-        if (cells.members[cell] && cells.has_time) found(cell, 2) += network.origin();
-    }
-}
-
 }  // namespace
 
 }  // namespace streaming
 
 void define_sliding(nb::module_& module) {
-    nb::class_<streaming::SlidingNetwork>(module, "SlidingNetwork");
+    streaming::refuse_copies(nb::class_<streaming::SlidingNetwork>(module, "SlidingNetwork"));
     define<streaming::sliding_network>(module, "sliding_network");
     define<streaming::step>(module, "sliding_step");
     define<streaming::size>(module, "live_size");
@@ -238,8 +199,6 @@ void define_sliding(nb::module_& module) {
     define<streaming::events>(module, "sliding_events");
     define<streaming::hidden>(module, "live_hidden");
     define<streaming::shown>(module, "live_shown");
-    define<streaming::edges>(module, "sliding_edges");
-    define<streaming::places>(module, "sliding_places");
 }
 
 }  // namespace nvsdata

@@ -46,18 +46,3 @@ class SlidingNetwork(LiveState):
         found = np.empty(n, np.int64), np.empty(n, np.int16), np.empty(n, np.int16), np.empty(n, np.uint8)
         _native.sliding_events(self._state, *found)
         return found
-
-    def edges(self, level: int) -> np.ndarray:
-        """Return source and target of the edges between events, or between cells pooled `level` times: int64 [2, E]."""
-        found = np.empty((2, _native.sliding_edges(self._state, level, np.empty((2, 0), np.int64))), np.int64)
-        _native.sliding_edges(self._state, level, found)
-        return found
-
-    def places(self, level: int, cells: int) -> np.ndarray:
-        """Return x, y and t of the nodes of a pooled graph, int64 [cells, 3].
-
-        All are -1 where there is no node. Without time as an axis t is 0.
-        """
-        found = np.empty((cells, 3), np.int64)
-        _native.sliding_places(self._state, level, found)
-        return found

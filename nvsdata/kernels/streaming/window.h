@@ -10,6 +10,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "../native/require.h"
+#include "../native/steps.h"
 #include "../native/wrap.h"
 #include "columns.h"
 
@@ -29,16 +31,11 @@ struct Metric {
 
     // Of a graph whose nodes are at most so many pixels apart along an axis.
     Metric(double r, double a, double b, i64 most) : radius(r), alpha(a), beta(b), limit(r * r) {
-        if (!(radius > 0 && alpha > 0 && beta >= 0)) throw std::invalid_argument("radius and alpha must be above 0");
+        require(radius > 0 && alpha > 0 && beta >= 0, "radius and alpha must be above 0");
         // one more, because the quotient may be rounded down
         i64 side = i64(std::min(radius / std::sqrt(alpha) + 1, double(most)));
-        for (i64 y = -side; y <= side; ++y)
-            for (i64 x = -side; x <= side; ++x)
-                if (double apart = alpha * double(x * x + y * y); apart <= limit)
-                    offsets.push_back({i32(x), i32(y), apart});
-        std::stable_sort(offsets.begin(), offsets.end(), [](const Offset& a, const Offset& b) {
-            return i64(a.x) * a.x + i64(a.y) * a.y < i64(b.x) * b.x + i64(b.y) * b.y;
-        });
+        for (const Step& step : steps_around(side, [&](i64 square) { return alpha * double(square) <= limit; }))
+            offsets.push_back({i32(step.dx), i32(step.dy), alpha * double(step.square)});
     }
 };
 

@@ -92,7 +92,7 @@ def test_what_is_cut_is_told_from_what_is_torn(tmp_path):
     assert packets_of(raw)[1:] == (FINE, len(raw))
 
 
-def decoded(packets, size=(0, 0), kept=1, base=4):
+def decoded(packets, size=(32_768, 32_768), kept=1, base=4):
     """What is decoded of packets, each a list of (t, x, y, p, marked), and whether its header tells of invalid ones."""
     body, index = b"", []
     for events, some_invalid, first, last in packets:
@@ -132,7 +132,7 @@ def test_events_lie_between_the_first_and_the_last_of_their_packet(t, strays, ma
         ((4, 9), (3, 9), False),
         ((1, 1), (0, 0), True),
         ((1, 1), (0, 1), False),
-        ((0, 0), (32_767, 32_767), True),
+        ((32_768, 32_768), (32_767, 32_767), True),
     ],
 )
 @pytest.mark.parametrize("marked", [1, 0])

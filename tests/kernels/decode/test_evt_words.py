@@ -99,17 +99,16 @@ def test_words_are_walked_over_and_decoded_as_by_a_slow_decoder(kind, wild):
 
         # sensors that end exactly at an event
         ends = [size for e in events[:1] for size in ((max(e[2], 1), 2_048), (FAR, max(e[3], 1)))]
-        for size in ((0, 0), (1_000, 1_500), *ends):
+        for size in ((FAR, FAR), (1_000, 1_500), *ends):
             state, seen = np.array([-1, 0, 0, 0, 0][: len(states[0])]), np.array(UNSEEN)
             room = (n if kind == "evt2" else len(events)) + 3  # EVT2's has room for an event per word
             columns = [np.zeros(room, c) for c in (np.int64, np.int16, np.int16, np.uint8)]
             kept, start = 1, 0
-            limit = size if size[0] else (2_048 if kind == "evt2" else FAR, 2_048)
             for raw in raws:
                 count, bad = decode(raw, *size, state, seen, kept, *columns)
                 length = raw.size // unit.itemsize
                 part = [e for e in events if start <= e[0] < start + length]
-                outside = [e[0] - start for e in part if e[2] >= limit[0] or e[3] >= limit[1]]
+                outside = [e[0] - start for e in part if e[2] >= size[0] or e[3] >= size[1]]
                 assert (count, bad) == (len(part), outside[0] if outside else -1)
                 kept, start = kept + count, start + length
             assert list(zip(*(c[1:kept].tolist() for c in columns), strict=True)) == [e[1:] for e in events]
@@ -139,9 +138,9 @@ def test_too_little_room_is_an_error(kind):
         short = [c[:room] for c in columns]
         if error:
             with pytest.raises(ValueError, match=error):
-                decode(raw, 0, 0, state, seen, kept, *short)
+                decode(raw, FAR, FAR, state, seen, kept, *short)
         else:
-            assert decode(raw, 0, 0, state, seen, kept, *short) == (2 * many, -1)
+            assert decode(raw, FAR, FAR, state, seen, kept, *short) == (2 * many, -1)
         assert not any(c[room:].any() for c in columns)
 
 
@@ -169,9 +168,9 @@ def test_arrays_of_another_length_are_refused(kind):
             walk(*wrong)
     for kept in (-1, 5, 2**63 - 1, -(2**63)):
         with pytest.raises(ValueError, match="columns are too short"):
-            decode(raw, 0, 0, state, seen, kept, *columns)
+            decode(raw, FAR, FAR, state, seen, kept, *columns)
     with pytest.raises(ValueError, match="columns are too short"):
-        decode(raw, 0, 0, state, seen, 0, *columns[:3], columns[3][:2])
+        decode(raw, FAR, FAR, state, seen, 0, *columns[:3], columns[3][:2])
 
 
 @every

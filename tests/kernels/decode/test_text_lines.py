@@ -9,11 +9,11 @@ from nvsdata.kernels.decode.text import BAD_COUNT, BAD_NUMBER, OK, OUT_OF_RANGE,
 LATEST = 2**62 - 1
 
 
-def decoded(text, seconds_first=False, skip=False, around=0):
-    """What is decoded of a text between `around` other bytes: events, fault, byte of the fault, lines dropped."""
-    raw = np.frombuffer(b"7" * around + text.encode() + b"7" * around, np.uint8)
+def decoded(text, seconds_first=False, skip=False):
+    """What is decoded of a text: events, fault, byte of the fault, lines dropped."""
+    raw = np.frombuffer(text.encode(), np.uint8)
     columns = Columns.empty(9)
-    kept, fault, at, dropped = text_decode(raw, around, around + len(text), seconds_first, skip, *columns)
+    kept, fault, at, dropped = text_decode(raw, seconds_first, skip, *columns)
     return [list(event) for event in zip(*(c[:kept].tolist() for c in columns), strict=True)], fault, at, dropped
 
 
@@ -21,7 +21,6 @@ def test_faults_are_told_apart():
     assert len({OK, BAD_NUMBER, BAD_COUNT, OUT_OF_RANGE, TOO_LATE}) == 5
 
 
-@pytest.mark.parametrize("around", [0, 3])
 @pytest.mark.parametrize("end", ["", "\n", "\r\n", " ", ".0\n", ".000,"])
 @pytest.mark.parametrize(
     ("numbers", "event"),
@@ -35,9 +34,9 @@ def test_faults_are_told_apart():
         ("1.0 2.00 3. 1", [3, 1, 2, 1]),
     ],
 )
-def test_lines_of_whole_numbers(numbers, event, end, around):
-    assert decoded(numbers + end, around=around) == ([event], OK, 0, 0)
-    both = decoded(f"{numbers}{end}\n# 1 2 3\n\n \r\n8 9 4 1", around=around)
+def test_lines_of_whole_numbers(numbers, event, end):
+    assert decoded(numbers + end) == ([event], OK, 0, 0)
+    both = decoded(f"{numbers}{end}\n# 1 2 3\n\n \r\n8 9 4 1")
     assert both == ([event, [4, 8, 9, 1]], OK, 0, 0)
 
 
@@ -72,7 +71,7 @@ def test_lines_of_whole_numbers(numbers, event, end, around):
 )
 def test_the_first_fault_is_told_and_others_are_dropped(line, fault, at):
     assert decoded(f"4 5 6 1\n{line}\n7 8 9 0\n") == ([[6, 4, 5, 1]], fault, 8 + at, 0)
-    assert decoded(line, around=2)[1:] == (fault, 2 + at, 0)
+    assert decoded(line)[1:] == (fault, at, 0)
     faults = f"4 5 6 1\n{line}\n7 8 9 0\n{line}\n"
     assert decoded(faults, skip=True) == ([[6, 4, 5, 1], [9, 7, 8, 0]], OK, 0, 2)
 

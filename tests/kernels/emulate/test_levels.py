@@ -72,7 +72,7 @@ def test_an_unknown_level_is_an_error():
     for name in ("v5", "v1", "avx2", "v33"):
         process = run_at(name)
         assert process.returncode != 0
-        assert f'ValueError: NVSDATA_CPU is "{name}": it must be v2, v3 or v4' in process.stderr
+        assert f'NVSDATA_CPU is "{name}": it must be v2, v3 or v4' in process.stderr
 
 
 if __name__ == "__main__":

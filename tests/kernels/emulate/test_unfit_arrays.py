@@ -160,6 +160,16 @@ def test_sensors_out_of_range_are_refused(process, before, now, sensor, array):
         )
 
 
+@pytest.mark.parametrize("process", [advance, advance_receptors])
+@pytest.mark.parametrize("threshold", [0.0, -1.0])
+def test_thresholds_of_pixels_are_above_0(process, threshold):
+    run = pixel_array(cutoff=10)
+    array = run._array._replace(level=np.full(SHAPE, 9.0), dirty=np.ones((3, 2), bool))
+    sensor = run._sensor._replace(each=np.full((2, *SHAPE), threshold))
+    with pytest.raises(ValueError, match="thresholds must be above 0"):
+        process(FRAME, FRAME ^ 255, 299, np.empty((0, 0)), sensor, array, 4, 6, KEYS)
+
+
 @pytest.mark.parametrize(
     "array",
     [

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from strategies import events
 
 from nvsdata import Events
-from nvsdata.kernels.graph.neighbors import near_edges, pairs_in_time
+from nvsdata.kernels.graph.neighbors import near_edges
 from nvsdata.transforms import knn_graph, radius_graph
 from nvsdata.transforms.defaults import BETA, LITERAL_BETA
 
@@ -177,11 +177,6 @@ def test_times_at_both_ends_of_their_range():
     for metric in ((3.0, 1.0, 0.0, 2), (3.0, 1.0, BETA, 2), (3.0, 1.0, 1e-40, 2), (math.inf, 1.0, 1.0, 3)):
         for way in (PIXELS, SWEEP):
             assert listed(near_edges(t, x, x, *metric, way)) == slow_edges(t, x, x, *metric)
-
-
-def test_pairs_in_time_are_counted():
-    assert pairs_in_time(np.array([0, 0, 3, 4, 10]), 3) == 1 + 2 + 1
-    assert pairs_in_time(np.zeros(0, np.int64), 3) == 0
 
 
 def edges(graph):

@@ -38,5 +38,5 @@ def test_words_without_room():
     events = np.zeros((3, 1), np.int64)
     with pytest.raises(ValueError, match="more words"):
         encode(np.array([1 << 62]), *events, np.array([0, -1, -1]), np.empty(9, np.uint16))
-    with pytest.raises(ValueError, match="different lengths"):
+    with pytest.raises(ValueError, match="equally long"):
         encode(np.array([1, 2]), *events, np.array([0, -1, -1]), np.empty(9, np.uint16))

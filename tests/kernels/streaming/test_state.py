@@ -1,5 +1,7 @@
 """Networks that follow events: bad input, interrupted steps, threads, far times. Decisions: see tests/models."""
 
+import copy
+import pickle
 import signal
 import sys
 import threading
@@ -126,7 +128,7 @@ def test_weights_and_settings_that_do_not_fit():
 
 def test_arrays_of_another_size_are_not_filled():
     network = SlidingNetwork(made_network(((2, 2), None, (7, 7))), (1, 5), UNITS + 1)
-    for read in (lambda: network.hidden, lambda: network.shown, lambda: network.places(1, 3), lambda: network.edges(9)):
+    for read in (lambda: network.hidden, lambda: network.shown):
         with pytest.raises(ValueError, match="an array of another size is needed"):
             read()
 
@@ -170,6 +172,14 @@ def test_threads_take_turns(make):
     for thread in threads:
         thread.join()
     assert len(network) == 2_000
+
+
+@pytest.mark.parametrize("make", [sliding, causal])
+@pytest.mark.parametrize("way", [pickle.dumps, copy.deepcopy])
+def test_a_state_is_not_copied(make, way):
+    for thing in (make(), made_network((None, None, (7, 7)))):
+        with pytest.raises(TypeError, match="copy or pickle the network, and open the stream again"):
+            way(thing)
 
 
 def test_earlier_edges_of_columns_that_do_not_fit():

@@ -11,11 +11,8 @@ from hypothesis import strategies as st
 from nvsdata import Events, models
 from nvsdata import transforms as T
 from nvsdata.data.events import LATEST
-from nvsdata.data.graph import GraphBatch
 from nvsdata.models.graph_cnn import input_of
 from nvsdata.models.incremental import streaming
-from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
-from nvsdata.models.pool import GraphPool
 from nvsdata.transforms.defaults import LITERAL_BETA
 
 SIZE = (34, 34)
@@ -122,29 +119,18 @@ def test_networks_of_all_shapes_can_stream(always, network):
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 9), window=st.sampled_from([60, 900, 10**9]))
-def test_neighbors_are_those_of_the_graph(seed, k, window):
+def test_neighbors_are_those_of_the_graph(always, seed, k, window):
     rng = np.random.default_rng(seed)
     beta, pseudo = [2.5e-11, LITERAL_BETA, 0.0][seed % 3], ("signed", "signed-time")[seed % 2]
-    graph = T.RadiusGraph(radius=3, beta=beta, max_degree=k, pseudo=pseudo)
-    axes = 2 + seed % 2
-    live = IncrementalNetwork(NetworkLayers(trained(dim=axes), graph))
+    graph, network = T.RadiusGraph(radius=3, beta=beta, max_degree=k, pseudo=pseudo), trained(dim=2 + seed % 2)
+    live = models.stream(network, window, graph)
     pieces, now = [], 0
     for _ in range(10):
         pieces.append(drawn(rng, int(rng.integers(1, 30)), ("burst", "ties", "narrow")[rng.integers(3)], now))
         now = int(pieces[-1].t[-1])
-        live.step(now - window + 1, *pieces[-1].window(now - window + 1, None).columns)
+        live.feed(pieces[-1])
         events = of_window(joined(pieces), window)
-        assert set(map(tuple, live.edges(0).T.tolist())) == set(map(tuple, graph(events).edge_index.T.tolist()))
-        assert live.columns().t.tolist() == events.t.tolist()
-        # and so are the edges of the graph above
-        batch = GraphPool((2, 2), SIZE)(GraphBatch.of(graph(events)))
-        at = (batch.pos.long() // 2 * torch.tensor([1, 17])).sum(1).numpy()
-        edges = {(int(at[a]), int(at[b])) for a, b in batch.edge_index.T.tolist()}
-        assert set(map(tuple, live.edges(1).T.tolist())) == edges
-        places = torch.cat((batch.pos.long(), (batch.t + events.start)[:, None]), 1)
-        found = live.places(1, 17 * 17)
-        assert found[at][:, :axes].tolist() == places[:, :axes].tolist()
-        assert (np.delete(found, at, 0) == -1).all()
+        torch.testing.assert_close(live.scores(), whole(network, graph, events), atol=1e-5, rtol=0)
 
 
 def test_pieces_may_be_of_any_size_and_rows_are_kept_where_that_pays():
