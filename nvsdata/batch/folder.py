@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nvsdata import formats
-from nvsdata.video.decoder import check_name
+from nvsdata.video.video_frame import check_name
 
 # formats that recordings are written in, and their extensions
 WRITTEN = "hdf5", "hdf5-gzip", "aedat2", "aedat3", "aedat4", "text"
@@ -74,7 +74,7 @@ def _below(source: Path) -> Iterator[Path]:
                 yield Path(folder) / name
 
 
-def fatal(error: OSError, video: Path) -> bool:
+def is_fatal(error: OSError, video: Path) -> bool:
     """Whether an error with a video is the disk's or the folder's, so that other videos would have it, too."""
     if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
         return False

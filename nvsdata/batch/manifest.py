@@ -79,7 +79,7 @@ class Manifest(Journal):
             line is not None
             and line["status"] in statuses
             and _is_same(video.path, line)
-            and not fault_of(video.target, line, check=check)
+            and not recording_fault(video.target, line, check=check)
         )
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
@@ -91,7 +91,7 @@ class Manifest(Journal):
         self.videos[line["video"]] = line
 
 
-def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
+def recording_fault(recording: Path, line: dict[str, Any], *, check: bool) -> str:
     """Return how a recording differs from its line of the manifest: in size or, to `check`, in sha256; empty if not."""
     try:
         status = recording.stat()

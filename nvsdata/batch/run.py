@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import cv2
 
-from nvsdata.batch.folder import Video, fatal
+from nvsdata.batch.folder import Video, is_fatal
 from nvsdata.batch.manifest import Manifest
 from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
@@ -144,7 +144,7 @@ class FolderRun:
 
 
 @contextmanager
-def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
+def catch_failure(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """While the block makes a video's recording, from reading its file on: put into `line` why it failed if it did, and
     how many errors the decoder found in it.
 
@@ -156,7 +156,7 @@ def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], 
         except fatal_too:
             raise
         except (ValueError, OSError, cv2.error, MemoryError) as error:
-            if isinstance(error, OSError) and fatal(error, video.path):
+            if isinstance(error, OSError) and is_fatal(error, video.path):
                 raise
             line |= {"status": "failed", "reason": str(error)}
     if errors.found:

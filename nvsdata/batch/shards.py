@@ -16,7 +16,7 @@ ANY = OF_SHARD.format("*", "*")
 
 
 @contextmanager
-def manifest_of(
+def open_manifest(
     out: Path,
     kind: str,
     made: dict[str, Any],

@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict, replace
 from typing import get_args
 
-from nvsdata.commands.emulation_settings import add_settings, settings_of
+from nvsdata.commands.emulation_settings import add_settings, emulator_from
 from nvsdata.commands.options import (
     UsageError,
     add_jobs,
@@ -24,7 +24,7 @@ from nvsdata.commands.options import (
 from nvsdata.common.errors import shown
 from nvsdata.common.processes import cores
 from nvsdata.common.terminal import remark, tell
-from nvsdata.video.view import Fit, View
+from nvsdata.video.view import FitMode, VideoView
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_videos(add)
     add("--size", type=sensor_size, metavar="WxH", help="pixels that frames are scaled to (default: as they are)")
     add("--fps", type=positive, help="frames per second, whatever the files say (default: as they say)")
-    add("--fit", choices=get_args(Fit), default="pad", help="frames of another shape: whole, filling, or distorted")
+    add("--fit", choices=get_args(FitMode), default="pad", help="frames of another shape: whole, filling, or distorted")
     add("--crop", type=int, nargs=4, metavar=("X", "Y", "WIDTH", "HEIGHT"), help="pixels of the frames (default: all)")
     add("--start", type=not_negative, default=0.0, metavar="S", help="from this second on")
     add("--stop", type=positive, default=math.inf, metavar="S", help="up to this second (default: end)")
@@ -59,17 +59,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Convert what isn't there yet: 1 if any video failed."""
     from nvsdata.emulation.convert import convert_videos, default_out, plan
-    from nvsdata.emulation.estimate import estimate
+    from nvsdata.emulation.estimate import estimate_conversion
     from nvsdata.emulation.preview import FOLDER
 
     # threads that decode, emulate and write must pass Python's lock on in less than a frame's time
     sys.setswitchinterval(0.0005)
-    settings = settings_of(args)
+    settings = emulator_from(args)
     chosen = {"format": args.format, "size": args.size, "fps": args.fps, "limit": args.limit, "shard": args.shard}
     if args.shard and args.overwrite:
         raise UsageError("--overwrite goes without --shard: others may have made what a shard overwrites")
     with usage():
-        chosen["view"] = View(args.start, args.stop, args.crop and tuple(args.crop), args.fit)
+        chosen["view"] = VideoView(args.start, args.stop, args.crop and tuple(args.crop), args.fit)
     out = args.out or default_out(args.source)
     if args.dry_run:
         jobs = plan(args.source, args.out, settings, **chosen)
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
             for job in jobs:
                 print(f"{shown(job.video.path)} -> {shown(job.video.target)}")
             print(settings)
-        found = estimate(jobs, out)
+        found = estimate_conversion(jobs, out)
         found = replace(found, seconds=found.seconds / max(1, min(args.jobs, len(jobs))))
         tell(str(found), asdict(found), as_json=args.json)
         return 0

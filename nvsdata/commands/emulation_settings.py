@@ -14,10 +14,10 @@ from nvsdata.common.errors import shown
 from nvsdata.common.files import put
 from nvsdata.emulation import DVS, PIX2NVS, PRESETS, SENSORS
 
-Emulator = PIX2NVS | DVS
-EMULATORS: dict[str, type[Emulator]] = {"pix2nvs": PIX2NVS, "dvs": DVS}
+BuiltInEmulator = PIX2NVS | DVS
+EMULATORS: dict[str, type[BuiltInEmulator]] = {"pix2nvs": PIX2NVS, "dvs": DVS}
 USUAL = {"pix2nvs": "table-3.3-row-5", "dvs": "ideal"}  # the preset of each
-ALL: dict[str, Emulator] = {**PRESETS, **SENSORS}
+ALL: dict[str, BuiltInEmulator] = {**PRESETS, **SENSORS}
 # in the words of Table 3.1
 HELP = {
     "hue": "see hue, b / (r + g), in place of luminance",
@@ -93,7 +93,7 @@ def _upsample(text: str) -> int | str:
     return int(text) if text.isdecimal() else text
 
 
-def settings_of(args: argparse.Namespace) -> Emulator:
+def emulator_from(args: argparse.Namespace) -> BuiltInEmulator:
     """The preset or the file's settings, with those that were given in place of its own."""
     preset = args.preset or USUAL[args.emulator or "pix2nvs"]
     base = read_settings(args.settings) if args.settings else ALL[preset]
@@ -103,13 +103,13 @@ def settings_of(args: argparse.Namespace) -> Emulator:
         return replace(base, **given(args, base))
 
 
-def write_settings(settings: Emulator, path: Path) -> None:
+def write_settings(settings: BuiltInEmulator, path: Path) -> None:
     """Write settings as JSON, for `--settings`."""
     name = next(name for name, kind in EMULATORS.items() if type(settings) is kind)
     put(path, (json.dumps({f"nvsdata-{name}": 1, **asdict(settings)}, indent=1) + "\n").encode(), through_link=True)
 
 
-def read_settings(path: Path) -> Emulator:
+def read_settings(path: Path) -> BuiltInEmulator:
     """The settings that `write_settings` wrote; ValueError for another file, and for settings out of range."""
     try:
         content = json.loads(path.read_text("utf-8"))
@@ -124,7 +124,7 @@ def read_settings(path: Path) -> Emulator:
         raise ValueError(f"{shown(path)}: not the settings that `nvsdata tune` writes: {error}") from None
 
 
-def given(args: argparse.Namespace, base: Emulator) -> dict[str, Any]:
+def given(args: argparse.Namespace, base: BuiltInEmulator) -> dict[str, Any]:
     """The settings that were given; UsageError for those that this emulator doesn't have."""
     found = {name: getattr(args, name) for name, *_ in _options() if hasattr(args, name)}
     own = {field.name for field in fields(base)}

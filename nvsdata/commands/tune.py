@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from nvsdata import formats, plots
-from nvsdata.commands.emulation_settings import Emulator, add_settings, given, settings_of, write_settings
+from nvsdata.commands.emulation_settings import BuiltInEmulator, add_settings, emulator_from, given, write_settings
 from nvsdata.commands.options import UsageError, add_jobs, add_json, at_least_1, path, positive, share
 from nvsdata.common.errors import message_of, shown
 from nvsdata.common.files import claimed, put
 from nvsdata.common.terminal import tell
 from nvsdata.data.recording import Recording
 from nvsdata.emulation import DVS
-from nvsdata.emulation.tuning.objective import Pair, measured_on
-from nvsdata.emulation.tuning.report import table, unseen_table
+from nvsdata.emulation.tuning.objective import TuningPair, measured_on
+from nvsdata.emulation.tuning.report import trials_table, unseen_table
 from nvsdata.emulation.tuning.search import search
 from nvsdata.emulation.tuning.space import SENSOR_SPACE, SPACE, space_of
 from nvsdata.plots.comparison import score_curve, side_by_side
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Search, and print what was found."""
     seed = vars(args).pop("seed")
-    base = settings_of(args)
+    base = emulator_from(args)
     held = given(args, base)
     if not space_of(base).keys() - held.keys():
         raise UsageError("every setting is given: there is nothing to search for")
@@ -78,7 +78,7 @@ def tune_files(
     real: Sequence[Path],
     video: Sequence[Path],
     out: Path,
-    base: Emulator,
+    base: BuiltInEmulator,
     *,
     held: Collection[str] = (),
     trials: int,
@@ -96,7 +96,7 @@ def tune_files(
     settings go to `out`. ValueError if no settings gave a finite score, and for pairs too short for an unseen part.
     """
     common: dict[str, Any] = {"fps": fps, "seconds": seconds, "offset": offset, "one_way": one_way}
-    pairs = [Pair(formats.open(a), _shown(b), **common) for a, b in zip(real, video, strict=True)]
+    pairs = [TuningPair(formats.open(a), _shown(b), **common) for a, b in zip(real, video, strict=True)]
     note = {"real": [*map(str, real)], "video": [*map(str, video)], **common, "unseen": unseen}
     seen, rest = zip(*(pair.split(unseen) for pair in pairs), strict=True) if unseen else (pairs, [])
     left = {*held, *(() if all(pair.colored for pair in pairs) else ("hue",))}
@@ -120,7 +120,7 @@ def tune_files(
         )
         if not np.isfinite(found.scores).any():
             raise ValueError("no settings gave events in a frame that has real ones, too: is it the same scene?")
-        parts = [told, table(found, real=_events(seen))]
+        parts = [told, trials_table(found, real=_events(seen))]
         if rest:
             tried = {"best": found.best.settings, "fit" if start else "as given": start or base}
             parts.append(unseen_table({k: measured_on(rest, s) for k, s in tried.items()}, _events(rest)))
@@ -143,7 +143,7 @@ def _shown(path: Path) -> Path | Recording:
     return formats.open(path) if path.suffix.lower() in formats.suffixes() else path
 
 
-def _start(pair: Pair, base: Emulator, space: Collection[str]) -> tuple[DVS | None, str]:
+def _start(pair: TuningPair, base: BuiltInEmulator, space: Collection[str]) -> tuple[DVS | None, str]:
     """What a fit of a pair begins with, and what is to be said of it; None where nothing can be fitted."""
     if not isinstance(base, DVS):
         return None, ""
@@ -152,11 +152,11 @@ def _start(pair: Pair, base: Emulator, space: Collection[str]) -> tuple[DVS | No
     except ValueError as error:
         return None, f"begun anywhere, because nothing could be fitted: {message_of(error)}"
     told = [f"begun with a fit: events follow the frames by {fitted.delay:,} µs (--offset allows for it)"]
-    told += [f"  {name} can't be told: {reason}" for name, reason in fitted.untold.items()]
+    told += [f"  {name} can't be told: {reason}" for name, reason in fitted.unidentified.items()]
     return replace(base, **{name: getattr(fitted.settings, name) for name in space}), "\n".join(told)
 
 
-def _events(pairs: Sequence[Pair]) -> tuple[int, int]:
+def _events(pairs: Sequence[TuningPair]) -> tuple[int, int]:
     """Numbers of OFF and of ON events of the camera."""
     off, on = (sum(pair.real_events[p] for pair in pairs) for p in (0, 1))
     return off, on

@@ -2,7 +2,7 @@
 
 from nvsdata.emulation.dvs import DVS, SENSORS
 from nvsdata.emulation.fitting import Fit, fit
-from nvsdata.emulation.ongoing import Ongoing
+from nvsdata.emulation.frame_emulator import StatefulEmulator
 from nvsdata.emulation.pix2nvs import PIX2NVS, PRESETS
 
-__all__ = ["DVS", "PIX2NVS", "PRESETS", "SENSORS", "Fit", "Ongoing", "fit"]
+__all__ = ["DVS", "PIX2NVS", "PRESETS", "SENSORS", "Fit", "StatefulEmulator", "fit"]

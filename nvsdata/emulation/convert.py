@@ -12,15 +12,15 @@ from pathlib import Path
 from nvsdata.batch.folder import videos_in
 from nvsdata.batch.run import FolderReport, FolderRun
 from nvsdata.batch.scheduler import as_done
-from nvsdata.batch.shards import manifest_of
+from nvsdata.batch.shards import open_manifest
 from nvsdata.common.progress import bar
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.preview import preview_of, save_preview
-from nvsdata.emulation.protocol import EventEmulator, settings_of
+from nvsdata.emulation.protocol import EventEmulator, describe_settings
 from nvsdata.formats.aedat.aedat2 import chip_for
 from nvsdata.video.frames import frames_of
-from nvsdata.video.view import ALL, View
+from nvsdata.video.view import WHOLE_VIDEO, VideoView
 
 KIND = "nvsdata-videos"
 DONE = ("converted",)
@@ -36,7 +36,7 @@ def convert_videos(
     size: tuple[int, int] | None = None,
     fps: float | None = None,
     jobs: int = 1,
-    view: View = ALL,
+    view: VideoView = WHOLE_VIDEO,
     limit: int | None = None,
     scheduler: str | None = None,
     shard: tuple[int, int] | None = None,
@@ -80,11 +80,11 @@ def convert_videos(
     )
     target = Path(out or default_out(source))
     target.mkdir(parents=True, exist_ok=True)
-    made = {"settings": settings_of(settings or PIX2NVS()), "format": format, "size": size, "fps": fps}
-    if view != ALL:
-        made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(ALL, name)}
+    made = {"settings": describe_settings(settings or PIX2NVS()), "format": format, "size": size, "fps": fps}
+    if view != WHOLE_VIDEO:
+        made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(WHOLE_VIDEO, name)}
     names = [job.video.name for job in found]
-    with manifest_of(target, KIND, made, names, shard=shard, overwrite=overwrite) as manifest:
+    with open_manifest(target, KIND, made, names, shard=shard, overwrite=overwrite) as manifest:
         before = manifest.as_before([job.video for job in found])
         videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
         with FolderRun(manifest, list(videos), DONE, "converting", check=check) as run:
@@ -150,7 +150,7 @@ def plan(
     format: str = "hdf5",
     size: tuple[int, int] | None = None,
     fps: float | None = None,
-    view: View = ALL,
+    view: VideoView = WHOLE_VIDEO,
     limit: int | None = None,
     shard: tuple[int, int] | None = None,
 ) -> list[Job]:

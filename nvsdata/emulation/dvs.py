@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import log
 
-from nvsdata.emulation.from_frames import FromFrames
-from nvsdata.emulation.pixel_array import PixelArray
-from nvsdata.emulation.settings import SensorSettings
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.dvs_state import DVSState
+from nvsdata.emulation.frame_emulator import FrameEmulator
+from nvsdata.emulation.settings import DVSSettings
+from nvsdata.video.frames import VideoFrame
 
 
 @dataclass(frozen=True)
-class DVS(SensorSettings, FromFrames):
+class DVS(DVSSettings, FrameEmulator):
     """Video to events, by the pixel of real sensors (Lichtsteiner, Posch and Delbruck 2008).
 
     A pixel sees the logarithm of light, L = ln(q + dark), a line from frame to frame, and remembers M, what L was at
@@ -41,9 +41,9 @@ class DVS(SensorSettings, FromFrames):
     Raises ValueError for settings out of range.
     """
 
-    def begin(self, first: Frame) -> PixelArray:
+    def begin(self, first: VideoFrame) -> DVSState:
         """A run that begins with a frame."""
-        return PixelArray(self, first)
+        return DVSState(self, first)
 
 
 # Gallego et al. 2020, Table 1: the least contrast that each can be set to, its noise at rest and its readout; spread of

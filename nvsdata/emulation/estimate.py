@@ -14,7 +14,7 @@ import numpy as np
 
 from nvsdata import formats
 from nvsdata.emulation.job import Job
-from nvsdata.video.length import length_of
+from nvsdata.video.decoder import length_of
 
 LOOKED_AT = 5  # videos of which a piece is converted
 LISTED = 200  # videos whose length is looked up; those of the others are taken to be alike
@@ -46,7 +46,7 @@ class Estimate:
         return f"{self.videos:,} videos, {self.frames:,} frames: about {took} and {size}{short}"
 
 
-def estimate(jobs: Sequence[Job], out: Path) -> Estimate:
+def estimate_conversion(jobs: Sequence[Job], out: Path) -> Estimate:
     """What the jobs will take; `out` is the folder that their recordings go to, which needn't exist."""
     lengths = [count for job in _some(jobs, LISTED) if (count := _length(job))]
     frames = round(float(np.mean(lengths)) * len(jobs)) if lengths else 0

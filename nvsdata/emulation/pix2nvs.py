@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nvsdata.emulation.emulator import Emulator
-from nvsdata.emulation.from_frames import FromFrames
-from nvsdata.emulation.settings import Settings
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.frame_emulator import FrameEmulator
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
+from nvsdata.emulation.settings import PIX2NVSSettings
+from nvsdata.video.frames import VideoFrame
 
 
 @dataclass(frozen=True)
-class PIX2NVS(Settings, FromFrames):
+class PIX2NVS(PIX2NVSSettings, FrameEmulator):
     """Video to events, by the parameters of Table 3.1; the defaults are the best row of Table 3.3.
 
     How a pixel's brightness is seen (3.2.1):
@@ -54,9 +54,9 @@ class PIX2NVS(Settings, FromFrames):
     Raises ValueError for settings out of range.
     """
 
-    def begin(self, first: Frame) -> Emulator:
+    def begin(self, first: VideoFrame) -> PIX2NVSState:
         """A run that begins with a frame."""
-        return Emulator(self, first)
+        return PIX2NVSState(self, first)
 
 
 # rows of Table 3.3 from the worst to the best, and the settings of section 3.4.1

@@ -16,8 +16,8 @@ from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.emulation.job import Job
 from nvsdata.plots.events import event_image
 from nvsdata.plots.films import save_mp4
-from nvsdata.video.frames import USUAL_RATE, TruncatedVideo, frames_of
-from nvsdata.video.length import length_of
+from nvsdata.video.decoder import USUAL_RATE, length_of
+from nvsdata.video.frames import TruncatedVideo, frames_of
 
 FOLDER = ".previews"  # below that of the recordings; hidden, so that its films are taken for neither videos nor classes
 LONGEST = 60  # s of the video that are shown

@@ -7,7 +7,7 @@ from dataclasses import asdict, is_dataclass
 from typing import Any, Protocol
 
 from nvsdata.data.events import Events
-from nvsdata.video.frames import Video
+from nvsdata.video.frames import VideoInput
 
 
 class EventEmulator(Protocol):
@@ -19,7 +19,7 @@ class EventEmulator(Protocol):
 
     def emulate(
         self,
-        video: Video,
+        video: VideoInput,
         *,
         fps: float | None = None,
         times: Iterable[int] | None = None,
@@ -29,7 +29,7 @@ class EventEmulator(Protocol):
 
     def stream(
         self,
-        frames: Video,
+        frames: VideoInput,
         fps: float | None = None,
         *,
         times: Iterable[int] | None = None,
@@ -43,7 +43,7 @@ class EventEmulator(Protocol):
         """
 
 
-def settings_of(emulator: Any) -> dict[str, Any]:
+def describe_settings(emulator: Any) -> dict[str, Any]:
     """An emulator's settings by name, with the name of its class as "emulator" unless that is PIX2NVS.
 
     TypeError if it isn't an instance of a dataclass.

@@ -13,7 +13,7 @@ from nvsdata.batch.folder import Video
 from nvsdata.recording.capture import RESERVE
 from nvsdata.rig.clock_fit import flashes
 from nvsdata.rig.playback import FADE, SETTLE, STEP, STILL
-from nvsdata.video.length import length_of
+from nvsdata.video.decoder import length_of
 
 LOOKED_AT = 50  # videos whose length is looked up; those of the others are taken to be alike
 BESIDE = 2_000_000  # µs per take for starting, cutting and judging
@@ -27,7 +27,7 @@ class Estimate(NamedTuple):
     short: bool
 
 
-def estimate(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> Estimate:
+def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path, refresh: float) -> Estimate:
     """The time and the disk that videos will need.
 
     - `lines`: of the manifest, whose recordings say how much a second of video takes

@@ -21,7 +21,7 @@ from nvsdata.rig.batch import DONE, manifest_of, record_videos, status_before
 from nvsdata.rig.calibrate import calibrate
 from nvsdata.rig.calibration import FIGURES, corners_in, write_calibration
 from nvsdata.rig.calibration import summary as calibration_summary
-from nvsdata.rig.estimate import estimate
+from nvsdata.rig.estimate import estimate_recording
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.report import REPORT, write_report
 from nvsdata.rig.status import STATUS
@@ -116,7 +116,7 @@ def run_batch(
 
         videos = manifest.as_before(videos)
         left = [video for video in videos if not manifest.has(video, DONE)]
-        expected = estimate(left, list(manifest.videos.values()), out, monitor.refresh)
+        expected = estimate_recording(left, list(manifest.videos.values()), out, monitor.refresh)
         remark(expected.text)
         if expected.short and not until_full:
             reason = f"{expected.text}: free some, choose another disk, or record until it is full by --until-full"

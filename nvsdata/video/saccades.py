@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from nvsdata.common.validation import positive
-from nvsdata.video.picture import Frame, picture
+from nvsdata.video.video_frame import VideoFrame, as_pixels
 
 # where the picture is at first and after each saccade, in pixels; the dataset's authors undo the same
 PATH = ((0.0, 0.0), (3.5, 7.0), (7.0, 0.0), (0.0, 0.0))
@@ -23,7 +23,7 @@ def saccades(
     path: tuple[tuple[float, float], ...] = PATH,
     duration: int = SACCADE,
     background: float = 0.0,
-) -> Iterator[Frame]:
+) -> Iterator[VideoFrame]:
     """Frames of a still picture that moves along a path before a camera, in fractions of pixels.
 
     The default path is that of N-MNIST (Orchard et al. 2015): three saccades of 105 ms that return to where they began.
@@ -43,7 +43,7 @@ def saccades(
         raise ValueError(f"a path has at least a beginning and an end, not {path}")
     if min(size) < 1:
         raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
-    shown = picture(np.array(still), "the picture").astype(np.float32)
+    shown = as_pixels(np.array(still), "the picture").astype(np.float32)
     corners = np.array(path)
     middle = (np.array(size) - shown.shape[1::-1] - corners.min(axis=0) - corners.max(axis=0)) / 2
     return _frames(shown, size, fps, corners + middle, duration, background)
@@ -51,7 +51,7 @@ def saccades(
 
 def _frames(
     shown: np.ndarray, size: tuple[int, int], fps: float, corners: np.ndarray, duration: int, background: float
-) -> Iterator[Frame]:
+) -> Iterator[VideoFrame]:
     end = duration * (len(corners) - 1)
     edges = np.arange(len(corners)) * duration
     value = (background,) * 3
@@ -60,5 +60,5 @@ def _frames(
         x, y = (float(np.interp(time, edges, axis)) for axis in corners.T)
         where = np.array([[1, 0, x], [0, 1, y]], np.float32)
         moved = cv2.warpAffine(shown, where, size, flags=cv2.INTER_LINEAR, borderValue=value)
-        yield Frame(time, np.rint(moved).astype(np.uint8), red_first=True)
+        yield VideoFrame(time, np.rint(moved).astype(np.uint8), red_first=True)
         n += 1

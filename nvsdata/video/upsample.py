@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from nvsdata.kernels.emulate.tiles import TILE, find_dirty
-from nvsdata.video.decoder import FULL, stretched
-from nvsdata.video.frames import Frame
+from nvsdata.video.video_frame import FULL, VideoFrame, stretch_levels
 
 Upsample = Literal["none", "linear", "flow"]
 PIXELS = 1.0  # by which anything moves from one frame to the next at most, as ESIM's adaptive rate has it
@@ -24,14 +23,14 @@ SLIGHT = 0.1  # change of that logarithm up to which a line is as good as flow, 
 FLAT = 2.0  # gray levels: an image without larger differences has no flow
 
 
-class Box(NamedTuple):
+class Region(NamedTuple):
     """Rows and columns of a part of the picture."""
 
     rows: slice
     columns: slice
 
 
-def upsampled(frames: Iterator[Frame], how: Upsample | int) -> Iterator[Frame]:
+def upsample_frames(frames: Iterator[VideoFrame], how: Upsample | int) -> Iterator[VideoFrame]:
     """The frames, and between two that differ as many others as are needed, which have `whole=False`.
 
     - `how`: "linear" makes a step for each `CHANGE` of the logarithm of brightness, where that changes most, and each
@@ -52,7 +51,7 @@ def upsampled(frames: Iterator[Frame], how: Upsample | int) -> Iterator[Frame]:
         last = frame
 
 
-def _between(last: Frame, frame: Frame, how: Upsample | int) -> Iterator[Frame]:
+def _between(last: VideoFrame, frame: VideoFrame, how: Upsample | int) -> Iterator[VideoFrame]:
     boxes = _changed(last.pixels, frame.pixels, MARGIN if how == "flow" else 0)
     if not boxes:
         return
@@ -70,7 +69,7 @@ def _between(last: Frame, frame: Frame, how: Upsample | int) -> Iterator[Frame]:
         yield last._replace(time=last.time + round(share * gap), pixels=pixels, whole=False)
 
 
-def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Box]:
+def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Region]:
     """Boxes around what differs between two pictures, in which tiles that touch are together."""
     height, width = before.shape[:2]
     rows = before.view(np.uint8).reshape(height, -1), after.view(np.uint8).reshape(height, -1)
@@ -85,7 +84,7 @@ def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Box]:
         r, c = np.nonzero((labels == label) & dirty)
         top, bottom = max(int(r.min()) * TILE[0] - margin, 0), min(int(r.max() + 1) * TILE[0] + margin, height)
         left, right = max(int(c.min()) * TILE[1] - margin, 0), min(int(c.max() + 1) * TILE[1] + margin, width)
-        found.append(Box(slice(top, bottom), slice(left, right)))
+        found.append(Region(slice(top, bottom), slice(left, right)))
     return found
 
 
@@ -107,7 +106,7 @@ def _steps(
 
 def _change(a: np.ndarray, b: np.ndarray, levels: tuple[int, int]) -> float:
     """The largest change of a logarithm of brightness."""
-    before, after = (picture if levels == FULL else stretched(picture, levels) for picture in (a, b))
+    before, after = (picture if levels == FULL else stretch_levels(picture, levels) for picture in (a, b))
     return float(np.abs(np.log((after + DARK) / (before + DARK))).max())
 
 

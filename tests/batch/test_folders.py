@@ -10,9 +10,9 @@ from clips import write_video
 
 from nvsdata.batch import manifest as module
 from nvsdata.batch import run as runs
-from nvsdata.batch.folder import Video, check_name, fatal, sha256, videos_in
+from nvsdata.batch.folder import Video, check_name, is_fatal, sha256, videos_in
 from nvsdata.batch.manifest import Manifest, file_facts
-from nvsdata.batch.run import FolderReport, FolderRun, noted
+from nvsdata.batch.run import FolderReport, FolderRun, catch_failure
 from nvsdata.common.errors import FormatError
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.job import Job, convert
@@ -65,8 +65,8 @@ def test_where_there_are_no_videos(tmp_path):
     ],
 )
 def test_which_errors_other_videos_would_have(tmp_path, number, own, others):
-    assert fatal(OSError(number, "x", str(tmp_path / "a.avi")), tmp_path / "a.avi") is own
-    assert fatal(OSError(number, "x", str(tmp_path / "out")), tmp_path / "a.avi") is others
+    assert is_fatal(OSError(number, "x", str(tmp_path / "a.avi")), tmp_path / "a.avi") is own
+    assert is_fatal(OSError(number, "x", str(tmp_path / "out")), tmp_path / "a.avi") is others
 
 
 @pytest.fixture
@@ -190,16 +190,16 @@ def test_what_is_noted_of_a_video(tmp_path, video):
     assert sha256(video.target) == hashlib.sha256(b"recording").hexdigest()
     full, odd = OSError(errno.ENOSPC, "full"), FormatError("a", "b")
     told = {}
-    with noted(video, told):
+    with catch_failure(video, told):
         pass
     assert told == {}
     for error in (ValueError("odd"), OSError("odd"), MemoryError("odd"), runs.cv2.error("odd")):
         told = {}
-        with noted(video, told):
+        with catch_failure(video, told):
             raise error
         assert told == {"status": "failed", "reason": "odd"}
     for error, more in ((full, ()), (odd, (FormatError,)), (KeyError("x"), ())):
-        with pytest.raises(type(error)), noted(video, told := {}, more):
+        with pytest.raises(type(error)), catch_failure(video, told := {}, more):
             raise error
         assert told == {}
 

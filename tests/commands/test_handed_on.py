@@ -18,7 +18,7 @@ from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
 from nvsdata.plots.films import Film
-from nvsdata.video.view import View
+from nvsdata.video.view import VideoView
 
 
 @pytest.mark.parametrize(
@@ -180,9 +180,9 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
         f"a.avi: cut off\nb.avi: empty\npreviews are in {Path('out/.previews')}\n",
     )
     plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
-    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "check": False, "preview": False, "view": View()}
+    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "check": False, "preview": False, "view": VideoView()}
     chosen = {"size": (40, 30), "fps": 25.0, "limit": 7, "jobs": 2, "scheduler": "here"}
-    chosen |= {"overwrite": True, "check": True, "preview": True, "view": View(1.5, 4.0, (1, 2, 30, 20), "crop")}
+    chosen |= {"overwrite": True, "check": True, "preview": True, "view": VideoView(1.5, 4.0, (1, 2, 30, 20), "crop")}
     assert asked[1] == (Path("in"), None, PIX2NVS(), plain)
     assert asked[3] == (Path("in"), Path("out"), PIX2NVS(), plain | chosen)
     # less than a frame's time

@@ -18,7 +18,7 @@ from nvsdata._version import __version__
 from nvsdata.cli import COMMANDS, main
 from nvsdata.commands import datasets, options
 from nvsdata.commands.compare import compare_files
-from nvsdata.commands.emulation_settings import given, read_settings, settings_of, write_settings
+from nvsdata.commands.emulation_settings import emulator_from, given, read_settings, write_settings
 from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import DVS, PIX2NVS, PRESETS, SENSORS
@@ -252,7 +252,7 @@ def test_settings_that_are_given_replace_the_presets(words, changes, preset):
     args = parser.parse_args(["a", *words, *(["--preset", preset] if preset else [])])
     base = PRESETS[preset] if preset else PIX2NVS()
     assert given(args, base) == changes
-    settings = settings_of(args)
+    settings = emulator_from(args)
     assert {name: getattr(settings, name) for name in changes} == changes
     assert {k: v for k, v in vars(settings).items() if k not in changes} == {
         k: v for k, v in vars(base).items() if k not in changes
@@ -273,7 +273,7 @@ def test_settings_that_are_given_replace_the_presets(words, changes, preset):
 def test_the_emulator_is_chosen_by_name_or_by_its_preset(words, expected):
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
-    assert settings_of(parser.parse_args(["a", *words.split()])) == expected
+    assert emulator_from(parser.parse_args(["a", *words.split()])) == expected
 
 
 @pytest.mark.parametrize(
@@ -291,7 +291,7 @@ def test_settings_that_contradict_each_other_are_wrong_usage(words, said):
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
     with pytest.raises(options.UsageError, match=said):
-        settings_of(parser.parse_args(["a", *words.split()]))
+        emulator_from(parser.parse_args(["a", *words.split()]))
 
 
 @pytest.mark.parametrize("settings", [DVS(on=0.21, upsample="flow", seed=4), PIX2NVS(threshold=0.3, mode="CE")])
@@ -300,7 +300,7 @@ def test_settings_come_back_from_their_file(settings, tmp_path):
     assert read_settings(tmp_path / "best.json") == settings
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
-    assert settings_of(parser.parse_args(["a", "--settings", str(tmp_path / "best.json")])) == settings
+    assert emulator_from(parser.parse_args(["a", "--settings", str(tmp_path / "best.json")])) == settings
 
 
 def test_help_tells_defaults_once(capsys):

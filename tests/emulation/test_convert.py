@@ -23,11 +23,11 @@ from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.emulation import PIX2NVS, convert, preview
 from nvsdata.emulation.convert import convert_videos, plan
-from nvsdata.emulation.estimate import estimate
+from nvsdata.emulation.estimate import estimate_conversion
 from nvsdata.formats.hdf5 import layouts as hdf5
 from nvsdata.plots import event_image
 from nvsdata.video.frames import frames_of
-from nvsdata.video.view import View
+from nvsdata.video.view import VideoView
 
 
 @pytest.fixture
@@ -393,7 +393,7 @@ def test_frames_that_no_chip_of_aedat_2_has_are_refused_before_the_batch(videos,
         convert_videos(tmp_path / "large", out, format="aedat2")
     assert not out.exists()
     # a part of it may fit
-    report = convert_videos(tmp_path / "large", out, format="aedat2", view=View(crop=(0, 0, 100, 100)))
+    report = convert_videos(tmp_path / "large", out, format="aedat2", view=VideoView(crop=(0, 0, 100, 100)))
     assert (report.done, list(report.failed)) == (1, ["a.avi"])
 
 
@@ -477,17 +477,17 @@ def test_what_is_overwritten_leaves_no_old_recording(videos, tmp_path):
 
 
 def test_an_estimate_looks_at_the_part_that_is_converted(videos, tmp_path):
-    jobs = plan(videos, tmp_path / "out", PIX2NVS(), view=View(stop=0.2))
-    found = estimate(jobs, tmp_path / "out")
+    jobs = plan(videos, tmp_path / "out", PIX2NVS(), view=VideoView(stop=0.2))
+    found = estimate_conversion(jobs, tmp_path / "out")
     # 4 videos of 0.2 s at the 10 frames per second that they have
-    whole = estimate(plan(videos, tmp_path / "out", PIX2NVS()), tmp_path / "out")
+    whole = estimate_conversion(plan(videos, tmp_path / "out", PIX2NVS()), tmp_path / "out")
     assert 0 < found.frames < whole.frames
 
 
 def test_a_video_that_is_too_short_refuses_no_batch(tmp_path):
     write_video(tmp_path / "in/a.avi", moving_square(3), fps=10)
     write_video(tmp_path / "in/b.avi", moving_square(30), fps=10)
-    report = convert_videos(tmp_path / "in", tmp_path / "out", format="aedat2", view=View(start=1.0))
+    report = convert_videos(tmp_path / "in", tmp_path / "out", format="aedat2", view=VideoView(start=1.0))
     assert (report.done, list(report.failed)) == (1, ["a.avi"])
 
 

@@ -18,10 +18,10 @@ from nvsdata.emulation.fitting import Fit, check_common, fit
 from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.emulation.tuning.search import Measured
 from nvsdata.metrics.distance import compare, event_counts
-from nvsdata.video.frames import Frame, Video, frames_of
+from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
 
 
-class Pair:
+class TuningPair:
     """A real recording and the frames of the video it shows, scaled to its sensor; calling it measures settings.
 
     The frame rate of the comparison is the video's. The frames are kept in memory.
@@ -40,7 +40,7 @@ class Pair:
     def __init__(
         self,
         real: Events | Recording,
-        video: Video,
+        video: VideoInput,
         *,
         fps: float | None = None,
         seconds: float | None = None,
@@ -51,7 +51,7 @@ class Pair:
         end = np.inf if seconds is None else seconds * 1e6
         size = real.sensor_size
 
-        def load(color: bool) -> Iterator[Frame]:
+        def load(color: bool) -> Iterator[VideoFrame]:
             found = frames_of(video, fps=fps, size=size, color=color)
             return takewhile(lambda f: f.time <= end, map(self._from_the_first, found))
 
@@ -69,12 +69,17 @@ class Pair:
         self._set(frames, partial(load, True) if of_file else lambda: frames, events, offset, one_way)
 
     def _set(
-        self, frames: list[Frame], colored: Callable[[], Iterable[Frame]], real: Events, offset: int, one_way: bool
+        self,
+        frames: list[VideoFrame],
+        colored: Callable[[], Iterable[VideoFrame]],
+        real: Events,
+        offset: int,
+        one_way: bool,
     ) -> None:
         self.frames, self._load_colored, self.real, self.offset, self.one_way = frames, colored, real, offset, one_way
         self.fps = (len(frames) - 1) * 1e6 / frames[-1].time
 
-    def split(self, share: float) -> tuple[Pair, Pair]:
+    def split(self, share: float) -> tuple[TuningPair, TuningPair]:
         """The pair without its last `share` (0 to 1) of the frames, and this rest, which begins where the first ends.
 
         ValueError if either has fewer than two frames.
@@ -86,15 +91,15 @@ class Pair:
             )
         return self._part(0, last), self._part(last, len(self.frames) - 1)
 
-    def _part(self, first: int, last: int) -> Pair:
+    def _part(self, first: int, last: int) -> TuningPair:
         """The frames from the first to the last one, and the events between them."""
         begin, end = self.frames[first].time, self.frames[last].time
         # the events before a video belong to its first part
         early = begin - self.offset if first else 0
         events = _cut(self.real, self.real.start + early, self.real.start + max(end - self.offset, early + 1))
-        part = object.__new__(Pair)
+        part = object.__new__(TuningPair)
 
-        def cut(frames: Iterable[Frame]) -> list[Frame]:
+        def cut(frames: Iterable[VideoFrame]) -> list[VideoFrame]:
             return [frame._replace(time=frame.time - begin) for frame in islice(frames, first, last + 1)]
 
         part._set(cut(self.frames), lambda: cut(self._colored), events, 0 if first else self.offset, self.one_way)
@@ -106,7 +111,7 @@ class Pair:
         t = columns.t - self.real.start + self.offset
         return fit(self.frames, Events.trusted(columns._replace(t=t), self.real.sensor_size, 0, max(end, 1)), base=base)
 
-    def _from_the_first(self, frame: Frame) -> Frame:
+    def _from_the_first(self, frame: VideoFrame) -> VideoFrame:
         """A frame whose time counts from the first one."""
         self._first = frame.time if self._first is None else self._first
         return frame._replace(time=frame.time - self._first)
@@ -116,7 +121,7 @@ class Pair:
         return settings.emulate(self._colored if getattr(settings, "hue", False) else self.frames)
 
     @cached_property
-    def _colored(self) -> list[Frame]:
+    def _colored(self) -> list[VideoFrame]:
         return list(self._load_colored())
 
     @cached_property
@@ -150,7 +155,7 @@ def _cut(real: Events | Recording, start: int, stop: int) -> Events:
     return Events.trusted(found.columns, found.sensor_size, start, stop - 1)
 
 
-def measured_on(pairs: Sequence[Pair], settings: EventEmulator) -> Measured:
+def measured_on(pairs: Sequence[TuningPair], settings: EventEmulator) -> Measured:
     """Mean distances over several pairs, and the sums of their event counts."""
     each = [pair(settings) for pair in pairs]
     off, on = (sum(one.events[p] for one in each) for p in (0, 1))

@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 
 from nvsdata.common.tables import aligned
-from nvsdata.emulation.settings import Settings
+from nvsdata.emulation.settings import PIX2NVSSettings
 from nvsdata.emulation.tuning.search import Measured, Search
 
 # settings and their headings: those of Table 3.3, and those that are shown if trials differ in them
@@ -18,7 +18,7 @@ IF_VARIED = {"mode": "mode", "hue": "hue", "difference": "dif", "noise_rate": "n
 MEASURED = ("Inv. e-rep", "Chamfer", "EMD", "OFF apart", "ON apart")
 
 
-def table(search: Search, rows: int = 5, *, real: tuple[int, int] | None = None) -> str:
+def trials_table(search: Search, rows: int = 5, *, real: tuple[int, int] | None = None) -> str:
     """`rows` trials at most, from the worst to the best at even steps of rank (1: the best), in the columns of
     Table 3.3, or those of another emulator's settings; with the numbers of OFF and ON events, in the last row the
     camera's, `real`.
@@ -52,7 +52,7 @@ def unseen_table(measured: Mapping[str, Measured], real: tuple[int, int]) -> str
 def _shown(search: Search) -> dict[str, str]:
     """Names of settings and their headings."""
     kind = search.best.settings
-    if not isinstance(kind, Settings):
+    if not isinstance(kind, PIX2NVSSettings):
         names = [field.name for field in fields(kind)]
         return {name: name for name in _varied(search, names) or names}
     return {**{name: IF_VARIED[name] for name in _varied(search, IF_VARIED)}, **SHOWN}

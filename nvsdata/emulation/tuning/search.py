@@ -15,8 +15,8 @@ import numpy as np
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar as progress
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.emulation.protocol import EventEmulator, settings_of
-from nvsdata.emulation.tuning.space import Space, check, place_of, plain, settings_at, space_of
+from nvsdata.emulation.protocol import EventEmulator, describe_settings
+from nvsdata.emulation.tuning.space import Space, check_space, place_of, settings_at, space_of, space_to_json
 from nvsdata.metrics.scoring import score
 
 BATCH = 4  # trials proposed at once; the number of jobs doesn't change it, so that the search doesn't depend on jobs
@@ -100,9 +100,15 @@ def search(
     """
     base = base or PIX2NVS()
     space = space_of(base) if space is None else space
-    check(space, base)
-    head = {"nvsdata-search": 2, "seed": seed, "base": settings_of(base), "space": plain(space), **(note or {})}
-    head |= {"start": settings_of(start)} if start else {}
+    check_space(space, base)
+    head = {
+        "nvsdata-search": 2,
+        "seed": seed,
+        "base": describe_settings(base),
+        "space": space_to_json(space),
+        **(note or {}),
+    }
+    head |= {"start": describe_settings(start)} if start else {}
     rng = np.random.default_rng(seed)
     result = Search()
     center = None if start is None else np.array(place_of(start, space))
@@ -175,9 +181,9 @@ class _Trials(Journal):
     """Trials on disk, a JSON line each, after a first line that identifies the search."""
 
     def __init__(self, path: Path, head: Mapping[str, Any], kind: Callable[..., Any]) -> None:
-        plain = json.loads(json.dumps(head))
-        super().__init__(path, plain)
-        if self.head != plain:
+        space_to_json = json.loads(json.dumps(head))
+        super().__init__(path, space_to_json)
+        if self.head != space_to_json:
             raise ValueError(f"{path} is of another search: give the same settings, or another file")
         self._known = {
             line["trial"]: Trial(kind(**line["settings"]), tuple(line["distances"]), tuple(line["events"]))

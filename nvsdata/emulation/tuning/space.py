@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from nvsdata.emulation.settings import SensorSettings, Settings
+from nvsdata.emulation.settings import DVSSettings, PIX2NVSSettings
 
 
 @dataclass(frozen=True)
@@ -97,14 +97,14 @@ SENSOR_SPACE: Space = {
 
 def space_of(emulator: Any) -> Space:
     """Where to look for settings of an emulator of ours; ValueError for another one."""
-    if isinstance(emulator, SensorSettings):
+    if isinstance(emulator, DVSSettings):
         return SENSOR_SPACE
-    if isinstance(emulator, Settings):
+    if isinstance(emulator, PIX2NVSSettings):
         return SPACE
     raise ValueError(f"give the space of {type(emulator).__name__}'s settings")
 
 
-def check(space: Space, base: Any) -> None:
+def check_space(space: Space, base: Any) -> None:
     """ValueError for a space with settings that the emulator `base` doesn't have, or without choices."""
     for name, choices in space.items():
         asked = (name, choices.on) if isinstance(choices, Depending) else (name,)
@@ -151,7 +151,7 @@ def _at(choices: Choices, share: float) -> Any:
     )
 
 
-def plain(space: Space) -> dict[str, Any]:
+def space_to_json(space: Space) -> dict[str, Any]:
     """The space for a file of JSON."""
     return {name: _plain(choices) for name, choices in space.items()}
 
