@@ -54,7 +54,7 @@ def manifest_of(
     """
     out.mkdir(parents=True, exist_ok=True)
     made = {"settings": asdict(settings), "format": format, "scaling": monitor.scaling}
-    told = {
+    extra = {
         "monitor": {
             "size": monitor.size,
             "region": monitor.region,
@@ -65,7 +65,7 @@ def manifest_of(
         "flashes": {"dim": DIM, "bright": BRIGHT, "refreshes": STEP},
     }
     with claimed(out):
-        manifest = Manifest(out, KIND, made, [video.name for video in videos], told)
+        manifest = Manifest(out, KIND, made, [video.name for video in videos], extra)
         if manifest.videos and not resume:
             raise FileExistsError(f"{out} holds recordings: --resume goes on with them")
         with manifest:

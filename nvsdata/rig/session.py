@@ -117,9 +117,9 @@ def run_batch(
         videos = manifest.as_before(videos)
         left = [video for video in videos if not manifest.has(video, DONE)]
         expected = estimate_recording(left, list(manifest.videos.values()), out, monitor.refresh)
-        remark(expected.text)
+        remark(str(expected))
         if expected.short and not until_full:
-            reason = f"{expected.text}: free some, choose another disk, or record until it is full by --until-full"
+            reason = f"{expected}: free some, choose another disk, or record until it is full by --until-full"
             status_before(out, videos, manifest).set(state="stopped", reason=reason)
             raise OSError(reason)
         try:
@@ -131,8 +131,8 @@ def run_batch(
             # what ended the batch is more important than a page about it
             with suppress(OSError):
                 write_report(list(manifest.videos.values()), manifest.head, out)
-    for told in result.told():
-        print(told, file=sys.stderr)
+    for message in result.messages():
+        print(message, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
             say(shown(f"{name}: have a look: {'; '.join(doubts)}"))

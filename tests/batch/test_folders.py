@@ -82,8 +82,8 @@ def line(**changed):
     return {"video": "a.avi", "status": "done", "bytes": 5, "sha256": digest, "recording": 9} | changed
 
 
-def opened(folder, made=None, kind="things", told=None):
-    return Manifest(folder, kind, {"format": "hdf5"} if made is None else made, ["a.avi"], told)
+def opened(folder, made=None, kind="things", extra=None):
+    return Manifest(folder, kind, {"format": "hdf5"} if made is None else made, ["a.avi"], extra)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_a_video_that_changed_is_noticed_by_its_content(tmp_path, video, monkeyp
 
 def test_a_manifest_s_first_line_and_which_others_fit(tmp_path):
     made = {"format": "hdf5", "settings": {"b": (1, 2), "a": 3}}
-    with opened(tmp_path, made, told={"monitor": 5}):
+    with opened(tmp_path, made, extra={"monitor": 5}):
         pass
     text = (tmp_path / "manifest.jsonl").read_text()
     head = json.loads(text)
@@ -144,11 +144,11 @@ def test_a_manifest_s_first_line_and_which_others_fit(tmp_path):
         manifest.add(line())
     with pytest.raises(ValueError, match=r"is not a manifest of others: choose another folder"):
         opened(tmp_path, {"format": "text"}, "others")
-    with pytest.raises(ValueError, match=r"holds recordings made with format text, not hdf5, a None, not 3: choose"):
+    with pytest.raises(ValueError, match=r"has recordings made with format text, not hdf5, a None, not 3: choose"):
         opened(tmp_path, {"format": "hdf5", "a": 3})
-    with pytest.raises(ValueError, match=r"holds recordings made with a None, not 3: choose"):
+    with pytest.raises(ValueError, match=r"has recordings made with a None, not 3: choose"):
         opened(tmp_path, {"format": "text", "settings": {"a": 3}})
-    with opened(tmp_path, {"format": "text"}, told={"monitor": 9}) as manifest:
+    with opened(tmp_path, {"format": "text"}, extra={"monitor": 9}) as manifest:
         manifest.add(line(status="failed"))
         # the last line of a video counts
         assert manifest.videos == {"a.avi": line(status="failed")}

@@ -255,7 +255,7 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
 
     asked = []
     gray = SimpleNamespace(colored=False, split=lambda share: asked.append(share) or (gray, gray))
-    monkeypatch.setattr(tune, "Pair", lambda *args, **more: asked.append((args[1:], more)) or gray)
+    monkeypatch.setattr(tune, "TuningPair", lambda *args, **more: asked.append((args[1:], more)) or gray)
     monkeypatch.setattr(tune.formats, "open", lambda path: path)
     monkeypatch.setattr(tune, "search", lambda pair, **more: asked.append(more) or SimpleNamespace(scores=[np.nan] * 2))
     words = ["tune", "--real", "a.h5", "--video", "b.avi", "--out", str(tmp_path / "out")]
@@ -264,11 +264,12 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
         "threshold": 0.4, "new": False, "exp": True, "alpha": 0.25, "noise_rate": 2.0,
     }  # fmt: skip
     assert list(values) == list(tune.SPACE)
-    numbers = [f"--{name.replace('_', '-')}={value}" for name, value in values.items() if not isinstance(value, bool)]
-    every = [numbers[0], "--no-new", "--exp", "--no-hue", *numbers[1:]]
+    every = [
+        f"--set={name}={str(value).lower() if isinstance(value, bool) else value}" for name, value in values.items()
+    ]
     with pytest.raises(SystemExit, match="2"):
         main([*words, *every])
-    assert "every setting is given: there is nothing to search for" in capsys.readouterr().err
+    assert "--set gives every setting: there is nothing to search" in capsys.readouterr().err
     assert asked == []
     held = list(values)[1:]
     more = [
@@ -288,7 +289,7 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
         "9",
     ]
     assert main([*words, *every[1:], *more]) == 1
-    assert "no settings gave events in a frame that has real ones, too" in capsys.readouterr().err
+    assert "no settings gave events in frames with real events" in capsys.readouterr().err
     assert not any((tmp_path / "out").iterdir())
     compared = {"fps": 25.0, "seconds": 2.0, "offset": -3, "one_way": False}
     assert asked[0] == ((Path("b.avi"),), compared)
@@ -367,4 +368,4 @@ def test_frames_are_recorded_if_asked_for(words, frames, session):
 def test_a_shard_overwrites_nothing(capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["convert-videos", "in", "--shard", "1/2", "--overwrite"])
-    assert "--overwrite goes without --shard" in capsys.readouterr().err
+    assert "--overwrite doesn't go with --shard" in capsys.readouterr().err

@@ -220,7 +220,7 @@ def test_wrong_arguments(videos, tmp_path, capsys):
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "file")]) == 1
     assert str(tmp_path / "file") in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
-        main(["convert-videos", str(videos), "--threshold", "0"])
+        main(["convert-videos", str(videos), "--set", "threshold=0"])
     assert "threshold must be at least" in capsys.readouterr().err
     (tmp_path / "out").mkdir()
     (tmp_path / "out/manifest.jsonl").write_text("[]\n")
@@ -229,7 +229,7 @@ def test_wrong_arguments(videos, tmp_path, capsys):
 
 
 def test_a_dry_run_writes_nothing_and_settings_have_their_names(videos, tmp_path, capsys):
-    words = "--preset table-3.3-row-1 --max-events 5 --new --seed 3 --dry-run --limit 1".split()
+    words = "--preset table-3.3-row-1 --set max_events=5 --set new=true --set seed=3 --dry-run --limit 1".split()
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), *words]) == 0
     out = capsys.readouterr().out
     assert "a.avi -> " in out
@@ -267,7 +267,7 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
 @pytest.mark.parametrize("lost", ["the workers", "the scheduler"])
 def test_a_cluster_without_workers_ends_the_run_which_resumes(videos, tmp_path, monkeypatch, capsys, lost):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(scheduler, "LOOK_S", 0.1)
+    monkeypatch.setattr(scheduler, "CHECK_S", 0.1)
     monkeypatch.setattr(scheduler, "PATIENCE_S", 0.5)
     there = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(**there) as local:
@@ -400,12 +400,12 @@ def test_frames_that_no_chip_of_aedat_2_has_are_refused_before_the_batch(videos,
 def test_shards_of_other_settings_are_refused_and_nothing_is_joined(videos, tmp_path):
     out = tmp_path / "out"
     convert_videos(videos, out, shard=(1, 2))
-    with pytest.raises(ValueError, match=r"manifest-1-of-2\.jsonl is of recordings made with other settings"):
+    with pytest.raises(ValueError, match=r"manifest-1-of-2\.jsonl has recordings made with other settings"):
         convert_videos(videos, out, PIX2NVS(threshold=0.5), shard=(2, 2))
     with pytest.raises(ValueError, match="other settings"):
         convert_videos(videos, out, PIX2NVS(threshold=0.5))
     assert (out / "manifest-1-of-2.jsonl").exists()
-    with pytest.raises(ValueError, match="what a shard overwrites"):
+    with pytest.raises(ValueError, match="overwrite doesn't go with shards"):
         convert_videos(videos, out, shard=(1, 2), overwrite=True)
     report = convert_videos(videos, out)
     assert (report.done, report.kept) == (2, 2)
@@ -501,7 +501,7 @@ def test_a_damaged_stream_is_marked_in_the_manifest(videos, tmp_path, capsys):
         found = {line["video"]: line.get("decoder_errors", 0) for line in lines(out)[1:]}
         assert found.pop("run/a.mp4") >= 1
         assert not any(found.values())
-        assert "run/a.mp4: its stream is damaged, pictures may be smeared: " in told.err
+        assert "run/a.mp4: its stream is damaged, frames may be smeared: " in told.err
         assert told.out.startswith("4 converted, 0 were there, 0 failed")
 
 

@@ -222,7 +222,7 @@ def test_each_recording_needs_its_video(capsys):
 
 def test_tune_holds_what_is_given(files, capsys, monkeypatch):
     monkeypatch.chdir(files)
-    words = "tune --real real.h5 --video v.avi --trials 8 --max-events 2 --no-exp --seed 4".split()
+    words = "tune --real real.h5 --video v.avi --trials 8 --set max_events=2 --set exp=false --seed 4".split()
     assert main(words) == 0
     assert "T_map" in capsys.readouterr().out
     lines = [json.loads(line) for line in (files / "tuning/trials.jsonl").read_text().splitlines()]

@@ -126,10 +126,22 @@ def test_tune_fits_a_sensor_and_reports_on_what_it_has_not_seen(stills, tmp_path
         cv2.imwrite(f"shown/{n:03d}.png", still)
     (tmp_path / "shown/timestamps.txt").write_text("\n".join(str(40_000 * n) for n in range(len(stills))))
     nvsdata.write(SENSOR.emulate(stills, fps=25), "real.h5")
-    words = ["tune", "--emulator", "dvs", "--real", "real.h5", "--video", "shown", "--trials", "5", "--noise-rate", "0"]
+    words = [
+        "tune",
+        "--preset",
+        "ideal",
+        "--real",
+        "real.h5",
+        "--video",
+        "shown",
+        "--trials",
+        "5",
+        "--set",
+        "noise_rate=0",
+    ]
     assert main(words) == 0
     told = capsys.readouterr().out
-    assert "begun with a fit: events follow the frames by " in told
+    assert "began with a fit: events follow the frames by " in told
     lines = [json.loads(line) for line in (tmp_path / "tuning/trials.jsonl").read_text().splitlines()]
     first = lines[1]["settings"]
     assert lines[0]["start"] == {"emulator": "DVS", **first}
@@ -154,5 +166,6 @@ def test_tune_fits_a_sensor_and_reports_on_what_it_has_not_seen(stills, tmp_path
     short = ["--real", "short.h5", "--video", "shown", "--seconds", "0.05", "--unseen", "0", "--out", "b"]
     assert main([*words[:3], *short, "--trials", "3"]) == 0
     assert (
-        "begun anywhere, because nothing could be fitted: 2 frames: a fit needs at least 3" in capsys.readouterr().out
+        "began with random settings, because the fit failed: 2 frames: a fit needs at least 3"
+        in capsys.readouterr().out
     )
