@@ -28,7 +28,7 @@ HELP = {
     "inhibition": "side in pixels of the blocks in which only the largest difference fires",
     "threshold": "difference at which a pixel fires, in units of the brightness that mode gives",
     "max_events": "largest number of events of a pixel per frame",
-    "timestamps": "when the threshold is crossed (interpolated), random, evenly spaced (linear), or the frame's time (fixed)",
+    "timestamps": "interpolated: when the threshold is crossed; random; linear: evenly spaced; fixed: the frame's time",
     "new": "after each frame, update the reference of all pixels (true), or only of those that fired (false)",
     "exp": "compare each frame with a moving average of the frames before (true), or with the last one (false)",
     "alpha": "weight of the newest frame in that moving average, above 0 and up to 1",

@@ -97,7 +97,7 @@ def tune_files(
     """Search for the settings of an emulator; return a text with the result, and the best settings by name.
 
     The search for a DVS begins with the result of `emulation.fit` for the first pair. Trials, table, plots and the best
-    settings go to `out`. Parameters that aren't listed are those of the command.
+    settings go to `out`.
 
     Args:
         real: Recordings of a camera.
@@ -105,6 +105,14 @@ def tune_files(
         out: Folder of the results.
         base: Emulator to begin with.
         fixed: Names of settings that aren't searched.
+        trials: Number of trials.
+        fps: Frames per second, or None for the videos' own times.
+        seconds: Compare the first seconds only, or None.
+        offset: Time in µs that is added to the recordings' times.
+        one_way: Whether distances are one-way; see `TuningPair`.
+        unseen: Last fraction of each pair that the search doesn't use.
+        seed: Seed of the search.
+        jobs: Trials at the same time.
 
     Raises:
         ValueError: No settings gave a finite score, or a pair is too short for an unseen part.

@@ -1,4 +1,4 @@
-"""Events from video: PIX2NVS (thesis chapter 3), and DVS, the pixel of real sensors, which can be fitted to one."""
+"""Events from video, by PIX2NVS (thesis, chapter 3) or DVS, a pixel model that can be fitted to a real sensor."""
 
 from nvsdata.emulation.dvs import DVS, SENSORS
 from nvsdata.emulation.fitting import Fit, fit

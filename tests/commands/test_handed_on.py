@@ -17,6 +17,7 @@ from nvsdata.commands.view import save
 from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
+from nvsdata.emulation.tuning.space import SPACE
 from nvsdata.plots.films import Film
 from nvsdata.video.view import VideoView
 
@@ -263,7 +264,7 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
         "mode": "LICE", "hue": False, "difference": "average", "t_log": 20.0, "inhibition": 2, "max_events": 3,
         "threshold": 0.4, "new": False, "exp": True, "alpha": 0.25, "noise_rate": 2.0,
     }  # fmt: skip
-    assert list(values) == list(tune.SPACE)
+    assert list(values) == list(SPACE)
     every = [
         f"--set={name}={str(value).lower() if isinstance(value, bool) else value}" for name, value in values.items()
     ]
@@ -295,7 +296,7 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
     assert asked[0] == ((Path("b.avi"),), compared)
     assert asked[1] == 0.5
     found = asked[2]
-    assert list(found["space"]) == [name for name in tune.SPACE if name not in held]
+    assert list(found["space"]) == [name for name in SPACE if name not in held]
     assert (found["trials"], found["seed"], found["jobs"]) == (7, 9, 2)
     assert found["note"] == {"real": ["a.h5"], "video": ["b.avi"], **compared, "unseen": 0.5}
     assert found["start"] is None

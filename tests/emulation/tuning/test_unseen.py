@@ -165,7 +165,4 @@ def test_tune_fits_a_sensor_and_reports_on_what_it_has_not_seen(stills, tmp_path
     nvsdata.write(SENSOR.emulate(stills[:3], fps=25), "short.h5")
     short = ["--real", "short.h5", "--video", "shown", "--seconds", "0.05", "--unseen", "0", "--out", "b"]
     assert main([*words[:3], *short, "--trials", "3"]) == 0
-    assert (
-        "began with random settings, because the fit failed: 2 frames: a fit needs at least 3"
-        in capsys.readouterr().out
-    )
+    assert "began with random settings, because the fit failed: 2 frames: a fit needs" in capsys.readouterr().out
