@@ -25,16 +25,16 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import claimed, put
 from nvsdata.common.text import aligned
 from nvsdata.emulation import DVS, PIX2NVS, fit
-from nvsdata.emulation.fitting import correlation, intervals, places
-from nvsdata.emulation.tuning.objective import Pair
+from nvsdata.emulation.fitting import correlation, intervals, pixel_index
+from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.search import search
 from nvsdata.plots.comparison import side_by_side
 from nvsdata.training import run
-from nvsdata.video.frames import Frame, frames_of
+from nvsdata.video.frames import VideoFrame, frames_of
 
 FLOW = DVS(upsample="flow")
 DECILES = np.arange(0.1, 0.95, 0.1)
-Emulate = Callable[[list[Frame]], Events]
+Emulate = Callable[[list[VideoFrame]], Events]
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,9 @@ def compared(path: Path, args: argparse.Namespace) -> list[Row]:
     train, known = part(frames[:seen], events, fitted.delay)
     test, real = part(frames[seen - 1 :], events, fitted.delay)
     journal = args.out / f"{path.stem}-trials.jsonl"
-    tuned = search(Pair(known, train), trials=args.trials, journal=journal, note={"pair": str(path)}).best.settings
+    tuned = search(
+        TuningPair(known, train), trials=args.trials, journal=journal, note={"pair": str(path)}
+    ).best.settings
     emulators: dict[str, Emulate] = {
         "PIX2NVS": PIX2NVS().emulate,
         "PIX2NVS, tuned": tuned.emulate,
@@ -104,25 +106,25 @@ def compared(path: Path, args: argparse.Namespace) -> list[Row]:
         "DVS, fitted with noise": noisy.settings.emulate,
         **({"v2e": v2e(args.v2e)} if args.v2e else {}),
     }
-    print(f"{path.name}: events follow frames by {fitted.delay} µs; {fitted.settings}; told nothing of {fitted.untold}")
+    print(f"{path.name}: events follow frames by {fitted.delay} µs; {fitted.settings}; unknown: {fitted.unidentified}")
     plots.save(side_by_side(fitted.settings.emulate(test), real, 1e6 / test[1].time), args.out / f"{path.stem}.png")
     rows = [measured(name, emulate, test, real) for name, emulate in emulators.items()]
     scores = metrics.score([(row.inverse, row.chamfer, row.emd) for row in rows])
     return [replace(row, score=float(score)) for row, score in zip(rows, scores, strict=True)]
 
 
-def read_pair(path: Path) -> tuple[list[Frame], Events]:
+def read_pair(path: Path) -> tuple[list[VideoFrame], Events]:
     """Frames and events of one clock."""
     if path.suffix != ".npz":
         recording = nvsdata.open(path)
         return list(frames_of(recording)), recording.read()
     with np.load(path) as data:
-        frames = [Frame(int(t), still) for t, still in zip(data["frame_times"], data["frames"], strict=True)]
+        frames = [VideoFrame(int(t), still) for t, still in zip(data["frame_times"], data["frames"], strict=True)]
         height, width = data["frames"].shape[1:]
         return frames, Events(data["t"], data["x"], data["y"], data["p"], (width, height))
 
 
-def part(frames: list[Frame], events: Events, delay: int) -> tuple[list[Frame], Events]:
+def part(frames: list[VideoFrame], events: Events, delay: int) -> tuple[list[VideoFrame], Events]:
     """Some frames and the events between them, both from 0 on."""
     start, last = frames[0].time, frames[-1].time - frames[0].time
     inside = slice(*np.searchsorted(events.t, (start + delay, start + delay + last)))
@@ -131,7 +133,7 @@ def part(frames: list[Frame], events: Events, delay: int) -> tuple[list[Frame], 
     return [frame._replace(time=frame.time - start) for frame in frames], between
 
 
-def textbook(frames: list[Frame], real: Events) -> DVS:
+def textbook(frames: list[VideoFrame], real: Events) -> DVS:
     """One threshold for both polarities, by which the pixel fires as often as the sensor."""
     low, high = 0.01, 3.0
     while high / low > 1.001:
@@ -146,7 +148,7 @@ def v2e(folder: Path) -> Emulate:
     sys.path.insert(0, str(folder.resolve()))
     from v2ecore.emulator import EventEmulator
 
-    def emulate(frames: list[Frame]) -> Events:
+    def emulate(frames: list[VideoFrame]) -> Events:
         height, width = frames[0].pixels.shape[:2]
         emulator = EventEmulator(device="cpu", output_width=width, output_height=height)
         found = [emulator.generate_events(frame.pixels.astype(np.float32), frame.time / 1e6) for frame in frames]
@@ -157,7 +159,7 @@ def v2e(folder: Path) -> Emulate:
     return emulate
 
 
-def measured(name: str, emulate: Emulate, frames: list[Frame], real: Events) -> Row:
+def measured(name: str, emulate: Emulate, frames: list[VideoFrame], real: Events) -> Row:
     """An emulator's row; its time is the best of three, because the first may compile."""
     times = []
     for _ in range(3):
@@ -184,7 +186,7 @@ def intervals_apart(ours: Events, real: Events) -> float:
     return float(np.abs(deciles[0] - deciles[1]).mean())
 
 
-def first_apart(ours: Events, real: Events, frames: list[Frame]) -> float:
+def first_apart(ours: Events, real: Events, frames: list[VideoFrame]) -> float:
     """Median ms between the first events of a pixel and polarity after a frame, where both sides have one."""
     edges = [frame.time for frame in frames]
     keys, times = zip(*(firsts(events, edges) for events in (ours, real)), strict=True)
@@ -194,7 +196,9 @@ def first_apart(ours: Events, real: Events, frames: list[Frame]) -> float:
 
 def firsts(events: Events, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """A number per pixel, polarity and frame that have events, and the time of the first."""
-    key = (np.searchsorted(edges, events.t, side="right") * 2 + events.p) * np.prod(events.sensor_size) + places(events)
+    key = (np.searchsorted(edges, events.t, side="right") * 2 + events.p) * np.prod(events.sensor_size) + pixel_index(
+        events
+    )
     found, where = np.unique(key, return_index=True)
     return found, events.t[where]
 

@@ -34,8 +34,8 @@ from nvsdata.datasets import NMNIST
 from nvsdata.emulation import DVS, PIX2NVS
 from nvsdata.training import Team, TrainTestSplit, accuracies, loader, run, team
 from nvsdata.training.objects import BATCH, Objects
-from nvsdata.video.picture import Frame
 from nvsdata.video.saccades import saccades
+from nvsdata.video.video_frame import VideoFrame
 
 KINDS = ("emulated", "real")
 FLAWS: dict[str, float] = {"mismatch": 0.15, "noise_rate": 0.5}
@@ -116,7 +116,9 @@ def seen(settings: Any, still: np.ndarray) -> Events:
     return Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size, start=events.start, end=events.end)
 
 
-def as_many(settings: Any, pictures: np.ndarray, events: int, moved: Callable[[np.ndarray], Iterator[Frame]]) -> Any:
+def as_many(
+    settings: Any, pictures: np.ndarray, events: int, moved: Callable[[np.ndarray], Iterator[VideoFrame]]
+) -> Any:
     """The settings with thresholds that give so many events on average, to a hundredth, of pictures as they move."""
 
     def with_threshold(value: float) -> Any:

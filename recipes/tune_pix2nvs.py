@@ -16,8 +16,8 @@ from nvsdata import metrics, plots
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import claimed, put
 from nvsdata.emulation import PRESETS
-from nvsdata.emulation.tuning.objective import Pair
-from nvsdata.emulation.tuning.report import table
+from nvsdata.emulation.tuning.objective import TuningPair
+from nvsdata.emulation.tuning.report import trials_table
 from nvsdata.emulation.tuning.search import Search, Trial, search
 from nvsdata.emulation.tuning.space import SPACE
 from nvsdata.plots.comparison import score_curve, side_by_side
@@ -41,13 +41,13 @@ def main() -> None:
     args = parser.parse_args()
 
     # as the table was made; `nvsdata tune` measures both ways
-    pair = Pair(nvsdata.open(args.real), args.video, seconds=args.seconds, offset=args.offset, one_way=True)
+    pair = TuningPair(nvsdata.open(args.real), args.video, seconds=args.seconds, offset=args.offset, one_way=True)
     args.out.mkdir(parents=True, exist_ok=True)
     with claimed(args.out):
         tuned(pair, args)
 
 
-def tuned(pair: Pair, args: argparse.Namespace) -> None:
+def tuned(pair: TuningPair, args: argparse.Namespace) -> None:
     """Score the table's rows, search, and write what was found."""
     rows = [Trial(PRESETS[name], *pair(PRESETS[name])) for name in ROWS]
     note = {"real": str(args.real), "video": str(args.video), "seconds": args.seconds, "offset": args.offset}
@@ -57,8 +57,9 @@ def tuned(pair: Pair, args: argparse.Namespace) -> None:
     together = Search([*rows, *found.trials])
     thesis, best = Search(rows), together.best
     camera = pair.real_events
-    text = f"Settings of Table 3.3, scored among themselves\n{table(thesis, real=camera)}\n\n"
-    text += f"From the worst to the best of these and {args.trials} trials\n{table(together, rows=8, real=camera)}\n\n"
+    text = f"Settings of Table 3.3, scored among themselves\n{trials_table(thesis, real=camera)}\n\n"
+    text += f"From the worst to the best of these and {args.trials} trials\n"
+    text += f"{trials_table(together, rows=8, real=camera)}\n\n"
     share = metrics.score([best.distances, rows[-1].distances])
     text += f"best: {best.settings!r}\nits score is {share[0] / share[1]:.3f} times that of the table's best row\n"
     print(text)

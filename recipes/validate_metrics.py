@@ -26,7 +26,7 @@ from nvsdata.common.files import put
 from nvsdata.common.text import aligned
 from nvsdata.data.frame_edges import frame_edges
 from nvsdata.emulation import PRESETS
-from nvsdata.emulation.tuning.objective import Pair
+from nvsdata.emulation.tuning.objective import TuningPair
 
 Figures = dict[str, Any]
 EPSILON = 2.5  # of Table 3.2
@@ -52,7 +52,7 @@ def main() -> None:
         real = replace(settings, **FLAWS).emulate(args.video, size=(width, height))
     else:
         real = nvsdata.open(args.real)
-    pair = Pair(real, args.video, seconds=args.seconds, offset=args.offset)
+    pair = TuningPair(real, args.video, seconds=args.seconds, offset=args.offset)
     emulated = pair.emulate(settings)
 
     rows: list[tuple[str, ...]] = [("", "Chamfer", f"{EPSILON}-Rep.", "EMD")]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from nvsdata import cli
-from nvsdata.emulation.from_frames import FromFrames
+from nvsdata.emulation.frame_emulator import FrameEmulator
 
 FILE = Path(__file__).with_suffix(".txt")
 PACKAGES = (
@@ -44,7 +44,7 @@ def lines() -> list[str]:
             elif isinstance(thing, int | float | str | tuple):
                 found.append(f"{package}.{name} = {thing!r}")
     # whose methods both emulators have
-    found += described("nvsdata.emulation.from_frames.FromFrames", FromFrames)
+    found += described("nvsdata.emulation.frame_emulator.FromFrames", FrameEmulator)
     for name, command in cli.COMMANDS.items():
         parser = argparse.ArgumentParser()
         importlib.import_module(f"nvsdata.commands.{command.module}").add_arguments(parser)

@@ -120,7 +120,7 @@ CHANGING = {
     "Search",
     "Shelf",
     "SimulatedDavis",
-    "Spikes",
+    "FrameSpikes",
     "Status",
     "Take",
     "Tally",

@@ -20,7 +20,7 @@ from nvsdata.cli import main
 from nvsdata.common import registry
 from nvsdata.datasets import DATASETS, EventDataset, dataset_named, register_dataset
 from nvsdata.emulation.convert import convert_videos
-from nvsdata.emulation.tuning.objective import Pair
+from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.search import search
 from nvsdata.emulation.tuning.space import Range
 from nvsdata.formats import FORMATS, Format, register_format
@@ -177,7 +177,7 @@ def test_an_emulator(example, tmp_path):
     assert len(nvsdata.read(tmp_path / "out/a.h5")) == report.events == 5
     with pytest.raises(ValueError, match="made with least 50, not 60"):
         convert_videos(tmp_path / "in", tmp_path / "out", emulator(least=60))
-    pair = Pair(emulator(50).emulate(video), video)
+    pair = TuningPair(emulator(50).emulate(video), video)
     found = search(pair, base=emulator(), space={"least": Range(1, 255, whole=True)}, trials=4)
     assert isinstance(found.best.settings, emulator)
     with pytest.raises(ValueError, match="Brightest has no setting 'threshold'"):

@@ -1,1 +1,1 @@
-"""Running over folders of files: manifests, shards, workers, estimates, resuming."""
+"""Runs over folders of files: manifest, shards, workers, estimate, resuming."""

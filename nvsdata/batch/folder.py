@@ -1,4 +1,4 @@
-"""Folders of videos, and the recordings that they are to become."""
+"""Folders of videos, and the names of their recordings."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nvsdata import formats
-from nvsdata.video.decoder import check_name
+from nvsdata.video.video_frame import check_name
 
 # formats that recordings are written in, and their extensions
 WRITTEN = "hdf5", "hdf5-gzip", "aedat2", "aedat3", "aedat4", "text"
 FORMATS = {name: formats.FORMATS[name].suffixes[0] for name in WRITTEN}
 VIDEOS = frozenset(".3gp .avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
-# errors of the disk or the folder, not of one video: the videos after it would fail, too
+# errors of the disk or the folder, after which all other videos would fail, too
 FATAL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
 
 class Video(NamedTuple):
-    """A video.
+    """A video, and the recording that will be made of it.
 
-    - `name`: its name below the folder of videos, with slashes
-    - `path`: its file
-    - `target`: the recording that it is to become
-    - `format`: in which that is written (default None: by its extension)
+    Args:
+        name: Name relative to the folder of videos, with slashes.
+        path: File of the video.
+        target: File of the recording.
+        format: Format of the recording, or None for that of the file's extension.
     """
 
     name: str
@@ -37,12 +38,21 @@ class Video(NamedTuple):
 
 
 def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None = None) -> list[Video]:
-    """A video, or every video below a folder, sorted; recordings go to `out`, in the same tree of folders.
+    """Return a video, or every video in a folder and its subfolders, sorted.
 
-    A recording is named as its video, without the extension unless two would have the same name. Hidden files, such as
-    those that macOS puts beside others, and hidden folders are left out.
+    Hidden files and folders are skipped, such as those that macOS adds.
 
-    FileNotFoundError if there is no video, ValueError for an unknown format, FormatError for a name that isn't UTF-8.
+    Args:
+        source: A video or a folder of videos.
+        out: Folder of the recordings, which gets the same tree of folders. A recording has its video's name, without
+            the extension unless two would have the same name.
+        format: Format of the recordings.
+        limit: Return the first videos only.
+
+    Raises:
+        FileNotFoundError: There is no video.
+        ValueError: The format is unknown.
+        FormatError: A name isn't UTF-8.
     """
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, not {format!r}")
@@ -59,7 +69,7 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
     found = []
     for path in paths[:limit]:
         name = path.relative_to(root)
-        # a.avi, a.mp4 and a.avi.mp4 side by side keep their extensions
+        # a.avi, a.mp4 and a.avi.mp4 in one folder keep their extensions
         short = name.with_suffix("")
         kept = name if stems[short] > 1 or short in names else short
         found.append(Video(name.as_posix(), path, out / kept.with_name(kept.name + FORMATS[format]), format))
@@ -67,6 +77,7 @@ def videos_in(source: Path, out: Path, format: str = "hdf5", limit: int | None =
 
 
 def _below(source: Path) -> Iterator[Path]:
+    """Yield the videos in a folder and its subfolders; hidden files and folders are skipped."""
     for folder, folders, files in os.walk(source):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
@@ -74,14 +85,14 @@ def _below(source: Path) -> Iterator[Path]:
                 yield Path(folder) / name
 
 
-def fatal(error: OSError, video: Path) -> bool:
-    """Whether an error with a video is the disk's or the folder's, so that other videos would have it, too."""
+def is_fatal(error: OSError, video: Path) -> bool:
+    """Return whether an error with a video is one of the disk or the folder, so that other videos would fail, too."""
     if error.errno in (errno.EACCES, errno.EPERM) and error.filename == os.fspath(video):
         return False
     return error.errno in FATAL
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file's content, in hexadecimal digits."""
+    """Return the SHA-256 of a file's content, in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

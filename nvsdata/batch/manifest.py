@@ -1,4 +1,4 @@
-"""Manifests of folders of recordings: the settings, and a JSON line per video."""
+"""Manifest of a folder of recordings: the settings, and a line of JSON per video."""
 
 from __future__ import annotations
 
@@ -23,21 +23,23 @@ NAME = "manifest.jsonl"
 
 
 class Manifest(Journal):
-    """`out/manifest.jsonl`, open for adding lines.
+    """Manifest `out/manifest.jsonl`, open for adding lines.
 
-    The first line has the `kind` of the folder, what its recordings are `made` with, a hash of that, the versions of
-    the software, and the names of the last run's videos, so that it is known what is missing if that run ends early.
-    Each further line has a video's name, status, size, time and sha256, and what came of it: the size and sha256 of its
-    recording, or why it failed. A video that was tried twice has two lines; the last one counts.
+    The first line has the `kind` of the folder, the settings `made` and their hash, the versions of the software, and
+    the names of the last run's videos, which show what is missing if that run ends early. Each further line has a
+    video's name, status, size, time and sha256, and its result: size and sha256 of the recording, or the reason of a
+    failure. If a video was tried twice, its last line counts.
 
-    - `out`: the folder of recordings
-    - `kind`: of the folder; the first key of the first line
-    - `made`: settings that all recordings in the folder must share
-    - `videos`: names of the run's videos
-    - `told`: what the first line also has, and may differ from run to run (default: nothing)
-    - `name`: of the file (default "manifest.jsonl")
+    Args:
+        out: Folder of recordings.
+        kind: Kind of the folder; the first key of the first line.
+        made: Settings that all recordings in the folder must share.
+        videos: Names of the run's videos.
+        extra: Further entries of the first line, which may differ from run to run.
+        name: Name of the file.
 
-    ValueError if the folder's first line has another kind or other settings.
+    Raises:
+        ValueError: The folder's first line has another kind or other settings.
     """
 
     def __init__(
@@ -46,14 +48,14 @@ class Manifest(Journal):
         kind: str,
         made: dict[str, Any],
         videos: Sequence[str],
-        told: dict[str, Any] | None = None,
+        extra: dict[str, Any] | None = None,
         name: str = NAME,
     ) -> None:
-        # as the file would give it back
+        # as JSON returns it
         made = json.loads(json.dumps(made))
         digest = hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest()
         tail = {"settings_sha256": digest, "versions": _versions()}
-        head = {kind: 1, **made, **(told or {}), **tail}
+        head = {kind: 1, **made, **(extra or {}), **tail}
         super().__init__(out / name, head)
         if kind in self.head and not self.lines:
             # no video has a line yet, so the first line may be replaced
@@ -63,36 +65,40 @@ class Manifest(Journal):
         if self.head["settings_sha256"] != digest:
             was, now = _flat({key: self.head.get(key) for key in made}), _flat(made)
             differs = ", ".join(f"{k} {was.get(k)}, not {v}" for k, v in now.items() if was.get(k) != v)
-            raise ValueError(f"{out} holds recordings made with {differs}: choose another folder")
+            raise ValueError(f"{out} has recordings made with {differs}: choose another folder")
         if self.head.get("videos") != list(videos):
             self.head["videos"], self._torn = list(videos), True
         self.videos = {line["video"]: line for line in self.lines}
-        self.replaced: dict[str, Path] = {}  # recordings that a run which overwrites them found
+        self.replaced: dict[str, Path] = {}  # recordings of the videos before a run that overwrites them
 
     def has(self, video: Video, statuses: tuple[str, ...], *, check: bool = False) -> bool:
-        """Whether the video, unchanged since, has one of these statuses, and its recording is there.
+        """Return whether the video is unchanged, has one of the statuses, and its recording is there.
 
-        The size of the recording is compared and, to `check` it, also its sha256.
+        The size of the recording is compared, and with `check` its sha256, too.
         """
         line = self.videos.get(video.name)
         return (
             line is not None
             and line["status"] in statuses
             and _is_same(video.path, line)
-            and not fault_of(video.target, line, check=check)
+            and not recording_fault(video.target, line, check=check)
         )
 
     def as_before(self, videos: Sequence[Video]) -> list[Video]:
-        """The videos, each with the recording that it had before; see `as_before`."""
+        """Return the videos, each with the recording that it had before; see `as_before`."""
         return as_before(videos, list(self.videos.values()), self.path.parent)
 
     def add(self, line: dict[str, Any]) -> None:
+        """Add the line of a video."""
         super().add(line)
         self.videos[line["video"]] = line
 
 
-def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
-    """Return how a recording differs from its line of the manifest: in size or, to `check`, in sha256; empty if not."""
+def recording_fault(recording: Path, line: dict[str, Any], *, check: bool) -> str:
+    """Describe the difference of a recording from its line of the manifest; empty if there is none.
+
+    The size is compared, and with `check` the sha256, too.
+    """
     try:
         status = recording.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -105,7 +111,7 @@ def fault_of(recording: Path, line: dict[str, Any], *, check: bool) -> str:
         if check and "recording_sha256" not in line:
             return "can't be compared: its manifest has no sha256 of it"
         if check and sha256(recording) != line["recording_sha256"]:
-            return "was changed since it was made: its sha256 is another than in its manifest"
+            return "was changed: its sha256 differs from its manifest's"
     except (FileNotFoundError, NotADirectoryError):
         return "is missing"
     except (OSError, ValueError) as error:
@@ -124,10 +130,12 @@ def files_of(lines: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
 
 
 def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Path) -> list[Video]:
-    """The videos, each with the recording in `out` that lines of the manifest name: a video that was added since, such
-    as a.mp4 beside a.avi, would give others new names.
+    """Return the videos, each with the recording in `out` that lines of the manifest name.
 
-    ValueError if two would have the same recording.
+    Otherwise a video that was added since, such as a.mp4 next to a.avi, would change the names of others.
+
+    Raises:
+        ValueError: Two videos would have the same recording.
     """
     known = files_of(lines, out)
     found = [video._replace(target=known.get(video.name, video.target)) for video in videos]
@@ -140,30 +148,31 @@ def as_before(videos: Sequence[Video], lines: Sequence[dict[str, Any]], out: Pat
 
 
 def file_facts(video: Video) -> dict[str, Any]:
-    """What a video's line says about its file. OSError if it can't be read."""
-    # before its content: what changes meanwhile has a later time than this
+    """Return the facts about a video's file for its line of the manifest. OSError if it can't be read."""
+    # before the content is read, so that a change meanwhile has a later time
     found = video.path.stat()
     return {"bytes": found.st_size, "modified": found.st_mtime_ns, "sha256": sha256(video.path)}
 
 
 def _is_same(path: Path, line: dict[str, Any]) -> bool:
-    """Whether a video's file is the one of its line: by size and time, or by content where that time is another."""
+    """Return whether a video's file is that of its line, by size and time, or by content if the time differs."""
     found = path.stat()
     if found.st_size != line["bytes"]:
         return False
     try:
         return found.st_mtime_ns == line.get("modified") or sha256(path) == line.get("sha256")
     except OSError:
-        # why it can't be read is told when it is converted
+        # the conversion reports why it can't be read
         return False
 
 
 def _flat(made: dict[str, Any]) -> dict[str, Any]:
-    """Settings with those inside "settings" beside the others."""
+    """Return the settings with those inside "settings" on the same level."""
     return {**(made.get("settings") or {}), **{key: value for key, value in made.items() if key != "settings"}}
 
 
 def _versions() -> dict[str, str]:
+    """Return the versions of the software that recordings depend on."""
     return {
         "nvsdata": __version__,
         "python": platform.python_version(),

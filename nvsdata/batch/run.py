@@ -1,4 +1,4 @@
-"""A run over a folder of videos: which are left to do, what became of each, and its report."""
+"""Run over a folder of videos: the videos that wait, the result of each, and a report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import cv2
 
-from nvsdata.batch.folder import Video, fatal
+from nvsdata.batch.folder import Video, is_fatal
 from nvsdata.batch.manifest import Manifest
 from nvsdata.common.errors import shown
 from nvsdata.common.progress import bar
@@ -23,15 +23,16 @@ log = logging.getLogger(__name__)
 
 @dataclass
 class FolderReport:
-    """What a run did with a folder of videos.
+    """Results of a run over a folder of videos.
 
-    - `done`: recordings that it made
-    - `kept`: recordings that were there already
-    - `events`: in the recordings that it made
-    - `failed`: why videos failed, by their names
-    - `damaged`: errors that FFmpeg found in videos whose recordings were made all the same, by their names
-    - `without_preview`: why films that were asked for can't be made, by the videos' names
-    - `kept_events`: in the recordings that were there already
+    Args:
+        done: Number of recordings that the run made.
+        kept: Number of recordings that were there before.
+        events: Number of events in the recordings that the run made.
+        failed: Reasons of failures, by video.
+        damaged: Numbers of decoder errors in videos whose recordings were made, by video.
+        without_preview: Reasons why previews couldn't be made, by video.
+        kept_events: Number of events in the recordings that were there before.
     """
 
     done: int = 0
@@ -43,7 +44,7 @@ class FolderReport:
     kept_events: int = 0
 
     def count(self, line: dict[str, Any], good: tuple[str, ...]) -> None:
-        """Count a line of the manifest, whose recording was made if its status is one of the `good`."""
+        """Count a line of the manifest; statuses in `good` mean that its recording was made."""
         self.events += line.get("events", 0)
         self.done += line["status"] in good
         if "reason" in line:
@@ -53,12 +54,12 @@ class FolderReport:
 
     @property
     def total(self) -> str:
-        """All recordings of the run's videos, in words."""
+        """Numbers of recordings and events of the run's videos, as text."""
         return f"{self.done + self.kept:,} recordings with {self.events + self.kept_events:,} events"
 
-    def told(self) -> list[str]:
-        """A line for each video that failed, is damaged, or has no preview."""
-        damaged = "its stream is damaged, pictures may be smeared: {:,} errors of the decoder"
+    def messages(self) -> list[str]:
+        """Return a line for each video that failed, is damaged, or has no preview."""
+        damaged = "its stream is damaged, frames may be smeared: {:,} decoder errors"
         return [
             *(shown(f"{name}: {reason}") for name, reason in self.failed.items()),
             *(shown(f"{name}: {damaged.format(count)}") for name, count in self.damaged.items()),
@@ -67,17 +68,18 @@ class FolderReport:
 
 
 class FolderRun:
-    """A run over a folder of videos: which are left to do, and what became of each; use it in a `with` block.
+    """Run over a folder of videos, for a `with` block.
 
-    - `manifest`: gets a line for each video that is done
-    - `videos`: all of the folder
-    - `done`: statuses of lines whose recordings were made
-    - `what`: is being done, for the progress bar
-    - `resume`: what the user does after a run that ended early (default: runs the same command)
-    - `check`: whether the recordings that are there are compared with their sha256 (default False)
+    `waiting` has the videos that the manifest doesn't list as done, and `report` counts. If the block raises, a line on
+    stderr states how many videos are done.
 
-    `waiting` are the videos that the manifest doesn't call done, `report` counts. If the block raises, a line on
-    stderr says how many videos are done.
+    Args:
+        manifest: Gets a line for each video.
+        videos: All videos of the folder.
+        done: Statuses of lines whose recordings were made.
+        what: Activity, for the progress bar.
+        resume: Text about how to continue a run that ended early.
+        check: Whether existing recordings are compared with their sha256.
     """
 
     def __init__(
@@ -91,8 +93,11 @@ class FolderRun:
         check: bool = False,
     ) -> None:
         self._manifest, self._done, self._resume, self._total = manifest, done, resume, len(videos)
-        looked_at = bar(videos, "checking", shown=check, leave=False)
-        kept = [video for video in looked_at if manifest.has(video, done, check=check)]
+        kept = [
+            video
+            for video in bar(videos, "checking", shown=check, leave=False)
+            if manifest.has(video, done, check=check)
+        ]
         there = set(kept)
         self.waiting = [video for video in videos if video not in there]
         events = sum(manifest.videos[video.name].get("events", 0) for video in kept)
@@ -103,33 +108,33 @@ class FolderRun:
         self._files = {video.name: video.target.relative_to(manifest.path.parent).as_posix() for video in videos}
 
     def add(self, line: dict[str, Any]) -> str:
-        """Keep the line of a video that is done, or that failed; returns its recording's name below the folder."""
+        """Add the line of a video that is done or failed; return its recording's name relative to the folder."""
         line = {"video": line["video"], "file": self._files[line["video"]]} | line
         self._manifest.add(line)
         old = self._manifest.replaced.pop(line["video"], None)
         if line["status"] in self._done and old is not None and old not in self._targets:
-            # it had another name, or was of another format
+            # it had another name or format
             old.unlink(missing_ok=True)
         self.report.count(line, self._done)
         seconds = max(time.monotonic() - self._started, 1e-3)
         self.bar.set_postfix_str(f"{self.report.events / seconds:,.0f} events/s", refresh=False)
         self._count += 1
         self.bar.update(self._count - self.bar.n)
-        told = f"{line.get('events', 0):,} events" if "reason" not in line else line["reason"]
-        log.info("%s: %s, %s", shown(line["video"]), shown(line["status"]), shown(told))
+        result = line["reason"] if "reason" in line else f"{line.get('events', 0):,} events"
+        log.info("%s: %s, %s", shown(line["video"]), shown(line["status"]), shown(result))
         return str(line["file"])
 
-    def within(self, share: float) -> None:
-        """So much of the present video is done, from 0 to 1."""
-        self.bar.update(round(self._count + min(share, 0.99), 2) - self.bar.n)
+    def within(self, fraction: float) -> None:
+        """Show which fraction (0 to 1) of the present video is done."""
+        self.bar.update(round(self._count + min(fraction, 0.99), 2) - self.bar.n)
 
     def doing(self, what: str) -> None:
-        """Show what is being done, and the time."""
+        """Show the present activity and the time."""
         self.bar.set_postfix_str(what, refresh=False)
         self.bar.refresh()
 
     def again(self, video: Video) -> None:
-        """A video that failed isn't done yet after all."""
+        """Take back the failure of a video that will be tried again."""
         self.report.failed.pop(video.name, None)
         self._count -= 1
         self.bar.update(-1)
@@ -144,11 +149,11 @@ class FolderRun:
 
 
 @contextmanager
-def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
-    """While the block makes a video's recording, from reading its file on: put into `line` why it failed if it did, and
-    how many errors the decoder found in it.
+def catch_failure(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], ...] = ()) -> Iterator[None]:
+    """Catch the failure of a video in a block that makes its recording.
 
-    Errors that the next video would have, too, are raised: those of the disk, and `fatal_too` (default: none more).
+    `line` gets the reason of a failure, and the number of decoder errors. Errors that would affect the next video, too,
+    are raised: those of the disk, and those of the types `fatal_too`.
     """
     with DecoderErrors() as errors:
         try:
@@ -156,7 +161,7 @@ def noted(video: Video, line: dict[str, Any], fatal_too: tuple[type[Exception], 
         except fatal_too:
             raise
         except (ValueError, OSError, cv2.error, MemoryError) as error:
-            if isinstance(error, OSError) and fatal(error, video.path):
+            if isinstance(error, OSError) and is_fatal(error, video.path):
                 raise
             line |= {"status": "failed", "reason": str(error)}
     if errors.found:

@@ -1,4 +1,4 @@
-"""Work on many items: in this process, by processes, or by the workers of a Dask cluster."""
+"""Work on many items, in this process, in several processes, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from nvsdata.common.progress import say_above_bar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-AHEAD = 8  # items that each process works on ahead of those whose results were taken, if order matters
-RETRIES = 3  # of an item whose worker was lost
-LOOK_S = 5.0  # between two looks at the cluster's workers
-PATIENCE_S = 300.0  # without any worker
+AHEAD = 8  # items per process whose results may wait, if order matters
+RETRIES = 3  # repetitions of an item whose worker was lost
+CHECK_S = 5.0  # s between two checks of the cluster's workers
+PATIENCE_S = 300.0  # s to wait for a worker
 
 
 def as_done(
@@ -31,13 +31,17 @@ def as_done(
 ) -> Generator[Result]:
     """Yield the results of `work` as they are done.
 
-    - `processes`: that work at once (default 1: this one)
-    - `scheduler`: address of a Dask cluster whose workers do it instead; items then have a `name`. A worker that is
-      lost is replaced by another. If there is none, a line on stderr says so, and the items wait for one, at most five
-      minutes (default: none)
+    Args:
+        work: Function of an item.
+        items: Items; those for a cluster have a `name`.
+        processes: Number of processes; 1 works in this one.
+        scheduler: Address of a Dask cluster whose workers do the work instead. A lost worker is replaced by another.
+            Without any, a line on stderr says so, and the items wait for one, at most five minutes.
 
-    ImportError without `nvsdata[distributed]`. OSError if a process was killed, if the scheduler doesn't answer or goes
-    away, if there is no worker for five minutes, or if an item ended one worker after the other.
+    Raises:
+        ImportError: Dask isn't installed (`nvsdata[distributed]`).
+        OSError: A process was killed, the scheduler doesn't answer or is lost, there is no worker for five minutes, or
+            an item ended one worker after the other.
     """
     if scheduler is not None:
         yield from _by_cluster(work, items, scheduler)
@@ -50,9 +54,10 @@ def as_done(
 
 
 def in_order(work: Callable[[Item], Result], items: Sequence[Item], processes: int = 1) -> Generator[Result]:
-    """Yield the results of `work` in the order of the items, by processes that work a little ahead.
+    """Yield the results of `work` in the order of the items; processes work a little ahead.
 
-    OSError if a process was killed.
+    Raises:
+        OSError: A process was killed.
     """
     if processes == 1:
         yield from map(work, items)
@@ -74,14 +79,14 @@ def _module_of(work: Callable[..., Any]) -> str:
 
 @contextmanager
 def _workers(count: int, module: str) -> Iterator[Any]:
-    """Processes that have imported a module; work that hasn't been taken ends with the block if that raises."""
+    """Start processes that have imported a module; if the block raises, their work is stopped."""
     with pool(count, module, _prepare) as workers:
         try:
             yield workers
         except BrokenProcessPool:
-            raise OSError("a process that worked was killed (out of memory?): the same command resumes") from None
+            raise OSError("a worker process was killed (out of memory?): the same command resumes") from None
         except BaseException:
-            # work in progress may take minutes; the next run does it again
+            # work in progress may take minutes; the next run repeats it
             workers.shutdown(wait=False, cancel_futures=True)
             for process in (children := active_children()):
                 process.terminate()
@@ -91,7 +96,7 @@ def _workers(count: int, module: str) -> Iterator[Any]:
 
 
 def _prepare() -> None:
-    """Set up a worker: Ctrl-C is for the process that started it, and other workers use the other cores."""
+    """Set up a worker: it ignores Ctrl-C, which its parent handles, and uses one thread, to leave cores to others."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stay_in_one_thread()
 
@@ -103,9 +108,9 @@ def _by_cluster(work: Callable[[Item], Result], items: Sequence[Item], scheduler
         from distributed import as_completed as as_completed_there
     except ImportError:
         raise ImportError("a scheduler needs Dask: pip install 'nvsdata[distributed]'") from None
-    # its log would print the traceback of a connection that is lost, which the error below reports
+    # its log would print the traceback of a lost connection, which the error below reports
     with _only_critical(logging.getLogger("distributed.client")), Client(scheduler) as client:
-        # not pure: a run that resumes must do an item again, even if the cluster still holds its earlier result
+        # not pure: a run that resumes must repeat an item, even if the cluster still has its earlier result
         futures = client.map(work, items, pure=False, retries=RETRIES)
         named = {future.key: item for future, item in zip(futures, items, strict=True)}
         with _watched(client, scheduler, futures) as reasons:
@@ -124,6 +129,7 @@ def _by_cluster(work: Callable[[Item], Result], items: Sequence[Item], scheduler
 
 @contextmanager
 def _only_critical(log: logging.Logger) -> Iterator[None]:
+    """Silence a log below critical messages while the block runs."""
     level = log.level
     log.setLevel(logging.CRITICAL)
     try:
@@ -134,17 +140,20 @@ def _only_critical(log: logging.Logger) -> Iterator[None]:
 
 @contextmanager
 def _watched(client: Any, scheduler: str, futures: list[Any]) -> Iterator[list[str]]:
-    """While the block runs, look for workers; if there is none for too long, cancel the futures, and say why."""
+    """Watch the cluster's workers while the block runs; without any for too long, cancel the futures.
+
+    Yields a list that gets the reason.
+    """
     reasons: list[str] = []
     ended = Event()
 
     def watch() -> None:
         seen, waiting = time.monotonic(), False
-        while not ended.wait(LOOK_S):
+        while not ended.wait(CHECK_S):
             try:
                 workers = len(client.nthreads())
             except Exception:
-                # a scheduler that is gone cancels the futures
+                # a lost scheduler cancels the futures
                 return
             if workers:
                 seen, waiting = time.monotonic(), False

@@ -1,4 +1,4 @@
-"""The manifest of a folder of recordings that one process makes, or several, each a shard of the videos."""
+"""Manifest of a folder of recordings that one process makes, or several processes, each a shard of the videos."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ANY = OF_SHARD.format("*", "*")
 
 
 @contextmanager
-def manifest_of(
+def open_manifest(
     out: Path,
     kind: str,
     made: dict[str, Any],
@@ -25,11 +25,21 @@ def manifest_of(
     shard: tuple[int, int] | None,
     overwrite: bool,
 ) -> Iterator[Manifest]:
-    """The manifest of a folder, or of a shard (i, n) of it, for a run with these `videos`; see `Manifest`.
+    """Open the manifest of a folder, or of a shard of it, for a run.
 
-    The manifest of a whole folder takes over what those of its shards say. With `overwrite` it begins anew, and its
-    `replaced` has the recordings that it had before. OutputInUse if another process makes the same recordings,
-    ValueError for shards of other settings.
+    The manifest of the entire folder takes over the lines of its shards' manifests.
+
+    Args:
+        out: Folder of recordings.
+        kind: Kind of the folder; see `Manifest`.
+        made: Settings that all recordings share.
+        videos: Names of the run's videos.
+        shard: Shard (i, n), or None for the entire folder.
+        overwrite: Whether to start a new manifest, whose `replaced` has the recordings of the old one.
+
+    Raises:
+        OutputInUse: Another process makes the same recordings.
+        ValueError: A shard has other settings.
     """
     if shard is None:
         with claimed(out):
@@ -54,28 +64,26 @@ def manifest_of(
                 yield manifest
         return
     if overwrite:
-        raise ValueError(
-            "what a shard overwrites, others may have made: overwrite without shards, or in another folder"
-        )
+        raise ValueError("overwrite doesn't go with shards: others may have made the recordings; use another folder")
     name = OF_SHARD.format(*shard)
     with locked(out / name):
         if is_locked(out):
-            raise OutputInUse(f"{out} is being written by a process that does all of it")
+            raise OutputInUse(f"{out} is being written by a process without shards")
         _check_count(out, shard)
         sweep(out)
         manifest = Manifest(out, kind, made, videos, name=name)
-        # those of others, and what was done before the folder was made in shards
-        beside = [Journal(path, {}) for path in (*sorted(out.glob(ANY)), out / NAME) if path.exists()]
-        _check(beside, manifest)
+        # those of other shards, and the one from before the folder was divided
+        others = [Journal(path, {}) for path in (*sorted(out.glob(ANY)), out / NAME) if path.exists()]
+        _check(others, manifest)
         with manifest:
-            done = next((one for one in beside if one.path.name == NAME), None)
+            done = next((one for one in others if one.path.name == NAME), None)
             if done is not None:
                 manifest.videos = {line["video"]: line for line in done.lines} | manifest.videos
             yield manifest
 
 
 def _check_count(out: Path, shard: tuple[int, int]) -> None:
-    """OutputInUse or ValueError if the folder is divided into another number of shards, which would overlap."""
+    """Raise OutputInUse or ValueError if the folder is divided into another number of shards, which would overlap."""
     own = OF_SHARD.format("*", shard[1])
     locks = (out / lock.name[1:].removesuffix(".lock") for lock in out.glob(f".{ANY}.lock"))
     for path in sorted({*out.glob(ANY), *locks}):
@@ -86,12 +94,12 @@ def _check_count(out: Path, shard: tuple[int, int]) -> None:
         if is_locked(path):
             raise OutputInUse(f"{out} is being written by shard {part}, which overlaps with {given}: use the same N")
         if path.exists():
-            joined = "use the same N, or run once without shards, which continues and joins what is there"
+            joined = "use the same N, or run once without shards, which joins them and continues"
             raise ValueError(f"{out} has the recordings of shard {part}, which overlaps with {given}: {joined}")
 
 
 def _check(others: list[Journal], manifest: Manifest) -> None:
-    """ValueError if one of the manifests is of recordings made with other settings."""
+    """Raise ValueError if one of the manifests has other settings."""
     for one in others:
         if one.head.get("settings_sha256") not in (None, manifest.head["settings_sha256"]):
-            raise ValueError(f"{one.path} is of recordings made with other settings: choose another folder")
+            raise ValueError(f"{one.path} has recordings made with other settings: choose another folder")

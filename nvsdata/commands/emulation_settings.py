@@ -1,11 +1,11 @@
-"""Options for the settings of emulators, which `convert-videos` and `tune` have."""
+"""Options for the settings of emulators, for `convert-videos` and `tune`."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Collection, Iterator
-from dataclasses import Field, asdict, fields, replace
+import textwrap
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -14,103 +14,154 @@ from nvsdata.common.errors import shown
 from nvsdata.common.files import put
 from nvsdata.emulation import DVS, PIX2NVS, PRESETS, SENSORS
 
-Emulator = PIX2NVS | DVS
-EMULATORS: dict[str, type[Emulator]] = {"pix2nvs": PIX2NVS, "dvs": DVS}
-USUAL = {"pix2nvs": "table-3.3-row-5", "dvs": "ideal"}  # the preset of each
-ALL: dict[str, Emulator] = {**PRESETS, **SENSORS}
-# in the words of Table 3.1
+BuiltInEmulator = PIX2NVS | DVS
+EMULATORS: dict[str, type[BuiltInEmulator]] = {"pix2nvs": PIX2NVS, "dvs": DVS}
+USUAL = "table-3.3-row-5"
+ALL: dict[str, BuiltInEmulator] = {**PRESETS, **SENSORS}
 HELP = {
-    "hue": "see hue, b / (r + g), in place of luminance",
-    "mode": "brightness as logarithm (LI), contrast to the neighbors (CE), or the logarithm of that (LICE)",
+    "hue": "emulate from hue, b / (r + g), in place of luminance",
+    "mode": "LI: logarithm of brightness; CE: contrast to the four neighbors; LICE: logarithm of that contrast",
     "t_log": "brightness, 0 to 255, up to which the logarithm is linear",
-    "gamma": "exponent of the perceptual luminance of CE and LICE",
+    "gamma": "exponent of the perceptual luminance of modes CE and LICE",
     "continuous": "scale the linear part so that it meets the logarithm at t_log",
-    "difference": "to the reference at the same place, the average of its four neighbors, or the minimum of two",
+    "difference": "co-located: to the reference at the same pixel; average, minimum: of those to its neighbors",
     "inhibition": "side in pixels of the blocks in which only the largest difference fires",
-    "threshold": "difference at which a pixel fires, in units of the brightness that --mode gives",
-    "max_events": "most events of a pixel per frame",
-    "timestamps": "events at the crossing of the threshold, at random, evenly spread, or at the frame's time",
-    "new": "update the reference of all pixels, not of those alone that fired",
-    "exp": "remember a moving average of the frames, not the last one",
-    "alpha": "share of the newest frame in the moving average, above 0 and up to 1",
-    "noise_rate": "background activity in Hz per pixel",
+    "threshold": "difference at which a pixel fires, in units of the brightness that mode gives",
+    "max_events": "largest number of events of a pixel per frame",
+    "timestamps": "interpolated: when the threshold is crossed; random; linear: evenly spaced; fixed: the frame's time",
+    "new": "after each frame, update the reference of all pixels (true), or only of those that fired (false)",
+    "exp": "compare each frame with a moving average of the frames before (true), or with the last one (false)",
+    "alpha": "weight of the newest frame in that moving average, above 0 and up to 1",
+    "noise_rate": "rate of background activity in Hz per pixel",
     "mismatch": "standard deviation of the pixels' thresholds, relative to the nominal ones",
-    "hot_pixels": "share of pixels that fire by themselves, 0 to 1",
-    "hot_rate": "how often hot pixels fire, in Hz",
-    "refractory": "µs for which a pixel is blind after an event",
-    "bandwidth": "events per second that the readout can pass, 0 for any number",
-    "seed": "seed of all that is random",
+    "hot_pixels": "fraction of pixels that fire without a change of light, 0 to 1",
+    "hot_rate": "rate at which hot pixels fire, in Hz",
+    "refractory": "time in µs after an event during which a pixel can't fire",
+    "bandwidth": "events per second that the readout can pass, 0 for no limit",
+    "seed": "seed of all random numbers",
     "on": "rise of the logarithm of light at which a pixel fires",
     "off": "fall of the logarithm of light at which a pixel fires",
     "dark": "gray level that is added to brightness before its logarithm",
-    "upsample": "frames between frames: linear, flow (of what moves), a number, or none",
-    "cutoff": "bandwidth in Hz of a white pixel's photoreceptor, 0 for one that follows at once",
-    "leak": "ON events per s and pixel that come without light",
+    "upsample": "frames made between frames: none, linear, flow (along the optical flow), or a number of linear steps",
+    "cutoff": "bandwidth in Hz of a white pixel's photoreceptor, 0 for no limit",
+    "leak": "ON events per second and pixel that occur without a change of light",
+}
+PRESET_HELP = {
+    "table-3.3-row-1 to -5": "PIX2NVS: the rows of Table 3.3 of the thesis, from the settings whose events are "
+    "farthest from recordings of a DAVIS camera to the nearest (row 5, the default)",
+    "section-3.4.1": "PIX2NVS: settings of the thesis's first comparison with a camera; events have their frame's time",
+    "footage": "PIX2NVS: for videos with dark parts, where the plain logarithm would turn noise into events",
+    "ideal": "DVS, the pixel model of real sensors, without noise",
+    "dvs128, davis240c, davis346, gen4": "DVS: contrast, noise and readout of these sensors, as published",
 }
 
 
-def add_settings(
-    parser: argparse.ArgumentParser, *, skip: Collection[str] = (), searched: Collection[str] = ()
-) -> None:
-    """Add an option per setting, except those to skip."""
-    group = parser.add_argument_group("settings of the emulator", "each replaces what the preset says")
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the emulator and its settings."""
+    group = parser.add_argument_group("settings of the emulator")
     base = group.add_mutually_exclusive_group()
-    base.add_argument(
-        "--preset",
-        choices=ALL,
-        help="rows of Table 3.3, section 3.4.1, footage with dark parts; sensors for dvs "
-        f"(default: {USUAL['pix2nvs']}; {USUAL['dvs']} for dvs)",
+    text = f"emulator and settings to begin with; --settings-help lists them (default {USUAL}, of PIX2NVS)"
+    base.add_argument("--preset", choices=ALL, metavar="NAME", help=text)
+    text = "settings from a file such as best.json of `nvsdata tune` (default: those of the preset)"
+    base.add_argument("--settings", type=path, metavar="FILE", help=text)
+    text = "change a setting, such as threshold=0.3; may be repeated (default: none)"
+    group.add_argument("--set", type=_pair, action="append", default=[], metavar="NAME=VALUE", help=text)
+    group.add_argument("--settings-help", action=_SettingsHelp, help="list all settings and presets, and exit")
+
+
+class _SettingsHelp(argparse.Action):
+    """Option that prints the settings and presets, and ends the process."""
+
+    def __init__(self, option_strings: list[str], dest: str, **more: Any) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, default=argparse.SUPPRESS, **more)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        print(settings_help())
+        parser.exit()
+
+
+def settings_help() -> str:
+    """Return the settings of each emulator with their defaults and meanings, and the presets."""
+    parts = []
+    for kind in EMULATORS.values():
+        names = {f.name: f"{f.name} ({f.default})" for f in fields(kind)}
+        rows = {names[name]: HELP[name] for name in names}
+        parts.append(f"settings of {kind.__name__} and their defaults, for --set NAME=VALUE\n{_listing(rows)}")
+    return "\n\n".join((*parts, f"presets, for --preset NAME\n{_listing(PRESET_HELP)}"))
+
+
+def _listing(rows: dict[str, str]) -> str:
+    """Return names, and next to each its text, wrapped to lines of 100 columns."""
+    width = max(map(len, rows)) + 4
+    return "\n".join(
+        textwrap.fill(text, 100, initial_indent=f"  {name}".ljust(width), subsequent_indent=" " * width)
+        for name, text in rows.items()
     )
-    base.add_argument("--settings", type=path, metavar="FILE", help="best.json of `nvsdata tune` (default: the preset)")
-    group.add_argument(
-        "--emulator", choices=EMULATORS, help="PIX2NVS, or the pixel of real sensors (default: the preset's; pix2nvs)"
-    )
-    for name, field, owners in _options():
-        if name in skip:
-            continue
-        kind = get_type_hints(EMULATORS[owners[0]])[name]
-        options: dict[str, Any] = {"type": _upsample if name == "upsample" else kind}
-        if kind is bool:
-            options = {"action": argparse.BooleanOptionalAction}
-        elif get_origin(kind) is Literal:
-            options = {"choices": get_args(kind)}
-        default = "searched" if name in searched else field.default
-        only = "" if len(owners) > 1 else f"{owners[0]}: "
-        text = f"{only}{HELP[name]} (default {default})"
-        group.add_argument(f"--{name.replace('_', '-')}", **options, default=argparse.SUPPRESS, help=text)
 
 
-def _options() -> Iterator[tuple[str, Field[Any], list[str]]]:
-    """Each setting's name and field, and which emulators have it."""
-    found: dict[str, tuple[Field[Any], list[str]]] = {}
-    for emulator, kind in EMULATORS.items():
-        for field in fields(kind):
-            found.setdefault(field.name, (field, []))[1].append(emulator)
-    return ((name, *rest) for name, rest in found.items())
+def _values(kind: type[BuiltInEmulator], name: str) -> str:
+    """Describe the values that a setting may have."""
+    hint = get_type_hints(kind)[name]
+    if name == "upsample":
+        return "none, linear, flow or a number"
+    if get_origin(hint) is Literal:
+        return " or ".join(get_args(hint))
+    return {bool: "true or false", int: "a whole number", float: "a number"}[hint]
 
 
-def _upsample(text: str) -> int | str:
-    return int(text) if text.isdecimal() else text
+def _pair(text: str) -> tuple[str, str]:
+    """Split NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, such as threshold=0.3, not {text!r}")
+    return name, value
 
 
-def settings_of(args: argparse.Namespace) -> Emulator:
-    """The preset or the file's settings, with those that were given in place of its own."""
-    preset = args.preset or USUAL[args.emulator or "pix2nvs"]
-    base = read_settings(args.settings) if args.settings else ALL[preset]
-    if args.emulator and type(base) is not EMULATORS[args.emulator]:
-        raise UsageError(f"--emulator {args.emulator}: {args.settings or preset} is of {type(base).__name__}")
+def emulator_from(args: argparse.Namespace) -> BuiltInEmulator:
+    """Return the emulator that the options select: a preset's or a file's, with the changes of --set."""
+    base = read_settings(args.settings) if args.settings else ALL[args.preset or USUAL]
     with usage():
-        return replace(base, **given(args, base))
+        return replace(base, **changes_of(args, base))
 
 
-def write_settings(settings: Emulator, path: Path) -> None:
+def changes_of(args: argparse.Namespace, base: BuiltInEmulator) -> dict[str, Any]:
+    """Return the settings that --set changes; UsageError for one that the emulator `base` doesn't have."""
+    return {name: _value(type(base), name, text) for name, text in args.set}
+
+
+def _value(kind: type[BuiltInEmulator], name: str, text: str) -> Any:
+    """Convert the text of a setting to its type; the emulator checks the range."""
+    hint = get_type_hints(kind).get(name) if name in {field.name for field in fields(kind)} else None
+    if hint is None:
+        raise UsageError(f"--set {name}: {kind.__name__} has no such setting; --settings-help lists them")
+    if hint is bool and text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if name == "upsample":
+        return int(text) if text.isdecimal() else text
+    try:
+        return hint(text) if hint in (int, float) else _choice(hint, text)
+    except ValueError:
+        raise UsageError(f"--set {name}: must be {_values(kind, name)}, not {text!r}") from None
+
+
+def _choice(hint: Any, text: str) -> str:
+    if hint is bool or text not in get_args(hint):
+        raise ValueError
+    return text
+
+
+def write_settings(settings: BuiltInEmulator, path: Path) -> None:
     """Write settings as JSON, for `--settings`."""
     name = next(name for name, kind in EMULATORS.items() if type(settings) is kind)
     put(path, (json.dumps({f"nvsdata-{name}": 1, **asdict(settings)}, indent=1) + "\n").encode(), through_link=True)
 
 
-def read_settings(path: Path) -> Emulator:
-    """The settings that `write_settings` wrote; ValueError for another file, and for settings out of range."""
+def read_settings(path: Path) -> BuiltInEmulator:
+    """Read the settings that `write_settings` wrote.
+
+    Raises:
+        ValueError: The file is another one, or a setting is out of range.
+    """
     try:
         content = json.loads(path.read_text("utf-8"))
         for name, kind in EMULATORS.items():
@@ -122,13 +173,3 @@ def read_settings(path: Path) -> Emulator:
         raise ValueError("of no emulator")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"{shown(path)}: not the settings that `nvsdata tune` writes: {error}") from None
-
-
-def given(args: argparse.Namespace, base: Emulator) -> dict[str, Any]:
-    """The settings that were given; UsageError for those that this emulator doesn't have."""
-    found = {name: getattr(args, name) for name, *_ in _options() if hasattr(args, name)}
-    own = {field.name for field in fields(base)}
-    for name in found:
-        if name not in own:
-            raise UsageError(f"{type(base).__name__} has no --{name.replace('_', '-')}")
-    return found

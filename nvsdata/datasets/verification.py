@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from nvsdata.batch.manifest import NAME, fault_of
+from nvsdata.batch.manifest import NAME, recording_fault
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
@@ -123,7 +123,7 @@ def _by_manifest(
             continue
         known.add(folder / line["file"])
         counts["compared"] += 1
-        if fault := fault_of(path, line, check=True):
+        if fault := recording_fault(path, line, check=True):
             yield (folder / line["file"]).relative_to(root).as_posix(), fault
 
 

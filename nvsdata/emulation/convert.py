@@ -1,4 +1,4 @@
-"""Conversion of folders of videos to folders of recordings that `EventFolder` reads."""
+"""Conversion of folders of videos to folders of recordings, which `EventFolder` reads."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pathlib import Path
 from nvsdata.batch.folder import videos_in
 from nvsdata.batch.run import FolderReport, FolderRun
 from nvsdata.batch.scheduler import as_done
-from nvsdata.batch.shards import manifest_of
+from nvsdata.batch.shards import open_manifest
 from nvsdata.common.progress import bar
 from nvsdata.emulation.job import Job, convert
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.preview import preview_of, save_preview
-from nvsdata.emulation.protocol import EventEmulator, settings_of
+from nvsdata.emulation.protocol import EventEmulator, describe_settings
 from nvsdata.formats.aedat.aedat2 import chip_for
 from nvsdata.video.frames import frames_of
-from nvsdata.video.view import ALL, View
+from nvsdata.video.view import WHOLE_VIDEO, VideoView
 
 KIND = "nvsdata-videos"
 DONE = ("converted",)
@@ -36,7 +36,7 @@ def convert_videos(
     size: tuple[int, int] | None = None,
     fps: float | None = None,
     jobs: int = 1,
-    view: View = ALL,
+    view: VideoView = WHOLE_VIDEO,
     limit: int | None = None,
     scheduler: str | None = None,
     shard: tuple[int, int] | None = None,
@@ -44,47 +44,60 @@ def convert_videos(
     check: bool = False,
     preview: bool = False,
 ) -> FolderReport:
-    """Convert a video, or every video below a folder, to recordings.
+    """Convert a video, or every video in a folder and its subfolders, to recordings.
 
     The tree of folders is kept, so class folders stay class folders. `out/manifest.jsonl` has the settings and a line
-    per video. A run that was stopped goes on where it was, and tries again what had failed. A broken video is
-    reported and the rest goes on. A video that is cut off is converted as far as it goes, and counts as failed.
+    per video. A run that was stopped resumes, and repeats failures. A broken video is reported, and the others are
+    converted. A video that is cut off is converted as far as possible, and counts as failed.
 
-    - `source`: a video, or a folder of videos
-    - `out`: the folder that recordings go to (default: the source's name and "-events", beside it)
-    - `settings`: the emulator (default: `PIX2NVS()`)
-    - `format`: of the recordings, "hdf5", "hdf5-gzip" (a third of the disk), "aedat2", "aedat3", "aedat4" or "text"
-      (default "hdf5")
-    - `size`: (width, height) in pixels that frames are scaled to (default: as they are)
-    - `fps`: frames per second, whatever the files say (default: as they say)
-    - `view`: which part of each video, and how its frames come into `size` (default: all of it; whole, with black
-      beside them, where the shape is another)
-    - `jobs`: processes that work at once (default 1)
-    - `limit`: convert the first N videos only (default: all)
-    - `scheduler`: address of a Dask cluster whose workers convert instead (needs `nvsdata[distributed]`; the workers
-      must see both folders under the same names)
-    - `shard`: (i, n): every n-th video from the i-th on, i from 1 to n. Processes that do different shards may write to
-      the same folder at once; each has a manifest of its own there, and the next run without shards joins them
-      (default: all videos)
-    - `overwrite`: convert all videos anew, also if the folder holds recordings of other settings (default False)
-    - `check`: compare the recordings that are there with the sha256 in the manifest, and convert again what was changed
-      (default False: by size only)
-    - `preview`: write a film of each video's first minute with its events to `out/.previews`, where there is none yet
-      (default False)
+    Args:
+        source: A video, or a folder of videos.
+        out: Folder of the recordings (default: the source's name and "-events", next to it).
+        settings: The emulator (default: `PIX2NVS()`).
+        format: Format of the recordings: "hdf5", "hdf5-gzip" (a third of the size), "aedat2", "aedat3", "aedat4" or
+            "text".
+        size: (width, height) in pixels that frames are scaled to (default: unchanged).
+        fps: Frames per second, in place of the files' own times.
+        jobs: Number of processes.
+        view: Part of each video, and how its frames are fitted to `size` (default: all of it, padded with black).
+        limit: Convert the first videos only.
+        scheduler: Address of a Dask cluster that converts instead. It needs `nvsdata[distributed]`, and its workers
+            must see both folders under the same paths.
+        shard: (i, n), with i from 1 to n: convert every n-th video from the i-th on. Processes of different shards may
+            write to the same folder at the same time. Each has its own manifest, and the next run without shards joins
+            them.
+        overwrite: Convert all videos again, also if the folder has recordings of other settings.
+        check: Compare existing recordings with the sha256 in the manifest, and convert again those that changed
+            (default: compare sizes only).
+        preview: Write a film of each video's first minute with its events to `out/.previews`, where there is none.
 
-    Raises FileNotFoundError if there is no video, ValueError for a folder that holds recordings of
-    other settings, and for frames larger than any chip of AEDAT 2, and OSError if nothing can be written there.
+    Returns:
+        A `FolderReport` with the numbers of recordings and events, and the reasons of failures.
+
+    Raises:
+        FileNotFoundError: There is no video.
+        ValueError: The folder has recordings of other settings, or frames are larger than any chip of AEDAT 2.
+        OSError: Nothing can be written to `out`.
+
+    Example:
+        >>> import tempfile, cv2, numpy as np
+        >>> folder = tempfile.mkdtemp()
+        >>> writer = cv2.VideoWriter(f"{folder}/a.avi", cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48))
+        >>> _ = [writer.write(np.full((48, 64, 3), gray, np.uint8)) for gray in (50, 100, 200)]
+        >>> writer.release()
+        >>> convert_videos(f"{folder}/a.avi", f"{folder}/out").done
+        1
     """
     found = plan(
         source, out, settings or PIX2NVS(), format=format, size=size, fps=fps, view=view, limit=limit, shard=shard
     )
     target = Path(out or default_out(source))
     target.mkdir(parents=True, exist_ok=True)
-    made = {"settings": settings_of(settings or PIX2NVS()), "format": format, "size": size, "fps": fps}
-    if view != ALL:
-        made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(ALL, name)}
+    made = {"settings": describe_settings(settings or PIX2NVS()), "format": format, "size": size, "fps": fps}
+    if view != WHOLE_VIDEO:
+        made["view"] = {name: value for name, value in asdict(view).items() if value != getattr(WHOLE_VIDEO, name)}
     names = [job.video.name for job in found]
-    with manifest_of(target, KIND, made, names, shard=shard, overwrite=overwrite) as manifest:
+    with open_manifest(target, KIND, made, names, shard=shard, overwrite=overwrite) as manifest:
         before = manifest.as_before([job.video for job in found])
         videos = {video: replace(job, video=video) for video, job in zip(before, found, strict=True)}
         with FolderRun(manifest, list(videos), DONE, "converting", check=check) as run:
@@ -101,19 +114,19 @@ def convert_videos(
 
 
 def _drop_films(old: Path | None, new: Path, out: Path) -> None:
-    """Remove the film of a recording that was made anew, and of the one that it took the place of."""
+    """Remove the films of a new recording and of the one that it replaces."""
     for recording in (new,) if old is None else (new, old):
-        # if it can't be removed, it is older than the recording, and made anew
+        # a film that can't be removed is older than the recording, and will be replaced
         with suppress(OSError):
             preview_of(recording, out).unlink()
 
 
 def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) -> dict[str, str]:
-    """Make the films that aren't there; returns why some can't be made, by the videos' names."""
-    lacking = [job for job in jobs if _age(preview_of(job.video.target, out)) < _age(job.video.target)]
+    """Make the missing films; return the reasons of failures by video."""
+    missing = [job for job in jobs if _age(preview_of(job.video.target, out)) < _age(job.video.target)]
     with (
-        bar(None, "previews", total=len(lacking), unit="video") as shown,
-        closing(as_done(partial(_film, out=out), lacking, processes, scheduler)) as results,
+        bar(None, "previews", total=len(missing), unit="video") as shown,
+        closing(as_done(partial(_film, out=out), missing, processes, scheduler)) as results,
     ):
         failed = {}
         for name, reason in results:
@@ -124,7 +137,7 @@ def _preview(jobs: list[Job], out: Path, processes: int, scheduler: str | None) 
 
 
 def _age(path: Path) -> float:
-    """When a file was changed; before all others if there is none."""
+    """Return the time of a file's last change; minus infinity if there is none."""
     try:
         return path.stat().st_mtime
     except OSError:
@@ -132,12 +145,12 @@ def _age(path: Path) -> float:
 
 
 def _film(job: Job, out: Path) -> tuple[str, str]:
-    """The name of a video, and why it has no film; empty if it has one now."""
+    """Make a film; return the video's name, and why that failed, or ""."""
     return job.video.name, save_preview(job, preview_of(job.video.target, out))
 
 
 def default_out(source: str | os.PathLike[str]) -> Path:
-    """The folder that recordings go to if none is given."""
+    """Return the default folder of the recordings."""
     whole = Path(source).resolve()
     return whole.with_name(f"{whole.name if whole.is_dir() else whole.stem}-events")
 
@@ -150,11 +163,11 @@ def plan(
     format: str = "hdf5",
     size: tuple[int, int] | None = None,
     fps: float | None = None,
-    view: View = ALL,
+    view: VideoView = WHOLE_VIDEO,
     limit: int | None = None,
     shard: tuple[int, int] | None = None,
 ) -> list[Job]:
-    """The jobs that `convert_videos` would do with the same parameters; nothing is written."""
+    """Return the jobs of `convert_videos` with the same parameters; nothing is written."""
     target = Path(out or default_out(source))
     videos = videos_in(Path(source), target, format, limit)
     first, step = (0, 1) if shard is None else (shard[0] - 1, shard[1])
@@ -167,11 +180,11 @@ def plan(
 
 
 def _check_chip(jobs: list[Job]) -> None:
-    """ValueError if no chip of AEDAT 2 is as large as what the jobs' first readable video becomes."""
+    """Raise ValueError if the frames of the first readable video are larger than any chip of AEDAT 2."""
     size: tuple[int, int] | None = None
     for job in jobs:
         size = job.size
-        # what can't be read is told when its turn comes
+        # the conversion reports videos that can't be read
         with suppress(OSError, ValueError):
             frames = frames_of(job.video.path, view=job.view)
             height, width = next(frames).pixels.shape[:2]

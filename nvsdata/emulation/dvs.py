@@ -1,53 +1,64 @@
-"""DVS: a pixel that remembers the light at its last event; the settings, and what they mean."""
+"""DVS, a model of the pixels of real sensors: the emulator and its presets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import log
 
-from nvsdata.emulation.from_frames import FromFrames
-from nvsdata.emulation.pixel_array import PixelArray
-from nvsdata.emulation.settings import SensorSettings
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.dvs_state import DVSState
+from nvsdata.emulation.frame_emulator import FrameEmulator
+from nvsdata.emulation.settings import DVSSettings
+from nvsdata.video.frames import VideoFrame
 
 
 @dataclass(frozen=True)
-class DVS(SensorSettings, FromFrames):
-    """Video to events, by the pixel of real sensors (Lichtsteiner, Posch and Delbruck 2008).
+class DVS(DVSSettings, FrameEmulator):
+    """Emulator that converts video to events by a model of a sensor's pixels (Lichtsteiner, Posch and Delbruck 2008).
 
-    A pixel sees the logarithm of light, L = ln(q + dark), a line from frame to frame, and remembers M, what L was at
-    its last event. At the instant at which L - M reaches `on`, or falls to -`off`, it fires, and M moves by this
-    threshold: what is beyond it counts towards the next event. Nothing is lost between frames, so the number of
-    events doesn't depend on the frame rate, and changes below a threshold add up.
+    A pixel sees the logarithm of light, L = ln(q + dark), interpolated linearly between frames, and stores M, its value
+    at the last event. When L - M reaches `on`, or falls to -`off`, the pixel fires, and M moves by this threshold: the
+    rest of the change counts towards the next event. So the number of events doesn't depend on the frame rate, and
+    changes below a threshold add up.
 
-    - `on`, `off`: thresholds (default 0.3: light that changes by 35%)
-    - `dark`: gray level that is added to brightness q, luminance from 0 to 255 (default 3)
-    - `upsample`: frames between frames, "linear", "flow" or a number; see `video.upsample` (default "none")
-    - `mismatch`: standard deviation of the pixels' thresholds, ON and OFF by themselves, relative to `on` and `off`;
-      none is below a tenth of these (default 0)
-    - `cutoff`: bandwidth in Hz of a white pixel's photoreceptor, of first order; that of a darker one is
-      (q + 20) / 275 of it, as v2e has it (Hu, Liu and Delbruck 2021); it is constant while light changes by 10%. 0 for
-      one that follows at once (default 0)
-    - `leak`: ON events per s and pixel that come without light, because M falls; where pixels begin is random then
-      (default 0)
-    - `noise_rate`: background activity in Hz of a black pixel, half of it ON; a quarter of it at white, in proportion
-      between, as v2e has it (default 0)
-    - `hot_pixels`, `hot_rate`: share of pixels that fire ON by themselves, and how often, in Hz (default 0, 100)
-    - `refractory`: µs for which a pixel is blind after an event; M moves on with what it doesn't show (default 0)
-    - `bandwidth`: events per second that the readout can pass, 0 for any number; events wait for their turn, and
-      a pixel whose event still waits is blind (default 0)
-    - `seed`: of all that is random (default 0)
+    Args:
+        on: Threshold of ON events; 0.3 is a change of light by 35%.
+        off: Threshold of OFF events.
+        dark: Gray level that is added to the brightness q, which is luminance from 0 to 255.
+        upsample: Frames made between frames: "none", "linear", "flow", or a number of linear steps; see
+            `video.upsample`.
+        mismatch: Standard deviation of the pixels' thresholds, independent for ON and OFF, relative to `on` and `off`;
+            none is below a tenth of these.
+        cutoff: Bandwidth in Hz of a white pixel's photoreceptor, a low-pass filter of first order. That of a darker
+            pixel is (q + 20) / 275 of it, as in v2e (Hu, Liu and Delbruck 2021), and constant while light changes by
+            10%. 0 for no limit.
+        leak: ON events per second and pixel that occur without a change of light, because M falls. With a leak, pixels
+            begin at random phases.
+        noise_rate: Rate of background activity in Hz of a black pixel; half of it is ON. It falls linearly with
+            brightness to a quarter at white, as in v2e.
+        hot_pixels: Fraction of pixels that fire ON without a change of light.
+        hot_rate: Rate at which hot pixels fire, in Hz.
+        refractory: Time in µs after an event during which a pixel can't fire; M still moves by events that it misses.
+        bandwidth: Events per second that the readout can pass, 0 for no limit. Events queue, and a pixel can't fire
+            while its event waits.
+        seed: Seed of all random numbers.
 
-    Raises ValueError for settings out of range.
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> import numpy as np
+        >>> frames = [np.full((4, 6), gray, np.uint8) for gray in (100, 110, 200)]
+        >>> DVS().emulate(frames, fps=25)
+        Events(48 events, 20485 µs, 6x4)
     """
 
-    def begin(self, first: Frame) -> PixelArray:
-        """A run that begins with a frame."""
-        return PixelArray(self, first)
+    def begin(self, first: VideoFrame) -> DVSState:
+        """Return the state of an emulation that begins with a frame."""
+        return DVSState(self, first)
 
 
-# Gallego et al. 2020, Table 1: the least contrast that each can be set to, its noise at rest and its readout; spread of
-# the thresholds by Lichtsteiner et al. 2008 and Brandli et al. 2014, for the others none is stated
+# least contrast, noise at rest and readout by Gallego et al. 2020, Table 1; spread of the thresholds by Lichtsteiner et
+# al. 2008 and Brandli et al. 2014, who don't state it for the other sensors
 SENSORS = {
     "ideal": DVS(),
     "dvs128": DVS(on=log(1.17), off=log(1.17), mismatch=0.021 / 0.17, noise_rate=0.05, bandwidth=1e6),

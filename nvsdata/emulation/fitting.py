@@ -1,4 +1,4 @@
-"""The settings of `DVS` that a real sensor shows, from its frames and events of one scene."""
+"""Estimation of the settings of `DVS` from frames and events that a real sensor recorded of one scene."""
 
 from __future__ import annotations
 
@@ -13,44 +13,45 @@ from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.emulation.dvs import DVS
 from nvsdata.emulation.imperfections import AT_WHITE
-from nvsdata.emulation.run import brightness
-from nvsdata.emulation.thresholds import FEWEST, check_noise, counts_of, matched, settled
-from nvsdata.video.frames import Frame, Video, frames_of
-from nvsdata.video.upsample import upsampled
+from nvsdata.emulation.state import brightness
+from nvsdata.emulation.thresholds import FEWEST, check_noise, fit_thresholds, match_thresholds, polarity_counts
+from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
+from nvsdata.video.upsample import upsample_frames
 
 DARKS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 45.0)  # gray levels
 DELAYS = range(-10_000, 20_001, 1_000)  # µs
-FOLLOWED = 0.1  # correlation of polarities with changes of light from which events follow the frames
+FOLLOWED = 0.1  # least correlation of polarities with changes of light for events that follow the frames
 CALM = 0.05  # change of ln(q + 3) up to which light counts as constant
-QUIET = 100.0  # pixels times seconds of constant light from which noise can be told
-RAREST = 0.001  # share of the intervals within pixels that may be shorter than the refractory time
-SOONER = 2  # times as soon as the sensor's at least some emulated pixels must fire again
-SHARP = 1.25  # times it, below which ten times as many are if it's a limit
-REPEATED = 1_000  # intervals within pixels from which a refractory time can be told
-PER_PIXEL = 10  # events of a pixel from which it has thresholds of its own
+QUIET = 100.0  # pixels times seconds of constant light that an estimate of noise needs
+RAREST = 0.001  # fraction of the intervals within pixels that may be shorter than the refractory period
+SOONER = 2  # some emulated pixels must fire again this many times sooner than the sensor's
+SHARP = 1.25  # times that period: ten times as many intervals are shorter if it is a sharp limit
+REPEATED = 1_000  # intervals within pixels that an estimate of the refractory period needs
+PER_PIXEL = 10  # events that an estimate of a pixel's own threshold needs
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What `fit` found.
+    """Result of `fit`.
 
-    - `settings`: the emulator
-    - `delay`: µs by which events follow the changes between frames: the sensor's own, and the time in which light
-      reaches a threshold
-    - `correlation`: of the numbers of events per pixel, emulated and real
-    - `thresholds`: each pixel's own, OFF and ON, float64 [2, H, W]; NaN where it has too few events
-    - `untold`: settings that the pair can't tell, which stay as they were, and why
+    Args:
+        settings: The emulator.
+        delay: Time in µs by which events follow the changes between frames: the sensor's own delay, and the time in
+            which light reaches a threshold.
+        correlation: Correlation of the numbers of events per pixel, emulated and real.
+        thresholds: Thresholds of each pixel, OFF and ON, float64 [2, H, W]; NaN for pixels with too few events.
+        unidentified: Settings that couldn't be estimated and stay as they were, with the reason.
     """
 
     settings: DVS
     delay: int
     correlation: float
     thresholds: np.ndarray
-    untold: dict[str, str] = field(default_factory=dict)
+    unidentified: dict[str, str] = field(default_factory=dict)
 
 
 def fit(
-    frames: Video,
+    frames: VideoInput,
     events: Events | Recording,
     *,
     times: Iterable[int] | None = None,
@@ -58,59 +59,75 @@ def fit(
     base: DVS | None = None,
     noise: bool = True,
 ) -> Fit:
-    """Estimate thresholds, `dark`, refractory time, leak and noise of a sensor that gave frames and events together.
+    """Estimate the thresholds, `dark`, refractory period, leak and noise of a sensor from frames and events.
 
-    The numbers of ON and OFF events set the thresholds, by emulation; where events are sets `dark`; events where light
-    is constant set noise and leak; and the shortest intervals within pixels the refractory time.
+    The numbers of ON and OFF events determine the thresholds, by emulation. The places of events determine `dark`.
+    Events under constant light determine noise and leak, and the shortest intervals within pixels the refractory
+    period.
 
-    - `frames`: as `DVS.stream` takes them
-    - `events`: of the same sensor
-    - `times`: the frames' times in µs of the events' clock (default: those that the frames have)
-    - `delay`: µs by which events follow the frames' times (default: found, from -10 to 20 ms). If it's given, a still
-      scene shows leak and noise
-    - `noise`: whether leak and noise are looked for; if not, those of `base` stay, and thresholds explain all other
-      events (default True)
-    - `base`: settings that can't be told from a pair, such as `upsample` and `mismatch` (default: `DVS()`)
+    Args:
+        frames: Frames, as `DVS.stream` takes them.
+        events: Events of the same sensor and scene.
+        times: Times of the frames in µs of the events' clock (default: the frames' own).
+        delay: Time in µs by which events follow the frames (default: estimated, between -10 and 20 ms). If it is given,
+            a still scene shows leak and noise.
+        base: Settings that a pair doesn't show, such as `upsample` and `mismatch` (default: `DVS()`).
+        noise: Whether leak and noise are estimated; if not, those of `base` stay, and thresholds explain all other
+            events.
 
-    The settings give the numbers of OFF and ON events of the sensor to within 5%, where `untold` has no reason why not.
+    Returns:
+        A `Fit`. Its settings give the sensor's numbers of OFF and ON events to within 5%, unless `unidentified` has a
+        reason why not.
 
-    Raises ValueError for fewer than 3 frames, frames of another size than the sensor's, events and frames that have
-    no time in common (with both spans), scenes in which nothing moves, pairs in which no events follow the light, and
-    those that determine neither threshold, unless leak and noise give as many events as the sensor did.
+    Raises:
+        ValueError: There are fewer than 3 frames, frames and sensor differ in size, frames and events have no time in
+            common, nothing moves, events don't follow the light, or neither threshold can be determined and leak and
+            noise don't give as many events as the sensor.
+
+    Example:
+        >>> import numpy as np
+        >>> x = np.arange(60 * 80).reshape(60, 80)
+        >>> frames = [(100 + 60 * np.sin((x + 2 * n) / 5)).astype(np.uint8) for n in range(12)]
+        >>> events = DVS(on=0.2, off=0.3).emulate(frames, fps=25)
+        >>> found = fit(frames, events, times=range(0, 480_000, 40_000)).settings
+        >>> f"{found.on:.2f} {found.off:.2f}"
+        '0.20 0.30'
     """
-    pair = _Pair(list(frames_of(frames, times=times, color=False)), events, delay or 0)
+    pair = _AlignedPair(list(frames_of(frames, times=times, color=False)), events, delay or 0)
     known, delay = delay is not None, pair.delay() if delay is None else delay
     real = pair.during(delay)
     settings, other = base or DVS(), np.zeros(2)
-    untold: dict[str, str] = {}
+    unidentified: dict[str, str] = {}
     if noise:
-        settings, other = _noise(settings, pair, real, untold)
+        settings, other = _noise(settings, pair, real, unidentified)
     # once for all trials
-    frames = list(upsampled(iter(pair.frames), settings.upsample))
-    needed = counts_of(real) - other
+    frames = list(upsample_frames(iter(pair.frames), settings.upsample))
+    needed = polarity_counts(real) - other
     trial = replace(settings, upsample="none", leak=0.0, noise_rate=0.0, hot_pixels=0.0)
     free = needed >= FEWEST
-    candidates = [matched(replace(trial, dark=dark), frames, needed, free) for dark in DARKS]
+    candidates = [match_thresholds(replace(trial, dark=dark), frames, needed, free) for dark in DARKS]
     # they give the same numbers of events, and differ by where these are
     best = max(candidates, key=lambda one: correlation(one.emulate(frames), real))
-    settings = _refractory(settings, best.emulate(frames), real, untold)
+    settings = _refractory(settings, best.emulate(frames), real, unidentified)
     # leak, noise and blindness change how many events a threshold gives
     given = replace(settings, upsample="none")
-    best = settled(replace(given, off=best.off, on=best.on, dark=best.dark), given, frames, real, needed, untold)
+    best = fit_thresholds(
+        replace(given, off=best.off, on=best.on, dark=best.dark), given, frames, real, needed, unidentified
+    )
     found = best.emulate(frames)
-    if {"off", "on"} <= untold.keys():
-        check_noise(given.emulate(frames), real, untold)
+    if {"off", "on"} <= unidentified.keys():
+        check_noise(given.emulate(frames), real, unidentified)
     elif known:
         pair.check_followed(delay)
-    names = [name for name in ("off", "on", "dark") if name not in untold]
+    names = [name for name in ("off", "on", "dark") if name not in unidentified]
     settings = replace(settings, **{name: getattr(best, name) for name in names})
-    return Fit(settings, delay, correlation(found, real), _each(best, pair, real), untold)
+    return Fit(settings, delay, correlation(found, real), _each(best, pair, real), unidentified)
 
 
-class _Pair:
-    """Frames, and the events of the time around them; times count from the first frame."""
+class _AlignedPair:
+    """Frames, and the events around them; times count from the first frame."""
 
-    def __init__(self, frames: list[Frame], events: Events | Recording, delay: int) -> None:
+    def __init__(self, frames: list[VideoFrame], events: Events | Recording, delay: int) -> None:
         if len(frames) < 3:
             raise ValueError(f"{len(frames)} frames: a fit needs at least 3")
         height, width = frames[0].pixels.shape[:2]
@@ -127,14 +144,14 @@ class _Pair:
         self.light = np.log(self.gray + 3)
 
     def during(self, delay: int) -> Events:
-        """The events that belong to the frames, as if there were no delay."""
+        """Return the events that belong to the frames, at times without the delay."""
         last = self.frames[-1].time
         inside = slice(*np.searchsorted(self.events.t, (delay, last + delay)))
         columns = self.events.columns.take(inside)
         return Events.trusted(columns._replace(t=columns.t - delay), self.events.sensor_size, 0, last)
 
     def delay(self) -> int:
-        """At which delay the polarities between frames follow the change of light best."""
+        """Return the delay at which polarities between frames are best correlated with the change of light."""
         if (np.ptp(self.light, axis=0) < CALM).all():
             why = f"light changes by less than {CALM:.0%} at each pixel, and only motion shows thresholds and the delay"
             raise ValueError(f"nothing moves in these frames: {why}; delay=0 looks for leak and noise alone")
@@ -150,24 +167,24 @@ class _Pair:
         return DELAYS[best] + round(DELAYS.step * 0.5 * (before - after) / bend) if bend else DELAYS[best]
 
     def check_followed(self, delay: int) -> None:
-        """ValueError unless the polarities follow the light at a delay, by more than chance makes of few events."""
+        """Raise ValueError unless polarities follow the light at a delay, significantly if events are few."""
         found = self._follows(delay)
         if found < min(FOLLOWED, 5 / math.sqrt(self.light[1:].size)):
             raise _unfollowed(f"{found:.2f} with a delay of {delay} µs")
 
     def _follows(self, delay: int) -> float:
-        """Correlation of summed polarities with the change of light, mean over the frames."""
+        """Return the correlation of summed polarities with the change of light, mean over the frames."""
         found = []
         for k, (a, b) in enumerate(pairwise(frame.time + delay for frame in self.frames)):
             some = slice(*np.searchsorted(self.events.t, (a, b)))
             signs = 2.0 * self.events.p[some] - 1
-            sums = np.bincount(places(self.events)[some], signs, self.light[0].size)
+            sums = np.bincount(pixel_index(self.events)[some], signs, self.light[0].size)
             found.append(_correlated(sums, (self.light[k + 1] - self.light[k]).ravel()))
         return float(np.mean(found))
 
 
 def check_common(span: tuple[int, int], events: Events | Recording) -> None:
-    """ValueError for events without time in common with frames of this span (µs)."""
+    """Raise ValueError for events without time in common with frames of this span (µs)."""
     start, stop = span
     if events.end <= start or events.start >= stop:
         raise ValueError(
@@ -181,20 +198,20 @@ def _unfollowed(correlation: str) -> ValueError:
     )
 
 
-def _noise(settings: DVS, pair: _Pair, real: Events, untold: dict[str, str]) -> tuple[DVS, np.ndarray]:
-    """Settings with leak and noise as where light is constant; and how many OFF and ON events are these over all."""
+def _noise(settings: DVS, pair: _AlignedPair, real: Events, unidentified: dict[str, str]) -> tuple[DVS, np.ndarray]:
+    """Return settings with leak and noise as under constant light, and their numbers of OFF and ON events."""
     calm = np.ptp(pair.light, axis=0) < CALM
-    # a moving edge is never far from where it was seen
+    # the neighborhood of a moving edge isn't calm, either
     for axis in (0, 1):
         calm = calm & np.roll(calm, 1, axis) & np.roll(calm, -1, axis)
     seconds = pair.frames[-1].time / 1e6
     if calm.sum() * seconds < QUIET:
         reason = f"light is constant for {calm.sum() * seconds:.0f} pixels times seconds, {QUIET:.0f} are needed"
-        untold |= {"leak": reason, "noise_rate": reason}
+        unidentified |= {"leak": reason, "noise_rate": reason}
         return settings, np.zeros(2)
-    inside = calm.ravel()[places(real)]
+    inside = calm.ravel()[pixel_index(real)]
     off, on = np.bincount(real.p[inside], minlength=2)[:2].tolist()
-    # more ON events than chance makes of equal rates
+    # significantly more ON than OFF events are leak
     more = on - off if on - off > 3 * math.sqrt(on + off) else 0
     leak, common = more / (calm.sum() * seconds), (on + off - more) / (calm.sum() * seconds)
     gray = np.exp(pair.light.mean(axis=0)) - 3
@@ -204,48 +221,51 @@ def _noise(settings: DVS, pair: _Pair, real: Events, untold: dict[str, str]) -> 
     return replace(settings, leak=round(float(leak), 4), noise_rate=round(float(rate), 4)), total
 
 
-def _refractory(settings: DVS, found: Events, real: Events, untold: dict[str, str]) -> DVS:
-    """Settings with the time below which pixels hardly ever fire again, though emulated ones, in `found`, do."""
+def _refractory(settings: DVS, found: Events, real: Events, unidentified: dict[str, str]) -> DVS:
+    """Return settings with the refractory period.
+
+    Real pixels hardly ever fire again within this time, though emulated ones, in `found`, do.
+    """
     gaps, ours = intervals(real), intervals(found)
     if min(gaps.size, ours.size) < REPEATED:
-        untold["refractory"] = f"{min(gaps.size, ours.size)} intervals within pixels, {REPEATED} are needed"
+        unidentified["refractory"] = f"{min(gaps.size, ours.size)} intervals within pixels, {REPEATED} are needed"
         return settings
     least, few = np.quantile(gaps, (RAREST, 10 * RAREST)).tolist()
-    # blindness cuts off what would go on; without it, short intervals get rarer by and by, or the scene has none
+    # a refractory period cuts intervals off; without it, short ones get rarer gradually, or the scene has none
     if few > SHARP * least or np.quantile(ours, RAREST) > least / SOONER:
-        untold["refractory"] = "pixels don't fire again so soon that they could be blind"
+        unidentified["refractory"] = "pixels don't fire again soon enough to show it"
         return settings
     return replace(settings, refractory=int(least))
 
 
 def intervals(events: Events) -> np.ndarray:
-    """Intervals (µs) between events of a pixel."""
-    order = np.lexsort((events.t, places(events)))
-    return np.asarray(np.diff(events.t[order])[np.diff(places(events)[order]) == 0])
+    """Return the intervals (µs) between successive events of each pixel."""
+    order = np.lexsort((events.t, pixel_index(events)))
+    return np.asarray(np.diff(events.t[order])[np.diff(pixel_index(events)[order]) == 0])
 
 
-def _each(settings: DVS, pair: _Pair, real: Events) -> np.ndarray:
-    """Thresholds of pixels: by how much their light rose, or fell, in all, per ON, or OFF, event."""
+def _each(settings: DVS, pair: _AlignedPair, real: Events) -> np.ndarray:
+    """Return each pixel's thresholds: the total rise or fall of its light per ON or OFF event."""
     steps = np.diff(np.log(pair.gray + settings.dark), axis=0)
     moved = np.stack((np.maximum(-steps, 0).sum(axis=0), np.maximum(steps, 0).sum(axis=0)))
-    counts = np.stack([np.bincount(places(real)[real.p == p], minlength=steps[0].size) for p in (0, 1)])
+    counts = np.stack([np.bincount(pixel_index(real)[real.p == p], minlength=steps[0].size) for p in (0, 1)])
     counts = counts.reshape(moved.shape)
     return np.where((counts >= PER_PIXEL) & (moved > 0), moved / np.maximum(counts, 1), np.nan)
 
 
-def places(events: Events) -> np.ndarray:
-    """The number of each event's pixel, row by row."""
+def pixel_index(events: Events) -> np.ndarray:
+    """Return the index y * width + x of each event's pixel."""
     return events.y.astype(np.int64) * events.sensor_size[0] + events.x
 
 
 def correlation(ours: Events, real: Events) -> float:
-    """Of the numbers of events per pixel; 0 where one side has as many everywhere."""
+    """Return the correlation of the numbers of events per pixel; 0 if they are constant on one side."""
     size = real.sensor_size[0] * real.sensor_size[1]
-    return _correlated(*(np.bincount(places(events), minlength=size).astype(float) for events in (ours, real)))
+    return _correlated(*(np.bincount(pixel_index(events), minlength=size).astype(float) for events in (ours, real)))
 
 
 def _correlated(a: np.ndarray, b: np.ndarray) -> float:
-    """Pearson's coefficient; 0 where one of them is constant."""
+    """Return Pearson's correlation coefficient; 0 if either is constant."""
     a, b = a - a.mean(), b - b.mean()
     scale = float(np.sqrt((a * a).sum() * (b * b).sum()))
     return float((a * b).sum()) / scale if scale else 0.0

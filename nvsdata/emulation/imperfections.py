@@ -1,4 +1,4 @@
-"""What real sensors add to ideal events: noise, hot pixels, blindness after an event, a slow readout."""
+"""Imperfections of real sensors: noise, hot pixels, the refractory period, a slow readout."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from nvsdata.kernels.emulate.spikes import read_out
 AT_WHITE = 0.25  # noise of a white pixel relative to that of a black one, as v2e (Hu, Liu, Delbruck 2021) has it
 
 
-class Flawed(Protocol):
-    """Settings of a sensor's flaws; see `PIX2NVS` for what they mean."""
+class ImperfectSensor(Protocol):
+    """Settings of a sensor's imperfections; `PIX2NVS` describes them."""
 
     @property
     def noise_rate(self) -> float: ...
@@ -30,13 +30,16 @@ class Flawed(Protocol):
 
 
 class Imperfections:
-    """State of a sensor's flaws over a recording.
+    """State of a sensor's imperfections during a recording.
 
-    `counts` says what they did so far: events of "noise" and of "hot_pixels" that were added, and events that were left
-    out because their pixel was in its "refractory" period.
+    `counts` has the numbers of events so far that "noise" and "hot_pixels" added and that "refractory" removed.
+
+    Args:
+        settings: An emulator.
+        sensor_size: (width, height) in pixels.
     """
 
-    def __init__(self, settings: Flawed, sensor_size: tuple[int, int]) -> None:
+    def __init__(self, settings: ImperfectSensor, sensor_size: tuple[int, int]) -> None:
         self.settings, self.size = settings, sensor_size
         self._random = np.random.default_rng((settings.seed, 3))
         pixels = sensor_size[0] * sensor_size[1]
@@ -48,17 +51,21 @@ class Imperfections:
         self.counts = dict.fromkeys(("noise", "hot_pixels", "refractory"), 0)
 
     @classmethod
-    def of(cls, settings: Flawed, sensor_size: tuple[int, int]) -> Imperfections | None:
-        """The flaws that the settings ask for; None for a sensor without any."""
-        flawed = settings.noise_rate or settings.hot_pixels or settings.refractory or settings.bandwidth
-        return cls(settings, sensor_size) if flawed else None
+    def of(cls, settings: ImperfectSensor, sensor_size: tuple[int, int]) -> Imperfections | None:
+        """Return the imperfections of these settings; None for an ideal sensor."""
+        some = settings.noise_rate or settings.hot_pixels or settings.refractory or settings.bandwidth
+        return cls(settings, sensor_size) if some else None
 
     def apply(self, events: Events, before: int, now: int, light: np.ndarray | None = None) -> Events:
-        """Events from `before` to `now` (µs) as this sensor would give them.
-
-        `light` (0 black to 1 white, [H, W]) makes noise rarer where it is brighter, in proportion down to `AT_WHITE`.
+        """Return the events as this sensor would.
 
         If events come faster than the readout passes them on, some are read after `now`.
+
+        Args:
+            events: Ideal events from `before` to `now`.
+            before: Time in µs.
+            now: Time in µs.
+            light: Brightness [H, W] from 0 (black) to 1 (white); noise falls linearly with it, down to `AT_WHITE`.
         """
         settings = self.settings
         seconds = (now - before) / 1e6

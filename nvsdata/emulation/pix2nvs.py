@@ -1,65 +1,69 @@
-"""PIX2NVS (thesis chapter 3): the settings, and what they mean."""
+"""PIX2NVS (thesis, chapter 3): the emulator and its presets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nvsdata.emulation.emulator import Emulator
-from nvsdata.emulation.from_frames import FromFrames
-from nvsdata.emulation.settings import Settings
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.frame_emulator import FrameEmulator
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
+from nvsdata.emulation.settings import PIX2NVSSettings
+from nvsdata.video.frames import VideoFrame
 
 
 @dataclass(frozen=True)
-class PIX2NVS(Settings, FromFrames):
-    """Video to events, by the parameters of Table 3.1; the defaults are the best row of Table 3.3.
+class PIX2NVS(PIX2NVSSettings, FrameEmulator):
+    """Emulator that converts video to events by PIX2NVS (thesis, chapter 3).
 
-    How a pixel's brightness is seen (3.2.1):
+    Each frame becomes a value per pixel, and a pixel whose value differs from a reference by the threshold fires. Then
+    the reference is updated. Defaults are the best row of Table 3.3 of the thesis. Numbers in brackets are equations of
+    the thesis, and names in brackets are its symbols (Table 3.1).
 
-    - `hue`: b / (r + g) in place of luminance, 0.299 r + 0.587 g + 0.114 b (black: 0; default False)
-    - `mode` (LICE_mode): "LI" logarithm (3.1), "CE" contrast to the four neighbors (3.2), "LICE" the
-      logarithm of that (default "LI")
-    - `t_log` (T_log): brightness, 0 to 255, up to which (3.1) is linear; 0 for the plain logarithm (default 0)
-    - `gamma` (γ): exponent of the perceptual luminance that CE and LICE take (default 2.2)
-    - `continuous`: scale the linear part so that it meets the logarithm, q ln(T_log) / T_log; as printed,
-      (3.1) jumps at T_log (default False)
+    Args:
+        hue: Use the hue b / (r + g) in place of luminance, 0.299 r + 0.587 g + 0.114 b; black has hue 0.
+        mode: (LICE_mode) Value of a pixel: "LI" for the logarithm of brightness (3.1), "CE" for the contrast to the
+            four neighbors (3.2), "LICE" for the logarithm of that contrast.
+        t_log: (T_log) Brightness, 0 to 255, up to which (3.1) is linear; 0 for the plain logarithm.
+        gamma: (γ) Exponent of the perceptual luminance that CE and LICE are computed from.
+        continuous: Scale the linear part, q ln(T_log) / T_log, so that it meets the logarithm. As printed in the
+            thesis, (3.1) jumps at T_log.
+        difference: (dif) Difference d to the reference: "co-located" at the same pixel (3.3), or the "average" of those
+            to its four neighbors, or the "minimum" of those to its two diagonal neighbors (3.4). Borders are
+            replicated.
+        inhibition: (B) Side in pixels of the blocks in which only the largest |d| fires (3.5); 1 for none.
+        threshold: (T_map) |d| at which a pixel fires.
+        max_events: (M_max) Largest number of events per pixel and frame, out of floor(|d| / T_map) (3.8).
+        timestamps: (tstamp) Times of events. "interpolated": the k-th event is when the line from 0 to d crosses
+            k T_map. "random", "linear" and "fixed" are those of (3.7). In whole µs, random times are in
+            [F_n-1, F_n), and the last of the linear times is F_n, where F_n is the time of frame n.
+        new: Update the reference of all pixels after each frame (True), or only of those that fired (False).
+        exp: The reference is a moving average of the frames (3.10) (True), or the last frame (3.9) (False).
+        alpha: (α) Weight of the newest frame in the moving average, above 0 and up to 1.
+        noise_rate: Rate of background activity in Hz per pixel; half of it is ON.
+        mismatch: Standard deviation of the pixels' thresholds, relative to `threshold`.
+        hot_pixels: Fraction of pixels that fire ON without a change of light.
+        hot_rate: Rate at which hot pixels fire, in Hz.
+        refractory: Time in µs after an event during which a pixel can't fire.
+        bandwidth: Events per second that the readout can pass, 0 for no limit. Events queue, and a pixel can't fire
+            while its event waits.
+        seed: Seed of all random numbers.
 
-    When it fires (3.2.2):
+    Raises:
+        ValueError: A setting is out of range.
 
-    - `difference` (dif): d, to the reference at the same place, "co-located" (3.3), or to the "average" of its
-      four or the "minimum" of its two diagonal neighbors (3.4), borders replicated (default "co-located")
-    - `inhibition` (B): in each B x B block only the largest |d| stays (3.5); 1 for none (default 1)
-    - `threshold` (T_map): |d| at which a position fires (default 0.2)
-    - `max_events` (M_max): most events per position and frame, out of floor(|d| / T_map) (3.8) (default 3)
-    - `timestamps` (tstamp): "interpolated", the k-th event at the instant at which the line from 0 to d
-      crosses k T_map; "random", "linear" or "fixed" as in (3.7). In whole µs, random times lie in
-      [F_n-1, F_n), and the last of the linear times is F_n (default "interpolated")
-
-    What the reference remembers (3.2.3):
-
-    - `new` (new): update all positions (True) or only those that fired (default True)
-    - `exp` (exp): moving average (3.10) or the last frame itself (3.9) (default True)
-    - `alpha` (α): share of the newest frame in the moving average, above 0 and up to 1 (default 0.5)
-
-    What real sensors add, off by default:
-
-    - `noise_rate`: background activity in Hz per pixel, half of it ON (default 0)
-    - `mismatch`: standard deviation of the pixels' thresholds, relative to `threshold` (default 0)
-    - `hot_pixels`, `hot_rate`: share of pixels that fire ON by themselves, and how often, in Hz (default 0, 100)
-    - `refractory`: µs for which a pixel is blind after an event (default 0)
-    - `bandwidth`: events per second that the readout can pass, 0 for any number; events wait for their turn, and
-      a pixel whose event still waits is blind (default 0)
-    - `seed`: of all that is random (default 0)
-
-    Raises ValueError for settings out of range.
+    Example:
+        >>> import numpy as np
+        >>> frames = [np.full((4, 6), gray, np.uint8) for gray in (100, 110, 200)]
+        >>> PIX2NVS(threshold=0.5).emulate(frames, fps=25)
+        Events(24 events, 0 µs, 6x4)
     """
 
-    def begin(self, first: Frame) -> Emulator:
-        """A run that begins with a frame."""
-        return Emulator(self, first)
+    def begin(self, first: VideoFrame) -> PIX2NVSState:
+        """Return the state of an emulation that begins with a frame."""
+        return PIX2NVSState(self, first)
 
 
-# rows of Table 3.3 from the worst to the best, and the settings of section 3.4.1
+# the rows of Table 3.3 of the thesis, from the farthest from real recordings to the nearest; the settings of the first
+# comparison with a camera (section 3.4.1); and settings for videos with dark parts
 PRESETS = {
     "table-3.3-row-1": PIX2NVS(t_log=20, inhibition=2, max_events=1, threshold=0.4, new=False, exp=False),
     "table-3.3-row-2": PIX2NVS(t_log=0, inhibition=2, max_events=1, threshold=0.2, new=False, exp=False),
@@ -67,6 +71,6 @@ PRESETS = {
     "table-3.3-row-4": PIX2NVS(t_log=0, inhibition=2, max_events=1, threshold=0.2, new=True, exp=True),
     "table-3.3-row-5": PIX2NVS(),
     "section-3.4.1": PIX2NVS(t_log=20, max_events=1, threshold=0.4, timestamps="fixed", exp=False),
-    # the logarithm alone makes events of a single level of noise in the dark
+    # in the dark, the plain logarithm turns noise of a single gray level into events
     "footage": PIX2NVS(t_log=20, continuous=True),
 }

@@ -1,4 +1,4 @@
-"""Films to look at: a video's frames, and beside each the events that were made since the frame before."""
+"""Preview films: a video's frames, and next to each the events since the frame before."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.emulation.job import Job
 from nvsdata.plots.events import event_image
 from nvsdata.plots.films import save_mp4
-from nvsdata.video.frames import USUAL_RATE, TruncatedVideo, frames_of
-from nvsdata.video.length import length_of
+from nvsdata.video.decoder import USUAL_RATE, length_of
+from nvsdata.video.frames import TruncatedVideo, frames_of
 
-FOLDER = ".previews"  # below that of the recordings; hidden, so that its films are taken for neither videos nor classes
-LONGEST = 60  # s of the video that are shown
-WIDE = 360  # pixels that each half is scaled up to, in whole steps
-FASTEST = 240.0  # pictures per second
+FOLDER = ".previews"  # in the folder of recordings; hidden, so that its films are taken for neither videos nor classes
+LONGEST = 60  # s of the video
+WIDE = 360  # pixels that each half is scaled up to, by a whole number
+FASTEST = 240.0  # frames per second
 
 
 def preview_of(recording: Path, out: Path) -> Path:
-    """Where the film of a recording below `out` goes."""
+    """Return the path of the film of a recording in `out`."""
     name = recording.relative_to(out)
     return out / FOLDER / name.with_name(f"{name.name}.mp4")
 
 
 def save_preview(job: Job, film: Path) -> str:
-    """Write the film of a recording that was made, the first minute of its video; returns why that isn't possible.
+    """Write the film of a recording, of the first minute of its video; return why that failed, or "".
 
-    OSError if the disk is full.
+    Raises:
+        OSError: The disk is full.
     """
     try:
         frames, seconds = length_of(job.video.path)
         rate = job.fps or (frames / seconds if seconds else USUAL_RATE)
         film.parent.mkdir(parents=True, exist_ok=True)
-        # MPEG-4 counts in parts of a second, of which it has 65,535 at most
+        # the time unit of MPEG-4 is at least 1/65,535 s
         save_mp4(_pictures(job), film, round(min(max(rate, 1.0), FASTEST), 2))
     except (OSError, ValueError, cv2.error, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
@@ -50,13 +51,13 @@ def save_preview(job: Job, film: Path) -> str:
 
 
 def _pictures(job: Job) -> Iterator[np.ndarray]:
-    """uint8 [H, 2 * W, 3], BGR, for each frame."""
+    """Yield the film's images, uint8 [H, 2 W, 3] in blue, green, red."""
     last = LONGEST * MICROSECONDS
     events = formats.read(job.video.target, 0, last + 1)
     zoom = max(1, WIDE // events.sensor_size[0])
     before = -1
     frames = frames_of(job.video.path, fps=job.fps, size=job.size, view=job.view)
-    # the recording of a video that is cut off ends there, too, and its line says so
+    # the recording of a video that is cut off ends there, too, and its manifest states it
     with suppress(TruncatedVideo):
         for frame in takewhile(lambda one: one.time <= last, frames):
             since = event_image(events.window(before + 1, frame.time + 1), zoom)

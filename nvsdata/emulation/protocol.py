@@ -1,4 +1,4 @@
-"""What an emulator of event cameras is to the rest of this package."""
+"""Protocol of emulators."""
 
 from __future__ import annotations
 
@@ -7,46 +7,48 @@ from dataclasses import asdict, is_dataclass
 from typing import Any, Protocol
 
 from nvsdata.data.events import Events
-from nvsdata.video.frames import Video
+from nvsdata.video.frames import VideoInput
 
 
 class EventEmulator(Protocol):
-    """Video to events by settings: PIX2NVS is one, and `convert_videos`, `tuning.Pair` and `tuning.search` take others.
+    """Emulator of an event camera; `convert_videos`, `TuningPair` and `tuning.search` accept any.
 
-    The settings are the object's own: a frozen dataclass, whose repr builds it again. So a folder of recordings can
-    say how they were made, and a search can replace them.
+    An emulator is a frozen dataclass of its settings, so that a manifest can describe it and a search can change it.
     """
 
     def emulate(
         self,
-        video: Video,
+        video: VideoInput,
         *,
         fps: float | None = None,
         times: Iterable[int] | None = None,
         size: tuple[int, int] | None = None,
     ) -> Events:
-        """All events of a video; times count from its first frame, or are those of its own clock or `times`."""
+        """Return all events of a video; times count from its first frame, or are in its own clock."""
 
     def stream(
         self,
-        frames: Video,
+        frames: VideoInput,
         fps: float | None = None,
         *,
         times: Iterable[int] | None = None,
         size: tuple[int, int] | None = None,
     ) -> Iterator[Events]:
-        """Events of each frame in turn, those since the frame before; the first piece is empty.
+        """Yield the events of each frame, those since the frame before; the first piece is empty.
 
-        - `fps`: frames per second, in place of the times that the video states
-        - `times`: in place of `fps`, the time of each frame in µs, rising
-        - `size`: (width, height) in pixels that frames are scaled to
+        Args:
+            frames: A video, as `PIX2NVS.stream` takes it.
+            fps: Frames per second, in place of the video's own times.
+            times: Times of the frames in µs, rising, in place of `fps`.
+            size: (width, height) in pixels that frames are scaled to.
         """
 
 
-def settings_of(emulator: Any) -> dict[str, Any]:
-    """An emulator's settings by name, with the name of its class as "emulator" unless that is PIX2NVS.
+def describe_settings(emulator: Any) -> dict[str, Any]:
+    """Return an emulator's settings by name, and the name of its class as "emulator" unless that is PIX2NVS.
 
-    TypeError if it isn't an instance of a dataclass.
+    Raises:
+        TypeError: The emulator isn't an instance of a dataclass.
     """
     if not is_dataclass(emulator) or isinstance(emulator, type):
         raise TypeError(f"an emulator is a dataclass of its settings, which {emulator!r} is not")

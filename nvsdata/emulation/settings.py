@@ -1,4 +1,4 @@
-"""The settings of PIX2NVS and of DVS, and the values that each may have."""
+"""Settings of PIX2NVS and DVS, and their allowed values."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ LEAST_THRESHOLD = 1e-5  # differences are of float32 values up to 100
 
 
 @dataclass(frozen=True)
-class Settings:
-    """The parameters of Table 3.1 and of imperfect sensors; `PIX2NVS`, which adds the emulation, explains each.
+class PIX2NVSSettings:
+    """Settings of `PIX2NVS`, which adds the emulation and describes each.
 
-    Raises ValueError for settings out of range.
+    Raises:
+        ValueError: A setting is out of range.
     """
 
     hue: bool = False
@@ -61,10 +62,11 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class SensorSettings:
-    """The parameters of a sensor's pixels; `DVS`, which adds the emulation, explains each.
+class DVSSettings:
+    """Settings of `DVS`, which adds the emulation and describes each.
 
-    Raises ValueError for settings out of range.
+    Raises:
+        ValueError: A setting is out of range.
     """
 
     on: float = 0.3

@@ -14,9 +14,9 @@ from typing import Any
 
 import cv2
 
-from nvsdata.batch.folder import Video, fatal
+from nvsdata.batch.folder import Video, is_fatal
 from nvsdata.batch.manifest import Manifest, file_facts
-from nvsdata.batch.run import FolderReport, FolderRun, noted
+from nvsdata.batch.run import FolderReport, FolderRun, catch_failure
 from nvsdata.common.errors import line_of
 from nvsdata.common.files import append_own, claimed, json_line, write_all
 from nvsdata.common.progress import say_above_bar
@@ -135,7 +135,7 @@ def record_videos(
             show("playing")
             line = _line(video, camera)
             try:
-                with noted(video, line, (OSError,)):
+                with catch_failure(video, line, (OSError,)):
                     line |= file_facts(video)
                     line |= _recorded(video, out, camera, *how)
             except (TakeRejected, OSError) as reason:
@@ -245,7 +245,7 @@ def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, 
 
 def _ends_all(reason: Exception, video: Video) -> bool:
     """Return True for an error of the disk or the monitor, after which nothing can be recorded."""
-    return isinstance(reason, DisplayError) or (isinstance(reason, OSError) and fatal(reason, video.path))
+    return isinstance(reason, DisplayError) or (isinstance(reason, OSError) and is_fatal(reason, video.path))
 
 
 def _line(video: Video, camera: Camera) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from nvsdata.rig.calibration import ScreenCalibration, corners_of, lines_of, rec
 from nvsdata.rig.clock_fit import fit
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, STILL, pattern
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 BLINK = 250_000  # µs from one picture of the target to the other
 WATCHED = 4_000_000  # µs of a still screen in which flicker is looked for
@@ -73,7 +73,7 @@ def _aim(monitor: Monitor, seconds: float | None) -> None:
     until = host_time() + (np.inf if seconds is None else seconds * 1e6)
     due, monitor.confirmed = host_time(), False
     while host_time() < until and not monitor.confirmed:
-        monitor.show(Frame(0, target), due)
+        monitor.show(VideoFrame(0, target), due)
         target, due = 255 - target, due + BLINK
         monitor.wait(due - 2 * monitor.refresh)
 
@@ -95,4 +95,4 @@ def _flashed(monitor: Monitor, part: int) -> tuple[list[float], list[bool]]:
     dim = np.full((height, width), DIM, np.uint8)
     bright = dim.copy()
     bright[: height // part, : width // part] = BRIGHT
-    return pattern(monitor, lambda lit, due: monitor.show(Frame(0, bright if lit else dim), due))
+    return pattern(monitor, lambda lit, due: monitor.show(VideoFrame(0, bright if lit else dim), due))

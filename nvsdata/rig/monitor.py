@@ -12,7 +12,7 @@ import numpy as np
 
 from nvsdata.recording.camera import host_time
 from nvsdata.recording.live_view import DisplayError, pygame_or_error
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 Scaling = Literal["aspect", "integer"]
 Look = Callable[[float, np.ndarray], None]
@@ -121,7 +121,7 @@ class Monitor:
         """Fill the screen with one gray; times as in `show`."""
         return self._shown(lambda: self._surface.fill((level, level, level)), due)
 
-    def show(self, frame: Frame, due: float | None = None) -> float:
+    def show(self, frame: VideoFrame, due: float | None = None) -> float:
         """Show a picture at the refresh nearest to `due` (host time, µs; None: the next one); return when that was.
 
         ValueError for a picture that "integer" scaling can't fit into the region.
@@ -129,7 +129,7 @@ class Monitor:
         picture, place = self._placed(frame)
         return self._shown(lambda: self._draw(picture, place), due)
 
-    def fade(self, level: int, frame: Frame, duration: int, *, back: bool = False) -> None:
+    def fade(self, level: int, frame: VideoFrame, duration: int, *, back: bool = False) -> None:
         """Go from one gray to a picture in `duration` µs, black around it, too; or `back` from the picture to the gray.
 
         ValueError as for `show`.
@@ -177,7 +177,7 @@ class Monitor:
             self._look(now, np.ascontiguousarray(self._pygame.surfarray.pixels3d(self._surface).swapaxes(0, 1)))
         return now
 
-    def _placed(self, frame: Frame) -> tuple[np.ndarray, tuple[int, int]]:
+    def _placed(self, frame: VideoFrame) -> tuple[np.ndarray, tuple[int, int]]:
         """The picture in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
         pixels = frame.pixels
         height, width = pixels.shape[:2]

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from nvsdata.data.events import Events
-from nvsdata.emulation.emulator import Emulator
 from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.rig.monitor import Monitor
-from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
+from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 
 BIN = 50_000  # µs per bin of time
 CELL = 20  # pixels per cell of the sensor, along each side
@@ -39,7 +39,7 @@ def emulated(
     """
     columns, rows = (-(-side // CELL) for side in size)
     counts = np.zeros((bins, columns * rows))
-    run: Emulator | None = None
+    run: PIX2NVSState | None = None
     for frame in _seen(video, monitor, corners, size):
         if run is None:
             run = PIXELS.begin(frame)
@@ -51,7 +51,7 @@ def emulated(
     return counts
 
 
-def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int]) -> Iterator[Frame]:
+def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int]) -> Iterator[VideoFrame]:
     """The video's pictures as the sensor sees them."""
     wide, high = monitor.size
     screen = np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32)

@@ -13,7 +13,7 @@ import numpy as np
 from nvsdata.recording.camera import host_time
 from nvsdata.rig.clock_fit import flashes
 from nvsdata.rig.monitor import Monitor
-from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
+from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 
 # levels of the flashes: enough contrast for a few events per pixel, but not so much that the readout takes long
 DIM, BRIGHT = 108, 148
@@ -120,12 +120,12 @@ def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = l
     return done
 
 
-def _begin(frames: Iterator[Frame], done: PlaybackLog) -> list[Frame]:
+def _begin(frames: Iterator[VideoFrame], done: PlaybackLog) -> list[VideoFrame]:
     """The first pictures, fewer of a video that is short or cut off."""
     return list(_to_the_end(islice(frames, LOOKED_AT), done))
 
 
-def _check_rate(frames: list[Frame], refresh: float) -> None:
+def _check_rate(frames: list[VideoFrame], refresh: float) -> None:
     if len(frames) < LOOKED_AT:
         return
     gap = float(np.median(np.diff([frame.time for frame in frames])))
@@ -134,11 +134,11 @@ def _check_rate(frames: list[Frame], refresh: float) -> None:
         raise ValueError(f"the video has {rates}: play it on a faster screen, or make a slower video of it")
 
 
-def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Frame]) -> Frame:
+def _play(monitor: Monitor, done: PlaybackLog, first: VideoFrame, others: Iterator[VideoFrame]) -> VideoFrame:
     """Show the pictures after the first, and return the last; those whose successor is due are skipped."""
     done.due.append(done.start)
     done.shown.append(done.start)
-    waiting: Frame | None = None
+    waiting: VideoFrame | None = None
     last, gap = first.time, USUAL_GAP
     for frame in _to_the_end(others, done):
         if waiting is not None:
@@ -151,14 +151,14 @@ def _play(monitor: Monitor, done: PlaybackLog, first: Frame, others: Iterator[Fr
     return waiting or first
 
 
-def _to_the_end(frames: Iterator[Frame], done: PlaybackLog) -> Iterator[Frame]:
+def _to_the_end(frames: Iterator[VideoFrame], done: PlaybackLog) -> Iterator[VideoFrame]:
     try:
         yield from frames
     except TruncatedVideo as error:
         done.truncated = str(error)
 
 
-def _in_turn(monitor: Monitor, done: PlaybackLog, frame: Frame, next_due: float) -> None:
+def _in_turn(monitor: Monitor, done: PlaybackLog, frame: VideoFrame, next_due: float) -> None:
     if host_time() > next_due - monitor.refresh / 2:
         done.skipped += 1
         done.missed += next_due - done.start - frame.time

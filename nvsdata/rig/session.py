@@ -20,7 +20,7 @@ from nvsdata.recording.simulated.options import Simulation
 from nvsdata.rig.batch import DONE, manifest_of, record_videos, status_before
 from nvsdata.rig.calibrate import calibrate
 from nvsdata.rig.calibration import FIGURES, calibration_summary, corners_in, write_calibration
-from nvsdata.rig.estimate import estimate
+from nvsdata.rig.estimate import estimate_recording
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.report import REPORT, write_report
 from nvsdata.rig.status import STATUS, status_of
@@ -114,10 +114,10 @@ def run_batch(
 
         videos = manifest.as_before(videos)
         left = [video for video in videos if not manifest.has(video, DONE)]
-        expected = estimate(left, list(manifest.videos.values()), out, monitor.refresh)
-        remark(expected.text)
+        expected = estimate_recording(left, list(manifest.videos.values()), out, monitor.refresh)
+        remark(str(expected))
         if expected.short and not until_full:
-            reason = f"{expected.text}: free some, choose another disk, or record until it is full by --until-full"
+            reason = f"{expected}: free some, choose another disk, or record until it is full by --until-full"
             status_before(out, videos, manifest).set(state="stopped", reason=reason)
             raise OSError(reason)
         try:
@@ -129,7 +129,7 @@ def run_batch(
             # what ended the batch is more important than a page about it
             with suppress(OSError):
                 write_report(list(manifest.videos.values()), manifest.head, out)
-    for message in result.told():
+    for message in result.messages():
         print(message, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):

@@ -1,1 +1,1 @@
-"""Reading videos: their frames, folders of them, and what a folder of recordings was made of."""
+"""Frames of video files, cameras, folders of images and recordings."""

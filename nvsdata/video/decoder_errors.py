@@ -1,7 +1,8 @@
-"""How many errors FFmpeg's decoders tell: of a damaged stream they make smeared pictures, and OpenCV says nothing.
+"""Counter of errors that FFmpeg's decoders report.
 
-FFmpeg tells what it finds to a function of its caller's. OpenCV prints the lines, without a video's name; here they are
-counted by a compiled function, because FFmpeg's threads call it some five times per frame.
+FFmpeg decodes a damaged stream to smeared pictures, and OpenCV reports nothing. FFmpeg calls a function for each
+message. OpenCV's function prints them without the video's name; ours counts the errors. It is compiled, because
+FFmpeg's threads call it about five times per frame.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ import cv2
 from nvsdata.kernels import _native
 from nvsdata.video.decoder import quiet
 
-# of OpenCV's wheels for Linux and macOS; the one for Windows has FFmpeg within another library, without this function
+# in OpenCV's wheels for Linux and macOS; in that for Windows another library contains FFmpeg, without this function
 LIBRARIES = "../opencv*.libs/libavutil*", ".dylibs/libavutil*"
 
 
 class DecoderErrors:
-    """In a `with` block that decodes one video: how many errors its decoder told; `found` has them afterwards.
+    """Counts the decoder errors of one video in a `with` block; `found` has their number afterwards.
 
-    FFmpeg doesn't say which video they are of. If the block ran at the same time as another, in another thread, or if
-    errors can't be had at all, `found` is 0.
+    FFmpeg doesn't name the video of an error. If another thread ran such a block at the same time, or if errors can't
+    be counted here, `found` is 0.
     """
 
     found = 0
@@ -51,14 +52,15 @@ class DecoderErrors:
 
 
 def decoder_errors() -> int:
-    """The errors that decoders of this process told since this was first called; always 0 where they can't be had."""
+    """Return the number of errors of this process's decoders since the first call; 0 where they can't be counted."""
     return _native.counted_errors() if _counts() else 0
 
 
 @cache
 def _counts() -> bool:
-    """Make FFmpeg call a function that counts; False if its library isn't where OpenCV's wheels have it, or the user
-    wants to see its lines.
+    """Make FFmpeg call the function that counts.
+
+    Returns False if FFmpeg's library isn't where OpenCV's wheels have it, or if the user set FFmpeg's log level.
     """
     home = Path(cv2.__file__).parent
     libraries = [path for pattern in LIBRARIES for path in home.glob(pattern)]

@@ -1,53 +1,58 @@
-"""Frames and their times, from video files, cameras, image files and arrays."""
+"""Frames of video files, cameras, folders of images, recordings and arrays: one function for all of them."""
 
 from __future__ import annotations
 
 import os
 import time
 from collections.abc import Iterable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from nvsdata.common.errors import FormatError
 from nvsdata.common.prefetch import prefetch
 from nvsdata.common.validation import positive
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.data.recording import Recording
-from nvsdata.video.decoder import Decoder, check_name
-from nvsdata.video.picture import Frame, picture
-from nvsdata.video.recorded import of_folder, of_recording
-from nvsdata.video.view import View
+from nvsdata.video.decoder import USUAL_RATE, TruncatedVideo, decode_video
+from nvsdata.video.recorded import read_folder, read_recording
+from nvsdata.video.video_frame import VideoFrame, as_pixels, read_image
+from nvsdata.video.view import VideoView
 
-__all__ = ["USUAL_RATE", "Frame", "TruncatedVideo", "Video", "frames_of"]
+__all__ = ["TruncatedVideo", "VideoFrame", "VideoInput", "frames_of", "regular_times"]
 
-Video = str | os.PathLike[str] | int | Recording | Iterable[Any]
-USUAL_RATE = 30.0  # frames per second where a video has no times of its own
-
-
-class TruncatedVideo(FormatError):
-    """A video that ended well before the last frame that its container promises."""
+VideoInput = str | os.PathLike[str] | int | Recording | Iterable[Any]
 
 
 def frames_of(
-    video: Video,
+    video: VideoInput,
     *,
     fps: float | None = None,
     times: Iterable[int] | None = None,
     size: tuple[int, int] | None = None,
-    view: View | None = None,
+    view: VideoView | None = None,
     color: bool = True,
-) -> Iterator[Frame]:
-    """Time and picture of each frame; times count from the first frame, those in a camera's own clock stay as they are.
+) -> Iterator[VideoFrame]:
+    """Yield the frames of a video.
 
-    - `video`, `fps`, `times`, `size`: as `PIX2NVS.stream` takes them
-    - `view`: which part of the video, and how frames come into `size` (default: all of it, stretched)
-    - `color`: whether colors are needed; if not, a file may give luminance alone, which is faster (default True)
+    Times count from the first frame; those in a camera's own clock stay as they are.
 
-    Raises FileNotFoundError, FormatError for what can't be decoded, `TruncatedVideo` at the end of a file that was cut
-    off, and ValueError for wrong parameters and frames.
+    Args:
+        video: A video file, a folder of images with a list of their times, a camera's number, a recording that has
+            frames, or an iterable of `VideoFrame`s, arrays or image files; `PIX2NVS.stream` describes each.
+        fps: Frames per second, in place of the video's own times.
+        times: Times of the frames in µs, in place of the video's own.
+        size: (width, height) in pixels that frames are scaled to (default: unchanged).
+        view: Part of the video, and how frames are fitted to `size` (default: all of it, stretched).
+        color: Whether colors are needed; if not, a file may give luma alone, which is faster.
+
+    Raises:
+        FileNotFoundError: There is no such video.
+        FormatError: It can't be decoded.
+        TruncatedVideo: At the end of a file that was cut off.
+        ValueError: Parameters or frames are wrong.
     """
     if fps is not None:
         positive("fps", fps)
@@ -55,26 +60,31 @@ def frames_of(
         raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
     if fps is not None and times is not None:
         raise ValueError("give fps or times, not both")
-    shape = view or View(fit="stretch")
-    found: Iterator[Frame]
-    if isinstance(video, Recording):
-        found = _given(of_recording(video), shape, size)
-    elif isinstance(video, str | os.PathLike) and Path(video).is_dir():
-        found = _given(of_folder(Path(video)), shape, size)
-    elif isinstance(video, str | os.PathLike):
-        found = _file(Path(video), size, color, shape)
-    elif isinstance(video, int):
-        found = _camera(video, shape, size)
+    is_file = False
+    if isinstance(video, str | os.PathLike):
+        path = Path(video)
+        is_file = not path.is_dir()
+        found = decode_video(path, color) if is_file else read_folder(path)
+    elif isinstance(video, Recording):
+        found = read_recording(video)
     else:
-        found = _given(video, shape, size)
+        found = _from_camera(video) if isinstance(video, int) else _from_arrays(video)
+    if fps is not None:
+        times = regular_times(fps)
     if times is not None:
-        found = _timed(found, times)
-    elif fps is not None:
-        found = _timed(found, _regular(fps))
-    return shape.between(found)
+        found = _at(times, found)
+    shown = (view or VideoView(fit="stretch")).apply(found, size)
+    # a file is decoded and scaled ahead, in a separate thread
+    return prefetch(shown) if is_file else shown
 
 
-def _timed(frames: Iterator[Frame], times: Iterable[int]) -> Iterator[Frame]:
+def regular_times(fps: float, first: int = 0) -> Iterator[int]:
+    """Return the times in µs of frame number `first` and those after it, at `fps` frames per second."""
+    return (round(n * MICROSECONDS / fps) for n in count(first))
+
+
+def _at(times: Iterable[int], frames: Iterator[VideoFrame]) -> Iterator[VideoFrame]:
+    """Yield the frames at other times (µs)."""
     given = iter(times)
     for n, frame in enumerate(frames):
         moment = next(given, None)
@@ -83,69 +93,30 @@ def _timed(frames: Iterator[Frame], times: Iterable[int]) -> Iterator[Frame]:
         yield frame._replace(time=int(moment))
 
 
-def _regular(fps: float) -> Iterator[int]:
-    n = 0
-    while True:
-        yield round(n * MICROSECONDS / fps)
-        n += 1
-
-
-def _file(path: Path, size: tuple[int, int] | None, color: bool, shape: View) -> Iterator[Frame]:
-    """A file's frames, decoded ahead in a thread of their own."""
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such video")
-    check_name(path)
-    decoder = Decoder(path, color)
-    try:
-        gap = MICROSECONDS / (decoder.rate or USUAL_RATE)
-        count, first, last, longest = 0, 0, 0, gap
-        for moment, pixels in prefetch(
-            (moment, shape.shaped(picture, size, decoder.levels[0])) for moment, picture in decoder
-        ):
-            first = moment if count == 0 else first
-            # containers without times report the same time for all frames
-            now = moment - first if count == 0 or moment - first > last else last + round(gap)
-            yield Frame(now, pixels, levels=decoder.levels)
-            longest = max(longest, now - last)
-            count, last = count + 1, now
-        if count == 0:
-            raise FormatError(path, "not one frame can be decoded")
-        # by time, because several containers only estimate how many frames they hold, as if they came regularly
-        whole = decoder.promised * gap
-        if count < decoder.promised and whole - (last + longest) > max(3 * gap, whole / 50):
-            raise TruncatedVideo(path, f"ends after {count} of {decoder.promised} frames: cut off or damaged")
-    finally:
-        decoder.close()
-
-
-def _camera(number: int, shape: View, size: tuple[int, int] | None) -> Iterator[Frame]:
+def _from_camera(number: int) -> Iterator[VideoFrame]:
+    """Yield the frames of a camera that OpenCV knows by its number, at the times of their arrival."""
     capture = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():
             raise FileNotFoundError(f"no camera {number}")
         start = time.monotonic_ns()
         while True:
-            ok, frame = capture.read()
+            ok, pixels = capture.read()
             if not ok:
                 return
-            yield Frame((time.monotonic_ns() - start) // 1000, shape.shaped(frame, size))
+            yield VideoFrame((time.monotonic_ns() - start) // 1000, pixels)
     finally:
         capture.release()
 
 
-def _given(frames: Iterable[Any], shape: View, size: tuple[int, int] | None) -> Iterator[Frame]:
-    times = _regular(USUAL_RATE)
+def _from_arrays(frames: Iterable[Any]) -> Iterator[VideoFrame]:
+    """Yield frames of arrays and image files; those that are `VideoFrame`s already keep their times."""
+    times = regular_times(USUAL_RATE)
     for n, given in enumerate(frames):
-        if isinstance(given, Frame):
-            yield given._replace(pixels=shape.shaped(given.pixels, size, given.levels[0]))
+        if isinstance(given, VideoFrame):
+            yield given
         elif isinstance(given, str | os.PathLike):
-            check_name(given)
-            frame = cv2.imread(os.fspath(given), cv2.IMREAD_UNCHANGED)
-            if frame is None:
-                if not Path(given).exists():
-                    raise FileNotFoundError(f"{given}: no such image")
-                raise FormatError(given, "holds no image that OpenCV can decode")
-            yield Frame(next(times), shape.shaped(picture(frame, f"frame {n}"), size))
+            yield VideoFrame(next(times), read_image(given, f"frame {n}"))
         else:
             # a copy, because the caller may write the next frame into the same array
-            yield Frame(next(times), shape.shaped(picture(np.array(given), f"frame {n}"), size), red_first=True)
+            yield VideoFrame(next(times), as_pixels(np.array(given), f"frame {n}"), red_first=True)

@@ -1,4 +1,4 @@
-"""Frames with times in a camera's own clock: those inside recordings, and folders of images with a list of times."""
+"""Frames with times in a camera's own clock, from recordings and from folders of images with a list of times."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.recording import Recording
-from nvsdata.data.samples import Frame as Sample
-from nvsdata.video.picture import Frame, picture
+from nvsdata.video.video_frame import VideoFrame, read_image
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"}
 LISTS = ("images.txt", "timestamps.txt", "image_timestamps.txt", "timestamp.txt")
-LONGEST = 2_000_000  # µs between frames: whole numbers that are further apart count ns
-DEPTHS = (8, 10, 12, 16)  # bits of cameras' pixels
+LONGEST = 2_000_000  # µs between frames; whole numbers that are further apart are ns
+DEPTHS = (8, 10, 12, 16)  # bits per pixel of cameras
 
 
-def of_recording(recording: Recording) -> Iterator[Frame]:
-    """A recording's own frames, in the middle of their exposure, as the events count time (µs).
+def read_recording(recording: Recording) -> Iterator[VideoFrame]:
+    """Yield a recording's own frames, at the middle of their exposure in the events' clock (µs).
 
-    Their brightest value tells how many bits they have. ValueError for a recording without frames, frames that don't
-    show the whole sensor, and times that don't rise.
+    The brightest value of all frames determines their number of bits.
+
+    Raises:
+        ValueError: The recording has no frames, a frame doesn't show the entire sensor, or times don't rise.
     """
     samples = list(recording.frames())
     if not samples:
@@ -35,27 +35,27 @@ def of_recording(recording: Recording) -> Iterator[Frame]:
     white = 2 ** next(bits for bits in DEPTHS if brightest < 2**bits) - 1
     last = None
     for n, sample in enumerate(samples):
-        time = _middle(sample)
+        time = sample.exposure_start + (sample.exposure_end - sample.exposure_start) // 2
         height, width = sample.pixels.shape
         if (width, height) != recording.sensor_size:
-            raise ValueError(f"frame {n} is {width}x{height}, the sensor {recording.sensor_size}: take whole frames")
+            raise ValueError(
+                f"frame {n} is {width}x{height}, the sensor {recording.sensor_size}: take frames of the entire sensor"
+            )
         if last is not None and time <= last:
-            raise ValueError(f"frame {n} is of {time} µs, the one before of {last}: times must rise")
+            raise ValueError(f"frame {n} is at {time} µs, the one before at {last}: times must rise")
         last = time
-        yield Frame(time, sample.pixels.astype(np.uint8) if white == 255 else sample.pixels * (255.0 / white))
+        yield VideoFrame(time, sample.pixels.astype(np.uint8) if white == 255 else sample.pixels * (255.0 / white))
 
 
-def _middle(sample: Sample) -> int:
-    return sample.exposure_start + (sample.exposure_end - sample.exposure_start) // 2
+def read_folder(folder: Path) -> Iterator[VideoFrame]:
+    """Yield a folder's images at the times (µs) that a list in the folder states.
 
+    The list is `images.txt`, with a time and a name per line, or `timestamps.txt`, with a time per line for the images
+    sorted by the numbers in their names. Times with a decimal point are seconds. Whole numbers are µs, or ns if frames
+    would be more than 2 s apart otherwise.
 
-def of_folder(folder: Path) -> Iterator[Frame]:
-    """A folder's images and the times that a list beside them states, in µs.
-
-    The list is `images.txt`, a time and a name per line, or `timestamps.txt`, a time per line for the images sorted by
-    number. Times with a decimal point are seconds, whole ones µs, or ns if that puts frames over 2 s apart.
-    FormatError for a folder without images or without times, lines that aren't times, other numbers of them, and times
-    that don't rise.
+    Raises:
+        FormatError: There are no images or no times, their numbers differ, a line isn't a time, or times don't rise.
     """
     listed = next((folder / name for name in LISTS if (folder / name).exists()), None)
     if listed is None:
@@ -64,16 +64,13 @@ def of_folder(folder: Path) -> Iterator[Frame]:
     found = names or _by_number(folder, len(times))
     for time, name in zip(times, found, strict=True):
         path = folder / name
-        pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if pixels is None:
-            raise FormatError(
-                path, "holds no image that OpenCV can decode" if path.exists() else "is listed, not there"
-            )
-        yield Frame(time, picture(pixels, path.name))
+        if not path.exists():
+            raise FormatError(path, "is listed, but missing")
+        yield VideoFrame(time, read_image(path, path.name))
 
 
 def _by_number(folder: Path, count: int) -> list[str]:
-    """The names of a folder's images, in the order of the numbers in them."""
+    """Return the names of a folder's images, sorted by the numbers in them."""
     images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGES]
     images = images or [path for path in (folder / "images").glob("*") if path.suffix.lower() in IMAGES]
     if len(images) != count:
@@ -86,7 +83,7 @@ def _number(path: Path) -> tuple[list[int], str]:
 
 
 def _read(listed: Path) -> tuple[list[str], list[int]]:
-    """Names, if there are any, and times in µs."""
+    """Return the names of a list, if it has any, and the times in µs."""
     names, texts = [], []
     for n, line in enumerate(listed.read_text("utf-8").splitlines(), 1):
         words = line.partition("#")[0].replace(",", " ").split()
@@ -95,7 +92,7 @@ def _read(listed: Path) -> tuple[list[str], list[int]]:
         numbers = [word for word in words if re.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?", word)]
         if not numbers or len(words) > 2:
             raise FormatError(listed, f"line {n} is {line!r}, not a time, with a name or without")
-        # of two numbers, the first counts the frames
+        # the first of two numbers is the frame's
         texts.append(numbers[-1])
         names += [word for word in words if word not in numbers]
     if not texts:
@@ -115,12 +112,12 @@ def _microseconds(listed: Path, texts: list[str]) -> list[int]:
             times = [time // 1000 for time in times]
     for n, (before, after) in enumerate(pairwise(times), 1):
         if after <= before:
-            raise FormatError(listed, f"time {n} is {after} µs, the one before {before}: times must rise")
+            raise FormatError(listed, f"time {n} is {after} µs, the one before is {before}: times must rise")
     return times
 
 
 def _of_seconds(text: str) -> int:
-    """µs of decimal seconds, exactly where float64 would round: times may be seconds since 1970."""
+    """Return the µs of decimal seconds, exactly: float64 would round seconds since 1970."""
     if "e" in text.lower():
         return round(float(text) * 1e6)
     whole, _, fraction = text.lstrip("+-").partition(".")

@@ -1,4 +1,4 @@
-"""Videos of still pictures, seen by a camera that moves as it did for N-MNIST and N-Caltech101."""
+"""Videos of still images in front of a camera that makes the saccades of N-MNIST and N-Caltech101."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from nvsdata.common.validation import positive
-from nvsdata.video.picture import Frame, picture
+from nvsdata.video.video_frame import VideoFrame, as_pixels
 
-# where the picture is at first and after each saccade, in pixels; the dataset's authors undo the same
+# position of the image at the start and after each saccade, in pixels; the authors' stabilization undoes the same
 PATH = ((0.0, 0.0), (3.5, 7.0), (7.0, 0.0), (0.0, 0.0))
 SACCADE = 105_000  # µs
 
@@ -23,19 +23,29 @@ def saccades(
     path: tuple[tuple[float, float], ...] = PATH,
     duration: int = SACCADE,
     background: float = 0.0,
-) -> Iterator[Frame]:
-    """Frames of a still picture that moves along a path before a camera, in fractions of pixels.
+) -> Iterator[VideoFrame]:
+    """Yield the frames of a still image that moves along a path in front of a camera, in fractions of pixels.
 
-    The default path is that of N-MNIST (Orchard et al. 2015): three saccades of 105 ms that return to where they began.
+    The default path is that of N-MNIST (Orchard et al. 2015): three saccades of 105 ms that return to the start.
 
-    - `still`: gray [h, w] or RGB [h, w, 3], as `PIX2NVS.stream` takes it; in the middle of what it covers on its way
-    - `size`: (width, height) of the sensor in pixels (default 34x34)
-    - `fps`: frames per second (default 200: at most 0.4 pixels from one to the next)
-    - `path`: (x, y) in pixels at the beginning and after each saccade
-    - `duration`: µs of each saccade (default 105,000)
-    - `background`: gray level, 0 to 255, of what surrounds the picture (default 0)
+    Args:
+        still: Gray [h, w] or RGB [h, w, 3], as `PIX2NVS.stream` takes it; the path is centered on the sensor.
+        size: (width, height) of the sensor in pixels.
+        fps: Frames per second; at 200 the image moves by at most 0.4 pixels per frame.
+        path: (x, y) in pixels at the start and after each saccade.
+        duration: Duration of each saccade in µs.
+        background: Gray level, 0 to 255, around the image.
 
-    Raises ValueError for settings out of range, a path without a saccade, and what isn't a picture.
+    Returns:
+        An iterator over `VideoFrame`s of uint8.
+
+    Raises:
+        ValueError: A setting is out of range, the path has no saccade, or `still` isn't an image.
+
+    Example:
+        >>> frames = list(saccades(np.full((28, 28), 255, np.uint8)))
+        >>> len(frames), frames[0].pixels.shape
+        (64, (34, 34))
     """
     positive("fps", fps)
     positive("duration", duration)
@@ -43,7 +53,7 @@ def saccades(
         raise ValueError(f"a path has at least a beginning and an end, not {path}")
     if min(size) < 1:
         raise ValueError(f"size must be (width, height) in whole pixels, not {size}")
-    shown = picture(np.array(still), "the picture").astype(np.float32)
+    shown = as_pixels(np.array(still), "the image").astype(np.float32)
     corners = np.array(path)
     middle = (np.array(size) - shown.shape[1::-1] - corners.min(axis=0) - corners.max(axis=0)) / 2
     return _frames(shown, size, fps, corners + middle, duration, background)
@@ -51,7 +61,7 @@ def saccades(
 
 def _frames(
     shown: np.ndarray, size: tuple[int, int], fps: float, corners: np.ndarray, duration: int, background: float
-) -> Iterator[Frame]:
+) -> Iterator[VideoFrame]:
     end = duration * (len(corners) - 1)
     edges = np.arange(len(corners)) * duration
     value = (background,) * 3
@@ -60,5 +70,5 @@ def _frames(
         x, y = (float(np.interp(time, edges, axis)) for axis in corners.T)
         where = np.array([[1, 0, x], [0, 1, y]], np.float32)
         moved = cv2.warpAffine(shown, where, size, flags=cv2.INTER_LINEAR, borderValue=value)
-        yield Frame(time, np.rint(moved).astype(np.uint8), red_first=True)
+        yield VideoFrame(time, np.rint(moved).astype(np.uint8), red_first=True)
         n += 1

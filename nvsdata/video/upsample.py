@@ -1,4 +1,4 @@
-"""Frames between frames, where something moves: along a line of brightness, or along the optical flow."""
+"""Temporal upsampling of videos: frames between frames, by linear interpolation or along the optical flow."""
 
 from __future__ import annotations
 
@@ -10,40 +10,43 @@ import cv2
 import numpy as np
 
 from nvsdata.kernels.emulate.tiles import TILE, find_dirty
-from nvsdata.video.decoder import FULL, stretched
-from nvsdata.video.frames import Frame
+from nvsdata.video.video_frame import FULL, VideoFrame, stretch_levels
 
 Upsample = Literal["none", "linear", "flow"]
-PIXELS = 1.0  # by which anything moves from one frame to the next at most, as ESIM's adaptive rate has it
-CHANGE = 0.5  # of the logarithm of anything's brightness, per step
+PIXELS = 1.0  # largest motion from one frame to the next, as in ESIM's adaptive sampling
+CHANGE = 0.5  # largest change of a pixel's logarithm of brightness per step
 DARK = 3.0  # gray levels added before that logarithm
-MOST = 64  # frames in place of one
-MARGIN = 16  # pixels around what changes in which flow looks for where it comes from
-SMALLEST = 32  # pixels on a side of an image whose flow OpenCV finds
-SLIGHT = 0.1  # change of that logarithm up to which a line is as good as flow, wherever things move
-FLAT = 2.0  # gray levels: an image without larger differences has no flow
+MOST = 64  # steps from one frame to the next
+MARGIN = 16  # pixels around a change in which the flow is computed, too
+SMALLEST = 32  # pixels per side that OpenCV's optical flow needs
+SLIGHT = 0.1  # change of the logarithm of brightness up to which linear interpolation is as good as flow
+FLAT = 2.0  # gray levels; an image without larger differences has no flow
 
 
-class Box(NamedTuple):
-    """Rows and columns of a part of the picture."""
+class Region(NamedTuple):
+    """Rows and columns of a part of a frame."""
 
     rows: slice
     columns: slice
 
 
-def upsampled(frames: Iterator[Frame], how: Upsample | int) -> Iterator[Frame]:
-    """The frames, and between two that differ as many others as are needed, which have `whole=False`.
+def upsample_frames(frames: Iterator[VideoFrame], how: Upsample | int) -> Iterator[VideoFrame]:
+    """Return the frames, with additional ones (`whole=False`) between frames that differ.
 
-    - `how`: "linear" makes a step for each `CHANGE` of the logarithm of brightness, where that changes most, and each
-      pixel goes along a line; "flow" so many that nothing moves by more than `PIXELS` (Rebecq, Gehrig and Scaramuzza
-      2018), along the optical flow (DIS, Kroeger et al. 2016), both up to `MOST`; a number so many steps along a line;
-      "none" none
+    Parts of the frame that don't change are copied. Bytes stay bytes: they are rounded to whole levels.
 
-    What doesn't change is only copied. Bytes stay bytes: they are rounded to whole levels.
+    Args:
+        frames: Frames of a video.
+        how: "linear" makes a step for each `CHANGE` of the logarithm of brightness where that changes most, and
+            interpolates each pixel linearly. "flow" makes steps in which nothing moves by more than `PIXELS` (Rebecq,
+            Gehrig and Scaramuzza 2018), along the optical flow (DIS, Kroeger et al. 2016). Both make `MOST` steps at
+            most. A number makes that many linear steps, "none" makes no frames.
     """
-    if how in ("none", 1):
-        yield from frames
-        return
+    return frames if how in ("none", 1) else _upsampled(frames, how)
+
+
+def _upsampled(frames: Iterator[VideoFrame], how: Upsample | int) -> Iterator[VideoFrame]:
+    """Yield the frames, and others between them."""
     last = None
     for frame in frames:
         if last is not None and last.pixels.shape == frame.pixels.shape and last.pixels.dtype == frame.pixels.dtype:
@@ -52,7 +55,8 @@ def upsampled(frames: Iterator[Frame], how: Upsample | int) -> Iterator[Frame]:
         last = frame
 
 
-def _between(last: Frame, frame: Frame, how: Upsample | int) -> Iterator[Frame]:
+def _between(last: VideoFrame, frame: VideoFrame, how: Upsample | int) -> Iterator[VideoFrame]:
+    """Yield the frames between two."""
     boxes = _changed(last.pixels, frame.pixels, MARGIN if how == "flow" else 0)
     if not boxes:
         return
@@ -70,8 +74,8 @@ def _between(last: Frame, frame: Frame, how: Upsample | int) -> Iterator[Frame]:
         yield last._replace(time=last.time + round(share * gap), pixels=pixels, whole=False)
 
 
-def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Box]:
-    """Boxes around what differs between two pictures, in which tiles that touch are together."""
+def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Region]:
+    """Return boxes around the differences of two images; adjacent tiles share a box."""
     height, width = before.shape[:2]
     rows = before.view(np.uint8).reshape(height, -1), after.view(np.uint8).reshape(height, -1)
     dirty = np.zeros((-(-height // TILE[0]), -(-width // TILE[1])), np.bool_)
@@ -85,7 +89,7 @@ def _changed(before: np.ndarray, after: np.ndarray, margin: int) -> list[Box]:
         r, c = np.nonzero((labels == label) & dirty)
         top, bottom = max(int(r.min()) * TILE[0] - margin, 0), min(int(r.max() + 1) * TILE[0] + margin, height)
         left, right = max(int(c.min()) * TILE[1] - margin, 0), min(int(c.max() + 1) * TILE[1] + margin, width)
-        found.append(Box(slice(top, bottom), slice(left, right)))
+        found.append(Region(slice(top, bottom), slice(left, right)))
     return found
 
 
@@ -94,7 +98,7 @@ def _steps(
     flows: list[tuple[np.ndarray, np.ndarray] | None],
     levels: tuple[int, int],
 ) -> int:
-    """Steps from one frame to the next by which nothing moves, or changes, too far."""
+    """Return the number of steps between two frames in which nothing moves or changes too far."""
     most = 0.0
     for (a, b), flow in zip(lines, flows, strict=True):
         if flow is None:
@@ -106,23 +110,23 @@ def _steps(
 
 
 def _change(a: np.ndarray, b: np.ndarray, levels: tuple[int, int]) -> float:
-    """The largest change of a logarithm of brightness."""
-    before, after = (picture if levels == FULL else stretched(picture, levels) for picture in (a, b))
+    """Return the largest change of the logarithm of brightness."""
+    before, after = (image if levels == FULL else stretch_levels(image, levels) for image in (a, b))
     return float(np.abs(np.log((after + DARK) / (before + DARK))).max())
 
 
-def _gray(picture: np.ndarray) -> np.ndarray:
-    return picture if picture.ndim == 2 else picture.mean(axis=2)
+def _gray(image: np.ndarray) -> np.ndarray:
+    return image if image.ndim == 2 else image.mean(axis=2)
 
 
 def _flow(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where pixels of each of two pictures move to in the other one, float32 [H, W, 2] each; zero in flat pictures."""
+    """Return the optical flow from each of two images to the other, float32 [H, W, 2] each; zero for flat images."""
     zero = np.zeros((*before.shape, 2), np.float32)
     if min(np.ptp(before), np.ptp(after)) <= FLAT:
         return zero, zero
     more = [(0, max(SMALLEST - side, 0)) for side in before.shape]
-    a, b = (np.pad(np.rint(picture).astype(np.uint8), more, mode="edge") for picture in (before, after))
-    # one of its own, because it isn't made for several threads
+    a, b = (np.pad(np.rint(image).astype(np.uint8), more, mode="edge") for image in (before, after))
+    # a new object, because it isn't thread-safe
     finder = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     there, back = (finder.calc(*pair, np.zeros((*a.shape, 2), np.float32)) for pair in ((a, b), (b, a)))
     inside = tuple(slice(side) for side in before.shape)
@@ -130,12 +134,12 @@ def _flow(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _warped(before: np.ndarray, after: np.ndarray, there: np.ndarray, back: np.ndarray, share: float) -> np.ndarray:
-    """The picture at a share of the way: both, moved along the flow to that moment and combined (Jiang et al. 2018)."""
+    """Return the image at a fraction of the way: both, moved along the flow and combined (Jiang et al. 2018)."""
     to_before = share * share * back - (1 - share) * share * there
     to_after = (1 - share) * (1 - share) * there - share * (1 - share) * back
     return (1 - share) * _moved(before, to_before) + share * _moved(after, to_after)
 
 
-def _moved(picture: np.ndarray, by: np.ndarray) -> np.ndarray:
-    y, x = np.indices(picture.shape[:2], dtype=np.float32)
-    return cv2.remap(picture, x + by[..., 0], y + by[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+def _moved(image: np.ndarray, by: np.ndarray) -> np.ndarray:
+    y, x = np.indices(image.shape[:2], dtype=np.float32)
+    return cv2.remap(image, x + by[..., 0], y + by[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,4 +1,4 @@
-"""Which part of a video is seen, and how its frames come into another size."""
+"""Part of a video, and fitting of its frames to another size."""
 
 from __future__ import annotations
 
@@ -11,27 +11,35 @@ import cv2
 import numpy as np
 
 from nvsdata.data.frame_edges import MICROSECONDS
-from nvsdata.video.picture import Frame
+from nvsdata.video.video_frame import VideoFrame
 
-Fit = Literal["pad", "crop", "stretch"]
+FitMode = Literal["pad", "crop", "stretch"]
 
 
 @dataclass(frozen=True)
-class View:
-    """Part of a video.
+class VideoView:
+    """Part of a video, and how its frames are fitted to a size.
 
-    - `start`, `stop`: s from its first frame; times then count from `start` (default: all of it)
-    - `crop`: (x, y, width, height) in pixels of its frames (default: all of them)
-    - `fit`: how frames of another shape come into a size: "pad", whole, with black beside them; "crop", filling it,
-      with what doesn't fit left out; "stretch", distorted (default "pad")
+    Args:
+        start: Seconds from the first frame; times then count from there.
+        stop: Seconds from the first frame at which the part ends.
+        crop: (x, y, width, height) in pixels of the frames (default: all of each).
+        fit: How frames of another shape are fitted: "pad" shows all and fills the rest with black, "crop" fills the
+            size and cuts what is outside, "stretch" distorts.
 
-    ValueError for an empty part, and for a `fit` that doesn't exist.
+    Raises:
+        ValueError: The part is empty, or `fit` is none of these.
+
+    Example:
+        >>> import numpy as np
+        >>> VideoView(fit="crop").fit_frame(np.zeros((90, 160), np.uint8), (80, 60)).shape
+        (60, 80)
     """
 
     start: float = 0.0
     stop: float = inf
     crop: tuple[int, int, int, int] | None = None
-    fit: Fit = "pad"
+    fit: FitMode = "pad"
 
     def __post_init__(self) -> None:
         if not 0 <= self.start < self.stop:
@@ -39,31 +47,38 @@ class View:
         whole = self.crop is None or (len(self.crop) == 4 and all(isinstance(n, int) for n in self.crop))
         if not whole or (self.crop is not None and (min(self.crop[:2]) < 0 or min(self.crop[2:]) < 1)):
             raise ValueError(f"crop must be (x, y, width, height) within the frame, not {self.crop}")
-        if self.fit not in get_args(Fit):
-            raise ValueError(f"fit must be one of {', '.join(get_args(Fit))}, not {self.fit!r}")
+        if self.fit not in get_args(FitMode):
+            raise ValueError(f"fit must be one of {', '.join(get_args(FitMode))}, not {self.fit!r}")
 
-    def between(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """The frames from `start` to `stop`. ValueError if there are none."""
-        if (self.start, self.stop) == (0, inf):
-            yield from frames
-            return
-        first: int | None = None
-        begin, empty = round(self.start * MICROSECONDS), True
+    def apply(self, frames: Iterator[VideoFrame], size: tuple[int, int] | None = None) -> Iterator[VideoFrame]:
+        """Yield the frames of the part, fitted to `size` (width, height) if given. ValueError if there are none."""
+        whole, empty = (self.start, self.stop) == (0, inf), True
+        first, begin = None, round(self.start * MICROSECONDS)
         for frame in frames:
-            first = frame.time if first is None else first
-            since = frame.time - first
-            if since >= self.stop * MICROSECONDS:
-                break
-            if since >= begin:
-                empty = False
-                yield frame._replace(time=since - begin)
-        if empty:
+            time = frame.time
+            if not whole:
+                first = time if first is None else first
+                since = time - first
+                if since >= self.stop * MICROSECONDS:
+                    break
+                if since < begin:
+                    continue
+                time = since - begin
+            empty = False
+            yield frame._replace(time=time, pixels=self.fit_frame(frame.pixels, size, frame.levels[0]))
+        if empty and not whole:
             raise ValueError(f"the video has no frames from {self.start:g} s to {self.stop:g} s")
 
-    def shaped(self, frame: np.ndarray, size: tuple[int, int] | None, black: float = 0) -> np.ndarray:
-        """What is seen of a frame [H, W] or [H, W, C], at `size` (width, height) if that is given.
+    def fit_frame(self, frame: np.ndarray, size: tuple[int, int] | None, black: float = 0) -> np.ndarray:
+        """Return the visible part of a frame [H, W] or [H, W, C], fitted to `size` (width, height) if given.
 
-        ValueError for a frame that doesn't hold all of `crop`.
+        Args:
+            frame: Pixels.
+            size: (width, height) in pixels, or None for the size of the part.
+            black: Value that "pad" fills with.
+
+        Raises:
+            ValueError: `crop` isn't within the frame.
         """
         if self.crop is not None:
             x, y, width, height = self.crop
@@ -75,25 +90,25 @@ class View:
         height, width = frame.shape[:2]
         across, down = size[0] / width, size[1] / height
         if self.fit == "stretch" or abs(across * height - size[1]) <= 0.5 or abs(down * width - size[0]) <= 0.5:
-            return resized(frame, size)
+            return resize(frame, size)
         if self.fit == "pad":
             scale = min(across, down)
             inner = max(round(width * scale), 1), max(round(height * scale), 1)
             left, top = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
             around = np.full((size[1], size[0], *frame.shape[2:]), black, frame.dtype)
-            around[top : top + inner[1], left : left + inner[0]] = resized(frame, inner)
+            around[top : top + inner[1], left : left + inner[0]] = resize(frame, inner)
             return around
         scale = max(across, down)
         keep = max(round(size[0] / scale), 1), max(round(size[1] / scale), 1)
         left, top = (width - keep[0]) // 2, (height - keep[1]) // 2
-        return resized(frame[top : top + keep[1], left : left + keep[0]], size)
+        return resize(frame[top : top + keep[1], left : left + keep[0]], size)
 
 
-def resized(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """A frame at another size, whatever its shape."""
+def resize(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Scale a frame [H, W] or [H, W, C] to `size` (width, height)."""
     shrinks = size[0] < frame.shape[1] or size[1] < frame.shape[0]
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(np.ascontiguousarray(frame), size, interpolation=how))
 
 
-ALL = View()
+WHOLE_VIDEO = VideoView()

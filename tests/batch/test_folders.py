@@ -10,9 +10,9 @@ from clips import write_video
 
 from nvsdata.batch import manifest as module
 from nvsdata.batch import run as runs
-from nvsdata.batch.folder import Video, check_name, fatal, sha256, videos_in
+from nvsdata.batch.folder import Video, check_name, is_fatal, sha256, videos_in
 from nvsdata.batch.manifest import Manifest, file_facts
-from nvsdata.batch.run import FolderReport, FolderRun, noted
+from nvsdata.batch.run import FolderReport, FolderRun, catch_failure
 from nvsdata.common.errors import FormatError
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.job import Job, convert
@@ -65,8 +65,8 @@ def test_where_there_are_no_videos(tmp_path):
     ],
 )
 def test_which_errors_other_videos_would_have(tmp_path, number, own, others):
-    assert fatal(OSError(number, "x", str(tmp_path / "a.avi")), tmp_path / "a.avi") is own
-    assert fatal(OSError(number, "x", str(tmp_path / "out")), tmp_path / "a.avi") is others
+    assert is_fatal(OSError(number, "x", str(tmp_path / "a.avi")), tmp_path / "a.avi") is own
+    assert is_fatal(OSError(number, "x", str(tmp_path / "out")), tmp_path / "a.avi") is others
 
 
 @pytest.fixture
@@ -82,8 +82,8 @@ def line(**changed):
     return {"video": "a.avi", "status": "done", "bytes": 5, "sha256": digest, "recording": 9} | changed
 
 
-def opened(folder, made=None, kind="things", told=None):
-    return Manifest(folder, kind, {"format": "hdf5"} if made is None else made, ["a.avi"], told)
+def opened(folder, made=None, kind="things", extra=None):
+    return Manifest(folder, kind, {"format": "hdf5"} if made is None else made, ["a.avi"], extra)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_a_video_that_changed_is_noticed_by_its_content(tmp_path, video, monkeyp
 
 def test_a_manifest_s_first_line_and_which_others_fit(tmp_path):
     made = {"format": "hdf5", "settings": {"b": (1, 2), "a": 3}}
-    with opened(tmp_path, made, told={"monitor": 5}):
+    with opened(tmp_path, made, extra={"monitor": 5}):
         pass
     text = (tmp_path / "manifest.jsonl").read_text()
     head = json.loads(text)
@@ -144,11 +144,11 @@ def test_a_manifest_s_first_line_and_which_others_fit(tmp_path):
         manifest.add(line())
     with pytest.raises(ValueError, match=r"is not a manifest of others: choose another folder"):
         opened(tmp_path, {"format": "text"}, "others")
-    with pytest.raises(ValueError, match=r"holds recordings made with format text, not hdf5, a None, not 3: choose"):
+    with pytest.raises(ValueError, match=r"has recordings made with format text, not hdf5, a None, not 3: choose"):
         opened(tmp_path, {"format": "hdf5", "a": 3})
-    with pytest.raises(ValueError, match=r"holds recordings made with a None, not 3: choose"):
+    with pytest.raises(ValueError, match=r"has recordings made with a None, not 3: choose"):
         opened(tmp_path, {"format": "text", "settings": {"a": 3}})
-    with opened(tmp_path, {"format": "text"}, told={"monitor": 9}) as manifest:
+    with opened(tmp_path, {"format": "text"}, extra={"monitor": 9}) as manifest:
         manifest.add(line(status="failed"))
         # the last line of a video counts
         assert manifest.videos == {"a.avi": line(status="failed")}
@@ -190,16 +190,16 @@ def test_what_is_noted_of_a_video(tmp_path, video):
     assert sha256(video.target) == hashlib.sha256(b"recording").hexdigest()
     full, odd = OSError(errno.ENOSPC, "full"), FormatError("a", "b")
     told = {}
-    with noted(video, told):
+    with catch_failure(video, told):
         pass
     assert told == {}
     for error in (ValueError("odd"), OSError("odd"), MemoryError("odd"), runs.cv2.error("odd")):
         told = {}
-        with noted(video, told):
+        with catch_failure(video, told):
             raise error
         assert told == {"status": "failed", "reason": "odd"}
     for error, more in ((full, ()), (odd, (FormatError,)), (KeyError("x"), ())):
-        with pytest.raises(type(error)), noted(video, told := {}, more):
+        with pytest.raises(type(error)), catch_failure(video, told := {}, more):
             raise error
         assert told == {}
 

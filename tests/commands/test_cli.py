@@ -15,7 +15,7 @@ from processes_of_others import dead_owner
 import nvsdata
 from nvsdata import Events
 from nvsdata.cli import CODES, COMMANDS, _parser, main
-from nvsdata.commands.emulation_settings import HELP
+from nvsdata.commands.emulation_settings import ALL, HELP, PRESET_HELP
 from nvsdata.commands.options import Help
 from nvsdata.common.locks import locked
 from nvsdata.emulation import DVS
@@ -205,7 +205,8 @@ def test_what_cannot_be_done_is_said(command, message, capsys, tmp_path, monkeyp
     [
         (["pack", ".", "--dataset", "mnist", "--out", "a.h5"], "no dataset 'mnist'"),
         (["pack", ".", "--dataset", "n-mnist", "--out", "a.h5", "--jobs", "0"], "must be at least 1, not 0"),
-        (["convert-videos", ".", "--mode", "CD"], "invalid choice: 'CD'"),
+        (["convert-videos", ".", "--set", "mode=CD"], "--set mode: must be LI or CE or LICE, not 'CD'"),
+        (["convert-videos", ".", "--set", "mode"], "must be NAME=VALUE, such as threshold=0.3, not 'mode'"),
         (["convert-videos", ".", "--format", "avi"], "invalid choice: 'avi'"),
         (["convert-videos", ".", "--fps", "0"], "must be positive, not 0"),
         (["record", "--seconds", "nan", "--out", "a.h5"], "must be positive, not nan"),
@@ -243,6 +244,23 @@ def test_every_option_is_explained(command, capsys):
 def test_every_setting_of_the_emulation_is_explained():
     names = [field.name for field in (*fields(nvsdata.PIX2NVS), *fields(DVS))]
     assert list(HELP) == list(dict.fromkeys(names))
+
+
+@pytest.mark.parametrize("command", ["convert-videos", "tune"])
+def test_settings_have_a_help_of_their_own(command, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main([command, "--settings-help"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert all(f" {name} (" in told for name in HELP)
+    assert all(text in told for text in (*HELP.values(), *PRESET_HELP.values()))
+    named = " ".join(PRESET_HELP).replace("-1 to -5", "-")
+    assert all(name in named or name.startswith("table-3.3-row-") for name in ALL)
+
+
+@pytest.mark.parametrize("command", ["convert-videos", "tune"])
+def test_the_help_has_at_most_24_options(command):
+    parser = _parser(command)._subparsers._group_actions[0].choices[command]
+    assert sum(bool(action.option_strings) for action in parser._actions) <= 24
 
 
 def test_a_file_that_is_there_is_replaced_only_if_asked(file, tmp_path, capsys):

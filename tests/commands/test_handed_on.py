@@ -17,8 +17,9 @@ from nvsdata.commands.view import save
 from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import PIX2NVS
+from nvsdata.emulation.tuning.space import SPACE
 from nvsdata.plots.films import Film
-from nvsdata.video.view import View
+from nvsdata.video.view import VideoView
 
 
 @pytest.mark.parametrize(
@@ -180,9 +181,9 @@ def test_videos_that_were_converted_are_counted(tmp_path, monkeypatch, capsys):
         f"a.avi: cut off\nb.avi: empty\npreviews are in {Path('out/.previews')}\n",
     )
     plain = {"format": "hdf5", "size": None, "fps": None, "limit": None, "shard": None, "scheduler": None}
-    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "check": False, "preview": False, "view": View()}
+    plain |= {"jobs": max(1, cores() // 2), "overwrite": False, "check": False, "preview": False, "view": VideoView()}
     chosen = {"size": (40, 30), "fps": 25.0, "limit": 7, "jobs": 2, "scheduler": "here"}
-    chosen |= {"overwrite": True, "check": True, "preview": True, "view": View(1.5, 4.0, (1, 2, 30, 20), "crop")}
+    chosen |= {"overwrite": True, "check": True, "preview": True, "view": VideoView(1.5, 4.0, (1, 2, 30, 20), "crop")}
     assert asked[1] == (Path("in"), None, PIX2NVS(), plain)
     assert asked[3] == (Path("in"), Path("out"), PIX2NVS(), plain | chosen)
     # less than a frame's time
@@ -255,7 +256,7 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
 
     asked = []
     gray = SimpleNamespace(colored=False, split=lambda share: asked.append(share) or (gray, gray))
-    monkeypatch.setattr(tune, "Pair", lambda *args, **more: asked.append((args[1:], more)) or gray)
+    monkeypatch.setattr(tune, "TuningPair", lambda *args, **more: asked.append((args[1:], more)) or gray)
     monkeypatch.setattr(tune.formats, "open", lambda path: path)
     monkeypatch.setattr(tune, "search", lambda pair, **more: asked.append(more) or SimpleNamespace(scores=[np.nan] * 2))
     words = ["tune", "--real", "a.h5", "--video", "b.avi", "--out", str(tmp_path / "out")]
@@ -263,12 +264,13 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
         "mode": "LICE", "hue": False, "difference": "average", "t_log": 20.0, "inhibition": 2, "max_events": 3,
         "threshold": 0.4, "new": False, "exp": True, "alpha": 0.25, "noise_rate": 2.0,
     }  # fmt: skip
-    assert list(values) == list(tune.SPACE)
-    numbers = [f"--{name.replace('_', '-')}={value}" for name, value in values.items() if not isinstance(value, bool)]
-    every = [numbers[0], "--no-new", "--exp", "--no-hue", *numbers[1:]]
+    assert list(values) == list(SPACE)
+    every = [
+        f"--set={name}={str(value).lower() if isinstance(value, bool) else value}" for name, value in values.items()
+    ]
     with pytest.raises(SystemExit, match="2"):
         main([*words, *every])
-    assert "every setting is given: there is nothing to search for" in capsys.readouterr().err
+    assert "--set gives every setting: there is nothing to search" in capsys.readouterr().err
     assert asked == []
     held = list(values)[1:]
     more = [
@@ -288,13 +290,13 @@ def test_tune_needs_something_to_search_for(capsys, monkeypatch, tmp_path):
         "9",
     ]
     assert main([*words, *every[1:], *more]) == 1
-    assert "no settings gave events in a frame that has real ones, too" in capsys.readouterr().err
+    assert "no settings gave events in frames with real events" in capsys.readouterr().err
     assert not any((tmp_path / "out").iterdir())
     compared = {"fps": 25.0, "seconds": 2.0, "offset": -3, "one_way": False}
     assert asked[0] == ((Path("b.avi"),), compared)
     assert asked[1] == 0.5
     found = asked[2]
-    assert list(found["space"]) == [name for name in tune.SPACE if name not in held]
+    assert list(found["space"]) == [name for name in SPACE if name not in held]
     assert (found["trials"], found["seed"], found["jobs"]) == (7, 9, 2)
     assert found["note"] == {"real": ["a.h5"], "video": ["b.avi"], **compared, "unseen": 0.5}
     assert found["start"] is None
@@ -367,4 +369,4 @@ def test_frames_are_recorded_if_asked_for(words, frames, session):
 def test_a_shard_overwrites_nothing(capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["convert-videos", "in", "--shard", "1/2", "--overwrite"])
-    assert "--overwrite goes without --shard" in capsys.readouterr().err
+    assert "--overwrite doesn't go with --shard" in capsys.readouterr().err

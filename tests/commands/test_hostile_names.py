@@ -194,7 +194,7 @@ def test_a_repr_and_a_warning_are_safe_where_no_command_runs(root):
     clean(str(FormatError(BAD, BAD)))
     clean(aligned([[BAD, "a"], ["a", BAD]]))
     report = run.FolderReport(failed={BAD: BAD}, damaged={BAD: 3}, without_preview={BAD: BAD})
-    assert [clean(line) for line in report.told()]
+    assert [clean(line) for line in report.messages()]
 
 
 def test_whatever_prints_while_a_command_runs_is_escaped(capsys):

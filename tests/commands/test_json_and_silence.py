@@ -214,9 +214,9 @@ def test_shards_together_do_all(said, videos, tmp_path, capsys):
     assert [path.name for path in (tmp_path / "out").glob("*.jsonl")] == ["manifest.jsonl"]
     # and a shard knows what was done before
     assert said(*how, "--shard", "1/3")[1][0]["kept"] == 2
-    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), "--threshold", "0.3"]) == 1
+    assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), "--set", "threshold=0.3"]) == 1
     assert "made with threshold 0.2, not 0.3" in capsys.readouterr().err
-    code, (report,) = said(*how, "--threshold", 0.3, "--overwrite")
+    code, (report,) = said(*how, "--set", "threshold=0.3", "--overwrite")
     assert (code, report["done"], report["kept"]) == (0, 5, 0)
 
 

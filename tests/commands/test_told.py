@@ -18,7 +18,7 @@ from nvsdata._version import __version__
 from nvsdata.cli import COMMANDS, main
 from nvsdata.commands import datasets, options
 from nvsdata.commands.compare import compare_files
-from nvsdata.commands.emulation_settings import given, read_settings, settings_of, write_settings
+from nvsdata.commands.emulation_settings import changes_of, emulator_from, read_settings, write_settings
 from nvsdata.common.processes import cores
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import DVS, PIX2NVS, PRESETS, SENSORS
@@ -206,12 +206,12 @@ DEFAULTS = {
     "convert": (["a", "b"], {}),
     "convert-videos": (
         ["a"],
-        {"jobs": max(1, cores() // 2), "format": "hdf5", "fit": "pad", "start": 0.0, "stop": inf},
+        {"jobs": max(1, cores() // 2), "format": "hdf5", "fit": "pad", "start": 0.0, "stop": inf, "set": []},
     ),
     "compare": (["a", "b"], {"fps": 30.0, "offset": 0, "picture": Path("compare.png")}),
     "tune": (
         ["--real", "a", "--video", "b"],
-        {"trials": 100, "offset": 0, "jobs": 1, "seed": 0, "out": Path("tuning"), "unseen": 0.25},
+        {"trials": 100, "offset": 0, "jobs": 1, "seed": 0, "out": Path("tuning"), "unseen": 0.25, "set": []},
     ),
     "record": ([], {"bias": [], "format": "hdf5", "display": 0, "scaling": "aspect"}),
     "bench": ([], {"tasks": ["all"], "only": "", "device": "cpu"}),
@@ -239,10 +239,10 @@ def test_what_is_done_without_options(command):
     [
         ([], {}),
         (
-            ["--threshold", "0.25", "--t-log", "7", "--no-new", "--exp"],
+            ["--set", "threshold=0.25", "--set", "t_log=7", "--set", "new=false", "--set", "exp=True"],
             {"threshold": 0.25, "t_log": 7, "new": False, "exp": True},
         ),
-        (["--mode", "CE", "--seed", "5", "--max-events", "3"], {"mode": "CE", "seed": 5, "max_events": 3}),
+        (["--set=mode=CE", "--set=seed=5", "--set=max_events=3"], {"mode": "CE", "seed": 5, "max_events": 3}),
     ],
 )
 @pytest.mark.parametrize("preset", [None, "section-3.4.1"])
@@ -251,8 +251,8 @@ def test_settings_that_are_given_replace_the_presets(words, changes, preset):
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
     args = parser.parse_args(["a", *words, *(["--preset", preset] if preset else [])])
     base = PRESETS[preset] if preset else PIX2NVS()
-    assert given(args, base) == changes
-    settings = settings_of(args)
+    assert changes_of(args, base) == changes
+    settings = emulator_from(args)
     assert {name: getattr(settings, name) for name in changes} == changes
     assert {k: v for k, v in vars(settings).items() if k not in changes} == {
         k: v for k, v in vars(base).items() if k not in changes
@@ -262,36 +262,37 @@ def test_settings_that_are_given_replace_the_presets(words, changes, preset):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("--emulator dvs", DVS()),
+        ("--preset ideal", DVS()),
         ("--preset dvs128", SENSORS["dvs128"]),
-        ("--emulator dvs --preset davis346 --leak 0.5 --seed 3", replace(SENSORS["davis346"], leak=0.5, seed=3)),
-        ("--emulator dvs --upsample 4 --dark 2", DVS(upsample=4, dark=2)),
-        ("--emulator dvs --upsample flow", DVS(upsample="flow")),
-        ("--emulator pix2nvs", PIX2NVS()),
+        ("--preset davis346 --set leak=0.5 --set seed=3", replace(SENSORS["davis346"], leak=0.5, seed=3)),
+        ("--preset ideal --set upsample=4 --set dark=2", DVS(upsample=4, dark=2)),
+        ("--preset ideal --set upsample=flow", DVS(upsample="flow")),
+        ("", PIX2NVS()),
     ],
 )
-def test_the_emulator_is_chosen_by_name_or_by_its_preset(words, expected):
+def test_the_emulator_is_chosen_by_its_preset(words, expected):
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
-    assert settings_of(parser.parse_args(["a", *words.split()])) == expected
+    assert emulator_from(parser.parse_args(["a", *words.split()])) == expected
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--alpha 2", "alpha"),
-        ("--emulator dvs --alpha 0.5", "DVS has no --alpha"),
-        ("--leak 2", "PIX2NVS has no --leak"),
-        ("--emulator dvs --preset table-3.3-row-1", "--emulator dvs: table-3.3-row-1 is of PIX2NVS"),
-        ("--emulator pix2nvs --preset gen4", "gen4 is of DVS"),
-        ("--emulator dvs --upsample sideways", "upsample must be a number or one of"),
+        ("--set alpha=2", "alpha"),
+        ("--preset ideal --set alpha=0.5", "--set alpha: DVS has no such setting; --settings-help lists them"),
+        ("--set leak=2", "--set leak: PIX2NVS has no such setting"),
+        ("--set new=maybe", "--set new: must be true or false, not 'maybe'"),
+        ("--set max_events=2.5", "--set max_events: must be a whole number, not '2.5'"),
+        ("--set begin=1", "--set begin: PIX2NVS has no such setting"),
+        ("--preset ideal --set upsample=sideways", "upsample must be a number or one of"),
     ],
 )
 def test_settings_that_contradict_each_other_are_wrong_usage(words, said):
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
     with pytest.raises(options.UsageError, match=said):
-        settings_of(parser.parse_args(["a", *words.split()]))
+        emulator_from(parser.parse_args(["a", *words.split()]))
 
 
 @pytest.mark.parametrize("settings", [DVS(on=0.21, upsample="flow", seed=4), PIX2NVS(threshold=0.3, mode="CE")])
@@ -300,7 +301,7 @@ def test_settings_come_back_from_their_file(settings, tmp_path):
     assert read_settings(tmp_path / "best.json") == settings
     parser = argparse.ArgumentParser()
     import_module("nvsdata.commands.convert_videos").add_arguments(parser)
-    assert settings_of(parser.parse_args(["a", "--settings", str(tmp_path / "best.json")])) == settings
+    assert emulator_from(parser.parse_args(["a", "--settings", str(tmp_path / "best.json")])) == settings
 
 
 def test_help_tells_defaults_once(capsys):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from nvsdata.emulation.emulator import Emulator
 from nvsdata.emulation.pix2nvs import PIX2NVS
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.kernels import _native
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 counted = pytest.mark.skipif(not _native.checks_bounds, reason="only the build that checks indices counts them")
 
@@ -56,12 +56,12 @@ ONE = [STILL] * 3 + [PIXEL] + [STILL] * 3
 
 def steps(settings, frames):
     """Of each frame after the first: active tiles, how many fired, and touched elements besides frames and marks."""
-    emulator = Emulator(PIX2NVS(**settings), Frame(0, frames[0]))
+    emulator = PIX2NVSState(PIX2NVS(**settings), VideoFrame(0, frames[0]))
     aside = frames[0].size + MARKS * emulator._tiles.dirty.size
     taken = []
     for k, frame in enumerate(frames[1:], 1):
         _ = _native.checks_bounds and _native.touched()
-        fired = emulator.step(Frame(1000 * k, frame)).keys.size
+        fired = emulator.step(VideoFrame(1000 * k, frame)).keys.size
         touched = _native.touched() - aside if _native.checks_bounds else 0
         taken.append((np.argwhere(emulator._tiles.active).tolist(), fired, touched))
     return taken

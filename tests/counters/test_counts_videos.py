@@ -13,7 +13,7 @@ from nvsdata.commands import tune
 from nvsdata.common.prefetch import DEPTH
 from nvsdata.emulation import PIX2NVS
 from nvsdata.emulation.convert import convert_videos
-from nvsdata.emulation.tuning.objective import Pair
+from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.video.frames import frames_of
 
 LENGTH = 12
@@ -85,7 +85,7 @@ def test_a_folder_that_is_converted_already_decodes_nothing(decoded, tmp_path, m
 
 
 def test_a_pair_decodes_its_video_once_however_many_settings_are_measured(decoded, video):
-    pair = Pair(PIX2NVS(threshold=0.3).emulate(video), video)
+    pair = TuningPair(PIX2NVS(threshold=0.3).emulate(video), video)
     decoded.clear()
     for threshold in (0.2, 0.3, 0.4):
         pair(PIX2NVS(threshold=threshold))
@@ -95,8 +95,8 @@ def test_a_pair_decodes_its_video_once_however_many_settings_are_measured(decode
 def test_tuning_again_measures_nothing(decoded, video, tmp_path, monkeypatch, capsys):
     nvsdata.write(PIX2NVS(threshold=0.3).emulate(video), tmp_path / "real.h5")
     monkeypatch.chdir(tmp_path)
-    emulated, emulate = [], Pair.emulate
-    monkeypatch.setattr(Pair, "emulate", lambda *args: emulated.append(1) or emulate(*args))
+    emulated, emulate = [], TuningPair.emulate
+    monkeypatch.setattr(TuningPair, "emulate", lambda *args: emulated.append(1) or emulate(*args))
     monkeypatch.setattr(tune.plots, "save", lambda *_, **__: None)
     words = "tune --real real.h5 --video v.avi --trials 5".split()
     # those tried; the best one for its picture, and with those as given on what the search doesn't see

@@ -51,9 +51,7 @@ def test_one_flipped_byte(out, capsys):
     raw[-1] ^= 1
     (out / "run/b.h5").write_bytes(raw)
     assert main(["verify", str(out)]) == 1
-    assert "run/b.h5: was changed since it was made: its sha256 is another than in its manifest\n" in (
-        text := capsys.readouterr().out
-    )
+    assert "run/b.h5: was changed: its sha256 differs from its manifest's\n" in (text := capsys.readouterr().out)
     assert text.endswith(" faults\n")
 
 

@@ -1,6 +1,8 @@
 """Emulation by hand: settings at their bounds, times between frames, brightness, the readout, what is started."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +12,16 @@ from test_pix2nvs import clip, looks_everywhere
 
 import nvsdata
 from nvsdata import Events
+from nvsdata.batch import scheduler
 from nvsdata.batch.folder import Video, sha256
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation import convert as conversion
 from nvsdata.emulation.convert import default_out, plan
-from nvsdata.emulation.emulator import Emulator, _sensitivity, tone
 from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.job import Job, convert
-from nvsdata.emulation.protocol import settings_of
-from nvsdata.emulation.run import brightness
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState, _sensitivity, tone
+from nvsdata.emulation.protocol import describe_settings
+from nvsdata.emulation.state import brightness
+from nvsdata.video.frames import VideoFrame
 
 GRAY, LIGHT = np.full((6, 8), 100, np.uint8), np.full((6, 8), 200, np.uint8)
 
@@ -72,21 +74,21 @@ def test_times_between_the_frames_whatever_their_distance(span):
 def test_times_that_are_no_times_of_frames(span):
     told = f"the frame at {5 + span} µs follows the one at 5 µs: times must rise, by under 35 min"
     with pytest.raises(ValueError, match=told):
-        list(PIX2NVS().stream([Frame(5, GRAY), Frame(5 + span, LIGHT)]))
+        list(PIX2NVS().stream([VideoFrame(5, GRAY), VideoFrame(5 + span, LIGHT)]))
 
 
 @pytest.mark.parametrize(
     ("frame", "kind"),
     [
-        (Frame(7, LIGHT[:, :7]), "7x6 gray uint8"),
-        (Frame(7, np.dstack([LIGHT] * 3)), "8x6 color uint8"),
-        (Frame(7, LIGHT.astype(float)), "8x6 gray float64"),
-        (Frame(7, LIGHT, levels=(16, 235)), "8x6 gray uint8 from 16 to 235"),
+        (VideoFrame(7, LIGHT[:, :7]), "7x6 gray uint8"),
+        (VideoFrame(7, np.dstack([LIGHT] * 3)), "8x6 color uint8"),
+        (VideoFrame(7, LIGHT.astype(float)), "8x6 gray float64"),
+        (VideoFrame(7, LIGHT, levels=(16, 235)), "8x6 gray uint8 from 16 to 235"),
     ],
 )
 def test_all_frames_are_of_one_kind(frame, kind):
     with pytest.raises(ValueError, match=f"the frame at 7 µs is {kind}, earlier ones were 8x6 gray uint8$"):
-        list(PIX2NVS().stream([Frame(0, GRAY), frame]))
+        list(PIX2NVS().stream([VideoFrame(0, GRAY), frame]))
 
 
 def test_a_frame_has_room_for_a_block_and_events_for_a_frame():
@@ -169,16 +171,16 @@ def test_a_line_of_the_manifest_says_what_was_made(tmp_path, monkeypatch):
 @pytest.mark.parametrize("red_first", [True, False])
 def test_hue_and_luminance_of_colors_by_hand(red_first):
     colors = np.array([[[10, 30, 20], [0, 0, 7], [0, 0, 0], [255, 255, 255], [0, 200, 0]]], np.uint8)
-    frame = Frame(0, colors if red_first else colors[..., ::-1], red_first)
+    frame = VideoFrame(0, colors if red_first else colors[..., ::-1], red_first)
     assert brightness(frame, hue=True).tolist() == [[0.5, 7, 0, 0.5, 0]]
     np.testing.assert_allclose(brightness(frame), [[2.99 + 17.61 + 2.28, 7 * 0.114, 0, 255, 117.4]])
 
 
 def test_brightness_of_gray_between_black_and_white():
-    frame = Frame(0, np.array([[0, 15, 16, 17, 235]], np.uint8), levels=(16, 235))
+    frame = VideoFrame(0, np.array([[0, 15, 16, 17, 235]], np.uint8), levels=(16, 235))
     assert brightness(frame, hue=True).tolist() == [[0, 0, 0, 0.5, 0.5]]
     np.testing.assert_allclose(brightness(frame)[0, 2:], [0, 255 / 219, 255], atol=0.51)
-    plain = Frame(0, frame.pixels)
+    plain = VideoFrame(0, frame.pixels)
     assert brightness(plain).tolist() == [[0, 15, 16, 17, 235]]
     assert brightness(plain, hue=True).tolist() == [[0, 0.5, 0.5, 0.5, 0.5]]
 
@@ -214,14 +216,14 @@ def test_tiles_of_sensitive_pixels_are_not_skipped(new):
     frames = [(frame // 4 + 150).astype(np.uint8) for frame in clip(3, (20, 136), 12, 0.002)]
     skipping = list(settings.stream(frames, fps=25))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Emulator, "_spikes", looks_everywhere)
+        patch.setattr(PIX2NVSState, "_spikes", looks_everywhere)
         assert list(settings.stream(frames, fps=25)) == skipping
     assert sum(map(len, skipping)) > 0
 
 
 def test_spikes_may_wait_while_19_frames_are_emulated():
-    frames = [Frame(n, (GRAY + n) if n % 2 else LIGHT - n) for n in range(20)]
-    emulator, again = Emulator(PIX2NVS(), frames[0]), Emulator(PIX2NVS(), frames[0])
+    frames = [VideoFrame(n, (GRAY + n) if n % 2 else LIGHT - n) for n in range(20)]
+    emulator, again = PIX2NVSState(PIX2NVS(), frames[0]), PIX2NVSState(PIX2NVS(), frames[0])
     held = [emulator.step(frame) for frame in frames[1:]]
     assert [spikes.events() for spikes in held] == [again.step(frame).events() for frame in frames[1:]]
 
@@ -233,12 +235,14 @@ def test_spikes_may_wait_while_19_frames_are_emulated():
 def test_as_many_processes_as_there_is_work_for(videos, processes, started, monkeypatch):
     counts = []
 
-    def by_processes(work, jobs, count):
+    @contextmanager
+    def workers(count, module):
         counts.append(count)
-        return map(work, jobs)
+        with ThreadPoolExecutor(count) as pool:
+            yield pool
 
-    monkeypatch.setattr(conversion, "_by_processes", by_processes)
-    assert list(conversion._results(str, list(range(videos)), processes, None)) == [str(n) for n in range(videos)]
+    monkeypatch.setattr(scheduler, "_workers", workers)
+    assert set(scheduler.as_done(str, range(videos), processes)) == {str(n) for n in range(videos)}
     assert counts == ([] if started is None else [started])
 
 
@@ -254,11 +258,11 @@ def test_recordings_go_beside_their_videos(tmp_path):
 
 def test_settings_have_the_name_of_their_emulator():
     kind = type("Other", (PIX2NVS,), {})
-    plain = settings_of(PIX2NVS(seed=4))
+    plain = describe_settings(PIX2NVS(seed=4))
     assert plain["seed"] == 4
     assert "emulator" not in plain
-    assert settings_of(kind(seed=4)) == {"emulator": "Other", **plain}
+    assert describe_settings(kind(seed=4)) == {"emulator": "Other", **plain}
     assert replace(PIX2NVS(), **plain) == PIX2NVS(seed=4)
     for odd in (PIX2NVS, 3, "PIX2NVS"):
         with pytest.raises(TypeError, match="an emulator is a dataclass of its settings"):
-            settings_of(odd)
+            describe_settings(odd)

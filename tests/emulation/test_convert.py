@@ -23,11 +23,11 @@ from nvsdata.cli import main
 from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.emulation import PIX2NVS, convert, preview
 from nvsdata.emulation.convert import convert_videos, plan
-from nvsdata.emulation.estimate import estimate
+from nvsdata.emulation.estimate import estimate_conversion
 from nvsdata.formats.hdf5 import layouts as hdf5
 from nvsdata.plots import event_image
 from nvsdata.video.frames import frames_of
-from nvsdata.video.view import View
+from nvsdata.video.view import VideoView
 
 
 @pytest.fixture
@@ -220,7 +220,7 @@ def test_wrong_arguments(videos, tmp_path, capsys):
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "file")]) == 1
     assert str(tmp_path / "file") in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
-        main(["convert-videos", str(videos), "--threshold", "0"])
+        main(["convert-videos", str(videos), "--set", "threshold=0"])
     assert "threshold must be at least" in capsys.readouterr().err
     (tmp_path / "out").mkdir()
     (tmp_path / "out/manifest.jsonl").write_text("[]\n")
@@ -229,7 +229,7 @@ def test_wrong_arguments(videos, tmp_path, capsys):
 
 
 def test_a_dry_run_writes_nothing_and_settings_have_their_names(videos, tmp_path, capsys):
-    words = "--preset table-3.3-row-1 --max-events 5 --new --seed 3 --dry-run --limit 1".split()
+    words = "--preset table-3.3-row-1 --set max_events=5 --set new=true --set seed=3 --dry-run --limit 1".split()
     assert main(["convert-videos", str(videos), "--out", str(tmp_path / "out"), *words]) == 0
     out = capsys.readouterr().out
     assert "a.avi -> " in out
@@ -267,7 +267,7 @@ def test_a_cluster_that_loses_a_worker_does_as_one_machine(tmp_path):
 @pytest.mark.parametrize("lost", ["the workers", "the scheduler"])
 def test_a_cluster_without_workers_ends_the_run_which_resumes(videos, tmp_path, monkeypatch, capsys, lost):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(scheduler, "LOOK_S", 0.1)
+    monkeypatch.setattr(scheduler, "CHECK_S", 0.1)
     monkeypatch.setattr(scheduler, "PATIENCE_S", 0.5)
     there = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(**there) as local:
@@ -393,19 +393,19 @@ def test_frames_that_no_chip_of_aedat_2_has_are_refused_before_the_batch(videos,
         convert_videos(tmp_path / "large", out, format="aedat2")
     assert not out.exists()
     # a part of it may fit
-    report = convert_videos(tmp_path / "large", out, format="aedat2", view=View(crop=(0, 0, 100, 100)))
+    report = convert_videos(tmp_path / "large", out, format="aedat2", view=VideoView(crop=(0, 0, 100, 100)))
     assert (report.done, list(report.failed)) == (1, ["a.avi"])
 
 
 def test_shards_of_other_settings_are_refused_and_nothing_is_joined(videos, tmp_path):
     out = tmp_path / "out"
     convert_videos(videos, out, shard=(1, 2))
-    with pytest.raises(ValueError, match=r"manifest-1-of-2\.jsonl is of recordings made with other settings"):
+    with pytest.raises(ValueError, match=r"manifest-1-of-2\.jsonl has recordings made with other settings"):
         convert_videos(videos, out, PIX2NVS(threshold=0.5), shard=(2, 2))
     with pytest.raises(ValueError, match="other settings"):
         convert_videos(videos, out, PIX2NVS(threshold=0.5))
     assert (out / "manifest-1-of-2.jsonl").exists()
-    with pytest.raises(ValueError, match="what a shard overwrites"):
+    with pytest.raises(ValueError, match="overwrite doesn't go with shards"):
         convert_videos(videos, out, shard=(1, 2), overwrite=True)
     report = convert_videos(videos, out)
     assert (report.done, report.kept) == (2, 2)
@@ -477,17 +477,17 @@ def test_what_is_overwritten_leaves_no_old_recording(videos, tmp_path):
 
 
 def test_an_estimate_looks_at_the_part_that_is_converted(videos, tmp_path):
-    jobs = plan(videos, tmp_path / "out", PIX2NVS(), view=View(stop=0.2))
-    found = estimate(jobs, tmp_path / "out")
+    jobs = plan(videos, tmp_path / "out", PIX2NVS(), view=VideoView(stop=0.2))
+    found = estimate_conversion(jobs, tmp_path / "out")
     # 4 videos of 0.2 s at the 10 frames per second that they have
-    whole = estimate(plan(videos, tmp_path / "out", PIX2NVS()), tmp_path / "out")
+    whole = estimate_conversion(plan(videos, tmp_path / "out", PIX2NVS()), tmp_path / "out")
     assert 0 < found.frames < whole.frames
 
 
 def test_a_video_that_is_too_short_refuses_no_batch(tmp_path):
     write_video(tmp_path / "in/a.avi", moving_square(3), fps=10)
     write_video(tmp_path / "in/b.avi", moving_square(30), fps=10)
-    report = convert_videos(tmp_path / "in", tmp_path / "out", format="aedat2", view=View(start=1.0))
+    report = convert_videos(tmp_path / "in", tmp_path / "out", format="aedat2", view=VideoView(start=1.0))
     assert (report.done, list(report.failed)) == (1, ["a.avi"])
 
 
@@ -501,7 +501,7 @@ def test_a_damaged_stream_is_marked_in_the_manifest(videos, tmp_path, capsys):
         found = {line["video"]: line.get("decoder_errors", 0) for line in lines(out)[1:]}
         assert found.pop("run/a.mp4") >= 1
         assert not any(found.values())
-        assert "run/a.mp4: its stream is damaged, pictures may be smeared: " in told.err
+        assert "run/a.mp4: its stream is damaged, frames may be smeared: " in told.err
         assert told.out.startswith("4 converted, 0 were there, 0 failed")
 
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nvsdata.emulation import DVS
-from nvsdata.emulation.pixel_array import PixelArray
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.dvs_state import DVSState
+from nvsdata.video.frames import VideoFrame
 
 GAP = 33_333  # µs
 
@@ -101,7 +101,7 @@ APART = {"on": 0.3, "off": 0.2837}
 def test_events_are_those_of_the_definition(emulator):
     frames = moving(9)
     times = [round(n * 1e6 / 30) for n in range(9)]
-    begin = PixelArray(emulator, Frame(0, frames[0]))._array
+    begin = DVSState(emulator, VideoFrame(0, frames[0]))._array
     events = emulator.emulate(frames)
     expected = defined(emulator, frames, times, begin=(begin.level - begin.memory).astype(float))
     assert len(expected) > 1_000
@@ -116,8 +116,8 @@ def test_events_are_those_of_the_definition(emulator):
 def test_photoreceptors_are_late_by_what_their_bandwidth_says(emulator, gap):
     frames = moving(5, height=9, width=12, share=0.5)
     times = [n * gap for n in range(5)]
-    begin = PixelArray(emulator, Frame(0, frames[0]))._array
-    ours = rows(emulator.emulate([Frame(time, frame) for time, frame in zip(times, frames, strict=True)]))
+    begin = DVSState(emulator, VideoFrame(0, frames[0]))._array
+    ours = rows(emulator.emulate([VideoFrame(time, frame) for time, frame in zip(times, frames, strict=True)]))
     exact = defined(emulator, frames, times, begin=(begin.level - begin.memory).astype(float))
     assert len(exact) > 150
     assert abs(len(ours) / len(exact) - 1) < 0.005
@@ -136,8 +136,8 @@ def test_photoreceptors_are_late_by_what_their_bandwidth_says(emulator, gap):
 
 def test_constant_light_is_followed_along_an_exponential():
     emulator = DVS(on=0.2, off=0.3, cutoff=10)
-    shown = [Frame(0, np.full((1, 2), 20, np.uint8)), Frame(1, np.array([[250, 3]], np.uint8))]
-    events = emulator.emulate([*shown, Frame(10_000_000, shown[1].pixels)])
+    shown = [VideoFrame(0, np.full((1, 2), 20, np.uint8)), VideoFrame(1, np.array([[250, 3]], np.uint8))]
+    events = emulator.emulate([*shown, VideoFrame(10_000_000, shown[1].pixels)])
     for x, step, target, up in ((0, 0.2, 250, 1), (1, 0.3, 3, 0)):
         way = abs(math.log((target + 3) / 23))
         rate = 2 * math.pi * 10 / 1e6 * (target + 20) / 275
@@ -149,9 +149,9 @@ def test_constant_light_is_followed_along_an_exponential():
 
 def test_long_still_light_is_followed_as_short_light_is():
     # in the end nothing is left of the exponential
-    shown = [Frame(0, np.full((1, 1), 20, np.uint8)), Frame(1_000, np.full((1, 1), 200, np.uint8))]
+    shown = [VideoFrame(0, np.full((1, 1), 20, np.uint8)), VideoFrame(1_000, np.full((1, 1), 200, np.uint8))]
     fast = DVS(on=0.02, off=0.02, cutoff=5_000)
-    found = [fast.emulate([*shown, Frame(end, shown[1].pixels)]).t for end in (6_000, 41_000, 10**9)]
+    found = [fast.emulate([*shown, VideoFrame(end, shown[1].pixels)]).t for end in (6_000, 41_000, 10**9)]
     assert found[0][-1] < 1_100
     assert all(np.array_equal(found[0], other) for other in found[1:])
 
@@ -160,8 +160,8 @@ def test_a_receptor_that_falls_while_its_memory_leaks():
     stills = [np.full((1, 1), value, np.uint8) for value in (250, 60, 60)]
     times = [0, 10_000, 400_000]
     emulator = DVS(on=0.3, off=0.1, cutoff=24, leak=0.5)
-    first = PixelArray(emulator, Frame(0, stills[0]))._array
-    events = emulator.emulate([Frame(time, still) for time, still in zip(times, stills, strict=True)])
+    first = DVSState(emulator, VideoFrame(0, stills[0]))._array
+    events = emulator.emulate([VideoFrame(time, still) for time, still in zip(times, stills, strict=True)])
     exact = defined(emulator, stills, times, begin=(first.level - first.memory).astype(float))
     assert events.p.tolist() == [p for *_, p in exact]
     np.testing.assert_allclose(events.t, [t for t, *_ in exact], atol=300)
@@ -169,10 +169,10 @@ def test_a_receptor_that_falls_while_its_memory_leaks():
 
 def test_tiles_with_a_leak_sleep_again_after_a_step():
     emulator = DVS(cutoff=100, leak=0.01)
-    run = PixelArray(emulator, Frame(0, np.full((64, 640), 20, np.uint8)))
+    run = DVSState(emulator, VideoFrame(0, np.full((64, 640), 20, np.uint8)))
     run._array.memory[:] = run._array.level
     for n in range(1, 200):
-        run.step(Frame(1_000 * n, np.full((64, 640), 200, np.uint8)))
+        run.step(VideoFrame(1_000 * n, np.full((64, 640), 200, np.uint8)))
     assert (run._array.wake > 10**6).all()
 
 
@@ -180,7 +180,7 @@ def test_a_receptor_that_turns_gives_events_of_both_polarities_between_two_frame
     # it still rises towards white when the light falls below it
     stills = [np.full((1, 1), value, np.uint8) for value in (10, 255, 1)]
     times = [0, 1_000, 300_000]
-    frames = [Frame(time, still) for time, still in zip(times, stills, strict=True)]
+    frames = [VideoFrame(time, still) for time, still in zip(times, stills, strict=True)]
     emulator = DVS(on=0.05, off=0.05, cutoff=60)
     between = emulator.emulate(frames)
     last = between.window(1_000, None)
@@ -193,11 +193,11 @@ def test_a_receptor_that_turns_gives_events_of_both_polarities_between_two_frame
 
 
 def test_a_receptor_that_is_slower_than_the_frames_goes_on_after_them():
-    frames = [Frame(0, np.full((2, 2), 20, np.uint8)), Frame(40_000, np.full((2, 2), 200, np.uint8))]
-    rest = [Frame(2_040_000, np.full((2, 2), 200, np.uint8))]
+    frames = [VideoFrame(0, np.full((2, 2), 20, np.uint8)), VideoFrame(40_000, np.full((2, 2), 200, np.uint8))]
+    rest = [VideoFrame(2_040_000, np.full((2, 2), 200, np.uint8))]
     seen = [
         DVS(on=0.1, cutoff=10).emulate([*frames, *more, *rest])
-        for more in ([], [Frame(40_000 + 5_000 * n, frames[1].pixels) for n in range(1, 399)])
+        for more in ([], [VideoFrame(40_000 + 5_000 * n, frames[1].pixels) for n in range(1, 399)])
     ]
     # however many frames show it
     assert len(seen[0]) == len(seen[1])
@@ -220,7 +220,7 @@ def test_colors_and_floats_give_the_levels_of_their_luminance():
 def test_thresholds_of_pixels_differ_around_the_nominal_ones():
     frames = moving(6, seed=3)
     emulator = DVS(mismatch=0.2, seed=5, **APART)
-    off, on = PixelArray(emulator, Frame(0, frames[0]))._sensor.each.astype(float)
+    off, on = DVSState(emulator, VideoFrame(0, frames[0]))._sensor.each.astype(float)
     assert on.min() >= 0.03 * 0.99
     assert off.min() >= 0.02837 * 0.99
     for own, nominal in ((on, 0.3), (off, 0.2837)):
@@ -232,7 +232,7 @@ def test_thresholds_of_pixels_differ_around_the_nominal_ones():
     assert rows(emulator.emulate(frames)) != rows(replace(emulator, seed=6).emulate(frames))
 
 
-class Restless(PixelArray):
+class Restless(DVSState):
     """Looks at every tile in every frame."""
 
     def _spikes(self, frame, last):
@@ -260,20 +260,20 @@ def test_skipped_tiles_change_nothing(options, seed, share, colored):
         frames = [np.repeat(frame[..., None], 3, axis=2) for frame in frames]
     emulator = DVS(**options)
     found = []
-    for kind in (PixelArray, Restless):
-        run = kind(emulator, Frame(0, frames[0]))
-        found.append([run.step(Frame(n * GAP, frame)).keys.copy() for n, frame in enumerate(frames) if n])
+    for kind in (DVSState, Restless):
+        run = kind(emulator, VideoFrame(0, frames[0]))
+        found.append([run.step(VideoFrame(n * GAP, frame)).keys.copy() for n, frame in enumerate(frames) if n])
     for ours, theirs in zip(*found, strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
 
 def test_tiles_that_do_not_change_are_left_out():
     frames = moving(5, share=0.0)
-    still = PixelArray(DVS(), Frame(0, frames[0]))
-    leaking = PixelArray(DVS(leak=0.01), Frame(0, frames[0]))
+    still = DVSState(DVS(), VideoFrame(0, frames[0]))
+    leaking = DVSState(DVS(leak=0.01), VideoFrame(0, frames[0]))
     for n in range(1, 5):
-        assert still.step(Frame(n * GAP, frames[n])).keys.size == 0
-        leaking.step(Frame(n * GAP, frames[n]))
+        assert still.step(VideoFrame(n * GAP, frames[n])).keys.size == 0
+        leaking.step(VideoFrame(n * GAP, frames[n]))
     assert (still._array.wake > 2**61).all()
     # the first of 512 pixels fires after about 1 / 512 of 100 s
     assert (leaking._array.wake > 4 * GAP).mean() > 0.2

@@ -9,7 +9,7 @@ import pytest
 from nvsdata import Events
 from nvsdata.emulation import DVS, Fit, fit
 from nvsdata.emulation.fitting import PER_PIXEL
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).random((140, 400)).astype(np.float32), (0, 0), 4)
 TEXTURE = cv2.normalize(TEXTURE, None, 0, 250, cv2.NORM_MINMAX)
@@ -28,7 +28,7 @@ def seen(sensor, delay=0, start=0):
     """Frames with times, and events, of one sensor's clock, which events reach `delay` µs late."""
     video = [scene(ms) for ms in range(STEP * (FRAMES - 1) + 1)]
     events = sensor.emulate(video, fps=1_000)
-    frames = [Frame(start + 1_000 * STEP * n, video[STEP * n]) for n in range(FRAMES)]
+    frames = [VideoFrame(start + 1_000 * STEP * n, video[STEP * n]) for n in range(FRAMES)]
     columns = events.columns
     return frames, Events(columns.t + start + delay, columns.x, columns.y, columns.p, events.sensor_size)
 
@@ -46,7 +46,7 @@ def test_thresholds_and_darkness_are_found_again(on, off, dark, least, most):
     assert found.correlation > 0.9
     assert found.settings.upsample == "flow"
     assert (found.settings.leak, found.settings.noise_rate) == (0, 0)
-    assert found.untold == {"refractory": "pixels don't fire again so soon that they could be blind"}
+    assert found.unidentified == {"refractory": "pixels don't fire again soon enough to show it"}
     ours = found.settings.emulate(frames)
     for p in (0, 1):
         assert abs((ours.p == p).sum() / (events.p == p).sum() - 1) < 0.02
@@ -95,17 +95,17 @@ def test_what_a_pair_does_not_tell_is_said():
     rising = events.select(events.p == 1) if hasattr(events, "select") else events[events.p == 1]
     found = fit(frames, rising, delay=0, base=DVS(off=0.77))
     assert found.settings.off == 0.77
-    assert found.untold["off"] == "0 events of this polarity, at least 100 are needed"
-    assert "on" not in found.untold
+    assert found.unidentified["off"] == "0 events of this polarity, at least 100 are needed"
+    assert "on" not in found.unidentified
     moving = [replace_pixels(frame, 64) for frame in frames]
     cut = events[events.y < 64]
     cut = Events(cut.t, cut.x, cut.y, cut.p, (128, 64))
     found = fit(moving, cut, delay=0, base=DVS(leak=0.3, refractory=7))
-    assert set(found.untold) <= {"leak", "noise_rate", "refractory"}
-    assert "light is constant for" in found.untold["leak"]
+    assert set(found.unidentified) <= {"leak", "noise_rate", "refractory"}
+    assert "light is constant for" in found.unidentified["leak"]
     assert found.settings.leak == 0.3
     few = fit(frames, events[::20], delay=0, base=DVS(refractory=7))
-    assert "intervals within pixels, 1000 are needed" in few.untold["refractory"]
+    assert "intervals within pixels, 1000 are needed" in few.unidentified["refractory"]
     assert few.settings.refractory == 7
 
 
@@ -120,7 +120,7 @@ def test_thresholds_that_no_setting_gives_are_said():
         *(np.concatenate((a, b)) for a, b in zip(storm, events[events.p == 0].columns, strict=True)), (128, 96)
     )
     found = fit(frames, both, delay=0, noise=False)
-    assert "no threshold from 0.01 to 3.0 gives" in found.untold["on"]
+    assert "no threshold from 0.01 to 3.0 gives" in found.unidentified["on"]
     assert found.settings.on == DVS().on
     # if it is so of both, there is nothing to return
     storm = Events(*(np.repeat(column, 60) for column in events.columns), events.sensor_size)
@@ -158,7 +158,7 @@ def still(noise=0.0, dark=1):
     rng = np.random.default_rng(0)
     pixels = scene(0) // dark
     noisy = [np.clip(pixels + rng.normal(0, noise, pixels.shape), 0, 255).astype(np.uint8) for _ in range(FRAMES)]
-    return [Frame(1_000 * STEP * n, frame) for n, frame in enumerate(noisy)]
+    return [VideoFrame(1_000 * STEP * n, frame) for n, frame in enumerate(noisy)]
 
 
 def anywhere(count):
@@ -175,7 +175,7 @@ def test_a_still_scene_shows_no_thresholds():
         fit(still(), anywhere(1_795))
     # its leak and noise give as many events as there are
     found = fit(still(), anywhere(1_795), delay=0)
-    assert {"off", "on", "dark"} <= found.untold.keys()
+    assert {"off", "on", "dark"} <= found.unidentified.keys()
     assert abs(len(found.settings.emulate(still())) / 1_795 - 1) < 0.1
     with pytest.raises(ValueError, match=r"neither threshold .* 0 events are emulated for 1795"):
         fit(still(), anywhere(1_795), delay=0, noise=False)
@@ -210,7 +210,7 @@ def test_events_that_do_not_follow_the_light_fit_no_thresholds():
 def test_what_is_found_gives_as_many_events_as_the_sensor(sensor):
     frames, events = seen(sensor)
     found = fit(frames, events, delay=0)
-    assert not {"on", "off"} & found.untold.keys()
+    assert not {"on", "off"} & found.unidentified.keys()
     ours = found.settings.emulate(frames)
     for p in (0, 1):
         assert abs((ours.p == p).sum() / (events.p == p).sum() - 1) < 0.02

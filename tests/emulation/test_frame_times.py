@@ -11,7 +11,7 @@ from nvsdata.data.pieces import cut
 from nvsdata.data.samples import Frame, Piece
 from nvsdata.emulation import DVS
 from nvsdata.emulation.convert import convert_videos
-from nvsdata.emulation.protocol import settings_of
+from nvsdata.emulation.protocol import describe_settings
 
 
 @pytest.fixture(params=[PIX2NVS(threshold=0.3), DVS(upsample=3)])
@@ -24,7 +24,7 @@ def converted(tmp_path, request):
 def test_the_file_knows_frames_and_settings(converted):
     emulator, video, recording = converted
     assert recording.frame_times.tolist() == [50_000 * n for n in range(12)]
-    assert recording.about["emulator"] == settings_of(emulator)
+    assert recording.about["emulator"] == describe_settings(emulator)
     # the events are those of the emulator, and the last frame is the recording's end
     assert recording.read() == emulator.emulate(video)
     assert recording.end == 550_000

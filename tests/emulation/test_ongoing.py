@@ -7,7 +7,7 @@ import pytest
 from clips import moving_square, write_video
 
 from nvsdata.data.events import together
-from nvsdata.emulation import DVS, PIX2NVS, Ongoing
+from nvsdata.emulation import DVS, PIX2NVS, StatefulEmulator
 
 SETTINGS = [
     PIX2NVS(),
@@ -24,7 +24,7 @@ SETTINGS = [
 def test_parts_are_the_whole(settings, cuts):
     frames = moving_square(14)
     whole = settings.emulate(frames, fps=25)
-    going, parts = Ongoing(settings), []
+    going, parts = StatefulEmulator(settings), []
     for start, stop in zip((0, *cuts), (*cuts, 14), strict=True):
         parts.append(going.feed(frames[start:stop], fps=25))
         # another process goes on
@@ -36,7 +36,7 @@ def test_parts_are_the_whole(settings, cuts):
 
 def test_times_of_ones_own(tmp_path):
     frames, times = moving_square(6), [0, 10_000, 50_000, 60_000, 61_000, 90_000]
-    going = Ongoing(PIX2NVS())
+    going = StatefulEmulator(PIX2NVS())
     parts = [going.feed(frames[:4], times=times[:4]), going.feed(frames[4:], times=times[4:])]
     expected = list(PIX2NVS().stream(frames, times=times))
     assert together(parts) == together(expected)
@@ -49,7 +49,7 @@ def test_files_follow_each_other(tmp_path):
     frames = moving_square(12)
     for name, part in (("a", frames[:6]), ("b", frames[6:]), ("all", frames)):
         write_video(tmp_path / f"{name}.avi", part, fps=20)
-    going = Ongoing(PIX2NVS())
+    going = StatefulEmulator(PIX2NVS())
     parts = [going.feed(tmp_path / "a.avi"), going.feed(tmp_path / "b.avi")]
     assert (parts[0].end, parts[1].start, parts[1].end) == (250_000, 250_000, 550_000)
     whole = PIX2NVS().emulate(tmp_path / "all.avi")
@@ -58,8 +58,8 @@ def test_files_follow_each_other(tmp_path):
 
 
 def test_calls_without_frames():
-    going = Ongoing(PIX2NVS())
-    with pytest.raises(ValueError, match="a video of no frames"):
+    going = StatefulEmulator(PIX2NVS())
+    with pytest.raises(ValueError, match="the video has no frames"):
         going.feed([])
     frames = moving_square(3)
     assert len(going.feed(frames[:1])) == 0
@@ -74,7 +74,7 @@ def test_after_an_error_the_state_is_that_before_the_call():
         yield from frames[2:5]
         raise OSError("the disk is gone")
 
-    going = Ongoing(PIX2NVS(noise_rate=10.0))
+    going = StatefulEmulator(PIX2NVS(noise_rate=10.0))
     first = going.feed(frames[:2], fps=25)
     with pytest.raises(OSError, match="the disk is gone"):
         going.feed(broken(), fps=25)

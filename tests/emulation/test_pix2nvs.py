@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nvsdata.emulation import PIX2NVS, PRESETS
-from nvsdata.emulation.emulator import Emulator
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 
 DT = 40_000
 
@@ -165,12 +165,12 @@ def test_skipping_still_tiles_changes_no_bit(s, seed, shape):
     frames = clip(seed, shape, 9, 0.002)
     skipping = list(s.stream(frames, fps=25))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Emulator, "_spikes", looks_everywhere)
+        patch.setattr(PIX2NVSState, "_spikes", looks_everywhere)
         plain = list(s.stream(frames, fps=25))
     assert skipping == plain
 
 
-def looks_everywhere(self, frame, last, original=Emulator._spikes):
+def looks_everywhere(self, frame, last, original=PIX2NVSState._spikes):
     """No tile is as it was, and none is still."""
     found = original(self, frame, last._replace(pixels=~frame.pixels))
     assert self._tiles.dirty.all()

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from lab import make_video
 
+from nvsdata.batch import estimate as estimating
 from nvsdata.batch.folder import Video
 from nvsdata.plots import timelines
 from nvsdata.recording.capture import RESERVE
-from nvsdata.rig import estimate as estimating
 from nvsdata.rig import report
-from nvsdata.rig.estimate import estimate
+from nvsdata.rig.estimate import estimate_recording
 
 
 def line(name, status="recorded", **more):
@@ -141,19 +141,21 @@ def videos(tmp_path):
 
 def test_an_estimate_of_time_and_disk(tmp_path, videos, monkeypatch):
     monkeypatch.setattr(estimating.shutil, "disk_usage", lambda out: SimpleNamespace(free=5 * 10**9))
-    told = estimate(videos * 100, [], tmp_path, 1e6 / 60)
+    told = estimate_recording(videos * 100, [], tmp_path, 1e6 / 60)
     # 2 s each; patterns of 0.6 s and 32 steps of 3/60 s, twice; 2 s of the first picture, 0.8 s of fading, 2 s besides
-    assert told == ("400 videos: about 1 h 15 min and 1.6 GB; 5.0 GB of disk are free", False)
+    assert str(told) == "400 videos: about 1 h 15 min and 1.60 GB of recordings; 5.0 GB of disk are free"
+    assert not told.short
     recorded = [{"recording": 60_000_000, "duration": 3_000_000}, {"status": "failed"}]
-    told, short = estimate(videos * 100, recorded, tmp_path, 1e6 / 60)
-    assert "16.0 GB; 5.0 GB of disk are free, which is too little" in told
-    assert short
+    told = estimate_recording(videos * 100, recorded, tmp_path, 1e6 / 60)
+    assert "16.00 GB of recordings; 5.0 GB of disk are free, which is too little" in str(told)
+    assert told.short
     # what recordings leave free at their end is needed, too
     for free, small in ((1_600_000_000 + RESERVE, False), (1_600_000_000 + RESERVE - 1, True)):
         monkeypatch.setattr(estimating.shutil, "disk_usage", lambda out, free=free: SimpleNamespace(free=free))
-        assert estimate(videos * 100, [], tmp_path, 1e6 / 60).short is small
-        assert not estimate([], [], tmp_path, 1e6 / 60).short
+        assert estimate_recording(videos * 100, [], tmp_path, 1e6 / 60).short is small
+        assert not estimate_recording([], [], tmp_path, 1e6 / 60).short
 
 
 def test_an_estimate_of_nothing(tmp_path):
-    assert estimate([], [], tmp_path, 1e6 / 60).text.startswith("0 videos: about 0 h 00 min and 0.0 GB")
+    found = estimate_recording([], [], tmp_path, 1e6 / 60)
+    assert str(found).startswith("0 videos: about 0 s and 0.00 GB")

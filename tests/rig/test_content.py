@@ -17,7 +17,7 @@ from nvsdata.rig.content import Content, Inspector, Span, TakeRejected, _compare
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.motion import emulated
 from nvsdata.rig.sync import ScreenRecording, synced
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 SIZE = (240, 180)
 
@@ -305,7 +305,7 @@ def test_the_emulated_video_is_where_the_screen_shows_it(monkeypatch):
     for n in range(5):
         pixels = np.zeros((50, 200), np.uint8)
         pixels[15:35, 10 + 10 * n : 40 + 10 * n] = 200
-        frames.append(Frame(n * 40_000, pixels))
+        frames.append(VideoFrame(n * 40_000, pixels))
     monkeypatch.setattr(motion, "frames_of", lambda video: iter(frames))
 
     class Screen:

@@ -9,7 +9,7 @@ import pytest
 from nvsdata.recording.camera import host_time
 from nvsdata.recording.live_view import DisplayError
 from nvsdata.rig.monitor import Monitor
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 pytestmark = pytest.mark.usefixtures("headless")
 
@@ -26,7 +26,7 @@ class Eye:
 
 
 def picture(width, height, color=(10, 20, 200)):
-    return Frame(0, np.full((height, width, 3), color, np.uint8))
+    return VideoFrame(0, np.full((height, width, 3), color, np.uint8))
 
 
 def test_a_picture_is_as_large_as_fits_and_black_around():
@@ -45,7 +45,7 @@ def test_whole_numbers_keep_pixels_whole():
     eye = Eye()
     checks = np.indices((10, 10)).sum(0).astype(np.uint8) % 2 * 255
     with Monitor(window=(100, 100), region=(20, 10, 60, 45), scaling="integer", look=eye) as monitor:
-        monitor.show(Frame(0, checks))
+        monitor.show(VideoFrame(0, checks))
     shown = eye.pictures[-1]
     # 45 of height are room for 4 a pixel, in the middle of the region
     assert (shown[12:52, 30:70, 0] == checks.repeat(4, 0).repeat(4, 1)).all()

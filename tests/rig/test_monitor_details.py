@@ -9,7 +9,7 @@ import pytest
 from nvsdata.recording.live_view import DisplayError
 from nvsdata.rig import monitor as module
 from nvsdata.rig.monitor import Monitor
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 PERIOD = 1e6 / 60
 
@@ -112,7 +112,7 @@ def test_what_is_odd_about_a_display_is_said(screen):
 def test_where_a_picture_goes(screen, scaling, size, region, place):
     screen.scaling, screen.region = scaling, region
     screen.fill(200)
-    screen.show(Frame(0, np.full((size[1], size[0], 3), 7, np.uint8)))
+    screen.show(VideoFrame(0, np.full((size[1], size[0], 3), 7, np.uint8)))
     x, y, width, height = place
     expected = np.zeros((48, 64, 3))
     expected[y : y + height, x : x + width] = 7
@@ -123,7 +123,7 @@ def test_where_a_picture_goes(screen, scaling, size, region, place):
 def test_what_is_too_large_for_whole_numbers(screen, size):
     screen.scaling = "integer"
     with pytest.raises(ValueError, match=f"a picture of {size[0]}x{size[1]} is larger than the region of 64x48"):
-        screen.show(Frame(0, np.zeros((size[1], size[0]), np.uint8)))
+        screen.show(VideoFrame(0, np.zeros((size[1], size[0]), np.uint8)))
 
 
 def test_how_pictures_are_scaled(screen):
@@ -137,19 +137,19 @@ def test_how_pictures_are_scaled(screen):
         ("integer", (0, 0, 8, 8), [0, 0, 0, 0, 100, 100, 100, 100]),
     ):
         screen.scaling, screen.region = scaling, region
-        picture, place = screen._placed(Frame(0, step))
+        picture, place = screen._placed(VideoFrame(0, step))
         assert (place, picture.shape) == ((0, 0), (len(row), len(row), 3))
         assert (picture == np.array(row)[None, :, None]).all()
 
 
 def test_which_values_a_picture_may_have(screen):
     screen.region = (0, 0, 5, 1)
-    floats, _ = screen._placed(Frame(0, np.array([[-3.0, 0.4, 0.6, 254.6, 300.0]])))
+    floats, _ = screen._placed(VideoFrame(0, np.array([[-3.0, 0.4, 0.6, 254.6, 300.0]])))
     assert floats.dtype == np.uint8
     assert floats[0, :, 1].tolist() == [0, 0, 1, 255, 255]
     colors = np.arange(15, dtype=np.uint8).reshape(1, 5, 3)
-    assert (screen._placed(Frame(0, colors))[0] == colors[..., ::-1]).all()
-    assert (screen._placed(Frame(0, colors, red_first=True))[0] == colors).all()
+    assert (screen._placed(VideoFrame(0, colors))[0] == colors[..., ::-1]).all()
+    assert (screen._placed(VideoFrame(0, colors, red_first=True))[0] == colors).all()
 
 
 def test_a_fill_is_gray_all_over(screen):

@@ -10,7 +10,7 @@ from nvsdata.recording.camera import host_time
 from nvsdata.rig import playback
 from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, perform
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -89,7 +89,7 @@ def test_nothing_jumps_between_the_dim_level_and_the_picture(tmp_path, monkeypat
     monkeypatch.setattr(playback, "FADE", 400_000)
     seen = []
     white = np.full((60, 80), 255, np.uint8)
-    frames = [Frame(0, white), Frame(40_000, white)]
+    frames = [VideoFrame(0, white), VideoFrame(40_000, white)]
     monkeypatch.setattr(playback, "frames_of", lambda video: iter(frames))
     with Monitor(window=(100, 60), look=lambda moment, picture: seen.append((moment, picture.copy()))) as monitor:
         done = perform(monitor, tmp_path / "white")
@@ -146,6 +146,6 @@ def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_show
 )
 def test_a_video_slightly_faster_than_the_screen_is_told_as_such(fps, refresh, told):
     """Not as a computer that is busy, after three takes."""
-    frames = [Frame(round(n * 1e6 / fps), np.zeros((2, 2), np.uint8), True) for n in range(playback.LOOKED_AT)]
+    frames = [VideoFrame(round(n * 1e6 / fps), np.zeros((2, 2), np.uint8), True) for n in range(playback.LOOKED_AT)]
     with pytest.raises(ValueError, match=f"the video has {fps} pictures per second") if told else nullcontext():
         playback._check_rate(frames, 1e6 / refresh)

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.emulator import Emulator
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
+from nvsdata.video.frames import VideoFrame
 
 SHAPE = (2, 4)
 DARK = PIX2NVS(continuous=True, t_log=20)
@@ -22,8 +22,8 @@ def tones(settings):
 
 def emulated(settings, frames):
     """The emulator after all frames, and how many events each gave."""
-    emulator = Emulator(settings, Frame(0, frames[0]))
-    return emulator, [emulator.step(Frame(n, frame)).keys.size for n, frame in enumerate(frames[1:], 1)]
+    emulator = PIX2NVSState(settings, VideoFrame(0, frames[0]))
+    return emulator, [emulator.step(VideoFrame(n, frame)).keys.size for n, frame in enumerate(frames[1:], 1)]
 
 
 def exact(settings, frames):
@@ -94,9 +94,9 @@ def test_a_hundred_thousand_frames_of_flicker_give_as_many_events_as_ten():
     """Every change from black to white crosses more thresholds than the most that count."""
     settings = PIX2NVS()
     frame = [np.full(SHAPE, value, np.uint8) for value in (0, 255)]
-    emulator, total = Emulator(settings, Frame(0, frame[0])), 0
+    emulator, total = PIX2NVSState(settings, VideoFrame(0, frame[0])), 0
     for n in range(1, 100_001):
-        total += emulator.step(Frame(n, frame[n % 2])).keys.size
+        total += emulator.step(VideoFrame(n, frame[n % 2])).keys.size
     assert total == 100_000 * 8 * settings.max_events
 
 
@@ -128,7 +128,7 @@ def test_what_the_dark_costs(name, frames, plain, linear):
     assert rate(DARK, frames) == pytest.approx(linear, rel=0.1, abs=0.01)
 
 
-def looks_everywhere(self, frame, last, original=Emulator._spikes):
+def looks_everywhere(self, frame, last, original=PIX2NVSState._spikes):
     """No tile is as it was, and none is still."""
     found = original(self, frame, last._replace(pixels=~frame.pixels))
     assert self._tiles.dirty.all()
@@ -149,6 +149,6 @@ def test_tiles_at_the_threshold_of_their_most_sensitive_pixel_are_not_skipped(th
     settings = PIX2NVS(mismatch=0.3, alpha=0.5, seed=1, threshold=threshold)
     frames = [np.full((8, 64), gray, np.uint8) for gray in (before, *[after] * 7)]
     skipping = list(settings.stream(frames, fps=25))
-    monkeypatch.setattr(Emulator, "_spikes", looks_everywhere)
+    monkeypatch.setattr(PIX2NVSState, "_spikes", looks_everywhere)
     assert skipping == list(settings.stream(frames, fps=25))
     assert sum(map(len, skipping)) > 0

@@ -9,22 +9,22 @@ from hypothesis import strategies as st
 
 from nvsdata.common.errors import FormatError
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.run import brightness
+from nvsdata.emulation.state import brightness
 from nvsdata.video import decoder
 from nvsdata.video.decoder import (
     ERRORS_ONLY,
     FULL,
     STUDIO,
-    Decoder,
-    _as_steep,
     _opened,
+    _same_contrast,
+    decode_video,
     levels_of,
     logging,
-    luminance,
     quiet,
-    stretched,
+    rgb_luminance,
+    stretch_levels,
 )
-from nvsdata.video.frames import Frame, frames_of
+from nvsdata.video.frames import VideoFrame, frames_of
 
 
 def clip(path, code, frames):
@@ -75,7 +75,7 @@ def test_levels_are_told_by_a_picture_that_is_off_a_little(seed, levels, contras
     values = cv2.resize(rng.random((5, 7)).astype(np.float32), (64, 48)) * contrast + ground
     black, white = levels
     luma = np.clip(np.rint(values * (white - black) / 255 + black), 0, 255).astype(np.uint8)
-    colors = np.repeat(np.clip(stretched(luma, levels) - 1.4, 0, 255)[..., None], 3, 2).astype(np.uint8)
+    colors = np.repeat(np.clip(stretch_levels(luma, levels) - 1.4, 0, 255)[..., None], 3, 2).astype(np.uint8)
     # where there is next to no contrast it may stay in doubt, but is never wrong
     assert levels_of(luma, colors) in ((levels,) if contrast >= 60 else (levels, None))
 
@@ -95,14 +95,14 @@ def test_what_is_no_luma_of_the_picture(tmp_path):
 def test_warnings_are_as_they_were_after_a_stream_and_after_leaving_one(tmp_path):
     path = clip(tmp_path / "a.avi", "MJPG", moving_square())
     before = logging.getLogLevel()
-    one, two = iter(Decoder(path, False)), iter(Decoder(path, False))
+    one, two = decode_video(path, False), decode_video(path, False)
     next(one), next(two)
     assert logging.getLogLevel() == ERRORS_ONLY
     one.close()
     assert logging.getLogLevel() == ERRORS_ONLY
     two.close()
     assert logging.getLogLevel() == before
-    assert len(list(Decoder(path, False))) == 12
+    assert len(list(decode_video(path, False))) == 12
     assert logging.getLogLevel() == before
 
 
@@ -110,8 +110,8 @@ def test_warnings_are_as_they_were_after_a_stream_and_after_leaving_one(tmp_path
 def test_luma_is_seen_as_the_brightness_that_it_stands_for(settings):
     rng = np.random.default_rng(1)
     luma = [rng.integers(0, 256, (40, 72), dtype=np.uint8) for _ in range(4)]
-    stored = [Frame(40_000 * n, pixels, levels=STUDIO) for n, pixels in enumerate(luma)]
-    meant = [Frame(frame.time, brightness(frame)) for frame in stored]
+    stored = [VideoFrame(40_000 * n, pixels, levels=STUDIO) for n, pixels in enumerate(luma)]
+    meant = [VideoFrame(frame.time, brightness(frame)) for frame in stored]
     events = settings.emulate(stored)
     assert len(events) > 1000
     assert events == settings.emulate(meant)
@@ -122,7 +122,7 @@ def test_luma_is_seen_as_the_brightness_that_it_stands_for(settings):
 def test_frames_of_other_levels_are_not_of_one_video():
     pixels = np.zeros((48, 64), np.uint8)
     with pytest.raises(ValueError, match="is 64x48 gray uint8, earlier ones were 64x48 gray uint8 from 16 to 235"):
-        PIX2NVS().emulate([Frame(0, pixels, levels=STUDIO), Frame(40_000, pixels)])
+        PIX2NVS().emulate([VideoFrame(0, pixels, levels=STUDIO), VideoFrame(40_000, pixels)])
 
 
 @pytest.mark.parametrize(
@@ -131,27 +131,27 @@ def test_frames_of_other_levels_are_not_of_one_video():
 )
 def test_contrast_tells_levels_apart(slope, same):
     known = 128 + np.random.default_rng(0).normal(0, 6, 500)
-    assert _as_steep(128 + (known - known.mean()) / slope, known) == same
+    assert _same_contrast(128 + (known - known.mean()) / slope, known) == same
 
 
 def test_without_contrast_nothing_is_told_apart():
     flat = np.full(500, 128.0)
-    assert not _as_steep(flat, flat)
+    assert not _same_contrast(flat, flat)
 
 
 @pytest.mark.parametrize(("contrast", "enough"), [(5.0, True), (4.99, False)])
 def test_how_much_contrast_is_needed(contrast, enough):
     gray = np.array([128 - contrast, 128 + contrast] * 50)
-    assert _as_steep(gray, gray) == enough
+    assert _same_contrast(gray, gray) == enough
 
 
 def test_what_luma_means():
     luma = np.array([0, 16, 17, 89, 235, 255], np.uint8)
-    assert stretched(luma, FULL).tolist() == [0, 16, 17, 89, 235, 255]
+    assert stretch_levels(luma, FULL).tolist() == [0, 16, 17, 89, 235, 255]
     # as the standards for video say: 219 steps from black to white
-    assert stretched(luma, STUDIO) == pytest.approx([0, 0, 255 / 219, 85, 255, 255])
-    assert stretched(np.array([50], np.uint8), (40, 60)).tolist() == [127.5]
-    assert luminance(*np.diag([1_000, 1_000, 1_000])).tolist() == [299, 587, 114]
+    assert stretch_levels(luma, STUDIO) == pytest.approx([0, 0, 255 / 219, 85, 255, 255])
+    assert stretch_levels(np.array([50], np.uint8), (40, 60)).tolist() == [127.5]
+    assert rgb_luminance(*np.diag([1_000, 1_000, 1_000])).tolist() == [299, 587, 114]
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,13 @@ from nvsdata import PIX2NVS
 from nvsdata.cli import main
 from nvsdata.emulation.convert import convert_videos
 from nvsdata.video.frames import frames_of
-from nvsdata.video.view import View
+from nvsdata.video.view import VideoView
 
 WIDE = np.full((90, 160, 3), 200, np.uint8)
 
 
 def shaped(frame, size, **how):
-    return View(**how).shaped(frame, size)
+    return VideoView(**how).fit_frame(frame, size)
 
 
 def test_a_wide_frame_in_a_narrow_size():
@@ -30,7 +30,7 @@ def test_a_wide_frame_in_a_narrow_size():
     assert (padded[:7] == 0).all() and (padded[52:] == 0).all()  # noqa: PT018
     assert (shaped(WIDE, (80, 60), fit="crop") == 200).all()
     assert (shaped(WIDE, (80, 60), fit="stretch") == 200).all()
-    assert View().shaped(WIDE, (80, 60), 16)[0, 0].tolist() == [16, 16, 16]
+    assert VideoView().fit_frame(WIDE, (80, 60), 16)[0, 0].tolist() == [16, 16, 16]
 
 
 def test_what_is_cropped_keeps_its_shape():
@@ -55,11 +55,11 @@ def test_a_part_of_the_frame():
 def test_a_part_of_the_time(tmp_path):
     video = write_video(tmp_path / "a.avi", fps=20)
     whole = list(frames_of(video))
-    part = list(frames_of(video, view=View(0.1, 0.35)))
+    part = list(frames_of(video, view=VideoView(0.1, 0.35)))
     assert [frame.time for frame in part] == [0, 50_000, 100_000, 150_000, 200_000]
     assert all(np.array_equal(a.pixels, b.pixels) for a, b in zip(part, whole[2:7], strict=True))
     with pytest.raises(ValueError, match="the video has no frames from 9 s to inf s"):
-        list(frames_of(video, view=View(9)))
+        list(frames_of(video, view=VideoView(9)))
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_a_part_of_the_time(tmp_path):
 )
 def test_views_that_make_no_sense(how, message):
     with pytest.raises(ValueError, match=message):
-        View(**{"start": 0.0, "stop": inf} | how)
+        VideoView(**{"start": 0.0, "stop": inf} | how)
 
 
 def test_videos_are_not_squashed_without_a_word(tmp_path):
@@ -100,11 +100,11 @@ def test_videos_are_not_squashed_without_a_word(tmp_path):
 def test_a_part_of_a_video_is_emulated_as_if_it_were_all(tmp_path):
     frames = moving_square(12)
     write_video(tmp_path / "in/a.avi", frames, fps=20)
-    convert_videos(tmp_path / "in", tmp_path / "out", view=View(0.2, 0.4, (4, 4, 20, 16)))
+    convert_videos(tmp_path / "in", tmp_path / "out", view=VideoView(0.2, 0.4, (4, 4, 20, 16)))
     events = nvsdata.read(tmp_path / "out/a.h5")
     assert events.sensor_size == (20, 16)
     assert (events.start, events.end) == (0, 150_000)
     expected = PIX2NVS().emulate(
-        list(frames_of(tmp_path / "in/a.avi", color=False, view=View(0.2, 0.4, (4, 4, 20, 16))))
+        list(frames_of(tmp_path / "in/a.avi", color=False, view=VideoView(0.2, 0.4, (4, 4, 20, 16))))
     )
     assert events == expected

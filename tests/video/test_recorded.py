@@ -67,9 +67,9 @@ def test_an_emulator_takes_the_clock_of_the_list(tmp_path):
         ("timestamps.txt", "1\n2\n", "has 3 images and 2 times"),
         ("timestamps.txt", "1\nsoon\n3\n", "line 2 is 'soon', not a time"),
         ("timestamps.txt", "1 2 3\n", "line 1 is '1 2 3', not a time"),
-        ("timestamps.txt", "5\n3\n4\n", "time 1 is 3 µs, the one before 5: times must rise"),
+        ("timestamps.txt", "5\n3\n4\n", "time 1 is 3 µs, the one before is 5: times must rise"),
         ("images.txt", "1 frame_1.png\n2\n", "has 1 names and 2 times"),
-        ("images.txt", "1 frame_1.png\n2 frame_3.png\n", "frame_3.png: is listed, not there"),
+        ("images.txt", "1 frame_1.png\n2 frame_3.png\n", "frame_3.png: is listed, but missing"),
     ],
 )
 def test_folders_that_are_no_videos_are_refused_by_name(tmp_path, file, listed, said):
@@ -110,24 +110,24 @@ def sample(value, start=1_000, end=3_001, shape=(6, 8)):
     [((0, 255), (0, 255)), ((0, 1023), (0, 255)), ((256, 512), (63.8, 127.6)), ((0, 65535), (0, 255))],
 )
 def test_frames_of_a_recording_are_in_the_middle_of_their_exposure(values, levels):
-    from nvsdata.video.recorded import of_recording
+    from nvsdata.video.recorded import read_recording
 
-    found = list(of_recording(Camera(sample(values[0]), sample(values[1], 5_000, 6_000))))
+    found = list(read_recording(Camera(sample(values[0]), sample(values[1], 5_000, 6_000))))
     assert [frame.time for frame in found] == [2_000, 5_500]
     assert [float(frame.pixels[0, 0]) for frame in found] == pytest.approx(levels, abs=0.1)
     assert found[0].pixels.dtype == (np.uint8 if max(values) < 256 else np.float64)
 
 
 def test_recordings_whose_frames_are_no_video():
-    from nvsdata.video.recorded import of_recording
+    from nvsdata.video.recorded import read_recording
 
     for camera, said in (
         (Camera(), "a camera has no frames"),
         (Camera(sample(1, shape=(5, 8))), r"frame 0 is 8x5, the sensor \(8, 6\)"),
-        (Camera(sample(1), sample(2)), "frame 1 is of 2000 µs, the one before of 2000: times must rise"),
+        (Camera(sample(1), sample(2)), "frame 1 is at 2000 µs, the one before at 2000: times must rise"),
     ):
         with pytest.raises(ValueError, match=said):
-            list(of_recording(camera))
+            list(read_recording(camera))
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="needs real pairs")

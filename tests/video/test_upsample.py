@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from nvsdata.emulation import DVS
-from nvsdata.video.frames import Frame
-from nvsdata.video.upsample import CHANGE, DARK, MOST, upsampled
+from nvsdata.video.frames import VideoFrame
+from nvsdata.video.upsample import CHANGE, DARK, MOST, upsample_frames
 
 GAP = 10_000  # µs
 TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (160, 240)).astype(np.uint8), (0, 0), 3)
@@ -24,13 +24,13 @@ def patch(x, background=90):
 
 
 def between(a, b, how, gap=GAP):
-    return list(upsampled(iter([Frame(0, a), Frame(gap, b)]), how))
+    return list(upsample_frames(iter([VideoFrame(0, a), VideoFrame(gap, b)]), how))
 
 
 @pytest.mark.parametrize("how", ["none", 1])
 def test_nothing_is_added_unless_asked_for(how):
-    frames = [Frame(n * GAP, patch(n)) for n in range(3)]
-    assert all(a is b for a, b in zip(upsampled(iter(frames), how), frames, strict=True))
+    frames = [VideoFrame(n * GAP, patch(n)) for n in range(3)]
+    assert all(a is b for a, b in zip(upsample_frames(iter(frames), how), frames, strict=True))
 
 
 @pytest.mark.parametrize("how", ["linear", "flow", 5])
@@ -107,7 +107,9 @@ def test_small_pictures_and_short_gaps():
 
 def test_steps_are_by_brightness_whatever_the_bytes_of_black_and_white():
     a, b = np.full((8, 8), 16, np.uint8), np.full((8, 8), 33, np.uint8)
-    studio = list(upsampled(iter([Frame(0, a, levels=(16, 235)), Frame(GAP, b, levels=(16, 235))]), "linear"))
+    studio = list(
+        upsample_frames(iter([VideoFrame(0, a, levels=(16, 235)), VideoFrame(GAP, b, levels=(16, 235))]), "linear")
+    )
     full = between(np.full((8, 8), 0, np.uint8), np.full((8, 8), 20, np.uint8), "linear")
     assert len(studio) == len(full) == 1 + 5
 

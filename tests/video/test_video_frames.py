@@ -6,7 +6,7 @@ from PIL import Image
 
 from nvsdata import FormatError
 from nvsdata.emulation import PIX2NVS
-from nvsdata.video.frames import Frame, TruncatedVideo, frames_of
+from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 
 
 def test_a_file_gives_its_frames_and_times(tmp_path):
@@ -205,7 +205,7 @@ def test_frames_without_times_come_30_a_second_and_others_when_they_say():
     plain = np.zeros((2, 3), np.uint8)
     assert [frame.time for frame in frames_of([plain] * 5)] == [0, 33_333, 66_667, 100_000, 133_333]
     assert [frame.time for frame in frames_of([plain] * 4, fps=7)] == [0, 142_857, 285_714, 428_571]
-    own = [Frame(500, plain, True, (16, 235)), Frame(900, plain)]
+    own = [VideoFrame(500, plain, True, (16, 235)), VideoFrame(900, plain)]
     assert [frame.time for frame in frames_of(own)] == [500, 900]
     first, second = frames_of(own, times=iter([3, 8, 9]))
     assert (first.time, first.red_first, first.levels, second.time) == (3, True, (16, 235), 8)
@@ -239,7 +239,7 @@ def test_frames_are_copies_of_arrays_that_are_used_again():
 )
 def test_how_frames_are_scaled(size, row):
     step = np.array([[0, 0, 100, 100]] * 2, np.uint8)
-    for given in (step, Frame(0, step)):
+    for given in (step, VideoFrame(0, step)):
         (frame,) = frames_of([given], size=size)
         assert frame.pixels.shape == size[::-1]
         assert (frame.pixels == row).all()

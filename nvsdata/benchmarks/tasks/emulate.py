@@ -19,8 +19,8 @@ from nvsdata.benchmarks.case import Case, Options, Ready
 from nvsdata.benchmarks.inputs import pairs, video
 from nvsdata.data.events import Events
 from nvsdata.emulation import DVS, PIX2NVS
-from nvsdata.video.frames import Frame
-from nvsdata.video.upsample import upsampled
+from nvsdata.video.frames import VideoFrame
+from nvsdata.video.upsample import upsample_frames
 
 SIZE = 640, 480
 PERIOD = 40_000  # µs between frames
@@ -150,7 +150,7 @@ def _decoded(options: Options) -> Ready:
 def _held_to_sensor(path: Path, name: str) -> Ready:
     data = np.load(path)
     stills, times = data["frames"][:20], data["frame_times"][:20]
-    frames = [Frame(int(time - times[0]), still) for time, still in zip(times, stills, strict=True)]
+    frames = [VideoFrame(int(time - times[0]), still) for time, still in zip(times, stills, strict=True)]
     during = (data["t"] >= times[0]) & (data["t"] < times[-1])
     t, x, y, p = (data[key][during] for key in "txyp")
     real = Events(t, x, y, p, stills.shape[2:0:-1])
@@ -176,14 +176,14 @@ def _part_moves(name: str, share: float, size: tuple[int, int] = SIZE) -> Ready:
         still[rows, columns] = ground[n:][rows, columns]
         stills.append(still)
     settings, number = SETTINGS[name], count(1)
-    state = settings.begin(Frame(0, stills[0]))
-    last = [Frame(0, stills[0])]
+    state = settings.begin(VideoFrame(0, stills[0]))
+    last = [VideoFrame(0, stills[0])]
 
     def run() -> int:
         n = next(number)
         # another array each time, as a decoder gives it
-        last.append(Frame(PERIOD * n, stills[n % CYCLE]))
-        more = upsampled(iter(last), getattr(settings, "upsample", "none"))
+        last.append(VideoFrame(PERIOD * n, stills[n % CYCLE]))
+        more = upsample_frames(iter(last), getattr(settings, "upsample", "none"))
         found = sum(len(state.step(frame).events()) for frame in islice(more, 1, None))
         del last[0]
         return found
@@ -234,7 +234,7 @@ def _beside_equations(ours: bool) -> Ready:
     return Ready(emulated if ours else partial(by_equations, stills), error)
 
 
-def by_equations(frames: list[Frame], settings: PIX2NVS = DEFAULT) -> np.ndarray:
+def by_equations(frames: list[VideoFrame], settings: PIX2NVS = DEFAULT) -> np.ndarray:
     """Numbers of events [frames - 1, polarity, H, W] of gray frames by the default settings' equations, in float64."""
     with np.errstate(divide="ignore"):
         levels = [np.where(frame.pixels > 0, np.log(frame.pixels.astype(float)), 0) for frame in frames]
@@ -247,10 +247,10 @@ def by_equations(frames: list[Frame], settings: PIX2NVS = DEFAULT) -> np.ndarray
     return np.array(found)
 
 
-def _passing(frames: int) -> list[Frame]:
+def _passing(frames: int) -> list[VideoFrame]:
     """A camera that passes over a textured ground."""
     ground = texture((240, 320 + 2 * frames))
-    return [Frame(PERIOD * n, np.ascontiguousarray(ground[:, 2 * n : 2 * n + 320])) for n in range(frames)]
+    return [VideoFrame(PERIOD * n, np.ascontiguousarray(ground[:, 2 * n : 2 * n + 320])) for n in range(frames)]
 
 
 def _long(frames: int) -> Ready:

@@ -11,8 +11,8 @@ import numpy as np
 from nvsdata.benchmarks.case import Case, Options, Ready
 from nvsdata.data.events import Events
 from nvsdata.emulation import DVS, PIX2NVS
-from nvsdata.emulation.fitting import places
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.fitting import pixel_index
+from nvsdata.video.frames import VideoFrame
 
 SIZE, SPEED, DURATION = (128, 96), 60.0, 0.4  # pixels, pixels/s, s
 FINE = 100  # µs between the frames that the ideal sensor sees, in float64
@@ -44,7 +44,7 @@ def _by_rate(options: Options) -> Iterator[Case]:
 
 
 def _ready(name: str, rate: int) -> Ready:
-    frames = [Frame(time, np.rint(scene(time)).astype(np.uint8)) for time in _times(1e6 / rate)]
+    frames = [VideoFrame(time, np.rint(scene(time)).astype(np.uint8)) for time in _times(1e6 / rate)]
     exact = ideal().window(0, frames[-1].time + 1)
     share = partial(_percent, len(exact))
     return Ready(
@@ -65,7 +65,7 @@ def _times(gap: float) -> list[int]:
 @cache
 def ideal() -> Events:
     """The events of the scene itself, all but continuous."""
-    return DVS(on=ON, off=OFF).emulate([Frame(time, scene(time)) for time in _times(FINE)])
+    return DVS(on=ON, off=OFF).emulate([VideoFrame(time, scene(time)) for time in _times(FINE)])
 
 
 def scene(time: int) -> np.ndarray:
@@ -87,7 +87,7 @@ def times_apart(found: Events, exact: Events) -> float:
 
 def _ranked(events: Events) -> tuple[np.ndarray, np.ndarray]:
     """A number per event that tells pixel, polarity and rank among the events of these; and the events' times."""
-    place = places(events) * 2 + events.p
+    place = pixel_index(events) * 2 + events.p
     order = np.lexsort((events.t, place))
     place = place[order]
     begins = np.flatnonzero(np.diff(place, prepend=-1))

@@ -1,1 +1,1 @@
-"""The search for settings that come closest to a real recording (thesis 3.4.3)."""
+"""Search for the settings whose events are nearest to a real recording (thesis, section 3.4.3)."""

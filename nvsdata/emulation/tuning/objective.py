@@ -1,4 +1,4 @@
-"""What tuning minimizes: distances of emulated events to a real recording of the same video."""
+"""Objective of tuning: distances of emulated events to a real recording of the same video."""
 
 from __future__ import annotations
 
@@ -18,29 +18,39 @@ from nvsdata.emulation.fitting import Fit, check_common, fit
 from nvsdata.emulation.protocol import EventEmulator
 from nvsdata.emulation.tuning.search import Measured
 from nvsdata.metrics.distance import compare, event_counts
-from nvsdata.video.frames import Frame, Video, frames_of
+from nvsdata.video.frames import VideoFrame, VideoInput, frames_of
 
 
-class Pair:
-    """A real recording and the frames of the video it shows, scaled to its sensor; calling it measures settings.
+class TuningPair:
+    """Real recording and the frames of the video that it shows, scaled to its sensor; a call measures an emulator.
 
     The frame rate of the comparison is the video's. The frames are kept in memory.
 
-    - `real`: events of a camera that saw the video
-    - `video`: as `PIX2NVS.stream` takes it
-    - `fps`: frames per second, whatever the video says (default: as it says)
-    - `seconds`: compare the first seconds only (default: all)
-    - `offset`: µs that are added to the recording's times, which count from its start (default 0)
-    - `one_way`: distances from emulated spikes to real ones only, as in the thesis (default False: both ways, and how
-      far the numbers of events are apart). They choose emulators that fire too little: what is missing costs nothing
+    Args:
+        real: Events of a camera that saw the video.
+        video: The video, as `PIX2NVS.stream` takes it.
+        fps: Frames per second, in place of the video's own times.
+        seconds: Compare the first seconds only.
+        offset: Time in µs that is added to the recording's times, which count from its start.
+        one_way: Measure distances from emulated spikes to real ones only, as in the thesis (default: both ways, and the
+            difference of the numbers of events). One-way distances favor emulators that fire too little, because
+            missing events cost nothing.
 
-    ValueError if fewer than two frames fall within the time, and for frames and events without time in common.
+    Raises:
+        ValueError: Fewer than two frames are compared, or frames and events have no time in common.
+
+    Example:
+        >>> from nvsdata import PIX2NVS
+        >>> frames = [np.roll(np.tri(24, 32) * 200, n, 1).astype(np.uint8) for n in range(4)]
+        >>> pair = TuningPair(PIX2NVS().emulate(frames, fps=30), frames)
+        >>> pair(PIX2NVS()).distances[0]
+        0.0
     """
 
     def __init__(
         self,
         real: Events | Recording,
-        video: Video,
+        video: VideoInput,
         *,
         fps: float | None = None,
         seconds: float | None = None,
@@ -51,17 +61,17 @@ class Pair:
         end = np.inf if seconds is None else seconds * 1e6
         size = real.sensor_size
 
-        def load(color: bool) -> Iterator[Frame]:
+        def load(color: bool) -> Iterator[VideoFrame]:
             found = frames_of(video, fps=fps, size=size, color=color)
             return takewhile(lambda f: f.time <= end, map(self._from_the_first, found))
 
         frames = list(load(color=False))
-        # only hue, which few settings ask for, needs a file's colors; arrays have them already
+        # only hue, which few settings use, needs the colors of a file; arrays have them already
         of_file = isinstance(video, str | os.PathLike)
         if len(frames) < 2:
             shown = "the video" if isinstance(video, Iterable) and not of_file else video
-            raise ValueError(f"{shown}: {len(frames)} frames in the time that counts, at least 2 are needed")
-        # a video with a clock of its own shares it with the recording
+            raise ValueError(f"{shown}: {len(frames)} frames in the time that is compared, at least 2 are needed")
+        # a video with its own clock shares it with the recording
         own = isinstance(video, Recording) or (isinstance(video, str | os.PathLike) and Path(video).is_dir())
         origin = (self._first or 0) if own else self._first or real.start
         check_common((origin, origin + frames[-1].time), real)
@@ -69,65 +79,71 @@ class Pair:
         self._set(frames, partial(load, True) if of_file else lambda: frames, events, offset, one_way)
 
     def _set(
-        self, frames: list[Frame], colored: Callable[[], Iterable[Frame]], real: Events, offset: int, one_way: bool
+        self,
+        frames: list[VideoFrame],
+        colored: Callable[[], Iterable[VideoFrame]],
+        real: Events,
+        offset: int,
+        one_way: bool,
     ) -> None:
         self.frames, self._load_colored, self.real, self.offset, self.one_way = frames, colored, real, offset, one_way
         self.fps = (len(frames) - 1) * 1e6 / frames[-1].time
 
-    def split(self, share: float) -> tuple[Pair, Pair]:
-        """The pair without its last `share` (0 to 1) of the frames, and this rest, which begins where the first ends.
+    def split(self, share: float) -> tuple[TuningPair, TuningPair]:
+        """Split the pair into two, the second of which has the last `share` (0 to 1) of the frames.
 
-        ValueError if either has fewer than two frames.
+        Raises:
+            ValueError: Either part has fewer than two frames.
         """
         last = len(self.frames) - 1 - math.ceil(share * (len(self.frames) - 1))
         if not 0 < last < len(self.frames) - 1:
             raise ValueError(
-                f"{len(self.frames)} frames can't be split so that {share:.0%} are apart: take another share"
+                f"{len(self.frames)} frames can't be split with {share:.0%} in the second part: take another fraction"
             )
         return self._part(0, last), self._part(last, len(self.frames) - 1)
 
-    def _part(self, first: int, last: int) -> Pair:
-        """The frames from the first to the last one, and the events between them."""
+    def _part(self, first: int, last: int) -> TuningPair:
+        """Return a pair of the frames from number `first` to `last`, and the events between them."""
         begin, end = self.frames[first].time, self.frames[last].time
         # the events before a video belong to its first part
         early = begin - self.offset if first else 0
         events = _cut(self.real, self.real.start + early, self.real.start + max(end - self.offset, early + 1))
-        part = object.__new__(Pair)
+        part = object.__new__(TuningPair)
 
-        def cut(frames: Iterable[Frame]) -> list[Frame]:
+        def cut(frames: Iterable[VideoFrame]) -> list[VideoFrame]:
             return [frame._replace(time=frame.time - begin) for frame in islice(frames, first, last + 1)]
 
         part._set(cut(self.frames), lambda: cut(self._colored), events, 0 if first else self.offset, self.one_way)
         return part
 
     def fitted(self, base: DVS) -> Fit:
-        """`emulation.fit` of the pair; ValueError for one that it can't use."""
+        """Return the result of `emulation.fit` for the pair; its errors are those of `fit`."""
         columns, end = self.real.columns, self.real.end - self.real.start + self.offset
         t = columns.t - self.real.start + self.offset
         return fit(self.frames, Events.trusted(columns._replace(t=t), self.real.sensor_size, 0, max(end, 1)), base=base)
 
-    def _from_the_first(self, frame: Frame) -> Frame:
-        """A frame whose time counts from the first one."""
+    def _from_the_first(self, frame: VideoFrame) -> VideoFrame:
+        """Return the frame with a time that counts from the first one."""
         self._first = frame.time if self._first is None else self._first
         return frame._replace(time=frame.time - self._first)
 
     def emulate(self, settings: EventEmulator) -> Events:
-        """Events of the video by these settings."""
+        """Return the events of the video by an emulator."""
         return settings.emulate(self._colored if getattr(settings, "hue", False) else self.frames)
 
     @cached_property
-    def _colored(self) -> list[Frame]:
+    def _colored(self) -> list[VideoFrame]:
         return list(self._load_colored())
 
     @cached_property
     def colored(self) -> bool:
-        """Whether the video has colors, without which there is no hue."""
+        """Whether the video has colors, which hue needs."""
         return next(iter(self._load_colored())).pixels.ndim == 3
 
     def __call__(self, settings: EventEmulator) -> Measured:
-        """Distances of these settings, see `Comparison.values` and `values_both_ways`, and their event counts.
+        """Return the distances of an emulator (`Comparison.values` or `values_both_ways`) and its event counts.
 
-        NaN if more than half of the frames with real spikes have no emulated one: in such frames there are no
+        Distances are NaN if more than half of the frames with real spikes have no emulated one. Such frames have no
         distances, so settings that hardly ever fire could win.
         """
         found = compare(self.emulate(settings), self.real, self.fps, offset=self.offset)
@@ -139,19 +155,19 @@ class Pair:
 
     @property
     def real_events(self) -> tuple[int, int]:
-        """Numbers of OFF and of ON events of the camera."""
-        # an offset below 0 leaves out what came before the video
+        """The camera's numbers of OFF and of ON events."""
+        # an offset below 0 excludes events before the video
         return event_counts(self.real, max(-self.offset, 0), self.real.end - self.real.start)
 
 
 def _cut(real: Events | Recording, start: int, stop: int) -> Events:
-    """The events of a time that begins at `start`, wherever the recording does."""
+    """Return the events from `start` to `stop` (µs), as a recording that begins at `start`."""
     found = real.read(start, stop) if isinstance(real, Recording) else real.window(start, stop)
     return Events.trusted(found.columns, found.sensor_size, start, stop - 1)
 
 
-def measured_on(pairs: Sequence[Pair], settings: EventEmulator) -> Measured:
-    """Mean distances over several pairs, and the sums of their event counts."""
+def measured_on(pairs: Sequence[TuningPair], settings: EventEmulator) -> Measured:
+    """Return the mean distances over several pairs, and the sums of their event counts."""
     each = [pair(settings) for pair in pairs]
     off, on = (sum(one.events[p] for one in each) for p in (0, 1))
     return Measured(tuple(np.mean([one.distances for one in each], axis=0).tolist()), (off, on))

@@ -1,4 +1,4 @@
-"""Trials of a search as a table."""
+"""Tables of a search's trials."""
 
 from __future__ import annotations
 
@@ -8,20 +8,23 @@ from dataclasses import fields
 import numpy as np
 
 from nvsdata.common.text import aligned
-from nvsdata.emulation.settings import Settings
+from nvsdata.emulation.settings import PIX2NVSSettings
 from nvsdata.emulation.tuning.search import Measured, Search
 
-# settings and their headings: those of Table 3.3, and those that are shown if trials differ in them
+# settings and their headings: those of Table 3.3 of the thesis, and those that are shown if trials differ in them
 SHOWN = {"t_log": "T_log", "inhibition": "B", "max_events": "M_max", "threshold": "T_map", "new": "new", "exp": "exp"}
 SHOWN |= {"alpha": "alpha"}
 IF_VARIED = {"mode": "mode", "hue": "hue", "difference": "dif", "noise_rate": "noise"}
 MEASURED = ("Inv. e-rep", "Chamfer", "EMD", "OFF apart", "ON apart")
 
 
-def table(search: Search, rows: int = 5, *, real: tuple[int, int] | None = None) -> str:
-    """`rows` trials at most, from the worst to the best at even steps of rank (1: the best), in the columns of
-    Table 3.3, or those of another emulator's settings; with the numbers of OFF and ON events, in the last row the
-    camera's, `real`.
+def trials_table(search: Search, rows: int = 5, *, real: tuple[int, int] | None = None) -> str:
+    """Return a table of trials, from the worst to the best, with the columns of Table 3.3 of the thesis.
+
+    Args:
+        search: A search.
+        rows: Largest number of trials, at even steps of rank; 1 shows the best.
+        real: The camera's numbers of OFF and ON events, for the last row.
     """
     scores = search.scores
     ranked = [i for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
@@ -40,7 +43,7 @@ def table(search: Search, rows: int = 5, *, real: tuple[int, int] | None = None)
 
 
 def unseen_table(measured: Mapping[str, Measured], real: tuple[int, int]) -> str:
-    """What some settings, by name, give on a part of a pair that the search hasn't seen; the last row: the camera's."""
+    """Return a table of distances and counts on parts that the search didn't use; the last row is the camera's."""
     most = max(len(one.distances) for one in measured.values())
     lines: list[tuple[str, ...]] = [("unseen part", *MEASURED[:most], "OFF", "ON")]
     for name, one in measured.items():
@@ -50,16 +53,16 @@ def unseen_table(measured: Mapping[str, Measured], real: tuple[int, int]) -> str
 
 
 def _shown(search: Search) -> dict[str, str]:
-    """Names of settings and their headings."""
+    """Return the names of the settings to show, and their headings."""
     kind = search.best.settings
-    if not isinstance(kind, Settings):
+    if not isinstance(kind, PIX2NVSSettings):
         names = [field.name for field in fields(kind)]
         return {name: name for name in _varied(search, names) or names}
     return {**{name: IF_VARIED[name] for name in _varied(search, IF_VARIED)}, **SHOWN}
 
 
 def _varied(search: Search, names: Iterable[str]) -> list[str]:
-    """Those settings in which trials differ."""
+    """Return those settings in which trials differ."""
     return [name for name in names if len({getattr(trial.settings, name) for trial in search.trials}) > 1]
 
 

@@ -1,4 +1,4 @@
-"""Where a search looks for settings."""
+"""Space of the settings that a search may choose."""
 
 from __future__ import annotations
 
@@ -7,16 +7,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from nvsdata.emulation.settings import SensorSettings, Settings
+from nvsdata.emulation.settings import DVSSettings, PIX2NVSSettings
 
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers that a setting may have.
+    """Range of numbers that a setting may have.
 
-    - `low`, `high`: the least and the largest, both included
-    - `log`: drawn evenly in their logarithm (default False)
-    - `whole`: whole numbers only (default False)
+    Args:
+        low: Smallest number.
+        high: Largest number.
+        log: Sample uniformly in the logarithm.
+        whole: Whole numbers only.
+
+    Example:
+        >>> Range(1, 3, whole=True).at(0.5)
+        2
     """
 
     low: float
@@ -25,7 +31,7 @@ class Range:
     whole: bool = False
 
     def at(self, share: float) -> float:
-        """The number at a share (0 to 1) of the way from `low` to `high`."""
+        """Return the number at a fraction (0 to 1) of the way from `low` to `high`."""
         if self.whole:
             return min(int(self.low + share * (self.high - self.low + 1)), int(self.high))
         if self.log:
@@ -33,7 +39,7 @@ class Range:
         return self.low + share * (self.high - self.low)
 
     def share(self, number: float) -> float:
-        """Where `at` gives the number, or the nearest that it gives."""
+        """Return the fraction at which `at` returns the number, or the nearest one."""
         if self.whole:
             share = (number - self.low + 0.5) / (self.high - self.low + 1)
         elif self.log:
@@ -50,9 +56,10 @@ Choices = Range | Sequence[Any]
 class Depending:
     """Choices that depend on another setting.
 
-    - `on`: its name; if it is in the space as well, it comes before this one
-    - `given`: choices by its value
-    - `other`: those for all other values
+    Args:
+        on: Name of the other setting; in a space it comes before this one.
+        given: Choices by the value of the other setting.
+        other: Choices for all other values.
     """
 
     on: str
@@ -60,14 +67,14 @@ class Depending:
     other: Choices
 
     def choices(self, settings: Any) -> Choices:
-        """Those for the value in `settings`."""
+        """Return the choices for the value in `settings`."""
         return self.given.get(getattr(settings, self.on), self.other)
 
 
 Space = Mapping[str, Choices | Depending]
 
-# what Table 3.3 varies, the rate of the moving average, how brightness and differences are taken, and a sensor's noise;
-# contrast (CE) has a scale of its own, and hue has none of which contrast could be seen
+# the settings that Table 3.3 of the thesis varies, and alpha, mode, hue, difference and noise. Contrast (CE) has
+# another scale of thresholds, and isn't defined for hue
 SPACE: Space = {
     "mode": ("LI", "CE", "LICE"),
     "hue": Depending("mode", {"LI": (False, True)}, (False,)),
@@ -82,7 +89,7 @@ SPACE: Space = {
     "noise_rate": Range(0.0, 5.0),
 }
 
-# what a fit finds, and what it can't
+# settings that a fit estimates, and others
 SENSOR_SPACE: Space = {
     "on": Range(0.05, 0.8, log=True),
     "off": Range(0.05, 0.8, log=True),
@@ -96,16 +103,16 @@ SENSOR_SPACE: Space = {
 
 
 def space_of(emulator: Any) -> Space:
-    """Where to look for settings of an emulator of ours; ValueError for another one."""
-    if isinstance(emulator, SensorSettings):
+    """Return the default space of a built-in emulator; ValueError for another one."""
+    if isinstance(emulator, DVSSettings):
         return SENSOR_SPACE
-    if isinstance(emulator, Settings):
+    if isinstance(emulator, PIX2NVSSettings):
         return SPACE
     raise ValueError(f"give the space of {type(emulator).__name__}'s settings")
 
 
-def check(space: Space, base: Any) -> None:
-    """ValueError for a space with settings that the emulator `base` doesn't have, or without choices."""
+def check_space(space: Space, base: Any) -> None:
+    """Raise ValueError for a space with settings that the emulator `base` doesn't have, or without choices."""
     for name, choices in space.items():
         asked = (name, choices.on) if isinstance(choices, Depending) else (name,)
         for one in asked:
@@ -117,7 +124,7 @@ def check(space: Space, base: Any) -> None:
 
 
 def settings_at(base: Any, space: Space, place: Sequence[float]) -> Any:
-    """The settings at a place of the unit cube, which has an axis per setting of the space."""
+    """Return the settings at a place of the unit cube, which has an axis per setting of the space."""
     settings = base
     for (name, choices), share in zip(space.items(), place, strict=True):
         if isinstance(choices, Depending):
@@ -127,7 +134,7 @@ def settings_at(base: Any, space: Space, place: Sequence[float]) -> Any:
 
 
 def place_of(settings: Any, space: Space) -> list[float]:
-    """The place of the unit cube at which `settings_at` gives these settings, or those next to them."""
+    """Return the place of the unit cube at which `settings_at` returns these settings, or the nearest ones."""
     place = []
     for name, choices in space.items():
         if isinstance(choices, Depending):
@@ -151,8 +158,8 @@ def _at(choices: Choices, share: float) -> Any:
     )
 
 
-def plain(space: Space) -> dict[str, Any]:
-    """The space for a file of JSON."""
+def space_to_json(space: Space) -> dict[str, Any]:
+    """Convert the space to values that JSON can store."""
     return {name: _plain(choices) for name, choices in space.items()}
 
 

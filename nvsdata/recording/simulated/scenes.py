@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 
 from nvsdata.data.events import Events, concatenate
-from nvsdata.emulation.emulator import Emulator
 from nvsdata.emulation.imperfections import Imperfections
 from nvsdata.emulation.pix2nvs import PIX2NVS
-from nvsdata.video.frames import Frame
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
+from nvsdata.video.frames import VideoFrame
 
 SIZE = (240, 180)
 BLACK = 2  # level of what isn't the screen, in a dark room
@@ -95,7 +95,7 @@ class Watched:
         self._random = np.random.default_rng(self.seed)
         self._picture = np.full((SIZE[1], SIZE[0], 3), BLACK, np.uint8)
         self._bright = False
-        self._emulator: Emulator | None = None
+        self._emulator: PIX2NVSState | None = None
         self._flaws: Imperfections | None = None
         self._time = 0
         self._waiting = Events.empty(SIZE, 0)
@@ -124,7 +124,7 @@ class Watched:
         if self._emulator is None or start - self._time > SETTLED:
             while shown and shown[0][0] < start:
                 self._picture = shown.pop(0)[1]
-            self._emulator = Emulator(self.pixels, Frame(start, self._picture, True))
+            self._emulator = PIX2NVSState(self.pixels, VideoFrame(start, self._picture, True))
             self._flaws = Imperfections.of(self.pixels, SIZE)
             self._time, self._waiting = start, Events.empty(SIZE, start)
         pieces = [self._waiting]
@@ -146,7 +146,7 @@ class Watched:
         if moment <= self._time or self._emulator is None:
             return []
         before, self._time = self._time, moment
-        events = self._emulator.step(Frame(moment, self._picture, True)).events()
+        events = self._emulator.step(VideoFrame(moment, self._picture, True)).events()
         return [events if self._flaws is None else self._flaws.apply(events, before, moment)]
 
     def pulses(self, start: int, stop: int) -> list[int]:

@@ -10,11 +10,11 @@ import nvsdata
 from nvsdata import Events, metrics
 from nvsdata.cli import main
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.tuning.objective import Pair, measured_on
-from nvsdata.emulation.tuning.report import table
+from nvsdata.emulation.tuning.objective import TuningPair, measured_on
+from nvsdata.emulation.tuning.report import trials_table
 from nvsdata.emulation.tuning.search import Measured, search
 from nvsdata.emulation.tuning.space import SPACE, Depending, Range
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 FPS = 25
 
@@ -40,7 +40,7 @@ def camera(frames, threshold):
 @pytest.mark.parametrize("threshold", [0.15, 0.35])
 def test_a_search_finds_settings_as_good_as_the_hidden_ones(frames, threshold):
     hidden, real = camera(frames, threshold)
-    pair = Pair(real, frames, fps=FPS)
+    pair = TuningPair(real, frames, fps=FPS)
     found = search(pair, space=TABLE, trials=200, seed=2)
     both = metrics.score([*(trial.distances for trial in found.trials), pair(hidden).distances])
     assert both[:-1].min() <= 1.05 * both[-1]
@@ -51,17 +51,17 @@ def test_a_search_finds_settings_as_good_as_the_hidden_ones(frames, threshold):
 def test_distances_both_ways_find_as_many_events_as_the_camera_saw(frames, threshold):
     _, real = camera(frames, threshold)
     space = {name: choices for name, choices in SPACE.items() if name != "hue"}
-    pair = Pair(real, frames, fps=FPS)
+    pair = TuningPair(real, frames, fps=FPS)
     best = search(pair, space=space, trials=80).best
     for ours, theirs in zip(best.events, pair.real_events, strict=True):
         assert 0.75 < ours / theirs < 1.33
     # by the distances of the thesis the best emulator fires too little
-    one_way = search(Pair(real, frames, fps=FPS, one_way=True), space=TABLE, trials=60).best
+    one_way = search(TuningPair(real, frames, fps=FPS, one_way=True), space=TABLE, trials=60).best
     assert sum(one_way.events) < 0.7 * len(real)
 
 
 def test_several_pairs_count_alike(frames):
-    pairs = [Pair(camera(frames, threshold)[1], frames, fps=FPS) for threshold in (0.15, 0.35)]
+    pairs = [TuningPair(camera(frames, threshold)[1], frames, fps=FPS) for threshold in (0.15, 0.35)]
     found = measured_on(pairs, PIX2NVS())
     each = [pair(PIX2NVS()) for pair in pairs]
     assert found.distances == pytest.approx(np.mean([one.distances for one in each], axis=0))
@@ -87,7 +87,7 @@ def test_a_pair_has_the_colors_of_a_file_for_hue_and_its_luma_for_the_rest(tmp_p
     for frame in frames:
         frame[frame[..., 2] > 200, 2] //= 4  # the square is of another hue than the ground
     path = write_video(tmp_path / "a.avi", frames, fps=FPS)
-    pair = Pair(PIX2NVS().emulate(path), path)
+    pair = TuningPair(PIX2NVS().emulate(path), path)
     for settings in (PIX2NVS(), PIX2NVS(hue=True, threshold=0.05)):
         assert len(settings.emulate(path)) > 50
         assert pair.emulate(settings) == settings.emulate(path)
@@ -157,19 +157,19 @@ def test_ranges_and_spaces():
 
 def test_settings_without_events_rank_last(frames):
     real = PIX2NVS().emulate(frames, fps=FPS)
-    found = search(Pair(real, frames, fps=FPS), space={"threshold": (0.2, 30.0)}, trials=8)
+    found = search(TuningPair(real, frames, fps=FPS), space={"threshold": (0.2, 30.0)}, trials=8)
     assert found.best.settings.threshold == 0.2
     assert np.isinf(found.scores).any()
-    assert len(table(found).splitlines()) <= 6
+    assert len(trials_table(found).splitlines()) <= 6
 
 
 def test_the_table_has_the_columns_of_table_3_3():
-    lines = table(search(bowl, space=TABLE, trials=20)).splitlines()
+    lines = trials_table(search(bowl, space=TABLE, trials=20)).splitlines()
     assert lines[0].split()[:6] == ["T_log", "B", "M_max", "T_map", "new", "exp"]
     scores = [float(line.split()[-3]) for line in lines[1:]]
     assert len(scores) == 5
     assert scores == sorted(scores, reverse=True)
-    wider = table(search(bowl, trials=20)).splitlines()
+    wider = trials_table(search(bowl, trials=20)).splitlines()
     assert wider[0].split()[:6] == ["mode", "hue", "dif", "noise", "T_log", "B"]
 
 
@@ -222,7 +222,7 @@ def test_each_recording_needs_its_video(capsys):
 
 def test_tune_holds_what_is_given(files, capsys, monkeypatch):
     monkeypatch.chdir(files)
-    words = "tune --real real.h5 --video v.avi --trials 8 --max-events 2 --no-exp --seed 4".split()
+    words = "tune --real real.h5 --video v.avi --trials 8 --set max_events=2 --set exp=false --seed 4".split()
     assert main(words) == 0
     assert "T_map" in capsys.readouterr().out
     lines = [json.loads(line) for line in (files / "tuning/trials.jsonl").read_text().splitlines()]
@@ -245,11 +245,11 @@ def test_a_video_with_a_clock_of_its_own_shares_it_with_the_recording():
     rng = np.random.default_rng(0)
     stills = [rng.integers(0, 256, (12, 20)).astype(np.uint8) for _ in range(6)]
     start = 1_600_000_000_000_000
-    here, there = ([Frame(origin + 40_000 * n, still) for n, still in enumerate(stills)] for origin in (0, start))
+    here, there = ([VideoFrame(origin + 40_000 * n, still) for n, still in enumerate(stills)] for origin in (0, start))
     real = PIX2NVS(threshold=0.3).emulate(there)
     assert real.start == start
     early = Events(real.t - start, real.x, real.y, real.p, real.sensor_size, start=0, end=200_000)
-    pairs = [Pair(early, here), Pair(real, there), Pair(real, there, seconds=0.13)]
+    pairs = [TuningPair(early, here), TuningPair(real, there), TuningPair(real, there, seconds=0.13)]
     assert [pair.fps for pair in pairs] == [25, 25, 25]
     assert [len(pair.frames) for pair in pairs] == [6, 6, 4]
     assert pairs[0](PIX2NVS()) == pairs[1](PIX2NVS())
@@ -258,5 +258,5 @@ def test_a_video_with_a_clock_of_its_own_shares_it_with_the_recording():
     late = [frame._replace(time=frame.time + 10**9) for frame in there]
     said = f"frames from {start + 10**9} to {start + 10**9 + 200_000} µs, events from {start} to {start + 200_000}"
     with pytest.raises(ValueError, match=f"no time in common: {said}"):
-        Pair(real, late)
+        TuningPair(real, late)
     assert pairs[0].real_events == pairs[1].real_events

@@ -10,8 +10,8 @@ import pytest
 
 from nvsdata import Events
 from nvsdata.emulation import PIX2NVS
-from nvsdata.emulation.tuning.objective import Pair
-from nvsdata.emulation.tuning.report import table
+from nvsdata.emulation.tuning.objective import TuningPair
+from nvsdata.emulation.tuning.report import trials_table
 from nvsdata.emulation.tuning.search import Measured, Search, Trial, search
 from nvsdata.emulation.tuning.space import Range
 
@@ -173,7 +173,7 @@ REAL = Events([0, 5, 100_000, 149_999, 150_000, 200_000, 399_999], *[[1] * 7] * 
     ],
 )
 def test_a_pair_has_the_frames_and_events_of_the_time_that_counts(settings, frames, times):
-    pair = Pair(REAL, FRAMES, fps=10, **settings)
+    pair = TuningPair(REAL, FRAMES, fps=10, **settings)
     assert [frame.time for frame in pair.frames] == [100_000 * n for n in range(frames)]
     assert pair.real.t.tolist() == times
     assert pair.fps == pytest.approx(10)
@@ -183,7 +183,7 @@ def test_a_pair_has_the_frames_and_events_of_the_time_that_counts(settings, fram
 @pytest.mark.parametrize(("seconds", "count"), [(0.0999, 1), (-1, 0)])
 def test_a_pair_needs_two_frames(seconds, count):
     with pytest.raises(ValueError, match=f": {count} frames in the time that counts, at least 2 are needed"):
-        Pair(REAL, FRAMES, fps=10, seconds=seconds)
+        TuningPair(REAL, FRAMES, fps=10, seconds=seconds)
 
 
 def at_frames(numbers):
@@ -206,7 +206,7 @@ def at_frames(numbers):
 )
 def test_settings_that_miss_most_frames_do_not_count(real, emulated, counts):
     for one_way in (True, False):
-        found = Pair(at_frames(real), FRAMES, fps=10, one_way=one_way)(Place(events=at_frames(emulated)))
+        found = TuningPair(at_frames(real), FRAMES, fps=10, one_way=one_way)(Place(events=at_frames(emulated)))
         apart = [] if one_way else [0, math.log((len(emulated) + 1) / (len(real) + 1))]
         expected = [0, 0, 0, *map(abs, apart)] if counts else [math.nan] * (3 + len(apart))
         assert found.distances == pytest.approx(expected, nan_ok=True)
@@ -224,13 +224,13 @@ def test_the_table_goes_from_the_worst_to_the_best_in_even_steps():
         (5, [0.9, 0.7, 0.5, 0.3, 0.1]),
         (9, [0.9, 0.7, 0.5, 0.3, 0.1]),
     ):
-        head, *lines = (line.split() for line in table(found, rows).splitlines())
+        head, *lines = (line.split() for line in trials_table(found, rows).splitlines())
         assert head == "T_log B M_max T_map new exp alpha Inv. e-rep Chamfer EMD Score OFF ON".split()
         assert lines == [
             ["0", "1", "3", f"{0.1 + d:.3g}", "True", "True", "0.5", *[f"{d:.3f}"] * 3, f"{d / norm:.3f}", "1,234", "5"]
             for d in chosen
         ]
     assert found.best.distances == (0.1, 0.1, 0.1)
-    assert table(found, 2, real=(7, 1000)).splitlines()[-1].split() == ["camera", "7", "1,000"]
+    assert trials_table(found, 2, real=(7, 1000)).splitlines()[-1].split() == ["camera", "7", "1,000"]
     other = Search([Trial(Place(0.25), (1.0, 1.0, 1.0))])
-    assert table(other).splitlines()[0].split()[:3] == ["a", "b", "events"]
+    assert trials_table(other).splitlines()[0].split()[:3] == ["a", "b", "events"]

@@ -12,10 +12,10 @@ import nvsdata
 from nvsdata import Events
 from nvsdata.cli import main
 from nvsdata.emulation import DVS, PIX2NVS
-from nvsdata.emulation.tuning.objective import Pair
+from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.search import Measured, search
 from nvsdata.emulation.tuning.space import SENSOR_SPACE, SPACE, place_of, settings_at
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 SENSOR = DVS(on=0.2, off=0.25, dark=5.0)
 
@@ -33,7 +33,7 @@ def stills():
 @pytest.mark.parametrize("share", [0.1, 0.25, 0.5])
 def test_parts_have_all_frames_and_each_event_once(stills, offset, share):
     real = SENSOR.emulate(stills, fps=25)
-    whole = Pair(real, stills, fps=25, offset=offset)
+    whole = TuningPair(real, stills, fps=25, offset=offset)
     seen, rest = whole.split(share)
     assert len(seen.frames) + len(rest.frames) == len(stills) + 1
     assert len(rest.frames) - 1 == {0.1: 2, 0.25: 5, 0.5: 10}[share]
@@ -53,14 +53,14 @@ def test_parts_have_all_frames_and_each_event_once(stills, offset, share):
 def test_an_emulator_that_is_the_sensor_is_as_near_on_each_part(stills):
     # one that looks at the last frame only, so that nothing reaches over the edge
     settings = PIX2NVS(exp=False, max_events=2)
-    for part in Pair(settings.emulate(stills, fps=25), stills, fps=25).split(0.3):
+    for part in TuningPair(settings.emulate(stills, fps=25), stills, fps=25).split(0.3):
         assert part(settings).distances == (0,) * len(part(settings).distances)
 
 
 def test_a_part_has_its_colors():
     rng = np.random.default_rng(0)
     stills = list(rng.integers(0, 256, (6, 12, 16, 3), dtype=np.uint8))
-    pair = Pair(PIX2NVS(hue=True).emulate(stills, fps=25), stills, fps=25)
+    pair = TuningPair(PIX2NVS(hue=True).emulate(stills, fps=25), stills, fps=25)
     rest = pair.split(0.4)[1]
     assert rest.colored
     assert rest.emulate(PIX2NVS(hue=True)) == PIX2NVS(hue=True).emulate(stills[3:], fps=25)
@@ -68,23 +68,23 @@ def test_a_part_has_its_colors():
 
 def test_events_that_begin_late_keep_their_place():
     t = 1_200_000
-    frames = [Frame(1_000_000 + 40_000 * n, np.full((4, 4), 50 + n, np.uint8)) for n in range(8)]
+    frames = [VideoFrame(1_000_000 + 40_000 * n, np.full((4, 4), 50 + n, np.uint8)) for n in range(8)]
     late = Events([t + 5], [0], [0], [1], (4, 4), start=t, end=1_300_000)
-    pair = Pair(late, frames)
+    pair = TuningPair(late, frames)
     assert pair.real.t[0] - pair.real.start == 200_005
     seen, rest = pair.split(0.5)
     assert (len(seen.real), (rest.real.t - rest.real.start).tolist()) == (0, [80_005])
-    early = Pair(Events([70_000, 200_005], [0] * 2, [0] * 2, [1] * 2, (4, 4)), [f.pixels for f in frames], fps=25)
+    early = TuningPair(Events([70_000, 200_005], [0] * 2, [0] * 2, [1] * 2, (4, 4)), [f.pixels for f in frames], fps=25)
     assert early.real.t[0] == early.real.start
 
 
 @pytest.mark.parametrize(("count", "share"), [(2, 0.25), (3, 0.9), (5, 0.9)])
 def test_a_pair_that_is_too_short_is_told(stills, count, share):
-    pair = Pair(SENSOR.emulate(stills[:count], fps=25), stills[:count], fps=25)
+    pair = TuningPair(SENSOR.emulate(stills[:count], fps=25), stills[:count], fps=25)
     with pytest.raises(ValueError, match=f"{count} frames can't be split so that {share:.0%} are apart"):
         pair.split(share)
     with pytest.raises(ValueError, match=r"^the video: 1 frames in the time that counts"):
-        Pair(pair.real, stills[:count], fps=25, seconds=1e-6)
+        TuningPair(pair.real, stills[:count], fps=25, seconds=1e-6)
 
 
 @given(st.lists(st.floats(0, 1), min_size=len(SPACE), max_size=len(SPACE)))
@@ -126,17 +126,29 @@ def test_tune_fits_a_sensor_and_reports_on_what_it_has_not_seen(stills, tmp_path
         cv2.imwrite(f"shown/{n:03d}.png", still)
     (tmp_path / "shown/timestamps.txt").write_text("\n".join(str(40_000 * n) for n in range(len(stills))))
     nvsdata.write(SENSOR.emulate(stills, fps=25), "real.h5")
-    words = ["tune", "--emulator", "dvs", "--real", "real.h5", "--video", "shown", "--trials", "5", "--noise-rate", "0"]
+    words = [
+        "tune",
+        "--preset",
+        "ideal",
+        "--real",
+        "real.h5",
+        "--video",
+        "shown",
+        "--trials",
+        "5",
+        "--set",
+        "noise_rate=0",
+    ]
     assert main(words) == 0
     told = capsys.readouterr().out
-    assert "begun with a fit: events follow the frames by " in told
+    assert "began with a fit: events follow the frames by " in told
     lines = [json.loads(line) for line in (tmp_path / "tuning/trials.jsonl").read_text().splitlines()]
     first = lines[1]["settings"]
     assert lines[0]["start"] == {"emulator": "DVS", **first}
     assert first["noise_rate"] == 0
     assert (first["on"], first["off"]) == (pytest.approx(SENSOR.on, rel=0.15), pytest.approx(SENSOR.off, rel=0.15))
     table = told[told.index("unseen part") :].splitlines()
-    _, rest = Pair(nvsdata.open("real.h5"), tmp_path / "shown").split(0.25)
+    _, rest = TuningPair(nvsdata.open("real.h5"), tmp_path / "shown").split(0.25)
     best = json.loads((tmp_path / "tuning/best.json").read_text())
     assert best.pop("nvsdata-dvs") == 1
     for row, name, settings in zip(table[1:], ("best", "fit"), (DVS(**best), DVS(**first)), strict=False):
@@ -153,6 +165,4 @@ def test_tune_fits_a_sensor_and_reports_on_what_it_has_not_seen(stills, tmp_path
     nvsdata.write(SENSOR.emulate(stills[:3], fps=25), "short.h5")
     short = ["--real", "short.h5", "--video", "shown", "--seconds", "0.05", "--unseen", "0", "--out", "b"]
     assert main([*words[:3], *short, "--trials", "3"]) == 0
-    assert (
-        "begun anywhere, because nothing could be fitted: 2 frames: a fit needs at least 3" in capsys.readouterr().out
-    )
+    assert "began with random settings, because the fit failed: 2 frames: a fit needs" in capsys.readouterr().out

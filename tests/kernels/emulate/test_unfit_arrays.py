@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from nvsdata.emulation import DVS, PIX2NVS
-from nvsdata.emulation.emulator import Emulator
-from nvsdata.emulation.pixel_array import PixelArray
+from nvsdata.emulation.dvs_state import DVSState
+from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.kernels.emulate.crossings import advance
 from nvsdata.kernels.emulate.photoreceptor import advance_receptors
 from nvsdata.kernels.emulate.pix2nvs import contrast, look, luminance, step
-from nvsdata.video.frames import Frame
+from nvsdata.video.frames import VideoFrame
 
 SHAPE = 20, 70
 FRAME = np.zeros((SHAPE[0], 3 * SHAPE[1]), np.uint8)
@@ -17,11 +17,11 @@ KEYS = np.empty(9, np.uint64)
 
 
 def emulator(**settings):
-    return Emulator(PIX2NVS(**settings), Frame(0, FRAME.reshape(*SHAPE, 3)))
+    return PIX2NVSState(PIX2NVS(**settings), VideoFrame(0, FRAME.reshape(*SHAPE, 3)))
 
 
 def pixel_array(**settings):
-    return PixelArray(DVS(**settings), Frame(0, FRAME.reshape(*SHAPE, 3)))
+    return DVSState(DVS(**settings), VideoFrame(0, FRAME.reshape(*SHAPE, 3)))
 
 
 def parts(run):
@@ -205,5 +205,5 @@ def test_keys_without_room_are_returned_in_a_longer_array(make, room):
         for _ in range(len(run._keys)):
             run._keys.rotate()
             run._keys[0] = np.empty(size, np.uint64)
-        found.append([run.step(Frame(40_000 * k, frame)).keys.copy() for k, frame in enumerate(frames[1:], 1)])
+        found.append([run.step(VideoFrame(40_000 * k, frame)).keys.copy() for k, frame in enumerate(frames[1:], 1)])
     assert all(a.size > 3 * room and (a == b).all() for a, b in zip(*found, strict=True))

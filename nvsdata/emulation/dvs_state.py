@@ -1,4 +1,4 @@
-"""One run of `DVS` over frames of one size: the arrays that it keeps, and the step from frame to frame."""
+"""State of an emulation by DVS: the arrays that it keeps, and the step from frame to frame."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.emulation.run import Run, brightness, bytes_of, first_weight
-from nvsdata.emulation.settings import SensorSettings
+from nvsdata.emulation.settings import DVSSettings
+from nvsdata.emulation.state import EmulatorState, brightness, first_weight, frame_bytes
 from nvsdata.kernels.emulate.crossings import NEVER, Array, Sensor, advance
 from nvsdata.kernels.emulate.logarithm import logarithm
 from nvsdata.kernels.emulate.photoreceptor import advance_receptors, rate
 from nvsdata.kernels.emulate.pix2nvs import TABLE_SIZE
 from nvsdata.kernels.emulate.tiles import TILE
-from nvsdata.video.decoder import stretched
-from nvsdata.video.frames import Frame
+from nvsdata.video.video_frame import VideoFrame, stretch_levels
 
 THOUSAND = 1000  # dark is rounded to thousandths of a gray level, as luminance is
 
 
-class PixelArray(Run):
+class DVSState(EmulatorState):
     """State of an emulation by `DVS`, of which `settings` are; see `Run` for the rest."""
 
-    def __init__(self, settings: SensorSettings, first: Frame) -> None:
-        super().__init__(first)
+    def __init__(self, settings: DVSSettings, first: VideoFrame) -> None:
+        super().__init__(settings, first)
         self._noisy = settings.noise_rate > 0
         self._start = first.time
         shape = first.pixels.shape[:2]
@@ -40,11 +39,11 @@ class PixelArray(Run):
         dirty, since = np.zeros(tiles, np.bool_), np.zeros(tiles, np.int64)
         self._array = Array(level, memory, slow.copy(), rate(slow, self._sensor), dirty, wake, since)
 
-    def _spikes(self, frame: Frame, last: Frame) -> np.ndarray:
+    def _spikes(self, frame: VideoFrame, last: VideoFrame) -> np.ndarray:
         before, now = last.time - self._start, frame.time - self._start
         number = self._array.level.dtype.type
         given = np.empty((0, 0), number) if frame.pixels.dtype == np.uint8 else _levels(frame, self._dark, number)
-        frames = bytes_of(frame), bytes_of(last), first_weight(frame), given
+        frames = frame_bytes(frame), frame_bytes(last), first_weight(frame), given
         process = advance_receptors if self._sensor.speed else advance
         self._keys[0], count = process(*frames, self._sensor, self._array, before, now, self._keys[0])
         return self._keys[0][:count]
@@ -53,13 +52,13 @@ class PixelArray(Run):
         return (np.exp(self._array.level) - self._dark) / 255 if self._noisy else None
 
 
-def _precision(settings: SensorSettings) -> Any:
-    """float32 where its rounding hardly ever shifts an event by more than 1 µs at 25 frames/s."""
+def _precision(settings: DVSSettings) -> Any:
+    """Return float32 where its rounding hardly ever shifts an event by more than 1 µs at 25 frames/s, else float64."""
     plain = not settings.leak and not settings.cutoff and settings.dark >= 0.1
     return np.float32 if plain and min(settings.on, settings.off) >= 0.05 else np.float64
 
 
-def _sensor(settings: SensorSettings, shape: tuple[int, int], number: Any, table: np.ndarray) -> Sensor:
+def _sensor(settings: DVSSettings, shape: tuple[int, int], number: Any, table: np.ndarray) -> Sensor:
     thresholds = np.array((settings.off, settings.on), number)
     each = np.empty((2, 0, 0), number)
     if settings.mismatch:
@@ -70,16 +69,16 @@ def _sensor(settings: SensorSettings, shape: tuple[int, int], number: Any, table
     return Sensor(table, round(settings.dark * THOUSAND), thresholds, each, leak, speed)
 
 
-def _beginnings(settings: SensorSettings, shape: tuple[int, int], each: np.ndarray) -> np.ndarray:
-    """How far above their memories pixels begin, [H, W]: anywhere below `on` if that rises by itself, else nowhere."""
+def _beginnings(settings: DVSSettings, shape: tuple[int, int], each: np.ndarray) -> np.ndarray:
+    """Return the first levels of pixels minus their memories, [H, W]: random below `on` with a leak, else 0."""
     if not settings.leak:
         return np.zeros(shape)
     on = each[1] if each.size else settings.on
     return np.asarray(np.random.default_rng((settings.seed, 4)).random(shape) * on)
 
 
-def _levels(frame: Frame, dark: float, number: Any) -> np.ndarray:
-    """ln(q + dark) of a frame, [H, W]; in float32, that of colors takes the same steps as in the kernels."""
+def _levels(frame: VideoFrame, dark: float, number: Any) -> np.ndarray:
+    """Return ln(q + dark) of a frame, [H, W]; float32 logarithms of colors are those of the kernels."""
     q = brightness(frame)
     if number != np.float32 or frame.pixels.ndim == 2 or frame.pixels.dtype != np.uint8:
         return np.asarray(np.log(q + dark).astype(number))
@@ -88,14 +87,14 @@ def _levels(frame: Frame, dark: float, number: Any) -> np.ndarray:
     return found
 
 
-def _table(dark: float, first: Frame, number: Any) -> np.ndarray:
-    """Level of each gray byte, or of each luminance in thousandths; empty for colors in float32, which need none."""
+def _table(dark: float, first: VideoFrame, number: Any) -> np.ndarray:
+    """Return the level of each gray byte, or of each luminance in thousandths; float32 colors need no table."""
     if first.pixels.ndim == 2:
-        return np.log(stretched(np.arange(256), first.levels) + dark).astype(number)
+        return np.log(stretch_levels(np.arange(256), first.levels) + dark).astype(number)
     return np.empty(0, np.float32) if number is np.float32 else _colors(dark)
 
 
 @lru_cache(8)
 def _colors(dark: float) -> np.ndarray:
-    """The table for colors; cached, because a folder has many videos."""
+    """Return the table for colors; cached, because a folder has many videos."""
     return np.log(np.arange(TABLE_SIZE) / THOUSAND + dark)

@@ -1,4 +1,4 @@
-"""One run of PIX2NVS over frames of one size: the arrays that it keeps, and the step from frame to frame."""
+"""State of an emulation by PIX2NVS: the arrays that it keeps, and the step from frame to frame."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.emulation.run import KEYED, Run, brightness, bytes_of, first_weight
-from nvsdata.emulation.settings import Settings
+from nvsdata.emulation.settings import PIX2NVSSettings
+from nvsdata.emulation.state import KEYED, EmulatorState, brightness, first_weight, frame_bytes
 from nvsdata.kernels.emulate import pix2nvs as kernels
 from nvsdata.kernels.emulate.logarithm import logarithm
 from nvsdata.kernels.emulate.pix2nvs import (
@@ -25,26 +25,26 @@ from nvsdata.kernels.emulate.pix2nvs import (
     look,
 )
 from nvsdata.kernels.emulate.tiles import TILE
-from nvsdata.video.decoder import stretched
-from nvsdata.video.frames import Frame
+from nvsdata.video.video_frame import VideoFrame, stretch_levels
 
 METHODS = {"co-located": CO_LOCATED, "average": AVERAGE, "minimum": MINIMUM}
 TIMINGS = dict(zip(KEYED, (INTERPOLATED, RANDOM), strict=True))
 BAND = 4 * TILE[0]  # rows that are processed at a time where no pixel depends on its neighbors
 
 
-class Emulator(Run):
+class PIX2NVSState(EmulatorState):
     """State of an emulation by PIX2NVS, of which `settings` are; see `Run` for the rest.
 
     ValueError if the frame is smaller than `inhibition`, or larger than events can address.
     """
 
-    def __init__(self, settings: Settings, first: Frame) -> None:
-        super().__init__(first, settings.timestamps)
+    def __init__(self, settings: PIX2NVSSettings, first: VideoFrame) -> None:
+        super().__init__(settings, first, settings.timestamps)
         height, width = first.pixels.shape[:2]
         if settings.inhibition > min(height, width):
             raise ValueError(f"inhibition={settings.inhibition} is larger than the frame of {width}x{height}")
         self.settings = settings
+        self._of_bytes = first.pixels.dtype == np.uint8 and not settings.hue
         number = _precision(settings)
         tiles = (-(-height // TILE[0]), -(-width // TILE[1]))
         dirty, active, still = (np.full(tiles, value) for value in (True, True, False))
@@ -62,15 +62,15 @@ class Emulator(Run):
         self._see(first)
         self._pixels.reference[:] = level
 
-    def _spikes(self, frame: Frame, last: Frame) -> np.ndarray:
+    def _spikes(self, frame: VideoFrame, last: VideoFrame) -> np.ndarray:
         self._number += 1
         rule, tiles, pixels = self._rule, self._tiles, self._pixels
         seed = 0
         if rule.timing == RANDOM:
             # the frame's number sets the seed, so that skipped frames change nothing
             seed = int(np.random.SeedSequence((self.settings.seed, self._number)).generate_state(1, np.uint64)[0])
-        new, old = bytes_of(frame), bytes_of(last)
-        if rule.contrast or not _of_bytes(frame, self.settings):
+        new, old = frame_bytes(frame), frame_bytes(last)
+        if rule.contrast or not self._of_bytes:
             if not look(new, old, rule, tiles, pixels):
                 return self._keys[0][:0]
             self._see(frame)
@@ -79,11 +79,11 @@ class Emulator(Run):
         self._keys[0], count = kernels.step(*arguments)
         return self._keys[0][:count]
 
-    def _see(self, frame: Frame) -> None:
-        """Bring `plane` and `level` up to date where the frame changed."""
+    def _see(self, frame: VideoFrame) -> None:
+        """Update `plane` and `level` where the frame changed."""
         settings, rule, tiles, pixels = self.settings, self._rule, self._tiles, self._pixels
-        if _of_bytes(frame, settings):
-            kernels.luminance(bytes_of(frame), first_weight(frame), rule, tiles.dirty, pixels.plane)
+        if self._of_bytes:
+            kernels.luminance(frame_bytes(frame), first_weight(frame), rule, tiles.dirty, pixels.plane)
         elif tiles.dirty.any():
             pixels.plane[:] = perceived(settings, brightness(frame, settings.hue), pixels.plane.dtype)
         if rule.contrast:
@@ -91,8 +91,8 @@ class Emulator(Run):
             kernels.contrast(pixels.plane, tiles.affected, both, float(rule.t_log), float(rule.slope), pixels.level)
 
 
-def _rule(settings: Settings, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:
-    """The settings as kernels take them."""
+def _rule(settings: PIX2NVSSettings, shape: tuple[int, int], number: Any, table: np.ndarray) -> Rule:
+    """Return the settings as kernels take them."""
     threshold, sensitivity = number(settings.threshold), _sensitivity(settings, shape).astype(number)
     return Rule(
         contrast=settings.mode != "LI",
@@ -112,20 +112,20 @@ def _rule(settings: Settings, shape: tuple[int, int], number: Any, table: np.nda
     )
 
 
-def _of_bytes(frame: Frame, settings: Settings) -> bool:
-    return frame.pixels.dtype == np.uint8 and not settings.hue
+def tone(settings: PIX2NVSSettings, q: np.ndarray) -> np.ndarray:
+    """Return the pixel value of brightness q (0 to 255).
 
-
-def tone(settings: Settings, q: np.ndarray) -> np.ndarray:
-    """What brightness q (0 to 255) is seen as: (3.1) for mode LI, else the perceptual luminance (3.2) starts from."""
+    That is the logarithm (3.1) of the thesis, or for modes CE and LICE the perceptual luminance that contrast (3.2) is
+    computed from.
+    """
     if settings.mode != "LI":
         return 100 * np.sqrt((q / 255) ** settings.gamma)
     with np.errstate(divide="ignore"):
         return np.where(q > settings.t_log, np.log(q), q * _slope(settings))
 
 
-def perceived(settings: Settings, q: np.ndarray, number: Any) -> np.ndarray:
-    """`tone` in the type that emulation calculates in; in float32, logarithms take the same steps as in the kernels."""
+def perceived(settings: PIX2NVSSettings, q: np.ndarray, number: Any) -> np.ndarray:
+    """Return `tone` in the type `number` of the emulation; float32 logarithms are those of the kernels."""
     if number != np.float32:
         return tone(settings, q)
     found = np.empty(q.shape, np.float32)
@@ -133,39 +133,40 @@ def perceived(settings: Settings, q: np.ndarray, number: Any) -> np.ndarray:
     return found
 
 
-def _table(settings: Settings, first: Frame, number: Any) -> np.ndarray:
-    """What each gray value, or each luminance in thousandths, is seen as; see `kernels.luminance`."""
+def _table(settings: PIX2NVSSettings, first: VideoFrame, number: Any) -> np.ndarray:
+    """Return the pixel value of each gray byte, or of each luminance in thousandths; see `kernels.luminance`."""
     if first.pixels.ndim == 2:
-        return perceived(settings, stretched(np.arange(256), first.levels), number)
+        return perceived(settings, stretch_levels(np.arange(256), first.levels), number)
     # logarithms in float32 have no table: computing them is faster than looking them up
     return np.empty(0, np.float32) if number is np.float32 else _tone_table(settings)
 
 
 @lru_cache(8)
-def _tone_table(settings: Settings) -> np.ndarray:
-    """`tone` of luminance in thousandths; cached, because a folder has many videos."""
+def _tone_table(settings: PIX2NVSSettings) -> np.ndarray:
+    """Return `tone` of luminance in thousandths; cached, because a folder has many videos."""
     return tone(settings, np.arange(kernels.TABLE_SIZE) / 1000)
 
 
-def _slope(settings: Settings) -> float:
-    """Slope of the linear part of (3.1)."""
+def _slope(settings: PIX2NVSSettings) -> float:
+    """Return the slope of the linear part of the logarithm (3.1)."""
     return float(np.log(settings.t_log) / settings.t_log) if settings.continuous and settings.t_log else 1.0
 
 
-def _precision(settings: Settings) -> Any:
-    """float32 where its rounding shifts no event by 1 µs at 25 frames/s: logarithms, no tiny threshold or alpha.
+def _precision(settings: PIX2NVSSettings) -> Any:
+    """Return float32 where its rounding shifts no event by 1 µs at 25 frames/s, else float64.
 
-    A moving average in float32 stays up to 2^-22 / alpha away from its level, because smaller steps are lost.
+    That holds for logarithms without tiny thresholds or alpha. A moving average in float32 stays up to 2^-22 / alpha
+    away from its level, because smaller steps are lost.
     """
     plain = settings.mode == "LI" and settings.t_log <= 32
     follows = not settings.exp or settings.alpha >= 0.01
     return np.float32 if plain and follows and settings.threshold >= 0.05 else np.float64
 
 
-def _sensitivity(settings: Settings, shape: tuple[int, int]) -> np.ndarray:
-    """The nominal threshold over each pixel's own, [H, W]; empty if all are alike.
+def _sensitivity(settings: PIX2NVSSettings, shape: tuple[int, int]) -> np.ndarray:
+    """Return the nominal threshold divided by each pixel's, [H, W]; empty if all are equal.
 
-    No pixel's own threshold is below a tenth of the nominal one.
+    No pixel's threshold is below a tenth of the nominal one.
     """
     if settings.mismatch == 0:
         return np.empty((0, 0))
