@@ -85,7 +85,7 @@ class _Recordings:
         self.pairs, self.names, self.transform = pairs, names, transform
 
     def __getitem__(self, index: int) -> Any:
-        return collate([(self.transform(self.pairs.named(self.names[index])), 0)])[0]
+        return collate([(self.transform(self.pairs.open_recording(self.names[index])), 0)])[0]
 
 
 def description(pair: Any, where: Path) -> np.ndarray:

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         if out.suffix.lower() != ".html":
             raise ValueError(f"OUT.html must end in .html, not {out.suffix!r}")
     with creating(out, overwrite=args.overwrite):
-        data = kind.whole(args.root) if args.split == "all" else kind(args.root, args.split)
+        data = kind.complete(args.root) if args.split == "all" else kind(args.root, args.split)
         if not all(isinstance(sample, Sample) for sample in data.samples):
             raise ValueError(f"samples of {kind.__name__} are pairs: look at their recordings with `nvsdata view`")
         by_class: list[list[int]] = [[] for _ in data.classes]

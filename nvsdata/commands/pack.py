@@ -54,7 +54,7 @@ def looked_at(found: EventDataset, names: list[str]) -> tuple[int, int]:
     events = read = 0
     for name in dict.fromkeys(some):
         with suppress(OSError, ValueError):
-            events += len(found.named(name).read())
+            events += len(found.open_recording(name).read())
             read += found.source.size(name)
     return events, read
 
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     kind = args.dataset
     with usage():
         check_choice("--split", args.split, kind.splits)
-    found = kind.whole(args.root) if args.split == "all" else kind(args.root, args.split)
+    found = kind.complete(args.root) if args.split == "all" else kind(args.root, args.split)
     if args.dry_run:
         _plan(found, args)
         return 0

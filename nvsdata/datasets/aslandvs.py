@@ -1,4 +1,4 @@
-"""ASLAN-DVS."""
+"""The ASLAN-DVS dataset."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RecordingPair(NamedTuple):
 
 
 class ASLANDVS(BottomOriginDataset):
-    """ASLAN-DVS (Bi et al. 2020): do two recordings show the same action? DAVIS240C, 240x180.
+    """ASLAN-DVS (Bi et al. 2020): pairs of recordings of the same action or of two, DAVIS240C, 240x180.
 
     `dataset[i]` is `((a, b), same)`: two recordings, each given to the transform, and 1 or 0. The pairs are those of
     ASLAN's View 2, ten subsets of 300 same and 300 different pairs. They are read from `View2.mat` (its variable
@@ -155,7 +155,7 @@ class ASLANDVS(BottomOriginDataset):
     def recordings(self, index: int) -> tuple[Recording, ...]:
         """Return the two recordings of a pair, opened but not decoded."""
         pair: Any = self.samples[index]
-        return self.named(pair.a), self.named(pair.b)
+        return self.open_recording(pair.a), self.open_recording(pair.b)
 
     def combine(self, parts: Sequence[Any]) -> Any:
         return tuple(parts)

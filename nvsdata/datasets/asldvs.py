@@ -1,10 +1,10 @@
-"""ASL-DVS."""
+"""The ASL-DVS dataset."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-from nvsdata.datasets.facts import Archive, Holding, Info
+from nvsdata.datasets.facts import Archive, ExpectedCount, Info
 from nvsdata.datasets.families import BottomOriginDataset, RandomSplitDataset
 
 
@@ -44,7 +44,7 @@ class ASLDVS(BottomOriginDataset, RandomSplitDataset):
         # the server makes a new zip for each download, so its hash differs each time
         archives=(Archive("ICCV2019_DVS_dataset.zip", "", (), "ICCV2019_DVS_dataset", 5807293496),),
         recordings=100_800,
-        holds=tuple(Holding(letter, 4_200) for letter in "abcdefghiklmnopqrstuvwxy"),
+        expected_counts=tuple(ExpectedCount(letter, 4_200) for letter in "abcdefghiklmnopqrstuvwxy"),
         known_from="the authors",
         tree="<letter>/<letter>_<id>.mat",
     )

@@ -110,7 +110,7 @@ class EventDataset(Samples):
         self._count()
 
     @classmethod
-    def whole(cls, root: str | os.PathLike[str]) -> Self:
+    def complete(cls, root: str | os.PathLike[str]) -> Self:
         """Return the complete dataset: every split, and what its options leave out by default."""
         return cls(root, "all")
 
@@ -235,7 +235,7 @@ class EventDataset(Samples):
         """Return the number of samples of all splits, the expected number, and the word for such samples."""
         return len(self.found()), self.info.recordings, "recordings"
 
-    def listed(self) -> dict[str, list[str]]:
+    def split_lists(self) -> dict[str, list[str]]:
         """Return the split lists below the root: name of the list to the recordings in it, without extension."""
         return {}
 
@@ -260,12 +260,12 @@ class EventDataset(Samples):
 
     def part(self, sample: Sample) -> Recording:
         """Return the part of a recording that a sample consists of, opened but not decoded."""
-        found = self.named(sample.name)
+        found = self.open_recording(sample.name)
         if sample.window is not None:
             found = Slice(found, *sample.window)
         return found if sample.events is None else Run(found, *sample.events)
 
-    def named(self, name: str) -> Recording:
+    def open_recording(self, name: str) -> Recording:
         """Return a recording by its path below the root, opened but not decoded, as users see it."""
         return self._view(self.source.open(name, self.opened_with, strict=self.errors != "repair"))
 

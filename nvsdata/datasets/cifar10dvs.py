@@ -1,8 +1,8 @@
-"""CIFAR10-DVS."""
+"""The CIFAR10-DVS dataset."""
 
 from __future__ import annotations
 
-from nvsdata.datasets.facts import Archive, Info, numbered_holding
+from nvsdata.datasets.facts import Archive, Info, expected_names
 from nvsdata.datasets.families import RandomSplitDataset
 
 # number of the figshare file, bytes and md5 of each class's zip
@@ -67,7 +67,7 @@ class CIFAR10DVS(RandomSplitDataset):
             Archive(f"{name}.zip", md5, figshare(number), name, size) for name, (number, size, md5) in ZIPS.items()
         ),
         recordings=10_000,
-        holds=tuple(numbered_holding(name, f"cifar10_{name}_{{}}", range(1000)) for name in ZIPS),
+        expected_counts=tuple(expected_names(name, f"cifar10_{name}_{{}}", range(1000)) for name in ZIPS),
         known_from="two public readers",
         tree="<class>/cifar10_<class>_<id>.aedat",
     )

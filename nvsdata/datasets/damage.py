@@ -37,7 +37,7 @@ class Damage:
             warnings.warn(shown(message), stacklevel=2)
         self._shared.values[index] = what
 
-    def first_sound(self, index: int, make: Callable[[int], Any]) -> Any:
+    def first_readable(self, index: int, make: Callable[[int], Any]) -> Any:
         """Return `make` of `index` or, if that can't be read, of the next readable index; the first follows the last.
 
         Raises the first error if `MAX_UNREADABLE` in a row can't be read, or none can.

@@ -1,4 +1,4 @@
-"""DVS128 Gesture."""
+"""The DVS128 Gesture dataset."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class DVS128Gesture(EventDataset):
         cut = any(sample.window is None for sample in found)
         return len(found), PREPROCESSED_GESTURES if cut else self.info.recordings, "gestures"
 
-    def listed(self) -> dict[str, list[str]]:
+    def split_lists(self) -> dict[str, list[str]]:
         names = (f"trials_to_{part}.txt" for part in ("train", "test"))
         return {name: listed for name in names if (listed := self._trials_in(name))}
 

@@ -62,7 +62,7 @@ class Archive:
 
 
 @dataclass(frozen=True)
-class Holding:
+class ExpectedCount:
     """Number of recordings of a class as distributed.
 
     Args:
@@ -85,9 +85,9 @@ class Holding:
         return [self.stem.format(number) for number in self.numbers]
 
 
-def numbered_holding(label: str, stem: str, numbers: range, part: str = "") -> Holding:
-    """Return a holding all of whose names are known."""
-    return Holding(label, len(numbers), part, stem, numbers)
+def expected_names(label: str, stem: str, numbers: range, part: str = "") -> ExpectedCount:
+    """Return the expected count of a class all of whose names are known."""
+    return ExpectedCount(label, len(numbers), part, stem, numbers)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Info:
         license: as stated or reported.
         archives: files to download.
         recordings: their number; 0 if unknown.
-        holds: number of recordings of each class; empty if unknown.
+        expected_counts: number of recordings of each class; empty if unknown.
         known_from: source of these counts, and sources that disagree.
         tree: layout below the root as distributed.
     """
@@ -114,7 +114,7 @@ class Info:
     license: str
     archives: tuple[Archive, ...] = ()
     recordings: int = 0
-    holds: tuple[Holding, ...] = ()
+    expected_counts: tuple[ExpectedCount, ...] = ()
     known_from: str = ""
     tree: str = "<class>/<recording>"
 

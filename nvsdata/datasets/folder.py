@@ -97,7 +97,7 @@ class EventFolder(EventDataset):
             return self._size
         if self._damage is None:
             return self.recording(0).sensor_size
-        size: tuple[int, int] = self._damage.first_sound(0, lambda index: self.recording(index).sensor_size)
+        size: tuple[int, int] = self._damage.first_readable(0, lambda index: self.recording(index).sensor_size)
         return size
 
     @property

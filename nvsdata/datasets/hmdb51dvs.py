@@ -1,4 +1,4 @@
-"""HMDB51-DVS."""
+"""The HMDB51-DVS dataset."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class HMDB51DVS(BottomOriginDataset):
             return own
         return {name: {stem: parts[self.fold - 1] for stem, parts in of.items()} for name, of in official().items()}
 
-    def listed(self) -> dict[str, list[str]]:
+    def split_lists(self) -> dict[str, list[str]]:
         names = [f"{name}_test_split{self.fold}.txt" for name in self.classes]
         found = {name: [stem for stem, _ in self._listed_in(name)] for name in names}
         return {name: stems for name, stems in found.items() if stems}

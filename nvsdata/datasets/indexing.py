@@ -200,11 +200,11 @@ class Samples(Dataset[tuple[Any, Any]]):
         """Return `make(index)` with the random numbers of `seed`; for a damaged recording, the replacement."""
         if self._epochs is not None and self.seed is not None:
             with seeded(self.seed, self._epochs.of(index), index):
-                return self._sound(index, make)
-        return self._sound(index, make)
+                return self._readable(index, make)
+        return self._readable(index, make)
 
-    def _sound(self, index: int, make: Callable[[int], Any]) -> Any:
-        return make(index) if self._damage is None else self._damage.first_sound(index, make)
+    def _readable(self, index: int, make: Callable[[int], Any]) -> Any:
+        return make(index) if self._damage is None else self._damage.first_readable(index, make)
 
     def _made(self, index: int) -> tuple[Any, Any]:
         recordings = self.recordings(index)

@@ -1,4 +1,4 @@
-"""MNIST-DVS."""
+"""The MNIST-DVS dataset."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import ClassVar, Self
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.facts import Archive, Info, Sample, numbered_holding
+from nvsdata.datasets.facts import Archive, Info, Sample, expected_names
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _CAVIAR = "http://www2.imse-cnm.csic.es/caviar/MNIST_DVS"
@@ -69,15 +69,15 @@ class MNISTDVS(EventDataset):
             for d, (size, sha256) in enumerate(ZIPS)
         ),
         recordings=30_000,
-        holds=tuple(
-            numbered_holding(str(d), f"mnist_{d}_scale{scale:02d}_{{:04d}}", range(1, 1001))
+        expected_counts=tuple(
+            expected_names(str(d), f"mnist_{d}_scale{scale:02d}_{{:04d}}", range(1, 1001))
             for d in range(10)
             for scale in SCALES
         ),
         known_from="the files of digit 0 and a public reader's list of the others",
         tree="grabbed_data<digit>/scale<4, 8 or 16>/mnist_<digit>_scale<04, 08 or 16>_<id>.aedat",
     )
-    # scale folders lie below those of the digits and aren't digits themselves
+    # scale folders are below those of the digits and aren't digits themselves
     aliases: ClassVar[dict[str, str]] = {f"grabbed_data{d}": str(d) for d in range(10)} | {
         f"processed_data{d}": str(d) for d in range(10)
     }
@@ -114,7 +114,7 @@ class MNISTDVS(EventDataset):
         )
 
     @classmethod
-    def whole(cls, root: str | os.PathLike[str]) -> Self:
+    def complete(cls, root: str | os.PathLike[str]) -> Self:
         return cls(root, "all", scale=None)
 
     def _select(self, found: list[Sample]) -> Iterable[Sample]:

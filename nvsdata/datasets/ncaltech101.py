@@ -1,4 +1,4 @@
-"""N-Caltech101."""
+"""The N-Caltech101 dataset."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""N-CARS."""
+"""The N-CARS dataset."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.facts import Archive, Info, numbered_holding
+from nvsdata.datasets.facts import Archive, Info, expected_names
 
 
 class NCARS(EventDataset):
@@ -46,11 +46,11 @@ class NCARS(EventDataset):
             Archive("Prophesee_Dataset_n_cars.zip", "553ce464d6e5e617b3c21ce27c19368e", (), "n-cars", 450543128),
         ),
         recordings=24_029,
-        holds=(
-            numbered_holding("background", "obj_{:06d}_td", range(4_211, 11_693), "train"),
-            numbered_holding("cars", "obj_{:06d}_td", range(4_396, 12_336), "train"),
-            numbered_holding("background", "obj_{:06d}_td", range(4_211), "test"),
-            numbered_holding("cars", "obj_{:06d}_td", range(4_396), "test"),
+        expected_counts=(
+            expected_names("background", "obj_{:06d}_td", range(4_211, 11_693), "train"),
+            expected_names("cars", "obj_{:06d}_td", range(4_396, 12_336), "train"),
+            expected_names("background", "obj_{:06d}_td", range(4_211), "test"),
+            expected_names("cars", "obj_{:06d}_td", range(4_396), "test"),
         ),
         known_from="a public reader",
         tree="n-cars_train/<class>/obj_<id>_td.dat and n-cars_test/<class>/obj_<id>_td.dat",

@@ -1,4 +1,4 @@
-"""N-MNIST."""
+"""The N-MNIST dataset."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nvsdata.data.events import Columns, Events
 from nvsdata.data.recording import Recording
 from nvsdata.data.views import Mapped, Slice
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.facts import Archive, Holding, Info, numbered_holding
+from nvsdata.datasets.facts import Archive, ExpectedCount, Info, expected_names
 from nvsdata.datasets.indexing import PairTransform, Transform
 
 _MENDELEY = "https://data.mendeley.com/public-files/datasets/468j46mzdv/files"
@@ -85,10 +85,12 @@ class NMNIST(EventDataset):
             ),
         ),
         recordings=70_000,
-        holds=tuple(
-            Holding(str(digit), count, part) for part, counts in COUNTS.items() for digit, count in enumerate(counts)
+        expected_counts=tuple(
+            ExpectedCount(str(digit), count, part)
+            for part, counts in COUNTS.items()
+            for digit, count in enumerate(counts)
         )
-        + tuple(numbered_holding("", "{:05d}", range(1, sum(counts) + 1), part) for part, counts in COUNTS.items()),
+        + tuple(expected_names("", "{:05d}", range(1, sum(counts) + 1), part) for part, counts in COUNTS.items()),
         known_from="counts and numbers are MNIST's",
         tree="Train/<digit>/<id>.bin and Test/<digit>/<id>.bin",
     )

@@ -159,7 +159,7 @@ class Folder:
     def _write_index(self, made: int, times: dict[str, int], files: Listing) -> None:
         try:
             save_index(self.root / INDEX, {"made": made, "times": times, "files": files})
-            # otherwise the root would seem to have changed
+            # writing the index changed the time of the root
             os.utime(self.root, ns=(time.time_ns(), times["."]))
         except OSError:
             pass  # a folder that can't be written to is listed again each time

@@ -1,4 +1,4 @@
-"""UCF101-DVS and UCF50-DVS."""
+"""The UCF101-DVS and UCF50-DVS datasets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from functools import cached_property
 from typing import ClassVar
 
-from nvsdata.datasets.facts import Archive, Holding, Info, Sample
+from nvsdata.datasets.facts import Archive, ExpectedCount, Info, Sample
 from nvsdata.datasets.families import BottomOriginDataset, google_drive, numbered_fold
 
 UCF101_CLASSES = """
@@ -32,59 +32,13 @@ UCF50_CLASSES = """
     SoccerJuggling Swing TaiChi TennisSwing ThrowDiscus TrampolineJumping VolleyballSpiking WalkingWithDog YoYo
 """.split()
 # number of videos per class of UCF50
-UCF50_COUNTS = (
-    *(
-        150,
-        137,
-        160,
-        145,
-        150,
-        101,
-        112,
-        153,
-        161,
-        111,
-        142,
-        123,
-        127,
-        197,
-        125,
-        117,
-        122,
-        148,
-        123,
-        157,
-        141,
-        127,
-        141,
-    ),
-    *(
-        150,
-        114,
-        160,
-        105,
-        124,
-        100,
-        160,
-        123,
-        120,
-        160,
-        106,
-        148,
-        130,
-        137,
-        133,
-        120,
-        144,
-        100,
-        156,
-        137,
-        100,
-        167,
-        131,
-    ),
-    *(119, 116, 123, 128),
-)
+UCF50_COUNTS = [
+    int(count)
+    for count in """
+    150 137 160 145 150 101 112 153 161 111 142 123 127 197 125 117 122 148 123 157 141 127 141 150 114 160 105
+    124 100 160 123 120 160 106 148 130 137 133 120 144 100 156 137 100 167 131 119 116 123 128
+    """.split()
+]
 
 
 class _UCF(BottomOriginDataset):
@@ -154,7 +108,7 @@ class UCF101DVS(_UCF):
             return self._held_out(found, lambda sample: group_of(sample) in held)
         return [sample for sample in found if sample.stem.lower() in stems]
 
-    def listed(self) -> dict[str, list[str]]:
+    def split_lists(self) -> dict[str, list[str]]:
         names = (f"{part}list0{fold}.txt" for fold in (1, 2, 3) for part in ("train", "test"))
         return {name: list(stems) for name in names if (stems := self._stems_in(name))}
 
@@ -202,7 +156,9 @@ class UCF50DVS(_UCF):
         license="not stated",
         archives=(Archive("UCF50-DVS.zip", "", (), "UCF50_DVS"),),
         recordings=6_681,
-        holds=tuple(Holding(name, count) for name, count in zip(UCF50_CLASSES, UCF50_COUNTS, strict=True)),
+        expected_counts=tuple(
+            ExpectedCount(name, count) for name, count in zip(UCF50_CLASSES, UCF50_COUNTS, strict=True)
+        ),
         known_from="the authors' statistics, which are of UCF50's videos; elsewhere 6,676 are counted",
         tree="<Class>/v_<Class>_g<NN>_c<MM>.aedat",
     )

@@ -14,7 +14,7 @@ from nvsdata.common.errors import line_of
 from nvsdata.common.files import Journal
 from nvsdata.common.progress import bar
 from nvsdata.datasets.base import EventDataset
-from nvsdata.datasets.facts import Holding
+from nvsdata.datasets.facts import ExpectedCount
 from nvsdata.datasets.registry import DATASETS
 from nvsdata.datasets.source import Folder, Source, recordings_in
 from nvsdata.datasets.store.reader import Store
@@ -50,10 +50,10 @@ def problems(
         raise FileNotFoundError(f"{root}: there is nothing to verify")
     yield from _by_manifests(root, counts)
     if dataset is not None:
-        found = dataset.whole(root)
+        found = dataset.complete(root)
     elif root.is_file() and (store := Store(root)).dataset in DATASETS:
         kind = DATASETS[store.dataset]
-        found = kind.whole(root) if store.split == "all" else kind(root, store.split, fold=store.fold or None)
+        found = kind.complete(root) if store.split == "all" else kind(root, store.split, fold=store.fold or None)
     else:
         yield from _of_files(Store(root) if root.is_file() else Folder(root), root, counts)
         return
@@ -178,16 +178,16 @@ def _missing_in(dataset: EventDataset) -> Iterator[tuple[str, str]]:
     if expected and there != expected:
         yield dataset.info.name, f"{there:,} {what}, {expected:,} expected ({dataset.info.known_from})"
     found = dataset.found()
-    holds = dataset.info.holds
-    if holds:
-        in_parts = any(holding.part for holding in holds)
+    expected_counts = dataset.info.expected_counts
+    if expected_counts:
+        in_parts = any(one.part for one in expected_counts)
         names = (
             Found(_part(dataset, sample.name) if in_parts else "", dataset.classes[sample.label], sample.stem)
             for sample in found
         )
-        yield from missing_recordings(holds, names)
+        yield from missing_recordings(expected_counts, names)
     stems = {os.path.splitext(os.path.basename(name))[0].lower() for name in dataset.files_of(found)}
-    for name, listed in dataset.listed().items():
+    for name, listed in dataset.split_lists().items():
         if missing := [stem for stem in listed if stem.lower() not in stems]:
             yield (
                 name,
@@ -207,7 +207,7 @@ class Found(NamedTuple):
     stem: str
 
 
-def missing_recordings(holds: Sequence[Holding], found: Iterable[Found]) -> Iterator[tuple[str, str]]:
+def missing_recordings(expected_counts: Sequence[ExpectedCount], found: Iterable[Found]) -> Iterator[tuple[str, str]]:
     """Yield (part and class, fault) for each part and class with missing or unexpected recordings.
 
     The message lists the recordings if their names are known.
@@ -216,13 +216,13 @@ def missing_recordings(holds: Sequence[Holding], found: Iterable[Found]) -> Iter
     for part, label, stem in found:
         there[part, label].add(stem)
         there[part, ""].add(stem)
-    wanted: dict[tuple[str, str], list[Holding]] = defaultdict(list)
-    for holding in holds:
-        wanted[holding.part, holding.label].append(holding)
-    for (part, label), holdings in wanted.items():
+    wanted: dict[tuple[str, str], list[ExpectedCount]] = defaultdict(list)
+    for one in expected_counts:
+        wanted[one.part, one.label].append(one)
+    for (part, label), counts in wanted.items():
         stems = there[part, label]
-        expected = {stem for holding in holdings for stem in holding.stems}
-        count = sum(holding.count for holding in holdings)
+        expected = {stem for one in counts for stem in one.stems}
+        count = sum(one.count for one in counts)
         where = "/".join(name for name in (part, label) if name)
         if expected and (missing := sorted(expected - stems)):
             yield where, f"{len(missing):,} of {count:,} recordings are missing: {some_names(missing)}"

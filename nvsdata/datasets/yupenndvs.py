@@ -1,11 +1,11 @@
-"""YUPENN-DVS."""
+"""The YUPENN-DVS dataset."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import ClassVar
 
-from nvsdata.datasets.facts import Holding, Info, Sample
+from nvsdata.datasets.facts import ExpectedCount, Info, Sample
 from nvsdata.datasets.families import BottomOriginDataset
 
 CLASSES = (
@@ -66,7 +66,7 @@ class YUPENNDVS(BottomOriginDataset):
         page="https://github.com/PIX2NVS/NVS_FeatureLearning",
         license="not stated",
         recordings=420,
-        holds=tuple(Holding(name, 30) for name in CLASSES),
+        expected_counts=tuple(ExpectedCount(name, 30) for name in CLASSES),
         known_from="the set of videos; no source describes the recordings",
     )
     aliases: ClassVar[dict[str, str]] = {"city street": "street", "sky-clouds": "sky_clouds"}

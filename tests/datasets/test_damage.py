@@ -107,15 +107,15 @@ def test_a_hundred_in_a_row_are_too_many(count, found):
 
     if found is None:
         with pytest.raises(FormatError, match="is 0"):
-            quietly(lambda: damage.Damage(200).first_sound(0, make))
+            quietly(lambda: damage.Damage(200).first_readable(0, make))
     else:
         told = damage.Damage(200)
-        assert quietly(lambda: told.first_sound(0, make)) == found
+        assert quietly(lambda: told.first_readable(0, make)) == found
         assert told.found() == dict.fromkeys(range(count), damage.REPLACED)
     # of a few, each is tried once
     tried = []
     with pytest.raises(FormatError, match="is 2"):
-        quietly(lambda: damage.Damage(3).first_sound(2, lambda index: tried.append(index) or make(index)))
+        quietly(lambda: damage.Damage(3).first_readable(2, lambda index: tried.append(index) or make(index)))
     assert tried == [2, 0, 1]
 
 
@@ -126,7 +126,7 @@ def test_a_machine_that_has_run_out_is_no_damage(number):
 
     told = damage.Damage(3)
     with pytest.raises(OSError, match="none left"):
-        told.first_sound(0, make)
+        told.first_readable(0, make)
     assert told.found() == {}
 
 

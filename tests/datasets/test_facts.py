@@ -26,7 +26,7 @@ from nvsdata.datasets import (
     NCaltech101,
 )
 from nvsdata.datasets.description import nothing_below
-from nvsdata.datasets.facts import Archive, Holding, Info, Sample, numbered_holding
+from nvsdata.datasets.facts import Archive, ExpectedCount, Info, Sample, expected_names
 from nvsdata.datasets.verification import some_names
 
 
@@ -77,9 +77,9 @@ def test_how_many_recordings_of_which_size(name, count, size):
 
 
 def test_what_is_not_said_of_an_archive_is_unknown():
-    archive, info, holding = Archive("a.zip", "", (), "a"), Info("x", None, (), "", ""), Holding("a", 3)
+    archive, info, holding = Archive("a.zip", "", (), "a"), Info("x", None, (), "", ""), ExpectedCount("a", 3)
     assert (archive.size, archive.within, archive.optional) == (0, None, False)
-    assert (info.archives, info.recordings, info.holds) == ((), 0, ())
+    assert (info.archives, info.recordings, info.expected_counts) == ((), 0, ())
     assert (holding.part, holding.stems) == ("", [])
     for fact in (archive, info, holding):
         with pytest.raises(FrozenInstanceError):
@@ -176,11 +176,11 @@ def test_names_in_lists_may_have_dots(tmp_path):
         for part in ("train", "test")
     }
     trees.put(tmp_path, {name: text.encode() for name, text in lists.items()} | {"YoYo/v_1.mat": bytes(1_024)})
-    assert UCF101DVS(tmp_path, "all").listed() == {
+    assert UCF101DVS(tmp_path, "all").split_lists() == {
         f"{part}list0{fold}.txt": [f"v_{fold}.b_g01_c0{fold}"] for fold in (1, 2, 3) for part in ("train", "test")
     }
     trees.put(tmp_path, {"wave/a.b.mat": bytes(1_024), "wave_test_split1.txt": b"a.b.avi 1\nc d.avi 2 \n"})
-    assert HMDB51DVS(tmp_path, "all").listed() == {"wave_test_split1.txt": ["a.b", "c d"]}
+    assert HMDB51DVS(tmp_path, "all").split_lists() == {"wave_test_split1.txt": ["a.b", "c d"]}
     assert [sample.stem for sample in HMDB51DVS(tmp_path).samples] == ["a.b"]
 
 
@@ -291,7 +291,7 @@ def test_boxes_are_the_first_corners(tmp_path, values, found, rest):
 def test_names_in_messages_are_few():
     assert some_names(["a", "b", "c"]) == "a, b, c"
     assert some_names(["a", "b", "c", "d"]) == "a, b, c and 1 more"
-    assert numbered_holding("a", "a_{}", range(2, 4)).stems == ["a_2", "a_3"]
+    assert expected_names("a", "a_{}", range(2, 4)).stems == ["a_2", "a_3"]
 
 
 def test_what_is_below_a_root_is_told_briefly(tmp_path):

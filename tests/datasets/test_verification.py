@@ -11,7 +11,7 @@ import nvsdata
 from nvsdata import NMNIST, EventFolder
 from nvsdata.cli import main
 from nvsdata.datasets import ASLDVS, CIFAR10DVS, DATASETS, UCF101DVS, YUPENNDVS, DVS128Gesture
-from nvsdata.datasets.facts import Holding, numbered_holding
+from nvsdata.datasets.facts import ExpectedCount, expected_names
 from nvsdata.datasets.registry import dataset_named
 from nvsdata.datasets.store.writer import pack
 from nvsdata.datasets.verification import Found, missing_recordings, problems
@@ -20,18 +20,18 @@ from nvsdata.datasets.yupenndvs import CLASSES
 
 def complete(kind):
     """A name for every recording that a dataset should have."""
-    named = [holding for holding in kind.info.holds if holding.label]
+    named = [holding for holding in kind.info.expected_counts if holding.label]
     for k, holding in enumerate(named):
         stems = holding.stems or [f"{k}-{i}" for i in range(holding.count)]
         yield from (Found(holding.part, holding.label, stem) for stem in stems)
 
 
-HELD = [name for name, kind in DATASETS.items() if kind.info.holds and name != "n-mnist"]
+HELD = [name for name, kind in DATASETS.items() if kind.info.expected_counts and name != "n-mnist"]
 
 
 @pytest.mark.parametrize("name", HELD)
 def test_a_complete_dataset_lacks_nothing_and_one_recording_less_shows(name):
-    holds, found = DATASETS[name].info.holds, list(complete(DATASETS[name]))
+    holds, found = DATASETS[name].info.expected_counts, list(complete(DATASETS[name]))
     assert len(found) == len(set(found)) == DATASETS[name].info.recordings
     assert list(missing_recordings(holds, found)) == []
     gone = found.pop(len(found) // 3)
@@ -42,7 +42,7 @@ def test_a_complete_dataset_lacks_nothing_and_one_recording_less_shows(name):
 
 
 def test_nmnist_is_known_by_counts_and_by_numbers():
-    holds = NMNIST.info.holds
+    holds = NMNIST.info.expected_counts
     ids = {"train": iter(range(1, 60_001)), "test": iter(range(1, 10_001))}
     found = [
         Found(holding.part, holding.label, f"{next(ids[holding.part]):05d}")
@@ -59,14 +59,14 @@ def test_nmnist_is_known_by_counts_and_by_numbers():
 
 
 def test_too_many_and_strange_ones_are_told_too():
-    holds = (numbered_holding("a", "a_{}", range(3)), Holding("b", 2))
+    holds = (expected_names("a", "a_{}", range(3)), ExpectedCount("b", 2))
     found = [Found("", "a", f"a_{i}") for i in range(1, 5)] + [Found("", "b", str(i)) for i in range(3)]
     assert list(missing_recordings(holds, found)) == [
         ("a", "1 of 3 recordings are missing: a_0"),
         ("a", "2 recordings that the dataset doesn't have: a_3, a_4"),
         ("b", "3 recordings, though the dataset has 2"),
     ]
-    many = dict(missing_recordings((numbered_holding("a", "{}", range(100)),), []))
+    many = dict(missing_recordings((expected_names("a", "{}", range(100)),), []))
     assert many == {"a": "100 of 100 recordings are missing: 0, 1, 10 and 97 more"}
 
 

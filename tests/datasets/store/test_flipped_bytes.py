@@ -67,9 +67,9 @@ def test_an_error_names_store_recording_and_byte(store, window):
     name = dataset.source.names[3]
     begin = place_of_events(store, 3, column=0)
     with pytest.raises(FormatError, match=rf"flipped\.h5:{name}: byte {begin}: .* checksum"):
-        dataset.named(name).read(*window)
+        dataset.open_recording(name).read(*window)
     # and no other recording
-    assert len(dataset.named(dataset.source.names[4]).read())
+    assert len(dataset.open_recording(dataset.source.names[4]).read())
 
 
 def test_a_recording_is_verified_at_its_first_read_only(store, monkeypatch):
@@ -84,7 +84,7 @@ def test_a_recording_is_verified_at_its_first_read_only(store, monkeypatch):
 def test_a_window_of_a_long_recording_is_not_verified_the_whole_is(store, monkeypatch):
     monkeypatch.setattr(reader, "CHECKED", 100)
     damaged = NMNIST(flipped(store, place_of_events(store, 0)), "all")
-    recording = damaged.named(damaged.source.names[0])
+    recording = damaged.open_recording(damaged.source.names[0])
     recording.read(recording.span[0] + 1)
     with pytest.raises(FormatError, match="checksum"):
         recording.read()

@@ -53,7 +53,7 @@ def test_a_class_without_a_usable_recording_stays_a_class(tmp_path, bee):
     if bee:
         assert f"left out: {len(bee)}" in repr(store)
         with pytest.raises(FormatError, match=r"bee/0\.bin was left out when it was packed"):
-            store.named("bee/0.bin")
+            store.open_recording("bee/0.bin")
     # and so does a store of the store
     again = pack(store, tmp_path / "b.h5")
     assert set(again.skipped) == set(report.skipped)
@@ -97,7 +97,7 @@ def test_recordings_of_other_splits_do_not_travel_as_side_files(digits, tmp_path
 
 def test_the_whole_of_a_dataset_has_what_options_leave_out(home, tmp_path):
     root = home(trees.mnistdvs())
-    pack(MNISTDVS.whole(root), tmp_path / "a.h5")
+    pack(MNISTDVS.complete(root), tmp_path / "a.h5")
     for scale in (4, 16, None):
         check_same(MNISTDVS(root, scale=scale), MNISTDVS(tmp_path / "a.h5", scale=scale))
 
