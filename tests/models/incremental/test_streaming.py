@@ -16,7 +16,7 @@ from nvsdata.models.graph_cnn import input_of
 from nvsdata.models.incremental import streaming
 from nvsdata.models.incremental.network import LiveNetwork, Parts
 from nvsdata.models.pool import GraphPool
-from nvsdata.transforms.defaults import LITERAL_BETA
+from nvsdata.transforms.events.sampling import LITERAL_BETA
 
 SIZE = (34, 34)
 SMALL = {"channels": (4, 6, 6, 5), "clusters": ((2, 2), (2, 2), (4, 4), (7, 7)), "hidden": 9}
