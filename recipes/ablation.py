@@ -39,7 +39,7 @@ from nvsdata.common.text import aligned
 from nvsdata.data.batching import collate
 from nvsdata.training import Team, TrainTestSplit, loader, run, votes
 from nvsdata.training.objects import BATCH, Objects
-from nvsdata.transforms.defaults import LITERAL_BETA
+from nvsdata.transforms.events.sampling import LITERAL_BETA
 
 DATASET = "n-mnist"
 VOTES, ROUNDS = 5, 5

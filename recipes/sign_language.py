@@ -35,7 +35,7 @@ from nvsdata.batch.folder import videos_in
 from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
 from nvsdata.training import Team, Trainer, accuracies, data_of, loader, run, sgd, team
-from nvsdata.transforms.defaults import SCALES
+from nvsdata.transforms.tensors.image import SCALES
 from nvsdata.video.frames import frames_of
 
 SIZE, SMALLER_SIDE, FRAMES = 224, 256, 3
@@ -125,12 +125,12 @@ class GrayVideos(Dataset[tuple[Any, int]]):
 
 def triples(args: argparse.Namespace) -> list[Any]:
     """From a recording to three consecutive frames [3, H, W], at a random place."""
-    return [T.SumFrames(args.fps), T.RandomTemporalCrop(FRAMES)]
+    return [T.ToFrames(fps=args.fps, values="sum"), T.RandomTemporalCrop(FRAMES)]
 
 
 def augmented() -> list[Any]:
     """From three frames to the network's input [3, 224, 224], in training."""
-    return [T.Resize(SMALLER_SIDE), T.RandomCrop(SIZE, SCALES), T.RandomHorizontalFlip(), T.Normalize()]
+    return [T.Resize(SMALLER_SIDE), T.RandomCrop(SIZE, SCALES), T.RandomFlip(), T.Normalize()]
 
 
 def seen(args: argparse.Namespace) -> T.Compose:

@@ -30,7 +30,8 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.data.pseudo import Pseudo
 from nvsdata.training import TrainTestSplit, Votes, accuracies, loader, run, team, to_tensorboard, votes, write_report
 from nvsdata.training.objects import BATCH, EPOCHS, FEATURES, LEAST_STEPS, NETWORKS, SCHEDULES, Objects
-from nvsdata.transforms.defaults import BETA, PSEUDO
+from nvsdata.transforms.events.sampling import BETA
+from nvsdata.transforms.graphs.edges import PSEUDO
 
 GRAPH = ("k", "radius", "alpha", "beta", "max_degree", "pseudo", "features", "causal")
 NETWORK = ("network", "convolution", "depth", "kernel_size", "dropout", "image_size")

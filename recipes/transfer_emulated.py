@@ -30,7 +30,7 @@ from nvsdata.commands.options import at_least_1
 from nvsdata.common.files import put
 from nvsdata.datasets import DATASETS
 from nvsdata.training import Team, Trainer, TrainTestSplit, accuracies, loader, run, sgd, team
-from nvsdata.transforms.defaults import SCALES
+from nvsdata.transforms.tensors.image import SCALES
 
 KINDS = ("real", "emulated")
 SIZE = 24
@@ -95,12 +95,12 @@ class FourCropped:
 
 def volumes(args: argparse.Namespace) -> list[Any]:
     """From a recording to the frames of a random volume, [T, H, W]."""
-    return [T.SumFrames(args.fps, factor=8), T.Resize(SMALLER_SIDE), T.RandomTemporalCrop(args.frames)]
+    return [T.ToFrames(fps=args.fps, values="sum", factor=8), T.Resize(SMALLER_SIDE), T.RandomTemporalCrop(args.frames)]
 
 
 def train_pipeline(args: argparse.Namespace) -> T.Compose:
     """[T, 24, 24], augmented."""
-    return T.Compose([*volumes(args), T.RandomCrop(SIZE, SCALES), T.RandomHorizontalFlip(), T.Normalize()])
+    return T.Compose([*volumes(args), T.RandomCrop(SIZE, SCALES), T.RandomFlip(), T.Normalize()])
 
 
 def test_pipeline(args: argparse.Namespace) -> T.Compose:

@@ -6,14 +6,14 @@ import numpy as np
 import torch
 
 from nvsdata import Events
-from nvsdata.transforms import radius_graph
+from nvsdata.transforms import RadiusGraph
 
 
 def scattered(n=40, seed=0, radius=3.0, y=None):
     """The radius graph of `n` events at random pixels of 34x34."""
     random = np.random.default_rng(seed)
     x, y_, p = random.integers(0, 34, n), random.integers(0, 34, n), random.integers(0, 2, n)
-    return replace(radius_graph(Events(np.arange(n) * 10, x, y_, p, (34, 34)), radius), y=y)
+    return replace(RadiusGraph(radius)(Events(np.arange(n) * 10, x, y_, p, (34, 34))), y=y)
 
 
 def same(a, b):

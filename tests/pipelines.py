@@ -8,7 +8,7 @@ from nvsdata import transforms as T
 from nvsdata.transforms.compose import is_deterministic
 
 # a window of a recording; and of each window, which of its events are looked at
-CHOICES = T.RandomWindow, T.RandomTemporalCrop, T.Volumes, T.NonUniformSample, T.Points
+CHOICES = T.RandomWindow, T.RandomTemporalCrop, T.RandomWindows, T.NonUniformSample, T.Points
 
 
 def leaves(transform):

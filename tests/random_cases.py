@@ -337,7 +337,7 @@ CASES = [
         lambda start: DENSE.window(start + 15 + 10**15, start + 75 + 10**15),
     ),
     Case(
-        T.Volumes(4, 20),
+        T.RandomWindows(4, 20),
         DENSE,
         lambda windows: tuple(ev.start - 10**15 - 30 * n for n, ev in enumerate(windows)),
         (one_of(11),) * 4,
@@ -361,7 +361,7 @@ CASES = [
     ),
     *(
         Case(
-            T.RandomHorizontalFlip(p),
+            T.RandomFlip(0, p),
             IMAGE,
             lambda image: (int(image[0, 0, 0] != 0),),
             (chance(p),),

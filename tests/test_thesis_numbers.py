@@ -20,7 +20,8 @@ from nvsdata.emulation.pix2nvs import PIX2NVS, PRESETS
 from nvsdata.training import actions, objects
 from nvsdata.training.actions import Actions
 from nvsdata.training.objects import Objects
-from nvsdata.transforms.defaults import LITERAL_BETA, SCALES
+from nvsdata.transforms.events.sampling import LITERAL_BETA
+from nvsdata.transforms.tensors.image import SCALES
 
 BEST = {  # the bottom row of Table 3.3, and what the thesis gives no best value for
     "hue": False,
@@ -91,22 +92,21 @@ TRANSFORMS = [
         f"RadiusGraph(radius=3.0, {METRIC}, max_degree=32, pseudo='signed', reach_t=15000, causal=False)",
     ),
     ("5.3.1: the nearest node", T.KNNGraph, "KNNGraph(k=1, reach=8.0, pseudo='signed', reach_t=15000)"),
-    ("5.3.1: S = 8, T_vol = 1/30 s", T.Volumes, "Volumes(count=8, duration=33333)"),
+    ("5.3.1: S = 8, T_vol = 1/30 s", T.RandomWindows, "RandomWindows(count=8, duration=33333)"),
     ("4.4.2: [0.95, 1)", T.RandomScale, "RandomScale(low=0.95, high=1.0)"),
     ("4.4.2: with probability 0.5", T.RandomFlip, "RandomFlip(axis=0, p=0.5)"),
     ("4.4.2: [0, 10], either way", T.RandomRotate, "RandomRotate(degrees=10.0)"),
     ("ours", T.RandomTranslate, "RandomTranslate(pixels=2.0)"),
     ("4.4.2, of events: docs/models.md", T.RandomAffine, AFFINE),
     ("ours", T.DropEvents, "DropEvents(most=0.3)"),
-    ("ours", T.SumFrames, "SumFrames(fps=30.0, factor=1)"),
     ("3.5.1: T = 160", T.RandomTemporalCrop, "RandomTemporalCrop(length=160)"),
-    ("3.5.2: three frames", T.Stacks, "Stacks(length=3)"),
+    ("3.5.2: three frames", T.SlidingClips, "SlidingClips(length=3)"),
     ("3.5.1: N = 24", T.MotionCrop, "MotionCrop(size=24)"),
     ("3.5.1: N = 24", T.FourCrops, "FourCrops(size=24)"),
     ("4.4.4", T.Resize, "Resize(size=256)"),
     ("4.4.4", T.RandomCrop, "RandomCrop(size=224, scales=(1.0,))"),
     ("4.4.4", T.CenterCrop, "CenterCrop(size=224)"),
-    ("4.4.4", T.RandomHorizontalFlip, "RandomHorizontalFlip(p=0.5)"),
+    ("4.4.4", T.RandomFlip, "RandomFlip(axis=0, p=0.5)"),
     ("5.2.3", T.Graph2Grid, "Graph2Grid(cluster=(1, 1))"),
     ("ours", T.Points, "Points(count=1024)"),
     ("ours", T.Patch, "Patch(size=5)"),
@@ -138,8 +138,8 @@ TRANSFORMS = [
     ("ours", T.TimeJitter, "TimeJitter(sigma=100.0)"),
     ("ours", T.SpatialJitter, "SpatialJitter(sigma=1.0)"),
     ("ours", T.UniformNoise, "UniformNoise(count=100)"),
-    ("ours", T.DropByTime, "DropByTime(share=0.2)"),
-    ("ours", T.DropByArea, "DropByArea(share=0.2)"),
+    ("ours", T.DropByTime, "DropByTime(fraction=0.2)"),
+    ("ours", T.DropByArea, "DropByArea(fraction=0.2)"),
     ("ours", T.RandomRun, "RandomRun(count=10000)"),
 ]
 OTHERS = [
@@ -228,7 +228,7 @@ OBJECTS = [
     (
         "4.4.4",
         pipeline(lambda: Objects("n-cars", "resnet50")),
-        f"{WINDOW}, EventImage(), Resize(size=256), RandomCrop(size=224, scales=(1.0,)), RandomHorizontalFlip(p=0.5), "
+        f"{WINDOW}, EventImage(), Resize(size=256), RandomCrop(size=224, scales=(1.0,)), RandomFlip(axis=0, p=0.5), "
         "Normalize()",
     ),
     (
@@ -246,21 +246,27 @@ OBJECTS = [
 GRAPHS = f"Each(transform=Compose([{SAMPLE}, KNNGraph(k=1, reach=8.0, pseudo='signed', reach_t=15000)]))"
 
 
-def frames(side, square, *, last="RandomCrop(size={}, scales=(1.0,)), RandomHorizontalFlip(p=0.5)"):
-    return f"Volumes(count=8, duration=33333), EventImage(), Normalize(), Resize(size={side}), {last.format(square)}"
+def frames(side, square, *, last="RandomCrop(size={}, scales=(1.0,)), RandomFlip(axis=0, p=0.5)"):
+    return (
+        f"RandomWindows(count=8, duration=33333), EventImage(), Normalize(), Resize(size={side}), {last.format(square)}"
+    )
 
 
 ACTION = [
     (
         "5.3.1",
         pipeline(Actions),
-        f"Volumes(count=8, duration=33333), {GRAPHS}, RandomScale(low=0.8, high=1.0), RandomFlip(axis=0, p=0.5)",
+        f"RandomWindows(count=8, duration=33333), {GRAPHS}, RandomScale(low=0.8, high=1.0), RandomFlip(axis=0, p=0.5)",
     ),
-    ("5.3.1: tests aren't augmented", pipeline(Actions, training=False), f"Volumes(count=8, duration=33333), {GRAPHS}"),
+    (
+        "5.3.1: tests aren't augmented",
+        pipeline(Actions, training=False),
+        f"RandomWindows(count=8, duration=33333), {GRAPHS}",
+    ),
     (
         "docs/models.md: DVS128 Gesture isn't flipped",
         pipeline(lambda: Actions(graphs=16, flip=False)),
-        f"Volumes(count=16, duration=33333), {GRAPHS}, RandomScale(low=0.8, high=1.0)",
+        f"RandomWindows(count=16, duration=33333), {GRAPHS}, RandomScale(low=0.8, high=1.0)",
     ),
     *(("5.3.1", pipeline(lambda name=name: Actions(name)), frames(128, 112)) for name in ("c3d", "resnet3d")),
     *(("5.3.1", pipeline(lambda name=name: Actions(name)), frames(128, 112)) for name in ("r2plus1d", "resnext3d")),

@@ -56,7 +56,7 @@ def windows(options: Options, count: int) -> tuple[GraphBatch, torch.Tensor]:
     for n in range(count):
         events = recordings[n % len(recordings)]
         start = events.start + 1_000 * n % max(events.duration - WINDOW, 1)
-        found.append((T.radius_graph(events.window(start, start + WINDOW)), n % 10))
+        found.append((T.RadiusGraph()(events.window(start, start + WINDOW)), n % 10))
     batch, targets = collate(found)
     return batch.to(options.device), targets.to(options.device)
 
@@ -66,7 +66,7 @@ def samples(sensor_size: tuple[int, int], sequences: bool) -> GraphBatch:
     made = []
     for seed in range(2 * (VOLUMES if sequences else 1)):
         events = resize_events(outlines(1_000, seed=seed), *sensor_size)
-        made.append(T.radius_graph(events, max_degree=8))
+        made.append(T.RadiusGraph(max_degree=8)(events))
     return GraphBatch.from_graphs(made, volumes=VOLUMES if sequences else 1)
 
 

@@ -11,7 +11,7 @@ from nvsdata.data.events import Events
 from nvsdata.models.incremental.streaming import stream
 from nvsdata.models.prediction import Trained
 from nvsdata.transforms.compose import Compose
-from nvsdata.transforms.events.causal_filters import LookingBack
+from nvsdata.transforms.events.causal_filters import CausalFilter
 from nvsdata.transforms.events.windows import RandomWindow
 from nvsdata.transforms.graphs.edges import RadiusGraph
 from nvsdata.transforms.graphs.features import NodeFeatures
@@ -76,7 +76,7 @@ def _how(transform: Any, window: int | None) -> dict[str, Any]:
             found["window"] = step.duration if window is None else window
         elif isinstance(step, RadiusGraph | NodeFeatures):
             found["graph"] = step
-        elif isinstance(step, LookingBack):
+        elif isinstance(step, CausalFilter):
             found["sampler"] = step
         else:
             raise ValueError(f"{step} can't stream: the network was trained on windows that it changes as a whole")

@@ -17,7 +17,7 @@ from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
 from nvsdata.models.voting import vote
-from nvsdata.transforms.rng import of_voter
+from nvsdata.transforms.rng import deterministic_rng
 
 One = str | os.PathLike[str] | Recording | Events
 """A recording: its path, an opened `Recording`, or decoded `Events`."""
@@ -86,7 +86,7 @@ class Trained:
         opened = formats.open(recording) if isinstance(recording, str | os.PathLike) else recording
         samples = []
         for number in range(windows):
-            with of_voter(number, windows):
+            with deterministic_rng(number, windows):
                 samples.append((self.transform(opened), 0))
         batch, _ = collate(samples)
         device = next(self.model.parameters()).device

@@ -13,7 +13,7 @@ from nvsdata import transforms as T
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
-from nvsdata.transforms.defaults import T_VOL
+from nvsdata.transforms.events.windows import T_VOL
 
 # network, pixels of the smaller side of its frames, pixels of the square that is cut out of them
 FRAME_NETWORKS: dict[str, tuple[type[nn.Module], int, int]] = {
@@ -68,11 +68,11 @@ class Actions:
         if self.network in POINT_NETWORKS:
             return T.Compose([*cut, T.Points(self.events)])
         flip = training and self.flip
-        volumes = T.Volumes(self.graphs, T_VOL)
+        volumes = T.RandomWindows(self.graphs, T_VOL)
         if self.network in FRAME_NETWORKS:
             _, side, square = FRAME_NETWORKS[self.network]
             crop = T.RandomCrop(square) if training else T.CenterCrop(square)
-            mirror = [T.RandomHorizontalFlip()] if flip else []
+            mirror = [T.RandomFlip()] if flip else []
             return T.Compose([*cut, volumes, T.EventImage(), T.Normalize(), T.Resize(side), crop, *mirror])
         graphs = T.Each(T.Compose([T.NonUniformSample(8), T.KNNGraph()]))
         augment = [T.RandomScale(0.8, 1.0)] if training else []

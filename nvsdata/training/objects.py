@@ -15,7 +15,8 @@ from nvsdata.data.pseudo import Pseudo, axes
 from nvsdata.training.optimizers import adam, one_cycle, sgd
 from nvsdata.training.processes import Team
 from nvsdata.training.trainer import Trainer
-from nvsdata.transforms.defaults import BETA, PSEUDO
+from nvsdata.transforms.events.sampling import BETA
+from nvsdata.transforms.graphs.edges import PSEUDO
 
 EPOCHS, BATCH = 150, 64
 LEAST_STEPS = 4_000  # fewer are too few to converge: a small dataset is passed more often
@@ -140,7 +141,7 @@ class Objects:
         window = T.RandomWindow(self.window, within)
         if self.network in IMAGE_NETWORKS:
             scaled, size = T.Resize(round(self.image_size * 256 / 224)), self.image_size
-            crops: list[Any] = [T.RandomCrop(size), T.RandomHorizontalFlip()] if training else [T.CenterCrop(size)]
+            crops: list[Any] = [T.RandomCrop(size), T.RandomFlip()] if training else [T.CenterCrop(size)]
             return T.Compose([window, T.EventImage(), scaled, *crops, T.Normalize()])
         sample: list[Any] = [T.NonUniformSample(k, self.alpha, self.beta)] if (k := self.setting("k")) > 1 else []
         graph: Any = self._graph()

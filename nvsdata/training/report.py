@@ -16,8 +16,8 @@ from nvsdata.training.accuracy_by_window import accuracy_by_length
 from nvsdata.training.evaluation import Votes
 from nvsdata.training.summary import Mistake, Summary, as_json, mistakes_of, summarized
 from nvsdata.training.trainer import Trainer
-from nvsdata.transforms.defaults import T_VOL
-from nvsdata.transforms.rng import of_voter
+from nvsdata.transforms.events.windows import T_VOL
+from nvsdata.transforms.rng import deterministic_rng
 
 REPORT = "report.json"
 PICTURES = ("confusion.png", "classes.png", "calibration.png", "votes.png", "lengths.png", "mistakes.png")
@@ -83,7 +83,7 @@ def _sheet(mistakes: Sequence[Mistake], recordings: Any, classes: Sequence[str])
     tiles = []
     for mistake in mistakes[:SHOWN]:
         # what a single voter would see: the middle
-        with of_voter(0, 1):
+        with deterministic_rng(0, 1):
             events, _ = recordings[mistake.index]
         named = "nothing (NaN)" if mistake.named < 0 else classes[mistake.named]
         lines = (f"true: {classes[mistake.true]}", f"predicted: {named}", f"confidence {mistake.confidence:.0%}")

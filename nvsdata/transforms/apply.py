@@ -1,11 +1,10 @@
-"""The same change of everything that belongs together."""
+"""Changes of everything that belongs to a sample: each part of a list, and the boxes around its objects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import torch
 
@@ -14,104 +13,115 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events, misplaced
 
-
-class _Following:
-    """Boxes that are moved with a sample."""
-
-    def __init__(self, boxes: Boxes) -> None:
-        self.boxes = boxes
+Change = Callable[[Any], Any]
+"""Function that changes one part of a sample: `Events`, a graph, an image, or `Boxes`."""
 
 
-_FOLLOWING: ContextVar[_Following | None] = ContextVar("_FOLLOWING", default=None)
+class SpatialTransform(ABC):
+    """Transform that moves events, nodes or pixels in the plane of the sensor.
 
-
-@contextmanager
-def followed(boxes: Boxes) -> Iterator[_Following]:
-    """While the block runs, transforms move the `boxes` of what is given together with their samples."""
-    following = _Following(boxes)
-    token = _FOLLOWING.set(following)
-    try:
-        yield following
-    finally:
-        _FOLLOWING.reset(token)
-
-
-def follow(sample: Any, change: Callable[[Any], Any]) -> None:
-    """Apply a change of a sample's place to the boxes that follow it, if there are any.
-
-    ValueError if the sample has another size than the boxes' sensor: then a step that boxes can't follow came before.
+    A subclass defines `_change`. Its instances take a sample alone, or with boxes (`with_boxes`); all parts of a list,
+    and the boxes, get the same change.
     """
-    following = _FOLLOWING.get()
-    if following is None:
+
+    graphs: ClassVar[bool] = False
+    images: ClassVar[bool] = False
+
+    @abstractmethod
+    def _change(self, sample: Any) -> Change:
+        """Return the change of one part of the sample or of its boxes. All random numbers are drawn here."""
+
+    def __call__(self, sample: Any) -> Any:
+        return map_sample(sample, self._change(sample), graphs=self.graphs, images=self.images)
+
+    def with_boxes(self, sample: Any, boxes: Boxes) -> tuple[Any, Boxes]:
+        """Return the changed sample, and its boxes after the same change."""
+        change = self._change(sample)
+        moved = move_boxes(sample, boxes, change)
+        return map_sample(sample, change, graphs=self.graphs, images=self.images), moved
+
+
+def map_sample(sample: Any, change: Change, *, graphs: bool = False, images: bool = False) -> Any:
+    """Apply a change to a sample, or to each part of a list, such as `RandomWindows` returns.
+
+    Args:
+        sample: `Events`, a `Recording`, which is decoded, or a list of them.
+        change: is applied to `Events` and whatever else is allowed.
+        graphs: allows a `Graph`, alone or in the list.
+        images: allows a tensor [..., H, W], alone.
+
+    Raises:
+        TypeError: the sample is something else.
+    """
+    check_sample(sample, graphs=graphs, images=images)
+    if isinstance(sample, list | tuple):
+        return [map_sample(part, change, graphs=graphs) for part in sample]
+    return change(as_events(sample) if isinstance(sample, Recording) else sample)
+
+
+def check_sample(sample: Any, *, graphs: bool = False, images: bool = False) -> None:
+    """Raise a TypeError unless `map_sample` takes the sample. The parts of a list aren't checked."""
+    taken = (Events, Recording, list, tuple, Graph) if graphs else (Events, Recording, list, tuple)
+    if isinstance(sample, taken) or (images and isinstance(sample, torch.Tensor) and sample.ndim >= 2):
         return
+    others = ("a tensor [..., H, W], " if images else "") + ("a Graph, " if graphs else "")
+    raise misplaced(f"{others}Events, a Recording or a list of them", sample)
+
+
+def decoded(sample: Any) -> tuple[Any, list[Events]]:
+    """Return the sample with `Events` in place of recordings, in its own form and as a list."""
+    parts = map_sample(sample, lambda events: events)
+    return parts, parts if isinstance(parts, list) else [parts]
+
+
+def with_boxes(transform: Any, sample: Any, boxes: Boxes) -> tuple[Any, Boxes]:
+    """Apply a transform to a sample and its boxes.
+
+    Transforms that move the sample, or apply others, have a method `with_boxes`. All others leave boxes where they are.
+
+    Raises:
+        TypeError: a subclass overrides `__call__` alone, so its `with_boxes` would do something else.
+    """
+    if not hasattr(type(transform), "with_boxes"):
+        return transform(sample), boxes
+    called, moved = (
+        next(i for i, kind in enumerate(type(transform).__mro__) if name in vars(kind))
+        for name in ("__call__", "with_boxes")
+    )
+    if called < moved:
+        raise TypeError(f"{type(transform).__name__} overrides __call__, so it must override with_boxes, too")
+    made: tuple[Any, Boxes] = transform.with_boxes(sample, boxes)
+    return made
+
+
+def move_boxes(sample: Any, boxes: Boxes, change: Change) -> Boxes:
+    """Apply a change of a sample's coordinates to its boxes.
+
+    Raises:
+        ValueError: the sample has another size than the sensor of the boxes, so a step that doesn't move boxes changed
+            it before.
+    """
     for size in _sizes(sample):
-        if size not in (None, following.boxes.sensor_size):
-            seen, known = ("{}x{}".format(*one) for one in (size, following.boxes.sensor_size))
+        if size not in (None, boxes.sensor_size):
+            seen, known = ("{}x{}".format(*one) for one in (size, boxes.sensor_size))
             raise ValueError(f"boxes can't follow: the sample has {seen} pixels, and they lie on {known}")
-    following.boxes = change(following.boxes)
+    moved: Boxes = change(boxes)
+    return moved
 
 
 def _sizes(sample: Any) -> set[tuple[int, int] | None]:
-    """`size_of` a sample, or of each of a list."""
+    """Return the `size_of` of a sample, or of each part of a list."""
     return set().union(*map(_sizes, sample)) if isinstance(sample, list | tuple) else {size_of(sample)}
 
 
 def size_of(sample: Any) -> tuple[int, int] | None:
-    """(width, height) of an image, or of a sample's sensor, if it's known."""
+    """Return the (width, height) of an image, or of a sample's sensor; None if it is unknown."""
     if isinstance(sample, torch.Tensor):
         return sample.shape[-1], sample.shape[-2]
     size: tuple[int, int] | None = getattr(sample, "sensor_size", None)
     return size
 
 
-def move_all(sample: Any, change: Callable[[Any], Any], *, graphs: bool = False) -> Any:
-    """`change_all` for a change of place, which boxes follow: it takes `Boxes`, too."""
-    follow(sample, change)
-    return change_all(sample, change, graphs=graphs)
-
-
-def each(change: Callable[[Any], Any], parts: Iterable[Any]) -> list[Any]:
-    """`change` applied to each part. ValueError if boxes follow the sample, and the parts move apart."""
-    following = _FOLLOWING.get()
-    if following is None:
-        return [change(part) for part in parts]
-    before, made, moved = following.boxes, [], []
-    for part in parts:
-        following.boxes = before
-        made.append(change(part))
-        moved.append(following.boxes)
-    if any(not boxes.equal(moved[0]) for boxes in moved):
-        raise no_boxes(f"{change!r} applied to each part of a sample")
-    return made
-
-
-def stay(what: str) -> None:
-    """ValueError if boxes follow the sample: `what` moves it in a way that they can't follow."""
-    if _FOLLOWING.get() is not None:
-        raise no_boxes(what)
-
-
-def no_boxes(what: str) -> ValueError:
-    """The error to raise where boxes can't follow."""
-    return ValueError(f"boxes can't follow {what}, which moves parts of a sample apart")
-
-
-def change_all(sample: Any, change: Callable[[Any], Any], *, graphs: bool = False) -> Any:
-    """`change` applied to `Events`, a `Recording` or, with `graphs`, a `Graph`, or to each of a list of them, such as
-    `Volumes` gives.
-
-    A recording is decoded. TypeError for anything else.
-    """
-    if isinstance(sample, list | tuple):
-        return [change_all(part, change, graphs=graphs) for part in sample]
-    if graphs and isinstance(sample, Graph):
-        return change(sample)
-    if not isinstance(sample, Events | Recording):
-        raise misplaced(f"{'a Graph, ' if graphs else ''}Events, a Recording or a list of them", sample)
-    return change(as_events(sample))
-
-
-def decoded(sample: Any) -> tuple[Any, list[Events]]:
-    """`Events` in place of recordings, in the sample's own form, and a list of them."""
-    parts = change_all(sample, lambda events: events)
-    return parts, parts if isinstance(parts, list) else [parts]
+def boxes_part_ways(transform: str) -> ValueError:
+    """Return the error for a transform that moves the parts of a sample differently, so that no box fits them all."""
+    return ValueError(f"boxes can't follow {transform}, which moves parts of a sample apart")

@@ -12,28 +12,43 @@ import torch
 from nvsdata.common import validation
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.recording import misplaced
-from nvsdata.transforms.apply import followed, size_of
+from nvsdata.transforms.apply import size_of, with_boxes
 from nvsdata.transforms.compose import is_deterministic
 
-OF_IMAGE = ("image_id", "size", "orig_size")  # of a target, as torchvision names them
+OF_IMAGE = ("image_id", "size", "orig_size")  # entries of a target that belong to the image, with torchvision's names
 
 
 @dataclass(frozen=True)
 class WithBoxes:
     """Apply a transform to a sample, and move the boxes of its target along: a dataset's `transforms`.
 
-    - `transform`: any of nvsdata's, such as a `Compose`
+    Whatever flips, scales, rotates, shifts, slants, crops or resizes the sample does the same to the boxes. A rotated
+    box becomes the smallest upright one around it. Boxes are cut at the sensor's edges. Those of which nothing is left
+    are dropped, together with their entries in the target's other tensors [N, ...] and lists of N, such as `labels`;
+    `image_id`, `size` and `orig_size` belong to the image and stay.
 
-    Called with a sample (`Events`, a `Recording`, or an image) and a target, a mapping with `boxes` (float32 [N, 4]:
-    left, top, right, bottom edges in pixels), it gives both. What flips, scales, rotates, shifts, slants, crops or
-    resizes the sample does the same to the boxes. A rotated box becomes the smallest upright one around it; boxes are
-    cut at the sensor's edges, and those of which nothing is left are dropped, together with their entries in other
-    tensors [N, ...] and lists of N, such as `labels`; `image_id`, `size` and `orig_size` belong to the image. Functions
-    of one's own that move events aren't followed, nor are transforms that run in a thread of their own.
+    A function or class of your own leaves boxes where they are. If it moves events, or applies transforms that do, give
+    it a method `with_boxes(sample, boxes)` that returns both.
 
-    TypeError for a transform that isn't callable, and a target without boxes; ValueError for boxes of another shape,
-    for masks and keypoints, which don't follow, and for a pipeline that moves the parts of a sample apart, such as
-    `FourCrops`, or `Each` of a random transform.
+    Args:
+        transform: Any transform of nvsdata, such as a `Compose`.
+
+    Returns:
+        The changed sample, and the target with `boxes` float32 [N, 4]. The call takes a sample (`Events`, a
+        `Recording`, or an image) and a target, a mapping with `boxes` (left, top, right, bottom edges in pixels).
+
+    Raises:
+        TypeError: The transform isn't callable, or the target has no boxes.
+        ValueError: The boxes have another shape; the target has masks or keypoints, which nothing moves; or the
+            pipeline moves the parts of a sample apart, such as `FourCrops`, or `Each` of a random transform.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> flip = T.WithBoxes(T.RandomFlip(p=1))
+        >>> events, target = flip(nvsdata.example(), {"boxes": [[0, 0, 40, 30]]})
+        >>> target["boxes"]
+        tensor([[200.,   0., 240.,  30.]])
     """
 
     transform: Callable[[Any], Any]
@@ -43,7 +58,7 @@ class WithBoxes:
 
     def __call__(self, sample: Any, target: Any) -> tuple[Any, dict[str, Any]]:
         if not isinstance(target, Mapping) or "boxes" not in target:
-            raise TypeError(f"a target with boxes is needed, such as NCaltech101(boxes=True) gives, not {target!r}")
+            raise TypeError(f"a target with boxes is needed, such as NCaltech101(boxes=True) returns, not {target!r}")
         unmoved = {"masks", "keypoints"} & target.keys()
         if unmoved:
             raise ValueError(
@@ -52,21 +67,19 @@ class WithBoxes:
         size = size_of(sample)
         if size is None:
             raise misplaced("Events, a Recording or an image", sample)
-        before, count = Boxes.of(target["boxes"], size), len(target["boxes"])
-        with followed(before) as following:
-            sample = self.transform(sample)
-        after = following.boxes
-        kept = {name: value if name in OF_IMAGE else _taken(value, after, count) for name, value in target.items()}
-        return sample, {**kept, "boxes": after.edges}
+        sample, moved = with_boxes(self.transform, sample, Boxes.of(target["boxes"], size))
+        count = len(target["boxes"])
+        kept = {name: value if name in OF_IMAGE else _kept(value, moved, count) for name, value in target.items()}
+        return sample, {**kept, "boxes": moved.edges}
 
     @property
     def deterministic(self) -> bool:
-        """Whether the same sample always gives the same result; a subclass must declare it itself."""
+        """Whether equal samples have equal results. A subclass must declare it itself."""
         return type(self) is WithBoxes and is_deterministic(self.transform)
 
 
-def _taken(value: Any, boxes: Boxes, count: int) -> Any:
-    """Of a value that has an entry for each of `count` boxes, those of the boxes that are left."""
+def _kept(value: Any, boxes: Boxes, count: int) -> Any:
+    """Return the entries of the boxes that are left, of a value with an entry for each of `count` boxes."""
     if isinstance(value, list | tuple) and len(value) == count:
         return type(value)([value[i] for i in boxes.index.tolist()])
     if isinstance(value, torch.Tensor | np.ndarray) and value.shape[:1] == (count,):

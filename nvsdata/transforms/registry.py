@@ -1,7 +1,8 @@
-"""The registry of transforms by name, which `from_repr` reads."""
+"""Transforms by name, and from their reprs without running code."""
 
 from __future__ import annotations
 
+import ast
 from typing import Any, TypeVar
 
 from nvsdata.common.registry import Registry
@@ -12,19 +13,80 @@ TRANSFORMS: Registry[type] = Registry("transform", "transforms", lambda _, kind:
 
 
 def register_transform(kind: Kind) -> Kind:
-    """Class decorator: makes a transform known by the name of its class, so `from_repr` and `models.load` can build it.
+    """Register a transform under the name of its class, so that `from_repr` and `models.load` can build it.
 
-    The transform's repr must be the call that builds it, with literals or other transforms as arguments, like the
-    repr of a dataclass. A package can use an entry point instead (group `nvsdata.transforms`, whose object is the
-    class). ValueError for a name that is taken, TypeError for anything but a class.
+    A package can use an entry point instead (group `nvsdata.transforms`, whose object is the class).
+
+    Args:
+        kind: The class. The repr of its instances must be the call that builds them, with literals or other transforms
+            as arguments, like the repr of a dataclass.
+
+    Returns:
+        The class, so that this is a decorator.
+
+    Raises:
+        TypeError: `kind` isn't a class.
+        ValueError: The name is taken.
+
+    Example:
+        >>> from dataclasses import dataclass
+        >>> from nvsdata import transforms as T
+        >>> @T.register_transform
+        ... @dataclass(frozen=True)
+        ... class EveryOther:
+        ...     step: int = 2
+        ...     def __call__(self, events):
+        ...         return events[:: self.step]
+        >>> T.from_repr("EveryOther(step=3)")
+        EveryOther(step=3)
     """
     if not isinstance(kind, type):
         raise TypeError(f"register_transform takes a class, not {kind!r}")
     return TRANSFORMS.register(kind.__name__, kind)  # type: ignore[return-value]
 
 
-def transform_named(name: str) -> Any:
-    """The transform class with that name; if there is none, ValueError, which says how to register one."""
+def from_repr(text: str) -> Any:
+    """Build a transform from its repr, without running code.
+
+    Args:
+        text: Calls of registered transforms and literals, such as `"Compose([RandomWindow(duration=30000)])"`.
+
+    Returns:
+        The transform.
+
+    Raises:
+        ValueError: The text contains anything else, or a name that isn't registered.
+
+    Example:
+        >>> from nvsdata import transforms as T
+        >>> T.from_repr("VoxelGrid(bins=5)")
+        VoxelGrid(bins=5, interpolation='linear')
+    """
+    try:
+        return _value(ast.parse(text.strip(), mode="eval").body)
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise ValueError(f"not the repr of a transform: {text[:200]!r} ({error})") from None
+
+
+def _value(node: ast.expr) -> Any:
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        options = {}
+        for keyword in node.keywords:
+            if keyword.arg is None:
+                raise ValueError("the repr of a transform contains no **")
+            options[keyword.arg] = _value(keyword.value)
+        return _class_named(node.func.id)(*map(_value, node.args), **options)
+    if isinstance(node, ast.List):
+        return [_value(item) for item in node.elts]
+    if isinstance(node, ast.Tuple):
+        return tuple(map(_value, node.elts))
+    try:
+        return ast.literal_eval(node)
+    except ValueError:
+        raise ValueError(f"not the repr of a transform: {ast.unparse(node)[:200]!r}") from None
+
+
+def _class_named(name: str) -> Any:
     try:
         return TRANSFORMS[name]
     except KeyError:

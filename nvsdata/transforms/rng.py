@@ -9,10 +9,10 @@ from contextlib import contextmanager
 import torch
 
 
-class _Drawn(threading.local):
-    """Tensors that draws fill, one set per thread, because allocating one takes longer than the draw.
+class _Scratch(threading.local):
+    """Tensors that random numbers are written to, one set per thread: allocating one takes longer than the number.
 
-    Drawn values are read through arrays on the same memory, without calling torch.
+    The numbers are read through arrays on the same memory, without calling torch.
     """
 
     def __init__(self) -> None:
@@ -20,44 +20,44 @@ class _Drawn(threading.local):
         self.whole = torch.empty((), dtype=torch.int64)
         self.real_value, self.whole_value = self.real.numpy(), self.whole.numpy()
         self.generator: torch.Generator | None = None  # torch's default one
-        self.share: float | None = None
+        self.fraction: float | None = None  # of the range of `window_start`; None: random
 
 
-_drawn = _Drawn()
+_scratch = _Scratch()
 
 
 def uniform(low: float, high: float) -> float:
-    """A number in [low, high)."""
-    _drawn.real.uniform_(generator=_drawn.generator)
-    return low + (high - low) * float(_drawn.real_value[()])
+    """Return a random number in [low, high)."""
+    _scratch.real.uniform_(generator=_scratch.generator)
+    return low + (high - low) * float(_scratch.real_value[()])
 
 
 def randint(bound: int) -> int:
-    """An integer in [0, bound)."""
-    _drawn.whole.random_(bound, generator=_drawn.generator)
-    return int(_drawn.whole_value[()])
+    """Return a random integer in [0, bound)."""
+    _scratch.whole.random_(bound, generator=_scratch.generator)
+    return int(_scratch.whole_value[()])
 
 
-def place(bound: int) -> int:
-    """Where in time a window begins, an integer in [0, bound): random, or fixed for a voter (`of_voter`)."""
-    return randint(bound) if _drawn.share is None else int(_drawn.share * bound)
+def window_start(bound: int) -> int:
+    """Return the start of a window, an integer in [0, bound): random, but fixed within `deterministic_rng`."""
+    return randint(bound) if _scratch.fraction is None else int(_scratch.fraction * bound)
 
 
 def generator() -> torch.Generator | None:
-    """The generator to pass to torch's functions; None for the default one."""
-    return _drawn.generator
+    """Return the generator to pass to torch's functions; None for the default one."""
+    return _scratch.generator
 
 
 @contextmanager
-def of_voter(number: int, count: int) -> Iterator[None]:
-    """Within the block, the random numbers of this thread's transforms depend on `number` alone.
+def deterministic_rng(number: int, count: int) -> Iterator[None]:
+    """Make the random numbers of this thread's transforms depend on `number` alone, within the block.
 
-    Places in time aren't random: those of `count` voters are spread evenly. torch's own generators are neither read
-    nor advanced.
+    Windows start at the middle of part `number` of `count` equal parts of their range, so that the windows of several
+    numbers are spread over a recording. torch's own generators are neither read nor advanced.
     """
-    before = _drawn.generator, _drawn.share
-    _drawn.generator, _drawn.share = torch.Generator().manual_seed(number), (number + 0.5) / count
+    before = _scratch.generator, _scratch.fraction
+    _scratch.generator, _scratch.fraction = torch.Generator().manual_seed(number), (number + 0.5) / count
     try:
         yield
     finally:
-        _drawn.generator, _drawn.share = before
+        _scratch.generator, _scratch.fraction = before

@@ -29,7 +29,7 @@ from nvsdata.common.text import aligned
 from nvsdata.data.events import together
 from nvsdata.datasets import NMNIST
 from nvsdata.training.objects import Objects
-from nvsdata.transforms.defaults import BETA, LITERAL_BETA
+from nvsdata.transforms.events.sampling import BETA, LITERAL_BETA
 
 WINDOW = 30_000  # µs
 STEPS = 1, 10, 78, 1_000

@@ -46,7 +46,7 @@ def graphs(count, volumes=None):
     for n in range(count * (volumes or 1)):
         rng = np.random.default_rng(n)
         x, y = (rng.integers(0, side, 40) for side in SIZE)
-        samples.append(T.radius_graph(Events(range(40), x, y, x % 2, SIZE), radius=6))
+        samples.append(T.RadiusGraph(radius=6)(Events(range(40), x, y, x % 2, SIZE)))
     if volumes:
         samples = [samples[n * volumes : (n + 1) * volumes] for n in range(count)]
     return collate([(sample, 0) for sample in samples]).inputs

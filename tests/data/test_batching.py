@@ -19,7 +19,7 @@ FIELDS = ("x", "pos", "t", "edge_index", "edge_attr", "batch", "ptr")
 
 @pytest.fixture
 def samples():
-    return [(T.radius_graph(some(i, 5 * i)), i % 3) for i in range(6)]
+    return [(T.RadiusGraph()(some(i, 5 * i)), i % 3) for i in range(6)]
 
 
 def assert_same(a, b):

@@ -11,24 +11,24 @@ from hypothesis import strategies as st
 import nvsdata
 from nvsdata import Events, Graph, GraphBatch, models
 from nvsdata.data.graph import grouped, sequence_of
-from nvsdata.transforms import radius_graph
+from nvsdata.transforms import RadiusGraph
 
 
 def graph(n=5, radius=3.0):
-    return radius_graph(Events(np.arange(n), np.arange(n), np.arange(n), np.arange(n) % 2, (34, 34)), radius)
+    return RadiusGraph(radius)(Events(np.arange(n), np.arange(n), np.arange(n), np.arange(n) % 2, (34, 34)))
 
 
 def test_nodes_carry_polarity_position_and_time_since_the_window():
     window = Events([100, 200], [3, 4], [5, 6], [0, 1], (34, 34)).window(90, 300)
-    g = radius_graph(window)
+    g = RadiusGraph()(window)
     assert g.x.tolist() == [[-1.0], [1.0]]
     assert g.pos.tolist() == [[3.0, 5.0], [4.0, 6.0]]
     assert g.t.tolist() == [10, 110]
     assert (g.x.dtype, g.pos.dtype, g.t.dtype) == (torch.float32, torch.float32, torch.int64)
     assert g.edge_index.tolist() == [[1, 0], [0, 1]]
     assert torch.allclose(g.edge_attr, torch.tensor([[2 / 3, 2 / 3], [1 / 3, 1 / 3]]))
-    assert torch.allclose(radius_graph(window, pseudo="abs").edge_attr, torch.full((2, 2), 1 / 3))
-    timed = radius_graph(window, pseudo="signed-time", reach_t=200).edge_attr
+    assert torch.allclose(RadiusGraph(pseudo="abs")(window).edge_attr, torch.full((2, 2), 1 / 3))
+    timed = RadiusGraph(pseudo="signed-time", reach_t=200)(window).edge_attr
     assert torch.allclose(timed, torch.tensor([[2 / 3, 2 / 3, 3 / 4], [1 / 3, 1 / 3, 1 / 4]]))
 
 

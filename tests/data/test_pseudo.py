@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nvsdata import Events, GraphBatch
 from nvsdata.data.pseudo import origin, pseudo
-from nvsdata.transforms import knn_graph, radius_graph
+from nvsdata.transforms import KNNGraph, RadiusGraph
 
 KINDS = ("abs", "signed", "signed-time")
 
@@ -94,8 +94,8 @@ EVENTS = Events([0, 500, 900], [5, 6, 6], [5, 5, 8], [0, 1, 0], (34, 34)).window
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_graphs_have_what_they_say(kind):
-    radius = radius_graph(EVENTS, 3.5, alpha=4, pseudo=kind, reach_t=1_000)
-    nearest = knn_graph(EVENTS, 2, reach=5, pseudo=kind, reach_t=2_000)
+    radius = RadiusGraph(3.5, alpha=4, pseudo=kind, reach_t=1_000)(EVENTS)
+    nearest = KNNGraph(2, reach=5, pseudo=kind, reach_t=2_000)(EVENTS)
     assert radius.reach == ((1.75, 1.75, 1_000.0) if kind == "signed-time" else (1.75, 1.75))
     assert nearest.reach == ((5.0, 5.0, 2_000.0) if kind == "signed-time" else (5.0, 5.0))
     for graph in (radius, nearest):
@@ -107,9 +107,9 @@ def test_graphs_have_what_they_say(kind):
 
 
 def test_graphs_of_different_kinds_do_not_mix():
-    graphs = [radius_graph(EVENTS, pseudo=kind) for kind in ("abs", "signed")]
+    graphs = [RadiusGraph(pseudo=kind)(EVENTS) for kind in ("abs", "signed")]
     with pytest.raises(ValueError, match=r"graphs of different pseudo in one batch: \['abs', 'signed'\]"):
         GraphBatch.from_graphs(graphs)
-    graphs[0] = radius_graph(EVENTS, pseudo="signed-time")
+    graphs[0] = RadiusGraph(pseudo="signed-time")(EVENTS)
     with pytest.raises(ValueError, match="graphs of different reach in one batch"):
         GraphBatch.from_graphs(graphs)

@@ -57,7 +57,7 @@ def test_events_stand_one_after_the_other():
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_loader_of_unequal_frames_and_of_events(workers):
-    data = [(T.to_frames(ev, count=3), n) for n, ev in enumerate(recordings())]
+    data = [(T.ToFrames(count=3)(ev), n) for n, ev in enumerate(recordings())]
     collated = partial(nvsdata.collate, pad=True)
     (frames, _), *_ = DataLoader(data, 3, collate_fn=collated, num_workers=workers)
     assert isinstance(frames, Padded)

@@ -16,7 +16,7 @@ WHOLE = {
     "T.ToFrames(duration=10_000)": T.ToFrames(duration=10_000),
     'T.VoxelGrid(5, interpolation="nearest")': T.VoxelGrid(5, interpolation="nearest"),
     "T.StackedHistogram(bins=3)": T.StackedHistogram(bins=3),
-    "T.SumFrames(100.0)": T.SumFrames(100.0),
+    'T.ToFrames(fps=100.0, values="sum")': T.ToFrames(fps=100.0, values="sum"),
     "T.RadiusGraph(3.0), edge_index": lambda events: T.RadiusGraph(3.0)(events).edge_index,
     "T.KNNGraph(4), edge_index": lambda events: T.KNNGraph(4)(events).edge_index,
     "T.BackgroundActivity(5_000), t": lambda events: T.BackgroundActivity(5_000)(events).torch()["t"],

@@ -14,7 +14,7 @@ import nvsdata
 from nvsdata import Events, FormatError, models
 from nvsdata import transforms as T
 from nvsdata.models.checkpoint import _digest, _same_kinds
-from nvsdata.transforms.rng import of_voter
+from nvsdata.transforms.rng import deterministic_rng
 
 PIPELINE = T.Compose([T.Window(0, 30_000), T.NonUniformSample(8), T.RadiusGraph(3.0)])
 
@@ -41,7 +41,7 @@ def test_a_network_is_used_in_two_lines(trained, tmp_path):
 
     voters = []
     for number in range(5):
-        with of_voter(number, 5):
+        with deterministic_rng(number, 5):
             voters.append(model(PIPELINE(events())).log_softmax(1))
     expected = torch.cat(voters).mean(0).softmax(0)
     torch.testing.assert_close(loaded.predict_proba(recording), expected)
@@ -148,10 +148,21 @@ def test_a_file_of_another_network_is_refused(trained):
 NUMBERS = (0, -1, 1, 10**9, 10**30, 10**400, 0.5, -0.0, 1e308, float("inf"), float("nan"))
 DEEP = "[" * 100_000 + "]" * 100_000
 CALLS = "Compose([" * 3000 + "RadiusGraph()" + "])" * 3000
-TEXTS = ("", "x", "\0", "\ud800", "5", "[1, 2]", "Compose", "Compose(5)", "RandomWindow(within=())", "Volumes(10**400)")
+TEXTS = (
+    "",
+    "x",
+    "\0",
+    "\ud800",
+    "5",
+    "[1, 2]",
+    "Compose",
+    "Compose(5)",
+    "RandomWindow(within=())",
+)
 MORE = (
+    "RandomWindows(10**400)",
     "RandomWindow(duration=1e400)",
-    "Volumes('8')",
+    "RandomWindows('8')",
     "RadiusGraph(nan)",
     "RadiusGraph(radius={[]})",
     "-" * 9999 + "1",

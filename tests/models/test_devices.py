@@ -22,7 +22,7 @@ def graphs(count, volumes=None):
         generator = torch.Generator().manual_seed(n)
         nodes = 0 if n == 1 else 120
         x, y = (torch.randint(0, side, (nodes,), generator=generator).numpy() for side in SIZE)
-        samples.append(T.radius_graph(Events(range(nodes), x, y, x % 2, SIZE), radius=6))
+        samples.append(T.RadiusGraph(radius=6)(Events(range(nodes), x, y, x % 2, SIZE)))
     if volumes:
         samples = [samples[n * volumes : (n + 1) * volumes] for n in range(count)]
     batch = collate([(sample, 0) for sample in samples]).inputs

@@ -81,7 +81,7 @@ def test_offsets_alone_are_mirrored(kind):
     torch.manual_seed(1)
     dim = 3 if kind == "signed-time" else 2
     conv = models.SplineConv(1, 4, dim=dim)
-    graph = T.radius_graph(stream(), pseudo=kind, max_degree=500)
+    graph = T.RadiusGraph(pseudo=kind, max_degree=500)(stream())
     turned = graph.edge_attr if kind == "abs" else 1 - graph.edge_attr
     one, other = (conv(graph.x, graph.edge_index, u) for u in (graph.edge_attr, turned))
     assert torch.allclose(one, other) == (kind == "abs")
@@ -89,7 +89,7 @@ def test_offsets_alone_are_mirrored(kind):
 
 def pooled_shares(kind, seed=0):
     pool = models.GraphPool((4, 4), SIZE)
-    return pool(GraphBatch.of(T.radius_graph(stream(seed), pseudo=kind, reach_t=END)))
+    return pool(GraphBatch.of(T.RadiusGraph(pseudo=kind, reach_t=END)(stream(seed))))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -115,7 +115,7 @@ TRAINED = {"channels": (8, 12, 16), "clusters": ((2, 2), (4, 4), (8, 8)), "senso
 @pytest.mark.parametrize("convolution", ["spline", *models.CONVOLUTIONS])
 def test_networks_with_time_can_be_trained(build, convolution):
     model = build(3, dim=3, kernel_size=3, convolution=convolution, dropout=0.0, **TRAINED)
-    graphs = [T.radius_graph(stream(seed), pseudo="signed-time") for seed in range(3)]
+    graphs = [T.RadiusGraph(pseudo="signed-time")(stream(seed)) for seed in range(3)]
     losses = learn(model, GraphBatch.from_graphs(graphs), torch.arange(3), 12, rate=1e-2)
     assert losses[-1] < losses[0] / 2
 
@@ -139,7 +139,7 @@ def test_a_gesture_is_told_from_its_reverse():
 
 
 def test_graphs_that_do_not_fit_the_network():
-    plane, timed = (T.radius_graph(stream(), pseudo=kind) for kind in ("signed", "signed-time"))
+    plane, timed = (T.RadiusGraph(pseudo=kind)(stream()) for kind in ("signed", "signed-time"))
     wide = T.NodeFeatures(T.RadiusGraph(), [T.Age(), T.PatchMean()])(stream())
     sequence = {"sensor_size": SIZE, "channels": (4, 4), "clusters": ((2, 2), (4, 4))}
     for build in (lambda **o: models.RGCNN(3, **TRAINED, **o), lambda **o: models.RGCNN3D(3, **sequence, **o)):
@@ -193,7 +193,7 @@ def test_networks_and_pipelines_come_back_from_a_file(name, build, tmp_path):
 def test_a_sequence_network_with_time_comes_back(tmp_path):
     model = models.RGCNN3D(3, dim=3, in_channels=2, sensor_size=SIZE, channels=(4, 4), clusters=((2, 2), (4, 4))).eval()
     join = T.Compose([T.MergePixels(), T.KNNGraph(pseudo="signed-time", reach_t=4_000)])
-    pipeline = T.Compose([T.Volumes(8, 3_000), T.Each(join)])
+    pipeline = T.Compose([T.RandomWindows(8, 3_000), T.Each(join)])
     loaded = models.load(models.save(model, tmp_path / "m.safetensors", transform=pipeline))
     assert loaded.transform == pipeline
     batch = GraphBatch.from_graphs(pipeline(stream()), volumes=8)

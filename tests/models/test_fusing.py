@@ -22,7 +22,7 @@ def batch(sensor_size=(34, 34), graphs=4, volumes=1, **options):
     def one(seed):
         generator = torch.Generator().manual_seed(seed)
         x, y = (torch.randint(0, side, (150,), generator=generator).numpy() for side in sensor_size)
-        return T.radius_graph(Events(torch.arange(150).numpy() * 50, x, y, (x + y) % 2, sensor_size), **options)
+        return T.RadiusGraph(**options)(Events(torch.arange(150).numpy() * 50, x, y, (x + y) % 2, sensor_size))
 
     made = GraphBatch.from_graphs([one(seed) for seed in range(graphs)], volumes=volumes)
     return made.__class__(**{**vars(made), "x": made.x.double()})

@@ -17,7 +17,7 @@ def recording(digit, seed=0, n=300):
 
 
 def graph(digit, seed=0):
-    return T.radius_graph(T.window(recording(digit, seed), 0, 30_000))
+    return T.RadiusGraph()(T.Window(0, 30_000)(recording(digit, seed)))
 
 
 @pytest.mark.parametrize("build", [models.rgcnn, models.gcnn])
@@ -94,7 +94,9 @@ def test_plain_torch_gives_the_same_scores_and_gradients(monkeypatch):
 
 def small(n):
     """Graphs that break careless code: no node, one node, nodes without edges."""
-    return T.radius_graph(Events(np.arange(n) * 10_000, np.arange(n) * 9, np.arange(n) * 9, np.zeros(n, int), (34, 34)))
+    return T.RadiusGraph()(
+        Events(np.arange(n) * 10_000, np.arange(n) * 9, np.arange(n) * 9, np.zeros(n, int), (34, 34))
+    )
 
 
 @pytest.mark.parametrize("training", [True, False])
@@ -111,7 +113,7 @@ def test_degenerate_graphs_give_finite_numbers(sizes, training):
 
 
 def test_an_empty_window_of_a_recording_makes_an_empty_graph():
-    g = T.radius_graph(recording(0).window(10**9, 10**9 + 5))
+    g = T.RadiusGraph()(recording(0).window(10**9, 10**9 + 5))
     assert (g.num_nodes, g.num_edges) == (0, 0)
     assert models.rgcnn("n-mnist").eval()(g).isfinite().all()
 
@@ -180,7 +182,7 @@ def test_a_block_of_the_same_clusters_does_not_pool():
 
 def on(width, height, features=1, pseudo="signed"):
     """A graph of a sensor."""
-    g = T.radius_graph(Events([0, 10], [1, 2], [1, 2], [0, 1], (width, height)), pseudo=pseudo)
+    g = T.RadiusGraph(pseudo=pseudo)(Events([0, 10], [1, 2], [1, 2], [0, 1], (width, height)))
     return replace(g, x=torch.ones(2, features))
 
 

@@ -14,7 +14,7 @@ def sequences(count=2, volumes=8, size=(240, 180), nodes=60, empty=()):
             generator = torch.Generator().manual_seed(100 * n + s)
             here = 0 if (n, s) in empty else nodes
             x, y = (torch.randint(0, side, (here,), generator=generator).numpy() for side in size)
-            graphs.append(T.knn_graph(Events(range(here), x, y, x % 2, size)))
+            graphs.append(T.KNNGraph()(Events(range(here), x, y, x % 2, size)))
         samples.append((graphs, n))
     return collate(samples)
 
@@ -109,7 +109,7 @@ def test_the_order_of_volumes_matters():
 
 def one_by_one(batch):
     return [
-        T.knn_graph(Events(batch.t[a:b], *batch.pos[a:b].long().T.numpy(), batch.x[a:b, 0] > 0, (240, 180)))
+        T.KNNGraph()(Events(batch.t[a:b], *batch.pos[a:b].long().T.numpy(), batch.x[a:b, 0] > 0, (240, 180)))
         for a, b in zip(batch.ptr[:-1], batch.ptr[1:], strict=True)
     ]
 

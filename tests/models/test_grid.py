@@ -10,7 +10,7 @@ def graphs(count=6, size=(240, 180)):
     for n in range(count):
         generator = torch.Generator().manual_seed(n)
         x, y = (torch.randint(0, side, (40 * (n != 1),), generator=generator).numpy() for side in size)
-        made.append(T.knn_graph(Events(range(len(x)), x, y, x % 2, size)))
+        made.append(T.KNNGraph()(Events(range(len(x)), x, y, x % 2, size)))
     return made
 
 

@@ -18,7 +18,7 @@ D240 = {"sensor_size": (240, 180), "hidden": 1024}
 def graph(sensor_size=(240, 180)):
     """Five nodes; the first four in a chain of radius 3."""
     x = [10, 12, 14, 16, 30]
-    return T.radius_graph(Events([0, 100, 200, 300, 400], x, [20] * 5, [0, 1, 1, 0, 1], sensor_size))
+    return T.RadiusGraph()(Events([0, 100, 200, 300, 400], x, [20] * 5, [0, 1, 1, 0, 1], sensor_size))
 
 
 # by the formulas; the table has 5.53 and 6.31 at depths 2 and 3, which would be those of 512 channels, not 256
@@ -89,7 +89,7 @@ def test_what_is_executed_is_what_the_convolution_does():
 
 @given(events(max_size=40, width=20, height=20), st.integers(1, 6), st.sampled_from([1, 6, 40]))
 def test_shares_are_those_that_the_kernels_find(ev, size, channels):
-    batch = GraphBatch.of(T.radius_graph(ev))
+    batch = GraphBatch.of(T.RadiusGraph()(ev))
     if not batch.num_edges:
         return
     batch = replace(batch, x=torch.rand(batch.num_nodes, channels))

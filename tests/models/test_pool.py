@@ -12,13 +12,13 @@ from nvsdata import GraphBatch
 from nvsdata.models import GraphPool
 from nvsdata.models import clusters as module
 from nvsdata.models.pool import coarse_reach
-from nvsdata.transforms import radius_graph, rotate
+from nvsdata.transforms import RadiusGraph, affine
 
 
 @st.composite
 def batches(draw):
-    graphs = [radius_graph(draw(events(max_size=60, gap=300))) for _ in range(draw(st.integers(1, 4)))]
-    turned = [rotate(graph, draw(st.sampled_from((0, 0, 30)))) for graph in graphs]
+    graphs = [RadiusGraph()(draw(events(max_size=60, gap=300))) for _ in range(draw(st.integers(1, 4)))]
+    turned = [affine(graph, degrees=draw(st.sampled_from((0, 0, 30)))) for graph in graphs]
     batch = GraphBatch.from_graphs(turned)
     generator = torch.Generator().manual_seed(draw(st.integers(0, 1000)))
     x = torch.randn(batch.num_nodes, 3, generator=generator)
@@ -110,7 +110,7 @@ def test_nan_is_more_than_any_number_in_any_order(on, values, data):
 def test_nodes_that_are_nowhere_are_clustered_alike(odd):
     from nvsdata import Events
 
-    batch = GraphBatch.of(radius_graph(Events(range(4), [1, 2, 9, 30], [1, 2, 9, 30], [0] * 4, (34, 34))))
+    batch = GraphBatch.of(RadiusGraph()(Events(range(4), [1, 2, 9, 30], [1, 2, 9, 30], [0] * 4, (34, 34))))
     batch.pos[1, 0] = odd
     ours, other = (way(batch, (4, 4), (9, 9)) for way in (module.clusters_cpu, module.clusters_torch))
     assert ours.cluster.tolist() == other.cluster.tolist()
@@ -123,7 +123,7 @@ def test_pseudo_coordinates_lie_in_0_1_and_depend_on_the_graph_alone():
 
     rng = np.random.default_rng(0)
     graphs = [
-        radius_graph(
+        RadiusGraph()(
             Events(np.arange(99), rng.integers(0, 34, 99), rng.integers(0, 34, 99), np.zeros(99, int), (34, 34))
         )
         for _ in range(3)
@@ -139,7 +139,9 @@ def test_pseudo_coordinates_lie_in_0_1_and_depend_on_the_graph_alone():
 def test_times_are_averaged():
     from nvsdata import Events
 
-    out = GraphPool((34, 34), (34, 34))(GraphBatch.of(radius_graph(Events([10, 21], [1, 2], [1, 2], [0, 1], (34, 34)))))
+    out = GraphPool((34, 34), (34, 34))(
+        GraphBatch.of(RadiusGraph()(Events([10, 21], [1, 2], [1, 2], [0, 1], (34, 34))))
+    )
     assert out.t.tolist() == [5]
 
 

@@ -12,7 +12,7 @@ import nvsdata
 from nvsdata import Events, models
 from nvsdata import transforms as T
 from nvsdata.models import Trained
-from nvsdata.transforms.rng import of_voter, place, randint, uniform
+from nvsdata.transforms.rng import deterministic_rng, randint, uniform, window_start
 
 GRAPHS = T.Compose([T.RandomWindow(20_000), T.NonUniformSample(2), T.RadiusGraph(3.0)])
 POINTS = T.Compose([T.RandomWindow(50_000), T.RandomAffine(shift=2), T.DropEvents(0.5), T.Points(16)])
@@ -91,9 +91,9 @@ def test_windows_are_spread_evenly(windows):
     events = Events(np.arange(10_000), *[np.zeros(10_000, int)] * 3, (34, 34))
     starts = []
     for number in range(windows):
-        with of_voter(number, windows):
+        with deterministic_rng(number, windows):
             starts.append(int(T.RandomWindow(2000)(events).t[0]))
-            parts = [int(window.t[0]) for window in T.Volumes(4, 500)(events)]
+            parts = [int(window.t[0]) for window in T.RandomWindows(4, 500)(events)]
             frames = T.RandomTemporalCrop(4)(torch.arange(24.0).view(24, 1, 1))
         assert [at - 2500 * n for n, at in enumerate(parts)] == [parts[0]] * 4
         assert parts[0] == int((number + 0.5) / windows * 2001)
@@ -103,20 +103,20 @@ def test_windows_are_spread_evenly(windows):
 
 def test_what_a_voter_draws_is_its_own():
     def draws():
-        return randint(10**6), uniform(0, 1), place(1000)
+        return randint(10**6), uniform(0, 1), window_start(1000)
 
-    with of_voter(1, 4):
+    with deterministic_rng(1, 4):
         first = draws()
-        with of_voter(2, 4):
+        with deterministic_rng(2, 4):
             other = draws()
-    with of_voter(1, 4):
+    with deterministic_rng(1, 4):
         assert draws() == first
     assert other[0] != first[0]
     assert (first[2], other[2]) == (375, 625)
     torch.manual_seed(0)
     outside = draws()
     torch.manual_seed(0)
-    with of_voter(1, 4):
+    with deterministic_rng(1, 4):
         draws()
     assert draws() == outside
 

@@ -15,7 +15,7 @@ from nvsdata.models import GraphPool
 def graphs(count=4, nodes=300, size=(34, 34)):
     rng = np.random.default_rng(0)
     return [
-        T.radius_graph(
+        T.RadiusGraph()(
             Events(
                 np.sort(rng.integers(0, 30_000, nodes)),
                 rng.integers(0, size[0], nodes),

@@ -65,7 +65,7 @@ def test_a_cloud_has_all_events_or_some_of_very_many():
 
 
 def test_a_graph_has_its_nodes_and_edges(axes):
-    graph = T.radius_graph(EVENTS, beta=0.0)
+    graph = T.RadiusGraph(beta=0.0)(EVENTS)
     assert graph.num_edges
     nvsdata.plot(graph, ax=axes)
     lines = [thing for thing in axes.collections if isinstance(thing, LineCollection)]
@@ -189,7 +189,7 @@ def test_some_of_very_many_events_are_spread_over_all(monkeypatch):
 
 def test_nodes_of_a_graph_have_their_places_and_polarities(axes):
     events = Events([0, 10, 20], [1, 2, 7], [0, 1, 5], [1, 0, 1], (8, 6))
-    graph = T.radius_graph(events, radius=3.0)
+    graph = T.RadiusGraph(radius=3.0)(events)
     nvsdata.plot(graph, ax=axes)
     (edges,) = (thing for thing in axes.collections if isinstance(thing, LineCollection))
     ends = {tuple(map(tuple, segment.astype(int).tolist())) for segment in edges.get_segments()}
@@ -202,7 +202,7 @@ def test_nodes_of_a_graph_have_their_places_and_polarities(axes):
     assert (axes.get_xlim(), axes.get_ylim()) == ((-0.5, 7.5), (5.5, -0.5))
     # without a sensor, up to the last node
     other = Figure().add_subplot()
-    nvsdata.plot(replace(T.radius_graph(events[:2]), sensor_size=None), ax=other)
+    nvsdata.plot(replace(T.RadiusGraph()(events[:2]), sensor_size=None), ax=other)
     assert (other.get_xlim(), other.get_ylim()) == ((-0.5, 2.5), (1.5, -0.5))
 
 

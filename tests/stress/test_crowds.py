@@ -45,20 +45,20 @@ def middle(tensor):
 def test_a_million_events_are_counted_exactly(ev):
     on = int(ev.p.sum())
     off = MANY - on
-    assert middle(T.to_frames(ev, 1)).tolist() == [[on, off]]
-    assert middle(T.to_frames(ev, count=MANY)).tolist() == [[on, off]]
-    assert middle(T.to_frames(ev, 1, values="sum")).tolist() == [[on - off]]
-    assert middle(T.stacked_histogram(ev, 1, 10**9)).tolist() == [off, on]
-    assert middle(T.stacked_histogram(ev, 10, 10**9)).view(2, 10).sum(1).tolist() == [off, on]
-    assert middle(T.mixed_density_stack(ev, 3))[2].item() == on - off
-    assert middle(T.four_channels(ev))[:2].tolist() == [on, off]
-    assert middle(T.sum_frames(ev, fps=0.05)).tolist() == [on - off]
-    assert middle(T.bag_of_events(ev, MANY)).tolist() == [1]
-    assert middle(T.event_image(ev)).double().sum().item() in (on - off, MANY)
-    assert middle(T.group_tokens(ev, 12, 1)).view(6, 2, 2)[:, :, 0].sum(0).tolist() == [off, on]
+    assert middle(T.ToFrames(1)(ev)).tolist() == [[on, off]]
+    assert middle(T.ToFrames(count=MANY)(ev)).tolist() == [[on, off]]
+    assert middle(T.ToFrames(1, values="sum")(ev)).tolist() == [[on - off]]
+    assert middle(T.StackedHistogram(1, 10**9)(ev)).tolist() == [off, on]
+    assert middle(T.StackedHistogram(10, 10**9)(ev)).view(2, 10).sum(1).tolist() == [off, on]
+    assert middle(T.MixedDensityStack(3)(ev))[2].item() == on - off
+    assert middle(T.FourChannels()(ev))[:2].tolist() == [on, off]
+    assert middle(T.ToFrames(fps=0.05, values="sum")(ev)).tolist() == [on - off]
+    assert middle(T.BagOfEvents(MANY)(ev)).tolist() == [1]
+    assert middle(T.EventImage()(ev)).double().sum().item() in (on - off, MANY)
+    assert middle(T.GroupTokens(12, 1)(ev)).view(6, 2, 2)[:, :, 0].sum(0).tolist() == [off, on]
     rows = collate([(ev, 0)], events="columns")[0]
     assert int(rows.p.sum()) == on
-    everything = T.merge_pixels(ev)
+    everything = T.MergePixels()(ev)
     assert everything.num_nodes == 1
     assert error(T.PatchMean(3)(ev, everything), [np.log1p(MANY), (on - off) / MANY]) < 1e-6
 
@@ -68,13 +68,13 @@ def test_a_millions_sums_in_float32_stay_near_those_in_float64(ev):
     """Sums of shares are rounded at each event: at worst 2 in 10^5 and 1.4 in 10^4 are lost, by a million of events."""
     share, sign = (ev.t - ev.t[0]) / (ev.t[-1] - ev.t[0]), 2.0 * ev.p - 1
     bins = [(sign * np.maximum(0, 1 - np.abs(b - 4 * share))).sum() for b in range(5)]
-    assert error(middle(T.voxel_grid(ev, 5)), bins) < 4e-5
+    assert error(middle(T.VoxelGrid(5)(ev)), bins) < 4e-5
     part = (ev.t - ev.t[0]) * 6 // (ev.t[-1] - ev.t[0] + 1)
     times = [[share[(part == k) & (ev.p == p)].sum() for p in (0, 1)] for k in range(6)]
-    assert error(middle(T.group_tokens(ev, 12, 1)).view(6, 2, 2)[:, :, 1], times) < 3e-4
+    assert error(middle(T.GroupTokens(12, 1)(ev)).view(6, 2, 2)[:, :, 1], times) < 3e-4
     third = slice(2 * (MANY // 3), 3 * (MANY // 3))
     off = share[third][ev.p[third] == 0]
-    assert error(middle(T.ergo12(ev))[:2], [sign.var(), off.var() if off.size else 0]) < 1e-6
+    assert error(middle(T.ERGO12()(ev))[:2], [sign.var(), off.var() if off.size else 0]) < 1e-6
 
 
 def test_what_a_network_makes_of_100_000_events_stays_near_float64():
@@ -92,18 +92,18 @@ def test_what_a_network_makes_of_100_000_events_stays_near_float64():
 def test_surfaces_of_a_million_events(ev):
     last = [ev.t[ev.p == p][-1] if (ev.p == p).any() else None for p in (1, 0)]
     shown = [0 if t is None else np.exp((t - ev.end) / 1e6) for t in last]
-    assert error(middle(T.time_surface(ev, 1e6)), shown) < 1e-6
+    assert error(middle(T.TimeSurface(1e6)(ev)), shown) < 1e-6
     # a later event elsewhere: the value was multiplied up from event to event
     later = Events([*ev.t, ev.end + 10**6], [*ev.x, 2], [*ev.y, 0], [*ev.p, 1], (3, 1))
     shown = [0 if t is None else np.exp((t - later.end) / 1e6) for t in last]
-    assert error(T.time_surface(later, 1e6)[:, 0, 1], shown) < 1e-6
+    assert error(T.TimeSurface(1e6)(later)[:, 0, 1], shown) < 1e-6
     latest = ev.t[ev.p == 1][:-4:-1]
     ages = np.maximum(np.log1p((ev.end - latest).astype(float)), np.log1p(150)) - np.log1p(150)
-    assert error(T.tore(ev)[:3, 0, 1], ages) < 1e-6
+    assert error(T.TORE()(ev)[:3, 0, 1], ages) < 1e-6
     leaked, before = Fraction(0), int(ev.t[0])
     for t in ev.t[-3_000:].tolist():
         leaked, before = max(leaked - Fraction(1, 50) * (t - before), 0) + 1, t
-    assert error(middle(T.leaky_frame(ev[-3_000:], 0.02)), [float(leaked)]) < 1e-6
+    assert error(middle(T.LeakyFrame(0.02)(ev[-3_000:])), [float(leaked)]) < 1e-6
     # the mean, over events, of the sum of exponentials of those up to 1 ms before
     sums = []
     for p in (1, 0):
@@ -113,7 +113,7 @@ def test_surfaces_of_a_million_events(ev):
             there = end - back >= begin
             total += np.exp((t[(end - back)[there]] - t[there]) / 500).sum()
         sums.append(total / MANY)
-    assert error(T.hats(ev, 10, 0, window=1000, tau=500)[0, :, 0, 0], sums) < 1e-6
+    assert error(T.HATS(10, 0, window=1000, tau=500)(ev)[0, :, 0, 0], sums) < 1e-6
 
 
 @pytest.mark.parametrize("ev", CROWDS, ids=["on", "mixed"])
@@ -123,15 +123,15 @@ def test_filters_of_a_million_events(ev):
         if t >= free:
             kept.append(i)
             free = t + 1_000
-    assert T.refractory_period(ev, 1_000) == ev[np.array(kept)]
-    assert len(T.background_activity(ev, 1_000)) == 0
-    assert len(T.drop_hot_pixels(ev, MANY / (ev.end - ev.start) * 1e6 * 0.999)) == 0
-    assert len(T.drop_hot_pixels(ev, MANY / (ev.end - ev.start) * 1e6 * 1.001)) == MANY
-    assert error(T.dart(ev[:100_000]).sum(1), np.ones(100_000)) < 1e-6
+    assert T.RefractoryPeriod(1_000)(ev) == ev[np.array(kept)]
+    assert len(T.BackgroundActivity(1_000)(ev)) == 0
+    assert len(T.HotPixels(MANY / (ev.end - ev.start) * 1e6 * 0.999)(ev)) == 0
+    assert len(T.HotPixels(MANY / (ev.end - ev.start) * 1e6 * 1.001)(ev)) == MANY
+    assert error(T.DART()(ev[:100_000]).sum(1), np.ones(100_000)) < 1e-6
 
 
 def test_a_graph_of_a_million_events_joins_those_next_in_time():
-    graph = T.radius_graph(CROWDS[0], max_degree=2)
+    graph = T.RadiusGraph(max_degree=2)(CROWDS[0])
     assert graph.num_edges == 2 * MANY
     source = graph.edge_index[0].view(-1, 2)
     index = torch.arange(1, MANY - 1)
@@ -150,7 +150,7 @@ def test_a_store_and_files_hold_a_million_events_of_a_pixel(tmp_path):
 
 def test_a_million_nodes_are_pooled_into_one():
     """Means are summed in float64, as are positions; the nodes of a grid's cell in float32."""
-    graph = T.radius_graph(CROWDS[1], max_degree=1)
+    graph = T.RadiusGraph(max_degree=1)(CROWDS[1])
     value = torch.rand(MANY, 1) + 1
     graph = nvsdata.GraphBatch.from_graphs([graph])
     graph.x[:] = value
@@ -175,19 +175,19 @@ def test_corners_of_sensors_of_any_shape(size):
         """Where a tensor [2, H, W], ON first, isn't 0."""
         return sorted((1 - c, row, column) for c, row, column in tensor.nonzero().tolist())
 
-    assert found(T.to_frames(ev, 1)[0]) == sorted(at)
-    assert found(T.time_surface(ev)) == sorted(at)
-    assert found(T.four_channels(ev)[:2]) == sorted(at)
-    assert found(T.group_tokens(ev, 2, 1).view(2, 2, height, width)[:, 0].flip(0)) == sorted(at)
-    assert found(T.tore(ev, 1) < np.float32(np.log1p(5e6) - np.log1p(150))) == sorted(at)
+    assert found(T.ToFrames(1)(ev)[0]) == sorted(at)
+    assert found(T.TimeSurface()(ev)) == sorted(at)
+    assert found(T.FourChannels()(ev)[:2]) == sorted(at)
+    assert found(T.GroupTokens(2, 1)(ev).view(2, 2, height, width)[:, 0].flip(0)) == sorted(at)
+    assert found(T.TORE(1)(ev) < np.float32(np.log1p(5e6) - np.log1p(150))) == sorted(at)
     on = ev[ev.p == 1]
-    assert T.voxel_grid(on, 2).sum(0).nonzero().tolist() == sorted([row, column] for p, row, column in at if p)
-    for filtered in (T.refractory_period(ev, 1), T.drop_hot_pixels(ev, 1e9)):
+    assert T.VoxelGrid(2)(on).sum(0).nonzero().tolist() == sorted([row, column] for p, row, column in at if p)
+    for filtered in (T.RefractoryPeriod(1)(ev), T.HotPixels(1e9)(ev)):
         assert filtered == ev
-    assert T.downsample(ev, 10**9).x.max() == 0
-    assert T.hats(ev, 10, 1).isfinite().all()
-    assert T.event_surfaces(ev, 3)[:, 3, 3].eq(1).all()
-    graph = T.radius_graph(ev, 3.0, max_degree=3)
+    assert T.Downsample(10**9)(ev).x.max() == 0
+    assert T.HATS(10, 1)(ev).isfinite().all()
+    assert T.EventSurfaces(3)(ev)[:, 3, 3].eq(1).all()
+    graph = T.RadiusGraph(3.0, max_degree=3)(ev)
     expected = near_edges(ev.t, x.astype(np.int32), y.astype(np.int32), 3.0, 1.0, 0.0, 3)
     assert graph.edge_index.shape[1] == expected.shape[1]
     assert ((graph.edge_attr >= 0) & (graph.edge_attr <= 1)).all()

@@ -67,13 +67,13 @@ def edges(graph):
 )
 @pytest.mark.parametrize("most", [1, 10**30])
 def test_graphs_of_any_radius_and_weights(ev, pseudo, radius, alpha, beta, most):
-    graph = T.radius_graph(ev, radius, alpha=alpha, beta=beta, max_degree=most, pseudo=pseudo)
+    graph = T.RadiusGraph(radius, alpha=alpha, beta=beta, max_degree=most, pseudo=pseudo)(ev)
     assert edges(graph) == joined(ev, radius, alpha, beta, most)
     assert ((graph.edge_attr >= 0) & (graph.edge_attr <= 1)).all()
 
 
 def test_pseudo_coordinates_of_a_reach_beyond_float32():
-    near, far = T.knn_graph(EVENTS, 40, reach=HUGE), T.knn_graph(EVENTS, 40, reach=TINY)
+    near, far = T.KNNGraph(40, reach=HUGE)(EVENTS), T.KNNGraph(40, reach=TINY)(EVENTS)
     assert (near.edge_attr == 0.5).all()
     apart = (near.pos[near.edge_index[0]] - near.pos[near.edge_index[1]]).sign()
     assert torch.equal(far.edge_attr, (apart + 1) / 2)
@@ -83,7 +83,7 @@ def test_pseudo_coordinates_of_a_reach_beyond_float32():
 @pytest.mark.parametrize(("alpha", "beta"), [(0, 0), (TINY, 0), (0, TINY), (HUGE, HUGE), (HUGE, 0), (1, 1e-300)])
 @pytest.mark.parametrize("ev", [EVENTS, WIDE], ids=["near", "wide"])
 def test_samples_of_any_weights_are_events_in_order(ev, k, alpha, beta):
-    found = T.nonuniform_sample(ev, k, alpha=alpha, beta=beta)
+    found = T.NonUniformSample(k, alpha=alpha, beta=beta)(ev)
     rows = set(zip(*(column.tolist() for column in ev.columns), strict=True))
     assert set(zip(*(column.tolist() for column in found.columns), strict=True)) <= rows
     assert math.ceil(len(ev) / k) <= len(found) <= len(ev)
@@ -118,17 +118,17 @@ def test_surfaces_of_any_time_constant(ev, tau):
                     )
     for place, time in latest.items():
         plain[place] = faded(t[-1] - time, tau)
-    np.testing.assert_allclose(T.time_surface(ev, tau).numpy(), plain, rtol=1e-6, atol=1e-30)
-    np.testing.assert_allclose(T.event_surfaces(ev, 1, tau).numpy(), around, rtol=1e-6, atol=1e-30)
-    found = T.hats(ev, 10, 1, window=2**62, tau=tau)[0].numpy()
+    np.testing.assert_allclose(T.TimeSurface(tau)(ev).numpy(), plain, rtol=1e-6, atol=1e-30)
+    np.testing.assert_allclose(T.EventSurfaces(1, tau)(ev).numpy(), around, rtol=1e-6, atol=1e-30)
+    found = T.HATS(10, 1, window=2**62, tau=tau)(ev)[0].numpy()
     np.testing.assert_allclose(found, cells / count, rtol=1e-6, atol=1e-30)
 
 
 def test_windows_of_surfaces_and_frames_beyond_int64():
     for ev in (EVENTS, WIDE):
-        assert T.hats(ev, 10, 1, window=2**70).equal(T.hats(ev, 10, 1, window=2**63 - 1))
-        assert T.time_surface(ev, every=2**70)[0].equal(T.time_surface(ev))
-        assert T.to_frames(ev, duration=2**70).equal(T.to_frames(ev, 1))
+        assert T.HATS(10, 1, window=2**70)(ev).equal(T.HATS(10, 1, window=2**63 - 1)(ev))
+        assert T.TimeSurface(every=2**70)(ev)[0].equal(T.TimeSurface()(ev))
+        assert T.ToFrames(duration=2**70)(ev).equal(T.ToFrames(1)(ev))
     # more than 2^62, and still two frames
     assert duration_bounds(WIDE, 2**62 + 10).tolist() == [0, 3, 4]
     assert duration_bounds(Events([-LAST, 3, 8, 9], [0] * 4, [0] * 4, [0] * 4), 2**62 + 7).tolist() == [0, 2, 4]
@@ -137,14 +137,14 @@ def test_windows_of_surfaces_and_frames_beyond_int64():
 @pytest.mark.parametrize("fps", [TINY, 1e-300, 1e-20, 1e-13])
 @pytest.mark.parametrize("ev", [EVENTS, WIDE], ids=["near", "wide"])
 def test_a_frame_rate_so_low_that_the_first_frame_holds_all(ev, fps):
-    assert T.sum_frames(ev, fps=fps).equal(T.to_frames(ev, 1, values="sum")[:, 0])
+    assert T.ToFrames(fps=fps, values="sum")(ev).equal(T.ToFrames(1, values="sum")(ev)[:, 0])
     assert (np.diff(frame_edges(ev.end - ev.start, fps)) > 0).all()
 
 
 @pytest.mark.parametrize(("ev", "fps"), [(EVENTS, HUGE), (EVENTS, 1e12), (WIDE, HUGE), (WIDE, 1e-3)])
 def test_a_frame_rate_that_gives_too_many_frames(ev, fps):
     with pytest.raises(ValueError, match="do the events begin when they say"):
-        T.sum_frames(ev, fps=fps)
+        T.ToFrames(fps=fps, values="sum")(ev)
 
 
 @pytest.mark.parametrize("sigma", [1e17, 1e18, 1e19, 1e30, HUGE])
@@ -166,11 +166,11 @@ def test_shares_of_the_longest_time():
     latest = int(long.t[-1])
     for low in (0.0, 0.5, math.nextafter(1, 0)):
         for _ in range(20):
-            window = T.random_window(long, 10, within=(low, 1.0))
+            window = T.RandomWindow(10, within=(low, 1.0))(long)
             assert 0 <= window.start <= latest - 9
     with pytest.raises(ValueError, match="don't fit if they count from their beginning"):
-        T.relative_time(WIDE)
-    assert T.relative_time(long.window(1)).t.tolist() == [latest - 1]
+        T.RelativeTime()(WIDE)
+    assert T.RelativeTime()(long.window(1)).t.tolist() == [latest - 1]
 
 
 @pytest.mark.parametrize("leak", [0, TINY, 1e-9, 1.0, 1e300])
@@ -184,17 +184,17 @@ def test_leaks_of_any_size(leak):
     for place, value in values.items():
         expected[place] = float(max(value - Fraction(leak) * (t[-1] - since[place]), 0))
     with np.errstate(over="ignore"):
-        np.testing.assert_allclose(T.leaky_frame(EVENTS, leak)[0].numpy(), expected, rtol=1e-6)
+        np.testing.assert_allclose(T.LeakyFrame(leak)(EVENTS)[0].numpy(), expected, rtol=1e-6)
 
 
 def test_rates_periods_and_bins_of_any_size():
     for ev in (EVENTS, WIDE):
-        assert len(T.drop_hot_pixels(ev, TINY)) == 0
-        assert T.drop_hot_pixels(ev, HUGE) == ev
+        assert len(T.HotPixels(TINY)(ev)) == 0
+        assert T.HotPixels(HUGE)(ev) == ev
         first = {place: i for i, place in reversed(list(enumerate(zip(ev.x.tolist(), ev.y.tolist(), strict=True))))}
-        kept = T.refractory_period(EVENTS, 2**70)
+        kept = T.RefractoryPeriod(2**70)(EVENTS)
         assert ev is WIDE or kept == EVENTS[np.array(sorted(first.values()))]
-        assert T.taf(ev, 2, 2**70).isfinite().all()
-        assert T.tore(ev, 2, shortest=0, longest=HUGE).isfinite().all()
-        assert T.mixed_density_stack(ev, 60)[-1].equal(T.to_frames(ev, 1, values="sum")[0, 0])
-        assert T.voxel_grid(ev, 2**10).sum(0).sub(T.to_frames(ev, 1, values="sum")[0, 0]).abs().max() < 1e-5
+        assert T.TAF(2, 2**70)(ev).isfinite().all()
+        assert T.TORE(2, shortest=0, longest=HUGE)(ev).isfinite().all()
+        assert T.MixedDensityStack(60)(ev)[-1].equal(T.ToFrames(1, values="sum")(ev)[0, 0])
+        assert T.VoxelGrid(2**10)(ev).sum(0).sub(T.ToFrames(1, values="sum")(ev)[0, 0]).abs().max() < 1e-5

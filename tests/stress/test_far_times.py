@@ -176,7 +176,7 @@ def test_a_store_holds_times_of_any_place(tmp_path):
 @pytest.mark.parametrize("by", SHIFTS)
 def test_the_mean_time_of_pooled_nodes_is_exact_anywhere(by):
     """A sum of 400 times at 2^53 fits int64, one of dates of 2026 in µs and 6,000 nodes doesn't."""
-    batch = GraphBatch.from_graphs([T.radius_graph(columns(400, np.arange(400) * 500))] * 2)
+    batch = GraphBatch.from_graphs([T.RadiusGraph()(columns(400, np.arange(400) * 500))] * 2)
     # the graphs of a batch needn't be at one time
     late = replace(batch, t=torch.cat((batch.t[:400], batch.t[400:] + by)))
     for structure in (clusters_cpu, clusters_torch):

@@ -51,7 +51,7 @@ def test_only_training_changes_samples_at_random(protocol, added):
         return
     # images: a random square in place of the middle, and a mirror
     crop = next(leaf for leaf in leaves(test) if isinstance(leaf, T.CenterCrop))
-    mirror = [T.RandomHorizontalFlip()] if getattr(protocol, "flip", True) else []
+    mirror = [T.RandomFlip()] if getattr(protocol, "flip", True) else []
     assert changes(training) == [T.RandomCrop(crop.size), *mirror]
     kept = [T.CenterCrop(leaf.size) if isinstance(leaf, T.RandomCrop) else leaf for leaf in leaves(training)]
     assert [leaf for leaf in kept if leaf not in mirror] == leaves(test)

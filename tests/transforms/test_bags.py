@@ -28,7 +28,7 @@ def test_frequencies_in_complete_segments(ev, count):
 @given(parts=st.lists(events(max_size=100, width=5, height=4), min_size=1, max_size=4))
 def test_weights(parts):
     parts = [Events(*ev.columns, (5, 4)) for ev in parts]
-    bags = [T.bag_of_events(ev, 10) for ev in parts]
+    bags = [T.BagOfEvents(10)(ev) for ev in parts]
     segments = torch.cat(bags)
     if not len(segments):
         with pytest.raises(ValueError, match="bags without any segment"):

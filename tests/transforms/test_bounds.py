@@ -26,8 +26,8 @@ def drawn(monkeypatch):
     """Makes draws from [0, 1) give one number."""
 
     def always(value):
-        monkeypatch.setattr(draws._drawn, "real", Fixed())
-        monkeypatch.setattr(draws._drawn, "real_value", np.array(value, np.float32))
+        monkeypatch.setattr(draws._scratch, "real", Fixed())
+        monkeypatch.setattr(draws._scratch, "real_value", np.array(value, np.float32))
         monkeypatch.setattr(torch, "rand", lambda *shape, generator=None: torch.full(shape, float(value)))
 
     return always
@@ -38,7 +38,7 @@ CHANCES = [
     (T.RandomPolarityFlip, EVENTS),
     (T.RandomTimeFlip, EVENTS),
     (lambda p: T.RandomApply(T.MergePolarities(), p), EVENTS),
-    (T.RandomHorizontalFlip, T.event_image(EVENTS)),
+    (lambda p: T.RandomFlip(p=p), T.EventImage()(EVENTS)),
 ]
 
 
@@ -51,25 +51,26 @@ def test_a_chance_is_of_draws_below_it(make, sample, p, value, happens, drawn):
 
 
 @pytest.mark.parametrize(("share", "value", "left"), [(0, 0, 3), (0.5, 0.5, 3), (0.5, 0.4999, 0), (1, 0.9999, 0)])
-def test_events_are_dropped_by_draws_below_the_share(share, value, left, drawn):
-    drawn(value)
-    assert len(T.drop(EVENTS, share)) == left
+def test_events_are_dropped_by_draws_below_the_share(share, value, left, drawn, monkeypatch):
+    drawn(share)
+    monkeypatch.setattr(torch, "rand", lambda *shape, generator=None: torch.full(shape, float(value)))
+    assert len(T.DropEvents(1.0)(EVENTS)) == left
 
 
 @pytest.mark.parametrize(("bound", "places"), [(8, [1, 3, 5, 7]), (1, [0] * 4), (10**15, None)])
 def test_voters_are_spread_evenly(bound, places):
     found, before = [], torch.get_rng_state()
     for number in range(4):
-        with draws.of_voter(number, 4):
-            found.append(draws.place(bound))
+        with draws.deterministic_rng(number, 4):
+            found.append(draws.window_start(bound))
     assert found == (places or [bound * n // 8 for n in (1, 3, 5, 7)])
     assert torch.equal(before, torch.get_rng_state())
-    with pytest.raises(KeyError), draws.of_voter(0, 4):
+    with pytest.raises(KeyError), draws.deterministic_rng(0, 4):
         raise KeyError
-    assert len({draws.place(10**15) for _ in range(3)}) == 3
+    assert len({draws.window_start(10**15) for _ in range(3)}) == 3
 
 
-def test_nothing_is_drawn_for_a_cascade_without_memory():
+def test_nothing_is_scratch_for_a_cascade_without_memory():
     for transform, draws_some in ((T.FilterCascade(), False), (T.FilterCascade(decay=1.5), True)):
         before = torch.get_rng_state()
         transform(EVENTS)
@@ -83,56 +84,56 @@ def at(times, places, **given):
 
 def test_a_pixel_at_the_rate_is_not_hot():
     ev = at([0, 1_000, 2_000], [1, 1, 2])
-    assert len(T.drop_hot_pixels(ev, 1_000)) == 3
-    assert T.drop_hot_pixels(ev, 999).x.tolist() == [2]
+    assert len(T.HotPixels(1_000)(ev)) == 3
+    assert T.HotPixels(999)(ev).x.tolist() == [2]
     # a single moment counts as 1 µs
     for rate, left in ((1_000_000, 1), (999_999, 0), (500_000, 0)):
-        assert len(T.drop_hot_pixels(at([7], [1]), rate)) == left
+        assert len(T.HotPixels(rate)(at([7], [1]))) == left
 
 
 @pytest.mark.parametrize(("span", "last"), [(0, 0), (1, 1), (2, 1)])
 def test_shares_of_the_shortest_times(span, last):
     ev = at([5, 5 + span], [0, 1])
-    assert T.four_channels(ev)[2].tolist() == [[0, last, 0, 0]]
-    assert T.points(ev, torch.tensor([0, 1]))[:, 2].tolist() == [0, last]
-    assert T.Age()(ev, T.radius_graph(ev)).tolist() == [[0], [last]]
-    assert T.merge_pixels(ev, ("mean",)).x[:, 2].tolist() == [0, last]
+    assert T.FourChannels()(ev)[2].tolist() == [[0, last, 0, 0]]
+    assert T.Points(2)(ev)[:, 2].tolist() == [0, last]
+    assert T.Age()(ev, T.RadiusGraph()(ev)).tolist() == [[0], [last]]
+    assert T.MergePixels(("mean",))(ev).x[:, 2].tolist() == [0, last]
     bins = [[1, 0, 0, 0], [0, 1, 0, 0]] if span else [[1, 1, 0, 0], [0] * 4]
-    assert T.voxel_grid(ev, 2).flatten(1).tolist() == bins
+    assert T.VoxelGrid(2)(ev).flatten(1).tolist() == bins
 
 
 @pytest.mark.parametrize(("width", "last"), [(1, 0), (2, 1), (3, 1)])
 def test_points_of_the_smallest_sensors(width, last):
     ev = Events([1, 2], [width - 1, 0], [0, width - 1], [0, 1], (width, width))
-    assert T.points(ev, torch.arange(2))[:, :2].tolist() == [[last, 0], [0, last]]
+    assert T.Points(2)(ev)[:, :2].tolist() == [[last, 0], [0, last]]
 
 
 @pytest.mark.parametrize("factor", [2, 16_384, 32_766, 32_767, 32_768, 10**9])
 def test_downsampled_pixels_of_the_widest_sensor(factor):
     places = [0, 16_383, 16_384, 32_764, 32_765, 32_766]
     ev = Events(range(6), places, places[::-1], [0] * 6, (32_767, 32_767))
-    found = T.downsample(ev, factor)
+    found = T.Downsample(factor)(ev)
     assert found.x.tolist() == [place // factor for place in places]
     assert found.y.tolist() == found.x.tolist()[::-1]
 
 
 def test_nodes_as_far_apart_as_events_can_be():
-    graph = T.radius_graph(at([1, 2], [0, 1]))
+    graph = T.RadiusGraph()(at([1, 2], [0, 1]))
     for apart in (32_767, 32_768):
         nodes = replace(graph, pos=torch.tensor([[-5.0, 0.0], [apart - 5.0, 0.0]]))
         if apart == 32_767:
-            assert T.knn_graph(nodes).edge_index.tolist() == [[1, 0], [0, 1]]
+            assert T.KNNGraph()(nodes).edge_index.tolist() == [[1, 0], [0, 1]]
         else:
             with pytest.raises(ValueError, match="at most 32767 pixels apart along an axis"):
-                T.knn_graph(nodes)
+                T.KNNGraph()(nodes)
 
 
 def test_without_distance_in_space_the_sensor_bounds_pseudo_coordinates():
-    graph = T.radius_graph(at([1, 2], [0, 3]), alpha=0, pseudo="abs")
+    graph = T.RadiusGraph(alpha=0, pseudo="abs")(at([1, 2], [0, 3]))
     assert graph.reach == (4, 1)
     assert graph.edge_attr.tolist() == [[0.75, 0], [0.75, 0]]
-    assert T.radius_graph(replace(graph, sensor_size=None), alpha=0, pseudo="abs").reach == (1, 1)
-    assert T.radius_graph(graph, 3, alpha=0.25, pseudo="abs").reach == (6, 6)
+    assert T.RadiusGraph(alpha=0, pseudo="abs")(replace(graph, sensor_size=None)).reach == (1, 1)
+    assert T.RadiusGraph(3, alpha=0.25, pseudo="abs")(graph).reach == (6, 6)
 
 
 @pytest.mark.parametrize(
@@ -149,19 +150,20 @@ def test_without_distance_in_space_the_sensor_bounds_pseudo_coordinates():
 )
 def test_scaled_times_stay_below_the_latest(start, end, origin, factor, fits):
     ev = Events([start, end], [0, 0], [0, 0], [0, 0])
+    # of a list, times count from the beginning of the first
+    parts = [Events([origin], [0], [0], [0]), ev]
     if fits:
         expected = [origin + round((t - origin) * factor) for t in (start, end)]
-        assert T.scale_time(ev, factor, origin).t.tolist() == expected
+        assert T.RandomTimeScale(factor, factor)(parts)[1].t.tolist() == expected
         assert max(map(abs, expected)) < LATEST
     else:
         with pytest.raises(ValueError, match=f"don't fit after scaling by {factor}"):
-            T.scale_time(ev, factor, origin)
+            T.RandomTimeScale(factor, factor)(parts)
 
 
 def test_a_dropped_interval_begins_anywhere_and_ends_in_time():
     ev = at([10, 11, 12, 13], [0, 1, 2, 3])
     assert {tuple(T.DropByTime(0.5)(ev).t.tolist()) for _ in range(100)} == {(12, 13), (10, 13), (10, 11)}
-    assert len(T.drop_interval(ev, 11, 13)) == 2
 
 
 def test_pixels_jitter_to_the_edges_and_not_beyond():
@@ -183,8 +185,8 @@ def test_a_square_has_at_least_a_pixel():
 def test_activity_is_compared_whatever_its_size(scale):
     frames = torch.zeros(2, 3, 9)
     frames[0, 1, 1], frames[1, 1, 7] = 0.9 * scale, scale
-    assert T.motion_crop(frames, 3)[1, 1].equal(frames[1, 1, 5:8])
-    assert not T.motion_crop(torch.zeros(1, 4, 4), 2).any()
+    assert T.MotionCrop(3)(frames)[1, 1].equal(frames[1, 1, 5:8])
+    assert not T.MotionCrop(2)(torch.zeros(1, 4, 4)).any()
 
 
 @pytest.mark.parametrize("transform", [T.TimeSurface(), T.TORE(), T.LeakyFrame(), T.TAF()], ids=repr)

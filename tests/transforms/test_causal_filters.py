@@ -83,10 +83,10 @@ def test_a_stream_keeps_what_the_whole_keeps(sampler, slow, seed, size):
 def test_no_place_exceeds_the_rate_and_quiet_ones_keep_all():
     t = np.arange(0, 10**6, 10)
     busy = Events(t, np.full(t.size, 2), np.full(t.size, 3), np.zeros(t.size), SIZE)
-    assert len(T.limit_rate(busy, 100)) == 100 + 3
+    assert len(T.RateLimit(100)(busy)) == 100 + 3
     quiet = busy[::10_000]
-    assert T.limit_rate(quiet, 100) == quiet
-    assert len(T.first_of_each_box(busy, 3, duration=10**5)) == 30
+    assert T.RateLimit(100)(quiet) == quiet
+    assert len(T.FirstOfBoxes(3, duration=10**5)(busy)) == 30
 
 
 def test_bad_settings_are_told():

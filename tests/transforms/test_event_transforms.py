@@ -44,10 +44,10 @@ def test_background_activity_has_no_company(ev, window):
 
 def test_filters_at_both_ends_of_time():
     ev = Events([1 - 2**62, 2**62 - 1], [0, 1], [0, 0], [1, 1])
-    assert T.refractory_period(ev, 1) == ev
-    assert len(T.background_activity(ev, 2**70)) == 0
+    assert T.RefractoryPeriod(1)(ev) == ev
+    assert len(T.BackgroundActivity(2**70)(ev)) == 0
     near = Events([1 - 2**62, 0], [0, 1], [0, 0], [1, 1])
-    assert rows(T.background_activity(near, 2**62)) == rows(near)[1:]
+    assert rows(T.BackgroundActivity(2**62)(near)) == rows(near)[1:]
 
 
 @given(ev=few, rate=st.sampled_from((1.0, 300.0, 10_000.0)))
@@ -77,12 +77,12 @@ def test_a_crop_becomes_the_sensor(ev, box):
 
 @given(ev=few, size=st.integers(1, 34))
 def test_squares_of_events_are_those_of_images(ev, size):
-    image = T.event_image(ev)
-    assert T.event_image(T.CenterCrop(size)(ev)).equal(T.CenterCrop(size)(image))
+    image = T.EventImage()(ev)
+    assert T.EventImage()(T.CenterCrop(size)(ev)).equal(T.CenterCrop(size)(image))
     torch.manual_seed(size)
     cut = T.RandomCrop(size)(ev)
     torch.manual_seed(size)
-    assert T.event_image(cut).equal(T.RandomCrop(size)(image))
+    assert T.EventImage()(cut).equal(T.RandomCrop(size)(image))
     # all of a list get the same square
     torch.manual_seed(size)
     assert T.RandomCrop(size)([ev, ev]) == [cut, cut]
@@ -112,8 +112,8 @@ def test_volumes_move_as_one(transform):
 
 def test_events_turn_scale_and_shift_as_nodes_do():
     ev = Events(range(4), [10, 20, 5, 30], [7, 5, 20, 12], [0, 1, 0, 1], (40, 30))
-    graph = T.radius_graph(ev)
-    for change in (lambda a: T.scale(a, 0.5), lambda a: T.rotate(a, 30), lambda a: T.shift(a, 2, -3)):
+    graph = T.RadiusGraph()(ev)
+    for change in (lambda a: T.affine(a, 0.5), lambda a: T.affine(a, degrees=30), lambda a: T.affine(a, dx=2, dy=-3)):
         moved = change(ev)
         assert np.array_equal(np.stack((moved.x, moved.y), 1), np.rint(change(graph).pos.numpy()))
 
@@ -145,7 +145,7 @@ def test_relative_time_begins_at_0(ev):
 
 @given(ev=few, factor=st.sampled_from((0.5, 1.0, 3.7)))
 def test_time_is_scaled_from_the_beginning(ev, factor):
-    found = T.scale_time(ev, factor)
+    found = T.RandomTimeScale(factor, factor)(ev)
     assert rows(found) == [(ev.start + round((t - ev.start) * factor), *row) for t, *row in rows(ev)]
     assert times(found) == (ev.start, ev.start + round((ev.end - ev.start) * factor))
 
@@ -155,7 +155,7 @@ def test_time_runs_backwards(ev):
     found = T.RandomTimeFlip(1.0)(ev)
     assert rows(found) == [(ev.start + ev.end - t, x, y, 1 - p) for t, x, y, p in reversed(rows(ev))]
     assert times(found) == times(ev)
-    assert T.flip_time(found) == ev
+    assert T.RandomTimeFlip(1.0)(found) == ev
     assert T.RandomTimeFlip(0.0)(ev) == ev
 
 
@@ -345,13 +345,16 @@ def test_lists_and_no_events(transform):
         (lambda: T.Downsample(2, 0), "step must be"),
         (lambda: T.RandomTimeScale(0), "low must be positive"),
         (lambda: T.RandomTimeScale(2, 1), "high must be at least low"),
-        (lambda: T.scale_time(Events([0, 2**61], [0, 0], [0, 0], [0, 0]), 3.0), "don't fit after scaling by 3.0"),
+        (
+            lambda: T.RandomTimeScale(3.0, 3.0)(Events([0, 2**61], [0, 0], [0, 0], [0, 0])),
+            "don't fit after scaling by 3.0",
+        ),
         (lambda: T.RandomTimeFlip(2), "p must lie between 0 and 1"),
         (lambda: T.TimeJitter(-1), "sigma must not be negative"),
         (lambda: T.SpatialJitter(-1), "sigma must not be negative"),
         (lambda: T.UniformNoise(-1), "count must be"),
-        (lambda: T.DropByTime(2), "share must lie between 0 and 1"),
-        (lambda: T.DropByArea(-1), "share must lie between 0 and 1"),
+        (lambda: T.DropByTime(2), "fraction must lie between 0 and 1"),
+        (lambda: T.DropByArea(-1), "fraction must lie between 0 and 1"),
         (lambda: T.RandomRun(0), "count must be"),
         (lambda: T.RandomApply(T.Age(), 2), "p must lie between 0 and 1"),
         (lambda: T.RandomChoice([]), "at least one transform"),

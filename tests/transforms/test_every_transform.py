@@ -14,10 +14,11 @@ from nvsdata.common import memory
 from nvsdata.data.events import Columns
 from nvsdata.data.ragged import EventBatch
 from nvsdata.data.recording import Recording
+from nvsdata.transforms.events.crops import crop_events
 
 SIDE = 32_767  # the largest sensor that events can address
 EVENTS = Events([0, 5, 9_999], [0, 3, 5], [1, 0, 3], [0, 1, 1], (6, 4))
-GRAPH = T.radius_graph(EVENTS)
+GRAPH = T.RadiusGraph()(EVENTS)
 UNKNOWN = replace(GRAPH, sensor_size=None)
 CALLED_WITH_MORE = T.Age | T.Patch | T.PatchMean | T.WithBoxes
 EVERY = [transform for transform, _ in EXAMPLES]
@@ -91,7 +92,7 @@ def outcome(transform, sample):
         return error
 
 
-TOO_SMALL = r"no square|pixels from|can't become|empty|sensor_size|at least one graph|can't stack|make no stack"
+TOO_SMALL = r"no square|pixels from|can't become|empty|sensor_size|at least one graph|can't stack|make no clip"
 
 
 @each
@@ -118,7 +119,7 @@ def test_a_wrong_kind_of_sample_is_named(transform):
     ids=["events", "graph", "nothing", "frames"],
 )
 def test_a_feature_of_something_else_is_named(feature, given):
-    with pytest.raises(TypeError, match="it takes Events and their Graph, as NodeFeatures gives them, but was given"):
+    with pytest.raises(TypeError, match="it takes Events and their Graph, as NodeFeatures passes them, but was given"):
         feature(*given)
 
 
@@ -190,7 +191,7 @@ PLACELESS = (
     *(T.NonUniformSample, T.Points, T.RadiusGraph, T.RandomAffine, T.RandomApply, T.RandomChoice, T.RandomFlip),
     *(T.RandomPolarityFlip, T.RandomRotate, T.RandomRun, T.RandomScale, T.RandomTimeFlip, T.RandomTimeScale),
     *(T.RandomTranslate, T.RandomWindow, T.RelativeTime, T.SelectPolarity, T.SpatialJitter, T.TimeJitter),
-    *(T.UniformNoise, T.Volumes, T.Window, T.Compose),
+    *(T.UniformNoise, T.RandomWindows, T.Window, T.Compose),
 )
 
 
@@ -264,7 +265,7 @@ def test_a_sensor_never_becomes_larger_than_events_can_address():
 @pytest.mark.parametrize("rectangle", [(-1, 0, 2, 2), (0, -1, 2, 2), (0, 0, 0, 2), (0, 0, 2, -1), (5, 0, 2, 2)])
 def test_a_crop_lies_within_the_sensor(rectangle):
     with pytest.raises(ValueError, match="a sensor of 6x4 has no"):
-        T.crop_events(EVENTS, *rectangle)
+        crop_events(EVENTS, *rectangle)
 
 
 # the axis of the channels, that of ON and that of OFF, and what the docstring says
@@ -276,7 +277,7 @@ POLARITIES = [
     (T.HATS(), 1, (0, 1), "ON first"),
     (T.TORE(1), 0, (0, 1), "ON comes first"),
     (T.FilterCascade(1), 0, (0, 1), "of each ON first"),
-    (T.FourChannels(), 0, (0, 1), "Numbers of ON and of OFF"),
+    (T.FourChannels(), 0, (0, 1), "numbers of ON and of OFF"),
     (T.StackedHistogram(1), 0, (1, 0), "all bins of OFF, then all of ON"),
     (T.TAF(1), 0, (1, 0), "OFF before ON"),
     (T.GroupTokens(2, 1), 0, (2, 0), "OFF and ON"),
@@ -287,7 +288,7 @@ POLARITIES = [
 def test_channels_are_those_that_the_docstring_names(transform, axis, channels, said):
     assert said in type(transform).__doc__
     on = Events([0, 1, 2], [1, 1, 1], [1, 1, 1], [1, 1, 1], (3, 3))
-    for events, (own, other) in ((on, channels), (T.flip_polarity(on), channels[::-1])):
+    for events, (own, other) in ((on, channels), (T.RandomPolarityFlip(1.0)(on), channels[::-1])):
         found = transform(events).movedim(axis, 0)
         assert found[own].unique().numel() > 1
         assert found[other].unique().numel() == 1

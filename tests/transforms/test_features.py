@@ -65,7 +65,7 @@ def test_merged_pixels_hear_their_nearest(ev):
 def test_a_million_events_of_one_pixel_at_late_times():
     n = 1_000_000
     t = np.arange(n) + 2**62 - 10**7
-    graph = T.merge_pixels(Events(t, np.full(n, 3), np.full(n, 4), np.arange(n) % 4 == 0, (9, 9)), ("mean",))
+    graph = T.MergePixels(("mean",))(Events(t, np.full(n, 3), np.full(n, 4), np.arange(n) % 4 == 0, (9, 9)))
     assert graph.t.tolist() == [(n - 1) // 2]
     assert graph.x[0, :2].tolist() == [n / 4, n * 3 / 4]
     assert graph.x[0, 2] == pytest.approx(0.5, abs=1e-5)
@@ -89,7 +89,7 @@ def slow_patch(ev, pos, size):
     st.sampled_from((0.0, 0.4, 0.6, -0.7, 1e4)),
 )
 def test_patches_count_the_events_around_a_node(ev, size, shift):
-    nodes = T.radius_graph(ev)
+    nodes = T.RadiusGraph()(ev)
     # after an augmentation nodes lie between pixels, or beyond the sensor
     nodes = replace(nodes, pos=nodes.pos + torch.tensor([shift, -shift]))
     counts = torch.from_numpy(slow_patch(ev, nodes.pos, size))
@@ -105,7 +105,7 @@ def test_patches_count_the_events_around_a_node(ev, size, shift):
 
 def test_a_patch_row_by_row():
     ev = Events([1, 2, 3, 4], [5, 6, 6, 5], [5, 5, 5, 4], [1, 1, 1, 0], (9, 9))
-    patch = T.Patch(3)(ev, T.radius_graph(ev))[0].expm1().round().tolist()
+    patch = T.Patch(3)(ev, T.RadiusGraph()(ev))[0].expm1().round().tolist()
     assert patch == [0, 0, 0, 0, 1, 2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0]
 
 
@@ -113,7 +113,7 @@ def test_a_patch_row_by_row():
 def test_age_is_a_share_of_the_window(ev, start, length):
     whole = Events(ev.t, ev.x, ev.y, ev.p, ev.sensor_size, start=0, end=10**6)
     window = whole.window(start, start + length + 1)
-    age = T.Age()(window, T.radius_graph(window))
+    age = T.Age()(window, T.RadiusGraph()(window))
     assert (age.dtype, age.shape) == (torch.float32, (len(window), 1))
     expected = [[(t - start) / length] for t in window.t.tolist()]
     torch.testing.assert_close(age, torch.tensor(expected).reshape(-1, 1))
@@ -121,7 +121,7 @@ def test_age_is_a_share_of_the_window(ev, start, length):
     # without an end that is known, up to the last event
     window = ev.window(start, start + length + 1)
     if len(window) and window.t[-1] > start:
-        assert T.Age()(window, T.radius_graph(window))[-1] == 1
+        assert T.Age()(window, T.RadiusGraph()(window))[-1] == 1
 
 
 @given(events(max_size=60, width=12, height=12))
@@ -156,16 +156,16 @@ def test_features_of_other_types_become_the_graphs():
 def test_features_that_do_not_fit():
     ev = Events([1, 2], [1, 2], [1, 2], [0, 1], (9, 9))
     for values in (torch.zeros(3, 1), torch.zeros(2)):
-        with pytest.raises(ValueError, match=r"gives \(.*\), not \[2, F\] for 2 nodes"):
+        with pytest.raises(ValueError, match=r"returns \(.*\), not \[2, F\] for 2 nodes"):
             T.NodeFeatures(T.RadiusGraph(), [lambda *_, values=values: values])(ev)
     with pytest.raises(TypeError, match="a feature must be callable, not 'age'"):
         T.NodeFeatures(T.RadiusGraph(), ["age"])
-    with pytest.raises(TypeError, match="gives Events, not a Graph"):
+    with pytest.raises(TypeError, match="returns Events, not a Graph"):
         T.NodeFeatures(T.NonUniformSample(), [T.Age()])(ev)
     with pytest.raises(TypeError, match="takes Events or a Recording, but was given Graph"):
-        T.MergePixels()(T.radius_graph(ev))
+        T.MergePixels()(T.RadiusGraph()(ev))
     with pytest.raises(ValueError, match=r"times must be of \('first', 'last', 'mean'\), not 'middle'"):
-        T.merge_pixels(ev, ("middle",))
+        T.MergePixels(("middle",))(ev)
 
 
 def test_what_always_gives_the_same_says_so():

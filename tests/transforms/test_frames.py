@@ -21,7 +21,7 @@ def test_frames_sum_polarity_and_average_cells(ev, fps, factor):
     dense = np.zeros((count, height, width))
     for t, x, y, p in zip(*(column.tolist() for column in ev.columns), strict=True):
         dense[max(math.ceil(t * fps / 10**6) - 1, 0), y, x] += 2 * p - 1
-    frames = T.SumFrames(fps, factor)(ev)
+    frames = T.ToFrames(fps=fps, values="sum", factor=factor)(ev)
     rows, columns = -(-height // factor), -(-width // factor)
     assert frames.shape == (count, rows, columns)
     assert frames.dtype == torch.float32
@@ -35,7 +35,7 @@ def test_frames_sum_polarity_and_average_cells(ev, fps, factor):
 
 def test_the_size_of_the_thesis():
     ev = Events([0, 10**6], [319, 0], [239, 0], [1, 0])
-    frames = T.SumFrames(25, 8)(ev)
+    frames = T.ToFrames(fps=25, values="sum", factor=8)(ev)
     assert frames.shape == (25, 30, 40)
     assert frames.sum() == 0
     assert frames[0, 29, 39] == 1 / 64
@@ -44,7 +44,7 @@ def test_the_size_of_the_thesis():
 
 def test_emulated_events_at_the_frame_itself_belong_to_it():
     ev = Events([40_000, 80_000], [0, 1], [0, 0], [1, 1], (2, 1), start=0)
-    assert T.sum_frames(ev, 25).tolist() == [[[1, 0]], [[0, 1]]]
+    assert T.ToFrames(fps=25, values="sum")(ev).tolist() == [[[1, 0]], [[0, 1]]]
 
 
 def test_volumes_are_cut_at_random_or_filled_up():
@@ -57,12 +57,12 @@ def test_volumes_are_cut_at_random_or_filled_up():
 
 def test_stacks_are_frames_in_a_row():
     frames = torch.randn(5, 4, 6)
-    found = T.Stacks(3)(frames)
+    found = T.SlidingClips(3)(frames)
     assert found.shape == (3, 3, 4, 6)
     for n in range(3):
         assert (found[n] == frames[n : n + 3]).all()
-    with pytest.raises(ValueError, match="2 frames make no stack of 3"):
-        T.stacks(frames[:2])
+    with pytest.raises(ValueError, match="2 frames make no clip of 3"):
+        T.SlidingClips()(frames[:2])
 
 
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 9), st.integers(0, 99))
@@ -70,7 +70,7 @@ def test_the_crop_with_the_most_activity(height, width, size, seed):
     frames = torch.from_numpy(np.random.default_rng(seed).integers(-2, 3, (3, height, width)).astype(np.float32))
     if size > min(height, width):
         with pytest.raises(ValueError, match="hold no square"):
-            T.motion_crop(frames, size)
+            T.MotionCrop(size)(frames)
         return
     places = [(y, x) for y in range(height - size + 1) for x in range(width - size + 1)]
     y, x = max(places, key=lambda at: float(frames[:, at[0] : at[0] + size, at[1] : at[1] + size].abs().sum()))
@@ -97,16 +97,18 @@ def test_denoising_takes_the_median_of_four(height, width, seed):
 def test_a_spike_on_its_own_is_noise():
     frame = torch.zeros(1, 5, 5)
     frame[0, 2, 2] = 3
-    assert (T.median_denoise(frame) == 0).all()
+    assert (T.MedianDenoise()(frame) == 0).all()
 
 
 @pytest.mark.parametrize(
     ("build", "says"),
     [
-        (lambda: T.SumFrames(0), "fps must be positive"),
-        (lambda: T.SumFrames(factor=0), "factor must be a whole number"),
+        (lambda: T.ToFrames(fps=0, values="sum"), "fps must be positive"),
+        (lambda: T.ToFrames(1, values="sum", factor=0), "factor must be a whole number"),
+        (lambda: T.ToFrames(1, factor=2), "factor averages sums"),
+        (lambda: T.ToFrames(1, values="sum", dtype="int16", factor=2), "factor averages sums"),
         (lambda: T.RandomTemporalCrop(0), "length must be a whole number"),
-        (lambda: T.Stacks(0), "length must be a whole number"),
+        (lambda: T.SlidingClips(0), "length must be a whole number"),
         (lambda: T.MotionCrop(0), "size must be a whole number"),
     ],
 )

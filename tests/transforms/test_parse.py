@@ -8,8 +8,15 @@ from nvsdata.transforms import from_repr
     "transform",
     [
         T.RandomWindow(30_000, (0.0, 0.2)),
-        T.Compose([T.Volumes(8, 33_333), T.Each(T.Compose([T.NonUniformSample(8), T.KNNGraph()]))]),
-        T.Compose([T.SumFrames(25.0, 8), T.RandomTemporalCrop(160), T.RandomCrop(24, (0.5, 1.0)), T.Normalize()]),
+        T.Compose([T.RandomWindows(8, 33_333), T.Each(T.Compose([T.NonUniformSample(8), T.KNNGraph()]))]),
+        T.Compose(
+            [
+                T.ToFrames(fps=25.0, values="sum", factor=8),
+                T.RandomTemporalCrop(160),
+                T.RandomCrop(24, (0.5, 1.0)),
+                T.Normalize(),
+            ]
+        ),
         T.RandomAffine(scale=(0.85, 1.1), degrees=15, shift=-0.0),
         T.RadiusGraph(4.0, alpha=0.5, beta=0.5e-5, max_degree=16, pseudo="signed-time", reach_t=9_000),
         T.KNNGraph(3, reach=5, pseudo="abs"),

@@ -25,22 +25,22 @@ def test_the_last_window_is_what_the_network_sees():
     assert T.window_length(pipeline) == 33_333
     other = T.with_window_length(pipeline, 10_000)
     assert other.transforms[0] == T.RandomWindow(500_000)
-    assert other.transforms[1] == T.Volumes(16, 10_000)
+    assert other.transforms[1] == T.RandomWindows(16, 10_000)
 
 
 def test_a_longest_window_fits():
     assert T.longest_window(T.RandomWindow(10), events(1000)) == 991
-    assert T.longest_window(T.Volumes(4, 10), events(1000)) == 991 // 4
+    assert T.longest_window(T.RandomWindows(4, 10), events(1000)) == 991 // 4
     # in what is cut out of the recording first
-    within = T.Compose([T.RandomWindow(400), T.Volumes(4, 10)])
+    within = T.Compose([T.RandomWindow(400), T.RandomWindows(4, 10)])
     assert T.longest_window(within, events(1000)) <= 100
-    assert T.longest_window(T.Volumes(4, 10), events(10)) == 1
+    assert T.longest_window(T.RandomWindows(4, 10), events(10)) == 1
 
 
 @pytest.mark.parametrize("pipeline", [T.Compose([T.RadiusGraph()]), T.Window(0, 10), T.Points(8)])
 def test_without_windows_there_is_no_length(pipeline):
     assert T.window_length(pipeline) is None
-    with pytest.raises(ValueError, match="RandomWindow or Volumes is needed, not"):
+    with pytest.raises(ValueError, match="RandomWindow or RandomWindows is needed, not"):
         T.with_window_length(pipeline, 10)
-    with pytest.raises(ValueError, match="RandomWindow or Volumes is needed, not"):
+    with pytest.raises(ValueError, match="RandomWindow or RandomWindows is needed, not"):
         T.longest_window(pipeline, events(10))

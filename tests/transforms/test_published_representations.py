@@ -28,7 +28,7 @@ def test_group_tokens_count_and_time_the_pixels_of_patches(ev, parts, patch):
     found = T.GroupTokens(2 * parts, patch)(ev)
     assert found.shape == (4 * parts * patch * patch, height, width)
     np.testing.assert_allclose(found, expected.reshape(found.shape), rtol=1e-5)
-    assert found.equal(T.group_tokens(moved(ev, LATE), 2 * parts, patch))
+    assert found.equal(T.GroupTokens(2 * parts, patch)(moved(ev, LATE)))
     assert found.view(parts, 2, 2, -1)[:, :, 0].sum() == len(ev)
 
 
@@ -67,7 +67,7 @@ def ergo(ev):
 def test_ergo_has_twelve_measures(ev):
     found = T.ERGO12()(ev)
     np.testing.assert_allclose(found, ergo(ev), rtol=1e-5, atol=1e-6)
-    assert found.equal(T.ergo12(moved(ev, LATE)))
+    assert found.equal(T.ERGO12()(moved(ev, LATE)))
 
 
 def taf(ev, depth, duration):
@@ -96,7 +96,7 @@ def test_taf_keeps_the_latest_bins_with_events(ev, depth, duration):
     ev = Events(*ev.columns, ev.sensor_size, start=start, end=start + bins * duration)
     found = T.TAF(depth, duration)(ev)
     np.testing.assert_allclose(found, taf(ev, depth, duration), rtol=1e-5, atol=1e-6)
-    assert found.equal(T.taf(moved(ev, LATE), depth, duration))
+    assert found.equal(T.TAF(depth, duration)(moved(ev, LATE)))
 
 
 @given(ev=few, cuts=st.lists(st.integers(0, 60), max_size=3), late=st.sampled_from((0, LATE, -LATE)))
@@ -131,7 +131,7 @@ def left(ev, k, tick, decay):
 def test_a_cascade_delays_and_decays(ev, filters, decay, tick):
     expected = np.concatenate([left(ev, k, tick, decay) for k in range(1, filters + 1)]).astype(float)
     if decay == 1:
-        found = T.filter_cascade(ev, filters, tick)
+        found = T.FilterCascade(filters, tick)(ev)
         assert np.array_equal(found, expected)
         assert found.equal(T.FilterCascade(filters, tick)(moved(ev, LATE)))
         return
@@ -181,7 +181,7 @@ def test_dart_has_the_recent_events_around_each(ev, rings, wedges, radii, queue)
         expected = sum(on_the_grid(transform, a - x, b - y) for a, b in recent)
         np.testing.assert_allclose(found[i].view(rings, wedges), expected / expected.sum(), rtol=1e-4, atol=1e-6)
     if len(ev) and queue == 2_000:
-        assert T.dart(ev).equal(T.DART()(moved(ev, LATE)))
+        assert T.DART()(ev).equal(T.DART()(moved(ev, LATE)))
 
 
 NO_EVENTS = Events.empty((5, 3))
@@ -229,7 +229,7 @@ def test_settings_out_of_range(make, reason):
 
 def test_polarities_merge_and_flip():
     ev = Events([1, 2, 3], [0, 1, 2], [0, 0, 1], [1, 0, 1], (4, 2), start=0, end=9)
-    merged, flipped = T.MergePolarities()(ev), T.flip_polarity(ev)
+    merged, flipped = T.MergePolarities()(ev), T.RandomPolarityFlip(1.0)(ev)
     assert merged.p.tolist() == [1, 1, 1]
     assert flipped.p.tolist() == [0, 1, 0]
     for changed in (merged, flipped):

@@ -1,5 +1,7 @@
 """Whole numbers as settings: fractions are refused, and floats that are whole work like ints."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
@@ -24,13 +26,13 @@ WHOLE = [
     (T.RandomWindow, {"duration": 9_000}, EVENTS),
     (T.Resize, {"size": 20}, EVENTS),
     (T.Resize, {"size": 20}, FRAMES),
-    (T.Stacks, {"length": 3}, FRAMES),
-    (T.SumFrames, {"factor": 3}, EVENTS),
+    (T.SlidingClips, {"length": 3}, FRAMES),
+    (partial(T.ToFrames, 2, values="sum"), {"factor": 3}, EVENTS),
     (T.ToFrames, {"bins": 4}, EVENTS),
     (T.ToFrames, {"count": 40}, EVENTS),
     (T.ToFrames, {"duration": 40_000}, EVENTS),
     (T.UniformNoise, {"count": 50}, EVENTS),
-    (T.Volumes, {"count": 3, "duration": 9_000}, EVENTS),
+    (T.RandomWindows, {"count": 3, "duration": 9_000}, EVENTS),
     (T.VoxelGrid, {"bins": 4}, EVENTS),
     (T.Window, {"start": 1_000, "stop": 9_000}, EVENTS),
 ]
@@ -92,14 +94,14 @@ BOUNDS = [
     (T.Resize, "size", 1, 0, None, None, EVENTS),
     (T.SelectPolarity, "polarity", 0, -1, 1, 2, EVENTS),
     *((T.StackedHistogram, name, 1, 0, None, None, EVENTS) for name in ("bins", "most")),
-    (T.Stacks, "length", 1, 0, None, None, FRAMES),
-    (T.SumFrames, "factor", 1, 0, None, None, EVENTS),
+    (T.SlidingClips, "length", 1, 0, None, None, FRAMES),
+    (partial(T.ToFrames, 2, values="sum"), "factor", 1, 0, None, None, EVENTS),
     (T.TAF, "depth", 1, 0, None, None, EVENTS),
     (T.TORE, "k", 1, 0, None, None, EVENTS),
     *((T.ToFrames, name, 1, 0, None, None, EVENTS) for name in ("bins", "count")),
     (T.UniformNoise, "count", 0, -1, None, None, EVENTS),
     (T.VoxelGrid, "bins", 1, 0, None, None, EVENTS),
-    (T.Volumes, "count", 1, 0, None, None, EVENTS),
+    (T.RandomWindows, "count", 1, 0, None, None, EVENTS),
 ]
 OTHERS = {T.Crop: {"x": 0, "y": 0, "width": 30, "height": 20}}
 
@@ -107,13 +109,13 @@ OTHERS = {T.Crop: {"x": 0, "y": 0, "width": 30, "height": 20}}
 @pytest.mark.parametrize(
     ("kind", "name", "least", "below", "largest", "above", "sample"),
     BOUNDS,
-    ids=[f"{kind.__name__}-{name}" for kind, name, *_ in BOUNDS],
+    ids=[f"{getattr(kind, '__name__', 'sum')}-{name}" for kind, name, *_ in BOUNDS],
 )
 def test_a_setting_goes_to_its_bounds_and_no_further(kind, name, least, below, largest, above, sample):
     for good in (least, largest):
         if good is not None:
             transform = kind(**{**OTHERS.get(kind, {}), name: good})
-            assert transform(*((EVENTS, T.radius_graph(EVENTS)) if sample is None else (sample,))) is not None
+            assert transform(*((EVENTS, T.RadiusGraph()(EVENTS)) if sample is None else (sample,))) is not None
     for bad in (below, above):
         if bad is not None:
             with pytest.raises(ValueError, match=name):

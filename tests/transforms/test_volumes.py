@@ -22,7 +22,7 @@ def test_volumes_lie_in_the_parts_of_the_recording():
     ev = steady(start=1_600_000_000_000_000)
     starts = set()
     for _ in range(50):
-        windows = T.Volumes(8, 33_333)(ev)
+        windows = T.RandomWindows(8, 33_333)(ev)
         assert len(windows) == 8
         for n, window in enumerate(windows):
             low = window.start - ev.start - 999_001 * n // 8
@@ -37,7 +37,7 @@ def test_windows_overlap_only_where_they_do_not_fit(total, count, duration, firs
     """An event a µs: the windows show which of them were taken, and how often."""
     t = np.arange(total) + first
     ev = Events(t, np.zeros(total, int), np.zeros(total, int), np.zeros(total, int), (1, 1))
-    windows = T.volumes(ev, count, duration)
+    windows = T.RandomWindows(count, duration)(ev)
     starts = [window.start - first for window in windows]
     assert len(windows) == count
     assert starts == sorted(starts)
@@ -65,19 +65,19 @@ def test_windows_in_the_parts_take_every_place(n, slack):
     count, duration = 4, 3
     total = 4 * (duration + slack % 4)
     ev = steady(total, 1)
-    found = {T.volumes(ev, count, duration)[n].start for _ in range(120)}
+    found = {T.RandomWindows(count, duration)(ev)[n].start for _ in range(120)}
     part = total // count
     assert found == set(range(n * part, (n + 1) * part - duration + 1))
 
 
 def test_recordings_that_are_too_short():
     # the setting of Table 5.1: 8 windows of 1/30 s in 0.25 s
-    windows = T.volumes(steady(251), 8)
+    windows = T.RandomWindows(8)(steady(251))
     assert [window.start for window in windows] == [(250_001 - 33_333) * n // 7 for n in range(8)]
     assert windows[-1].t[-1] == 250_000
-    assert [window.start for window in T.volumes(steady(10), 4, 33_333)] == [0, 0, 0, 0]
-    assert [len(window) for window in T.volumes(steady(10), 1, 33_333)] == [10]
-    assert [len(window) for window in T.volumes(Events.empty((4, 4)), 3)] == [0, 0, 0]
+    assert [window.start for window in T.RandomWindows(4, 33_333)(steady(10))] == [0, 0, 0, 0]
+    assert [len(window) for window in T.RandomWindows(1, 33_333)(steady(10))] == [10]
+    assert [len(window) for window in T.RandomWindows(3)(Events.empty((4, 4)))] == [0, 0, 0]
 
 
 @pytest.mark.parametrize("total", [1000, 100, 10])
@@ -85,7 +85,7 @@ def test_windows_depend_on_seed_epoch_and_sample_alone(total, tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         nvsdata.write(steady(total), tmp_path / name / "0.h5")
-    transform = T.Compose([T.Volumes(8), T.Each(Starts())])
+    transform = T.Compose([T.RandomWindows(8), T.Each(Starts())])
     dataset = SeededDataset(nvsdata.EventFolder(tmp_path, transform=transform), 7)
     drawn = {(epoch, n): dataset[epoch, n][0] for epoch in range(3) for n in range(2)}
     torch.manual_seed(5)
@@ -114,13 +114,13 @@ def test_only_the_windows_are_decoded(tmp_path, monkeypatch):
         return original(self, sources, first, t)
 
     monkeypatch.setattr(type(recording), "_events", counted)
-    windows = T.Volumes(8, 1_000)(recording)
+    windows = T.RandomWindows(8, 1_000)(recording)
     assert 0 < sum(len(window) for window in windows) == sum(read) <= 8 * 101
 
 
 @given(events(max_size=60, width=20, height=20), st.sampled_from([1, 2, 5, 100]))
 def test_each_event_hears_its_nearest(ev, k):
-    graph = T.knn_graph(ev, k, reach=4)
+    graph = T.KNNGraph(k, reach=4)(ev)
     expected = []
     for i, (x, y, t) in enumerate(zip(ev.x.tolist(), ev.y.tolist(), ev.t.tolist(), strict=True)):
         others = [j for j in range(len(ev)) if j != i]
@@ -130,18 +130,18 @@ def test_each_event_hears_its_nearest(ev, k):
     assert list(zip(*graph.edge_index.tolist(), strict=True)) == expected
     offset = graph.pos[graph.edge_index[0]] - graph.pos[graph.edge_index[1]]
     assert torch.equal(graph.edge_attr, (offset / 8 + 0.5).clamp(0, 1))
-    assert torch.equal(T.knn_graph(ev, k, reach=4, pseudo="abs").edge_attr, (offset / 4).abs().clamp(max=1))
+    assert torch.equal(T.KNNGraph(k, reach=4, pseudo="abs")(ev).edge_attr, (offset / 4).abs().clamp(max=1))
 
 
 def test_nearest_does_not_depend_on_an_offset_in_time():
     ev = steady(300, 37)
     late = Events(ev.t + 1_600_000_000_000_000, ev.x, ev.y, ev.p, ev.sensor_size)
-    assert torch.equal(T.knn_graph(ev).edge_index, T.knn_graph(late).edge_index)
+    assert torch.equal(T.KNNGraph()(ev).edge_index, T.KNNGraph()(late).edge_index)
 
 
 @given(events(max_size=50), st.integers(1, 5), st.integers(1, 7))
 def test_a_grid_adds_up_the_nodes_of_a_cell(ev, wide, high):
-    graph = T.knn_graph(ev)
+    graph = T.KNNGraph()(ev)
     grid = T.Graph2Grid((wide, high))([graph, graph])
     width, height = ev.sensor_size
     expected = np.zeros((-(-height // high), -(-width // wide)))
@@ -157,7 +157,7 @@ def test_a_dataset_can_hand_back_grids(tmp_path):
         (tmp_path / name).mkdir()
         nvsdata.write(steady(), tmp_path / name / "0.h5")
     transform = T.Compose(
-        [T.Volumes(4), T.Each(T.Compose([T.NonUniformSample(4), T.KNNGraph()])), T.Graph2Grid((8, 6))]
+        [T.RandomWindows(4), T.Each(T.Compose([T.NonUniformSample(4), T.KNNGraph()])), T.Graph2Grid((8, 6))]
     )
     dataset = nvsdata.EventFolder(tmp_path, transform=transform)
     loader = torch.utils.data.DataLoader(dataset, batch_size=2, collate_fn=nvsdata.collate)
@@ -167,15 +167,15 @@ def test_a_dataset_can_hand_back_grids(tmp_path):
 
 
 def test_what_has_no_grid():
-    graph = T.knn_graph(steady(5))
+    graph = T.KNNGraph()(steady(5))
     with pytest.raises(ValueError, match="at least one graph"):
-        T.graph2grid([])
+        T.Graph2Grid()([])
     with pytest.raises(ValueError, match="without sensor_size"):
-        T.graph2grid(type(graph)(*(getattr(graph, k) for k in ("x", "pos", "t", "edge_index", "edge_attr"))))
+        T.Graph2Grid()(type(graph)(*(getattr(graph, k) for k in ("x", "pos", "t", "edge_index", "edge_attr"))))
     for build, says in (
         (lambda: T.Graph2Grid((0, 1)), "cluster must be"),
-        (lambda: T.Volumes(0), "count must be a whole number of at least 1, not 0"),
-        (lambda: T.Volumes(2.5), "count must be a whole number of at least 1, not 2.5"),
+        (lambda: T.RandomWindows(0), "count must be a whole number of at least 1, not 0"),
+        (lambda: T.RandomWindows(2.5), "count must be a whole number of at least 1, not 2.5"),
         (lambda: T.KNNGraph(k=0), "k must be a whole number of at least 1, not 0"),
         (lambda: T.KNNGraph(reach=0), "reach must be positive"),
     ):
@@ -187,5 +187,5 @@ def test_what_has_no_grid():
 
 def test_windows_of_no_events_begin_at_0():
     none = Events.empty((4, 4))
-    for window in (T.window(none, 0, 5), T.random_window(none, 5), *T.volumes(none, 2, 5)):
+    for window in (T.Window(0, 5)(none), T.RandomWindow(5)(none), *T.RandomWindows(2, 5)(none)):
         assert (len(window), window.start) == (0, 0)

@@ -20,7 +20,7 @@ sizes = pytest.mark.parametrize("size", LARGE, ids=lambda size: "{}x{}".format(*
 ANYWHERE = [
     T.Window(0, 4_000),
     T.RandomWindow(4_000),
-    T.Volumes(3, 2_000),
+    T.RandomWindows(3, 2_000),
     T.NonUniformSample(8),
     T.DropEvents(0.3),
     T.RadiusGraph(),
@@ -28,7 +28,7 @@ ANYWHERE = [
     T.MergePixels(("mean",)),
     T.NodeFeatures(T.RadiusGraph(), [T.Age(), T.Patch(3), T.PatchMean(5)]),
     T.Compose([T.NonUniformSample(4), T.RadiusGraph(), T.RandomTranslate(5)]),
-    T.Compose([T.Volumes(2, 2_000), T.Each(T.KNNGraph())]),
+    T.Compose([T.RandomWindows(2, 2_000), T.Each(T.KNNGraph())]),
     T.BackgroundActivity(500),
     T.ERGO12(),
     T.EventImage(),
@@ -57,18 +57,18 @@ ANYWHERE = [
     T.TimeSurface(every=1_000),
     T.ToFrames(3),
     T.VoxelGrid(3),
-    T.SumFrames(200),
+    T.ToFrames(fps=200, values="sum"),
     T.Compose([T.RadiusGraph(), T.Graph2Grid()]),
-    T.Compose([T.SumFrames(400), T.RandomTemporalCrop(2)]),
-    T.Compose([T.SumFrames(400), T.Stacks(2)]),
+    T.Compose([T.ToFrames(fps=400, values="sum"), T.RandomTemporalCrop(2)]),
+    T.Compose([T.ToFrames(fps=400, values="sum"), T.SlidingClips(2)]),
 ]
 # what does
 ELSEWHERE = (T.Crop, T.Downsample, T.DropByArea, T.EventSurfaces, T.HATS, T.SpatialJitter, T.TORE, T.UniformNoise)
 ELSEWHERE = (*ELSEWHERE, T.DART, T.GroupTokens, T.Points, T.RandomAffine, T.RandomFlip, T.RandomRotate, T.RandomScale)
 IMAGES = (T.CenterCrop, T.FourCrops, T.MedianDenoise, T.MotionCrop, T.Normalize, T.RandomCrop)
-IMAGES = (*IMAGES, T.RandomHorizontalFlip, T.Resize)
+IMAGES = (*IMAGES, T.RandomFlip, T.Resize)
 FEATURES = (T.Age, T.Patch, T.PatchMean)
-WITHIN = (T.Each, T.Graph2Grid, T.NodeFeatures, T.RandomTemporalCrop, T.RandomTranslate, T.Stacks, T.WithBoxes)
+WITHIN = (T.Each, T.Graph2Grid, T.NodeFeatures, T.RandomTemporalCrop, T.RandomTranslate, T.SlidingClips, T.WithBoxes)
 
 
 def in_last_corner(size):
@@ -120,7 +120,7 @@ def test_flips(size, axis):
     columns = [column.astype(int) for column in ev.columns]
     columns[1 + axis] = size[axis] - 1 - columns[1 + axis]
     assert T.RandomFlip(axis, p=1)(ev) == Events(*columns, size)
-    graph = T.radius_graph(ev)
+    graph = T.RadiusGraph()(ev)
     assert torch.equal(T.RandomFlip(axis, p=1)(graph).pos[:, axis], size[axis] - 1 - graph.pos[:, axis])
 
 
@@ -129,11 +129,11 @@ def test_turns_and_scales_are_about_the_center(size):
     ev = corners(size)
     assert T.RandomAffine((1.0, 1.0), 0)(ev) == ev
     center = torch.tensor([(side - 1) / 2 for side in size])
-    graph = T.radius_graph(ev)
+    graph = T.RadiusGraph()(ev)
     torch.testing.assert_close(T.RandomScale(0.5, 0.5)(graph).pos, (graph.pos - center) / 2 + center)
     turned = T.RandomRotate(10)(graph)
     torch.testing.assert_close((turned.pos - center).norm(dim=1), (graph.pos - center).norm(dim=1), rtol=0, atol=1e-3)
-    torch.testing.assert_close(T.rotate(graph, 180).pos, 2 * center - graph.pos, rtol=0, atol=1e-3)
+    torch.testing.assert_close(T.affine(graph, degrees=180).pos, 2 * center - graph.pos, rtol=0, atol=1e-3)
     # by half a turn every event goes to the opposite pixel
     half = T.affine(ev, degrees=180)
     assert np.array_equal(half.x, size[0] - 1 - ev.x)
@@ -207,9 +207,9 @@ def test_images(size):
     assert torch.equal(four[0], corner)
     assert torch.equal(four[1], corner.flip(-1))
     assert four[2:].count_nonzero() == 0
-    assert torch.equal(T.RandomHorizontalFlip(1)(image)[:, -SIDE:, :SIDE], corner.flip(-1))
-    small = T.event_image(SMALL)
-    assert torch.equal(T.MedianDenoise()(image)[:, -SIDE:, -SIDE:], T.median_denoise(small))
+    assert torch.equal(T.RandomFlip(0, 1)(image)[:, -SIDE:, :SIDE], corner.flip(-1))
+    small = T.EventImage()(SMALL)
+    assert torch.equal(T.MedianDenoise()(image)[:, -SIDE:, -SIDE:], T.MedianDenoise()(small))
     ramp = torch.arange(float(width)) + 10_000 * torch.arange(float(height))[:, None]
     place = T.CenterCrop(200)(ramp)[0, 0]
     assert place == (width - 200) // 2 + 10_000 * ((height - 200) // 2)

@@ -13,7 +13,7 @@ from nvsdata import transforms as T
 from nvsdata.benchmarks.case import Case, Options, Ready
 from nvsdata.benchmarks.inputs import SENSOR, WINDOW, digits, random_events, street
 from nvsdata.data.events import Events
-from nvsdata.transforms.defaults import BETA
+from nvsdata.transforms.events.sampling import BETA
 
 DIFFERENT = "edges that differ from those of all pairs of events"
 RADIUS, DEGREE = 3.0, 32

@@ -20,7 +20,7 @@ from nvsdata.data.events import Events
 from nvsdata.data.graph import GraphBatch
 from nvsdata.data.grid import to_grid
 from nvsdata.training.objects import Objects
-from nvsdata.transforms.defaults import BETA
+from nvsdata.transforms.events.sampling import BETA
 
 RELATIVE = "largest difference of scores from float64, of the largest score"
 TRAINED = "classification error on N-MNIST of networks trained with it for 40 epochs (docs/ablation.jsonl)"
@@ -236,7 +236,7 @@ def _voted(options: Options, votes: int) -> Ready:
 
 def _of_nodes(options: Options, count: int) -> Ready:
     model = _network(options, "asl-dvs")
-    graph = T.radius_graph(outlines(count), max_degree=8).to(options.device)
+    graph = T.RadiusGraph(max_degree=8)(outlines(count)).to(options.device)
 
     def run() -> torch.Tensor:
         with torch.inference_mode():

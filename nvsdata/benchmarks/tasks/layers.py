@@ -61,7 +61,7 @@ def _pools(options: Options) -> Iterator[Case]:
 
 
 def _batch(options: Options) -> GraphBatch:
-    graphs = [T.radius_graph(outlines(1_000, seed=seed)) for seed in range(2 if options.quick else 16)]
+    graphs = [T.RadiusGraph()(outlines(1_000, seed=seed)) for seed in range(2 if options.quick else 16)]
     return GraphBatch.from_graphs(graphs).to(options.device)
 
 
@@ -179,7 +179,7 @@ def _pool(options: Options, share: float) -> Ready:
     side = (share * 240 * 180) ** 0.5
     events = random_events(20_000, (max(round(side), 1), max(round(side), 1)), duration=30_000)
     events = Events(events.t, events.x, events.y, events.p, (240, 240))
-    batch = GraphBatch.from_graphs([T.radius_graph(events, max_degree=8)]).to(options.device)
+    batch = GraphBatch.from_graphs([T.RadiusGraph(max_degree=8)(events)]).to(options.device)
     layer = GraphPool((4, 3), (240, 240))
 
     def run() -> GraphBatch:

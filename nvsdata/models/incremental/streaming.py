@@ -14,7 +14,7 @@ from nvsdata.data.graph import Graph
 from nvsdata.models.incremental.causal import IncrementalCausalNetwork
 from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
 from nvsdata.transforms.compose import Compose
-from nvsdata.transforms.events.causal_filters import LookingBack
+from nvsdata.transforms.events.causal_filters import CausalFilter
 from nvsdata.transforms.graphs.edges import RadiusGraph
 from nvsdata.transforms.graphs.features import NodeFeatures
 
@@ -27,7 +27,7 @@ def stream(
     model: nn.Module,
     window: int | None = 30_000,
     graph: RadiusGraph | NodeFeatures | None = None,
-    sampler: LookingBack | None = None,
+    sampler: CausalFilter | None = None,
 ) -> Stream | CausalStream:
     """An object that is fed events, and has a network's scores of the last `window` µs at any moment; see `Stream`.
 
@@ -65,11 +65,11 @@ def _edges_of(graph: Any) -> Any:
 class _IncrementalInference(ABC):
     """Incremental inference of a network in a window, on a graph."""
 
-    def __init__(self, model: nn.Module, window: int | None, graph: Any, sampler: LookingBack | None) -> None:
+    def __init__(self, model: nn.Module, window: int | None, graph: Any, sampler: CausalFilter | None) -> None:
         if window is not None:
             whole("window", window, 1)
             window = min(int(window), FOREVER)
-        if sampler is not None and not isinstance(sampler, LookingBack):
+        if sampler is not None and not isinstance(sampler, CausalFilter):
             raise ValueError(f"{sampler} can't stream: samplers that look back only can, such as RateLimit")
         self.window, self.graph, self.sampler = window, graph, sampler
         self._has_features = isinstance(graph, NodeFeatures)

@@ -1,1 +1,1 @@
-"""Events to events: windows, sampling, filters, noise and other changes."""
+"""Events to events: windows, subsampling, filters, noise and other changes."""

@@ -1,4 +1,4 @@
-"""Samplers that look back only: what they keep depends on no later event, so they work on streams, too."""
+"""Causal filters of events: an event is kept or dropped by earlier events alone, so they apply to streams, too."""
 
 from __future__ import annotations
 
@@ -13,50 +13,63 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import LATEST, Events, check_inside
 from nvsdata.kernels.represent.filters import NEVER, after_pause, first_of_boxes, within_rate
-from nvsdata.transforms.apply import change_all
+from nvsdata.transforms.apply import map_sample
 
-Sieve = Callable[[Events], Events]
-"""Takes the next events of a stream, and gives those that are kept."""
+StreamFilter = Callable[[Events], Events]
+"""Function that takes the next events of a stream and returns those that are kept."""
 
 
-class LookingBack(ABC):
-    """A sampler that looks back only.
+class CausalFilter(ABC):
+    """Filter that keeps or drops an event by earlier events alone.
 
-    As a transform, it takes `Events`, a `Recording` or a list of them, and gives `Events`; `begin(sensor_size)` gives a
-    function that keeps the same events of a stream, however it is cut.
+    As a transform, it takes `Events`, a `Recording` or a list of them, and returns `Events`. For a stream,
+    `begin(sensor_size)` returns a function that keeps the same events, no matter how the stream is cut.
     """
 
     deterministic: ClassVar[bool] = True
 
     @abstractmethod
-    def _places(self, width: int, height: int) -> Callable[..., np.ndarray]:
-        """What gives the mask of events to keep, of t, x and y, and remembers them."""
+    def _masks(self, width: int, height: int) -> Callable[..., np.ndarray]:
+        """Return a function of t, x and y of the next events that returns the mask of those to keep."""
 
-    def begin(self, sensor_size: tuple[int, int]) -> Sieve:
-        """A function that takes the next events of a stream and gives those that are kept.
+    def begin(self, sensor_size: tuple[int, int]) -> StreamFilter:
+        """Return a function that takes the next events of a stream and returns those that are kept.
 
-        ValueError, from that function, for events outside the sensor.
+        Args:
+            sensor_size: (width, height) in pixels. The function raises a ValueError for events outside.
         """
-        chosen = self._places(*sensor_size)
+        mask = self._masks(*sensor_size)
 
-        def sieve(events: Events) -> Events:
+        def keep(events: Events) -> Events:
             t, x, y, _ = check_inside(events, sensor_size).columns
-            return events.of(events.columns.take(chosen(t, x, y)))
+            return events.of(events.columns.take(mask(t, x, y)))
 
-        return sieve
+        return keep
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: self.begin(events.sensor_size)(events))
+        return map_sample(sample, lambda events: self.begin(events.sensor_size)(events))
 
 
 @dataclass(frozen=True)
-class RefractoryPeriod(LookingBack):
-    """Drop events less than `period` after the last one of their pixel that was kept, of either polarity.
+class RefractoryPeriod(CausalFilter):
+    """Drop events less than `period` after the last kept event of their pixel, of either polarity.
 
-    - `period`: in µs
+    tonic's `RefractoryPeriod` counts from the last event, kept or not, and drops one exactly `period` after it.
 
-    See `LookingBack` for what it takes and gives. ValueError unless `period` is a positive whole
-    number. tonic's `RefractoryPeriod` counts from the last event, kept or not, and drops one exactly `period` after it.
+    Args:
+        period: In µs.
+
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them; for streams, see `begin`.
+
+    Raises:
+        ValueError: `period` isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10, 30, 50], [1, 1, 1, 2], [1, 1, 1, 1], [1, 0, 1, 1], (4, 4))
+        >>> T.RefractoryPeriod(20)(events).t.tolist()
+        [0, 30, 50]
     """
 
     period: int
@@ -64,22 +77,33 @@ class RefractoryPeriod(LookingBack):
     def __post_init__(self) -> None:
         microseconds("period", self.period)
 
-    def _places(self, width: int, height: int) -> Callable[..., np.ndarray]:
+    def _masks(self, width: int, height: int) -> Callable[..., np.ndarray]:
         last, period = zeros((width, height), (height, width), np.int64, NEVER), min(int(self.period), LATEST)
         return lambda t, x, y: after_pause(t, x, y, period, last)
 
 
 @dataclass(frozen=True)
-class FirstOfBoxes(LookingBack):
+class FirstOfBoxes(CausalFilter):
     """Keep the first `k` events of each box of `side` x `side` pixels and `duration`.
 
-    What `NonUniformSample` does with boxes that follow the events of a whole window, by boxes that are known before.
+    The boxes are fixed in advance. Those of `NonUniformSample` follow the events of a window, so it can't be causal.
 
-    - `k`: events per box (default 1)
-    - `side`: in pixels, boxes begin at the top left (default 4)
-    - `duration`: in µs, boxes begin at multiples of it in the recording's clock (default 10,000)
+    Args:
+        k: Events per box (default 1).
+        side: In pixels (default 4); boxes begin at the top left.
+        duration: In µs (default 10,000); boxes begin at multiples of it in the recording's clock.
 
-    See `LookingBack` for what it takes and gives. ValueError unless all are positive whole numbers.
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them; for streams, see `begin`.
+
+    Raises:
+        ValueError: A setting isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10, 30, 50], [1, 2, 3, 4], [1, 1, 1, 1], [1, 0, 1, 1], (8, 8))
+        >>> T.FirstOfBoxes(k=1, side=4)(events).t.tolist()
+        [0, 50]
     """
 
     k: int = 1
@@ -91,7 +115,7 @@ class FirstOfBoxes(LookingBack):
         whole("side", self.side, 1)
         microseconds("duration", self.duration)
 
-    def _places(self, width: int, height: int) -> Callable[..., np.ndarray]:
+    def _masks(self, width: int, height: int) -> Callable[..., np.ndarray]:
         shape = -(-height // self.side), -(-width // self.side)
         box, count = zeros((width, height), shape, np.int64, NEVER), zeros((width, height), shape, np.int64)
         limits = int(self.side), min(int(self.duration), LATEST), int(self.k)
@@ -99,17 +123,27 @@ class FirstOfBoxes(LookingBack):
 
 
 @dataclass(frozen=True)
-class RateLimit(LookingBack):
-    """Keep so many events that no place of `side` x `side` pixels exceeds a rate: all where little happens.
+class RateLimit(CausalFilter):
+    """Drop events that exceed a rate in their cell of `side` x `side` pixels; cells below the rate keep all events.
 
-    A place that was quiet may have `burst` events at once (the leaky bucket of networks of computers).
+    After a pause, a cell may have `burst` events at once (a leaky bucket, as in computer networks).
 
-    - `rate`: events per second and place
-    - `side`: of a place in pixels, the first begins at the top left (default 4)
-    - `burst`: events (default 4)
+    Args:
+        rate: Events per second and cell, at most 1e6.
+        side: Of a cell, in pixels (default 4); cells begin at the top left.
+        burst: Number of events (default 4).
 
-    See `LookingBack` for what it takes and gives. ValueError for a rate that isn't positive, or above one per µs, and
-    unless the others are positive whole numbers.
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them; for streams, see `begin`.
+
+    Raises:
+        ValueError: `rate` is out of range, or another setting isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10, 20, 1_000_000], [1, 2, 3, 3], [1, 1, 1, 1], [1, 0, 1, 1], (8, 8))
+        >>> T.RateLimit(rate=1, burst=2)(events).t.tolist()
+        [0, 10, 1000000]
     """
 
     rate: float
@@ -123,27 +157,9 @@ class RateLimit(LookingBack):
         whole("side", self.side, 1)
         whole("burst", self.burst, 1)
 
-    def _places(self, width: int, height: int) -> Callable[..., np.ndarray]:
+    def _masks(self, width: int, height: int) -> Callable[..., np.ndarray]:
         shape = -(-height // self.side), -(-width // self.side)
         due = zeros((width, height), shape, np.int64, NEVER)
-        # whole numbers, so that any cut gives the same
+        # an integer, so that the same events are kept no matter how the stream is cut
         interval = min(round(1e6 / self.rate), LATEST // (2 * self.burst))
         return lambda t, x, y: within_rate(t, x, y, int(self.side), interval, int(self.burst), due)
-
-
-def refractory_period(events: Events, period: int) -> Events:
-    """Events that aren't too soon after another of their pixel; see `RefractoryPeriod`."""
-    found: Events = RefractoryPeriod(period)(events)
-    return found
-
-
-def first_of_each_box(events: Events, k: int = 1, *, side: int = 4, duration: int = 10_000) -> Events:
-    """The first events of each space-time box; see `FirstOfBoxes`."""
-    found: Events = FirstOfBoxes(k, side, duration)(events)
-    return found
-
-
-def limit_rate(events: Events, rate: float, *, side: int = 4, burst: int = 4) -> Events:
-    """Events by which no place exceeds a rate; see `RateLimit`."""
-    found: Events = RateLimit(rate, side, burst)(events)
-    return found

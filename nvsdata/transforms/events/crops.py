@@ -1,4 +1,4 @@
-"""Parts of the sensor, and coarser sensors."""
+"""Crops, lower resolution, and other sizes of the sensor."""
 
 from __future__ import annotations
 
@@ -11,20 +11,32 @@ from nvsdata.common.validation import whole
 from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import MAX_COORDINATE, Columns, Events
 from nvsdata.kernels.represent.filters import in_rectangle
-from nvsdata.transforms.apply import move_all
+from nvsdata.transforms.apply import Change, SpatialTransform
 
 Moving = TypeVar("Moving", Events, Boxes)
 
 
 @dataclass(frozen=True)
-class Crop:
-    """The events of a rectangle of the sensor, which becomes the sensor.
+class Crop(SpatialTransform):
+    """Keep the events of a rectangle of the sensor, which becomes the sensor.
 
-    - `x`, `y`: its upper left pixel
-    - `width`, `height`: its size in pixels
+    Args:
+        x: Left column of the rectangle, in pixels.
+        y: Top row of the rectangle, in pixels.
+        width: In pixels.
+        height: In pixels.
 
-    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError for settings that aren't whole numbers
-    or out of range, and for a rectangle that isn't within the sensor.
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them.
+
+    Raises:
+        ValueError: A setting is out of range, or the rectangle isn't within the sensor.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> T.Crop(10, 20, 100, 50)(nvsdata.example()).sensor_size
+        (100, 50)
     """
 
     x: int
@@ -37,20 +49,32 @@ class Crop:
         for name, least in (("x", 0), ("y", 0), ("width", 1), ("height", 1)):
             whole(name, getattr(self, name), least)
 
-    def __call__(self, sample: Any) -> Any:
+    def _change(self, sample: Any) -> Change:
         rectangle = int(self.x), int(self.y), int(self.width), int(self.height)
-        return move_all(sample, lambda events: crop_events(events, *rectangle))
+        return lambda part: crop_events(part, *rectangle)
 
 
 @dataclass(frozen=True)
-class Downsample:
+class Downsample(SpatialTransform):
     """Divide coordinates by `factor`, and round times down to multiples of `step`, counted from `Events.start`.
 
-    - `factor`: pixels along each axis that become one (default 2)
-    - `step`: µs (default 1)
+    No events are dropped or merged.
 
-    No events are lost, and none are merged. Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError
-    for settings that aren't positive whole numbers.
+    Args:
+        factor: Pixels along each axis that become one (default 2).
+        step: In µs (default 1).
+
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them.
+
+    Raises:
+        ValueError: A setting isn't a positive integer.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> T.Downsample(4)(nvsdata.example()).sensor_size
+        (60, 45)
     """
 
     factor: int = 2
@@ -61,12 +85,13 @@ class Downsample:
         whole("factor", self.factor, 1)
         whole("step", self.step, 1)
 
-    def __call__(self, sample: Any) -> Any:
-        return move_all(sample, lambda events: downsample(events, int(self.factor), int(self.step)))
+    def _change(self, sample: Any) -> Change:
+        factor, step = int(self.factor), int(self.step)
+        return lambda part: downsample(part, factor, step)
 
 
 def crop_events(events: Moving, x: int, y: int, width: int, height: int) -> Moving:
-    """The events of a rectangle of the sensor; ValueError if it isn't within. See `Crop`."""
+    """Return the events, or boxes, of a rectangle. ValueError if it isn't within the sensor. See `Crop`."""
     whole_width, whole_height = events.sensor_size
     if not (0 <= x < x + width <= whole_width and 0 <= y < y + height <= whole_height):
         sensor = f"a sensor of {whole_width}x{whole_height}"
@@ -77,8 +102,8 @@ def crop_events(events: Moving, x: int, y: int, width: int, height: int) -> Movi
     return events.resized(Columns(t, xs - np.int16(x), ys - np.int16(y), p), (width, height))
 
 
-def downsample(events: Moving, factor: int = 2, step: int = 1) -> Moving:
-    """Coarser coordinates and times; see `Downsample`."""
+def downsample(events: Moving, factor: int, step: int = 1) -> Moving:
+    """Return events, or boxes, at a lower resolution; see `Downsample`."""
     size = (-(-events.sensor_size[0] // factor), -(-events.sensor_size[1] // factor))
     if isinstance(events, Boxes):
         return events.seen(0, 0, (1 / factor, 1 / factor), size)
@@ -92,9 +117,21 @@ def downsample(events: Moving, factor: int = 2, step: int = 1) -> Moving:
 
 
 def resize_events(events: Moving, width: int, height: int) -> Moving:
-    """The events at the pixels of a sensor of another size that lie where theirs do, rounded down.
+    """Scale events, or boxes, to a sensor of another size. `Resize` keeps the aspect ratio, this doesn't.
 
-    ValueError for a size that no sensor has: more than 32,767 pixels along an axis.
+    Args:
+        events: The events. Coordinates are rounded down; none are dropped or merged.
+        width: Of the new sensor, in pixels.
+        height: Of the new sensor, in pixels.
+
+    Raises:
+        ValueError: The new sensor has more than 32,767 pixels along an axis.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> T.resize_events(nvsdata.example(), 64, 64).sensor_size
+        (64, 64)
     """
     if max(width, height) > MAX_COORDINATE + 1:
         sensor = "{}x{}".format(*events.sensor_size)

@@ -1,4 +1,4 @@
-"""Filters of events: refractory period, background activity, hot pixels."""
+"""Filters of noise: background activity and hot pixels."""
 
 from __future__ import annotations
 
@@ -11,18 +11,30 @@ from nvsdata.common.memory import allocated, zeros
 from nvsdata.common.validation import microseconds, positive
 from nvsdata.data.events import LATEST, Events, check_inside
 from nvsdata.kernels.represent import filters as kernel
-from nvsdata.transforms.apply import change_all
+from nvsdata.transforms.apply import map_sample
 
 
 @dataclass(frozen=True)
 class BackgroundActivity:
-    """Drop events without company: no event of the eight pixels around, up to `window` earlier (Delbruck 2008).
+    """Drop isolated events: those without an event at one of the eight pixels around in the `window` before them.
 
-    - `window`: in µs (default 10,000)
+    The filter is that of Delbruck 2008. Events at the same time count as earlier in the order that they have. tonic's
+    `Denoise` looks at four pixels.
 
-    Events of the same time count as earlier in the order that they have. Takes `Events`, a `Recording` or a list of
-    them, gives `Events`. ValueError unless `window` is a positive whole number. tonic's `Denoise` looks at four
-    pixels.
+    Args:
+        window: In µs (default 10,000).
+
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them.
+
+    Raises:
+        ValueError: `window` isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10, 20], [1, 2, 7], [1, 1, 7], [1, 0, 1], (8, 8))
+        >>> T.BackgroundActivity()(events).t.tolist()
+        [10]
     """
 
     window: int = 10_000
@@ -32,16 +44,36 @@ class BackgroundActivity:
         microseconds("window", self.window)
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: background_activity(events, self.window))
+        return map_sample(sample, self._filtered)
+
+    def _filtered(self, events: Events) -> Events:
+        t, x, y, _ = check_inside(events).columns
+        shape = events.sensor_size[1] + 2, events.sensor_size[0] + 2
+        settings = shape, min(int(self.window), LATEST)
+        kept = allocated(events.sensor_size, shape, np.int64, lambda: kernel.in_company(t, x, y, *settings))
+        return events.of(events.columns.take(kept))
 
 
 @dataclass(frozen=True)
 class HotPixels:
-    """Drop all events of pixels with more than `rate` events per second, over the events' time (at least 1 µs).
+    """Drop all events of pixels with more than `rate` events per second on average.
 
-    - `rate`: in events per second (default 1000)
+    The average is taken over the time of the events (`Events.start` to `end`), at least 1 µs.
 
-    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError unless `rate` is positive.
+    Args:
+        rate: In events per second (default 1000).
+
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them.
+
+    Raises:
+        ValueError: `rate` isn't positive.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10, 20, 1000], [1, 1, 1, 7], [1, 1, 1, 7], [1, 0, 1, 1], (8, 8))
+        >>> T.HotPixels()(events).t.tolist()
+        [1000]
     """
 
     rate: float = 1000
@@ -51,21 +83,10 @@ class HotPixels:
         positive("rate", self.rate)
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: drop_hot_pixels(events, self.rate))
+        return map_sample(sample, self._filtered)
 
-
-def background_activity(events: Events, window: int = 10_000) -> Events:
-    """Events with company; see `BackgroundActivity`."""
-    t, x, y, _ = check_inside(events).columns
-    shape = events.sensor_size[1] + 2, events.sensor_size[0] + 2
-    settings = shape, min(int(window), LATEST)
-    kept = allocated(events.sensor_size, shape, np.int64, lambda: kernel.in_company(t, x, y, *settings))
-    return events.of(events.columns.take(kept))
-
-
-def drop_hot_pixels(events: Events, rate: float = 1000) -> Events:
-    """Events of pixels that aren't hot; see `HotPixels`."""
-    counts = zeros(check_inside(events).sensor_size, events.sensor_size[::-1], np.int64)
-    kernel.count_into(events.x, events.y, counts)
-    most = rate * max(events.end - events.start, 1) / 1e6
-    return events.of(events.columns.take(counts[events.y, events.x] <= most))
+    def _filtered(self, events: Events) -> Events:
+        counts = zeros(check_inside(events).sensor_size, events.sensor_size[::-1], np.int64)
+        kernel.count_into(events.x, events.y, counts)
+        most = self.rate * max(events.end - events.start, 1) / 1e6
+        return events.of(events.columns.take(counts[events.y, events.x] <= most))

@@ -9,7 +9,7 @@ import numpy as np
 
 from nvsdata.common.validation import probability
 from nvsdata.data.events import Events
-from nvsdata.transforms.apply import change_all
+from nvsdata.transforms.apply import map_sample
 from nvsdata.transforms.rng import uniform
 
 
@@ -17,9 +17,19 @@ from nvsdata.transforms.rng import uniform
 class SelectPolarity:
     """Keep the events of one polarity.
 
-    - `polarity`: 1 (default) keeps ON events, 0 OFF events
+    Args:
+        polarity: 1 (default) keeps ON events, 0 OFF events.
 
-    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError for any other polarity.
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them.
+
+    Raises:
+        ValueError: `polarity` is neither 0 nor 1.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.SelectPolarity(1)(Events([0, 10], [1, 2], [1, 1], [1, 0])).t.tolist()
+        [0]
     """
 
     polarity: int = 1
@@ -30,30 +40,45 @@ class SelectPolarity:
             raise ValueError(f"polarity must be 0 or 1, not {self.polarity}")
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: events.of(events.columns.take(events.p == self.polarity)))
+        return map_sample(sample, lambda events: events.of(events.columns.take(events.p == self.polarity)))
 
 
 @dataclass(frozen=True)
 class MergePolarities:
-    """OFF events become ON events, for sensors or networks that don't tell them apart.
+    """Make all events ON events, for sensors or networks that don't distinguish polarities.
 
-    Takes `Events`, a `Recording` or a list of them, gives `Events`.
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.MergePolarities()(Events([0, 10], [1, 2], [1, 1], [1, 0])).p.tolist()
+        [1, 1]
     """
 
     deterministic: ClassVar[bool] = True
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: _with(events, np.ones_like(events.p)))
+        return map_sample(sample, lambda events: _with(events, np.ones_like(events.p)))
 
 
 @dataclass(frozen=True)
 class RandomPolarityFlip:
-    """ON becomes OFF, and OFF becomes ON, with probability `p`.
+    """Swap ON and OFF with probability `p`.
 
-    - `p`: probability (default 0.5)
+    Args:
+        p: Probability (default 0.5); 1 always swaps them.
 
-    Takes `Events`, a `Recording` or a list of them, flipped together; gives `Events`. ValueError unless `p` is a
-    probability.
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them, which are swapped together.
+
+    Raises:
+        ValueError: `p` isn't a probability.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.RandomPolarityFlip(p=1)(Events([0, 10], [1, 2], [1, 1], [1, 0])).p.tolist()
+        [0, 1]
     """
 
     p: float = 0.5
@@ -63,12 +88,7 @@ class RandomPolarityFlip:
 
     def __call__(self, sample: Any) -> Any:
         flipped = uniform(0, 1) < self.p
-        return change_all(sample, flip_polarity if flipped else lambda events: events)
-
-
-def flip_polarity(events: Events) -> Events:
-    """Events of the other polarity."""
-    return _with(events, 1 - events.p)
+        return map_sample(sample, lambda events: _with(events, 1 - events.p) if flipped else events)
 
 
 def _with(events: Events, p: np.ndarray) -> Events:

@@ -8,35 +8,54 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from nvsdata.common.validation import factors, not_negative, positive, probability
+from nvsdata.common.validation import factors, not_negative, probability
 from nvsdata.data.events import LATEST, Columns, Events, sort_by_time
 from nvsdata.kernels.decode.order import moved
-from nvsdata.transforms.apply import change_all, decoded
+from nvsdata.transforms.apply import decoded, map_sample
 from nvsdata.transforms.rng import generator, uniform
 
 
 @dataclass(frozen=True)
 class RelativeTime:
-    """Times count from the beginning of the events' time (`Events.start`), which becomes 0.
+    """Shift times so that `Events.start` becomes 0.
 
-    Takes `Events`, a `Recording` or a list of them, each of which then begins at 0; gives `Events`.
+    Returns:
+        `Events`. The call takes `Events`, a `Recording` or a list of them, each of which then begins at 0.
+
+    Raises:
+        ValueError: The events last 2^62 µs or more.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.RelativeTime()(Events([500, 510], [1, 2], [1, 1], [1, 0])).t.tolist()
+        [0, 10]
     """
 
     deterministic: ClassVar[bool] = True
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, relative_time)
+        return map_sample(sample, _relative)
 
 
 @dataclass(frozen=True)
 class RandomTimeScale:
-    """Time runs faster or slower, by a random factor from [low, high), from the beginning of the events' time on.
+    """Slow down or speed up: multiply times since the beginning (`Events.start`) by a random factor from [low, high).
 
-    - `low`: smallest factor, above 0 (default 0.8)
-    - `high`: largest factor, at least `low` (default 1.2)
+    Args:
+        low: Smallest factor, above 0 (default 0.8).
+        high: Largest factor, at least `low` (default 1.2). Equal bounds make the factor fixed.
 
-    Takes `Events`, a `Recording` or a list of them, which get the same factor from the first one's beginning on; gives
-    `Events`. ValueError for settings out of range.
+    Returns:
+        `Events`, with times rounded to µs. The call takes `Events`, a `Recording` or a list of them, which get the same
+        factor and are scaled from the beginning of the first one.
+
+    Raises:
+        ValueError: A setting is out of range, or times become 2^62 µs or more.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.RandomTimeScale(2, 2)(Events([500, 510], [1, 2], [1, 1], [1, 0])).t.tolist()
+        [500, 520]
     """
 
     low: float = 0.8
@@ -48,17 +67,28 @@ class RandomTimeScale:
     def __call__(self, sample: Any) -> Any:
         factor = uniform(self.low, self.high)
         parts, listed = decoded(sample)
-        return change_all(parts, lambda events: scale_time(events, factor, listed[0].start))
+        return map_sample(parts, lambda events: _scaled(events, factor, listed[0].start))
 
 
 @dataclass(frozen=True)
 class RandomTimeFlip:
-    """Events run backwards, with probability `p`: ON becomes OFF, because what got brighter gets darker.
+    """Reverse time with probability `p`. ON becomes OFF and OFF becomes ON, as changes of brightness are reversed, too.
 
-    - `p`: probability (default 0.5)
+    Args:
+        p: Probability (default 0.5); 1 always reverses it.
 
-    Takes `Events`, a `Recording` or a list of them, whose order is reversed, too; gives `Events`. ValueError unless `p`
-    is a probability.
+    Returns:
+        `Events`, of the same time range. The call takes `Events`, a `Recording` or a list of them, whose order is
+        reversed, too.
+
+    Raises:
+        ValueError: `p` isn't a probability.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = T.RandomTimeFlip(p=1)(Events([0, 10, 30], [1, 2, 3], [1, 1, 1], [1, 0, 1]))
+        >>> events.t.tolist(), events.x.tolist(), events.p.tolist()
+        ([0, 20, 30], [3, 2, 1], [0, 1, 0])
     """
 
     p: float = 0.5
@@ -71,19 +101,30 @@ class RandomTimeFlip:
         parts, listed = decoded(sample)
         if not (flipped and listed):
             return parts
-        about = listed[0].start + max(part.end for part in listed)
-        backwards = [flip_time(part, about) for part in reversed(listed)]
+        total = listed[0].start + max(part.end for part in listed)
+        backwards = [_reversed(part, total) for part in reversed(listed)]
         return backwards if isinstance(parts, list) else backwards[0]
 
 
 @dataclass(frozen=True)
 class TimeJitter:
-    """Times move at random, by a normal distribution, rounded to µs; events are sorted again.
+    """Move each event in time by a normally distributed duration, rounded to µs; events are sorted again.
 
-    - `sigma`: standard deviation in µs (default 100.0)
+    Args:
+        sigma: Standard deviation in µs (default 100.0).
 
-    No event leaves the events' time (`Events.start` to `end`). Takes `Events`, a `Recording` or a list of them, gives
-    `Events`. ValueError for a negative `sigma`.
+    Returns:
+        `Events`, none of which leaves the time range (`Events.start` to `end`). The call takes `Events`, a `Recording`
+        or a list of them.
+
+    Raises:
+        ValueError: `sigma` is negative.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> len(T.TimeJitter(1_000)(nvsdata.example())) == len(nvsdata.example())
+        True
     """
 
     sigma: float = 100.0
@@ -92,23 +133,23 @@ class TimeJitter:
         not_negative("sigma", self.sigma)
 
     def __call__(self, sample: Any) -> Any:
-        return change_all(sample, lambda events: jitter_time(events, self.sigma))
+        return map_sample(sample, self._jittered)
+
+    def _jittered(self, events: Events) -> Events:
+        t, *others = events.columns
+        moves = torch.randn(len(events), generator=generator()).numpy()
+        times = moved(t, moves, float(self.sigma), events.start, events.end)
+        return events.of(sort_by_time(Columns(times, *others)))
 
 
-def relative_time(events: Events) -> Events:
-    """Events whose time begins at 0; see `RelativeTime`. ValueError for times that become 2^62 µs or more."""
+def _relative(events: Events) -> Events:
     if events.end - events.start >= LATEST:
         raise ValueError(f"times of {events!r} don't fit if they count from their beginning")
     return _at(events, events.t - events.start, 0, events.end - events.start)
 
 
-def scale_time(events: Events, factor: float, origin: int | None = None) -> Events:
-    """Events at `factor` times their distance from `origin` (µs; default `Events.start`), rounded to µs.
-
-    ValueError unless `factor` is positive, and for times that become 2^62 µs or more.
-    """
-    positive("factor", factor)
-    origin = events.start if origin is None else origin
+def _scaled(events: Events, factor: float, origin: int) -> Events:
+    """Multiply times since `origin` (µs) by a factor."""
     if factor * max(abs(events.end - origin), abs(events.start - origin)) + abs(origin) >= LATEST:
         raise ValueError(f"times of {events!r} don't fit after scaling by {factor}")
 
@@ -118,20 +159,11 @@ def scale_time(events: Events, factor: float, origin: int | None = None) -> Even
     return _at(events, scaled(events.t), int(scaled(np.array(events.start))), int(scaled(np.array(events.end))))
 
 
-def flip_time(events: Events, about: int | None = None) -> Events:
-    """Events backwards in time, with the other polarity: t becomes `about` - t (default `start` + `end`)."""
-    about = events.start + events.end if about is None else about
+def _reversed(events: Events, total: int) -> Events:
+    """Reverse time, so that t becomes `total` - t, and swap polarities."""
     t, x, y, p = events.columns
-    columns = Columns((about - t)[::-1].copy(), x[::-1].copy(), y[::-1].copy(), 1 - p[::-1])
-    return Events.trusted(columns, events.sensor_size, about - events.end, about - events.start)
-
-
-def jitter_time(events: Events, sigma: float) -> Events:
-    """Events at times that moved at random; see `TimeJitter`."""
-    t, *others = events.columns
-    moves = torch.randn(len(events), generator=generator()).numpy()
-    times = moved(t, moves, float(sigma), events.start, events.end)
-    return events.of(sort_by_time(Columns(times, *others)))
+    columns = Columns((total - t)[::-1].copy(), x[::-1].copy(), y[::-1].copy(), 1 - p[::-1])
+    return Events.trusted(columns, events.sensor_size, total - events.end, total - events.start)
 
 
 def _at(events: Events, t: np.ndarray, start: int, end: int) -> Events:

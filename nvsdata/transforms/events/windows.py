@@ -1,26 +1,39 @@
-"""Windows in time; in a Recording only the window is decoded."""
+"""Windows in time, of which alone a Recording is decoded, and the windows of a pipeline."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from nvsdata.common.validation import microseconds, whole, whole_microseconds
 from nvsdata.data.events import Events, check_window
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.transforms.defaults import T_VOL
-from nvsdata.transforms.rng import place
+from nvsdata.transforms.compose import Compose
+from nvsdata.transforms.rng import window_start
+
+T_VOL = 33_333  # µs, 1/30 s: duration of each window of a sequence (T_vol in the thesis, section 5.3.1)
 
 
 @dataclass(frozen=True)
 class Window:
-    """The events of a fixed window in time.
+    """Cut a fixed window in time.
 
-    - `start`, `stop`: in µs since the first event of the recording; `stop` is excluded
+    Args:
+        start: In µs since the first event of the recording.
+        stop: In µs since the first event of the recording; excluded.
 
-    Takes `Events` or a `Recording`, gives `Events`, none if the window lies outside. ValueError unless both are whole
-    µs and `start` is not after `stop`.
+    Returns:
+        `Events`, none if the window lies outside. The call takes `Events` or a `Recording`, of which only the window
+        is decoded.
+
+    Raises:
+        ValueError: A setting isn't an integer, or `stop` lies before `start`.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.Window(0, 20)(Events([500, 510, 530], [1, 2, 3], [1, 1, 1], [1, 0, 1])).t.tolist()
+        [500, 510]
     """
 
     start: int
@@ -33,18 +46,30 @@ class Window:
         check_window(self.start, self.stop)
 
     def __call__(self, sample: Events | Recording) -> Events:
-        return window(sample, int(self.start), int(self.stop))
+        first, _ = _span(sample)
+        return _cut(sample, first + int(self.start), first + int(self.stop))
 
 
 @dataclass(frozen=True)
 class RandomWindow:
-    """The events of a window at a random place, completely inside the recording if it fits.
+    """Cut a window at a random place, completely inside the recording if it fits.
 
-    - `duration`: in µs (default 30,000, as in the thesis)
-    - `within`: (low, high), the share of possible start times from which one is drawn: (0, 1) (default) is all,
-      (0, 0.2) the first fifth. With several such shares, windows are spread over the recording.
+    Args:
+        duration: In µs (default 30,000, as in the thesis).
+        within: (low, high), the part of the range of possible start times from which one is drawn: (0, 1) (default) is
+            all of it, (0, 0.2) the first fifth. Several such parts spread windows over the recording.
 
-    Takes `Events` or a `Recording`, gives `Events`. ValueError for settings out of range.
+    Returns:
+        `Events`. The call takes `Events` or a `Recording`, of which only the window is decoded.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> len(T.RandomWindow(10_000)(nvsdata.example())) < len(nvsdata.example())
+        True
     """
 
     duration: int = 30_000
@@ -56,28 +81,45 @@ class RandomWindow:
             raise ValueError(f"within must be (low, high) with 0 <= low < high <= 1, not {self.within}")
 
     def __call__(self, sample: Events | Recording) -> Events:
-        return random_window(sample, int(self.duration), within=self.within)
+        duration, (first, last) = int(self.duration), _span(sample)
+        starts = max(last + 1 - duration - first, 0) + 1
+        # products of large numbers are rounded, maybe upwards
+        low = min(int(self.within[0] * starts), starts - 1)
+        high = min(max(int(self.within[1] * starts), low + 1), starts)
+        start = first + low + window_start(high - low)
+        return _cut(sample, start, start + duration)
 
     def longest(self, sample: Events | Recording) -> int:
-        """The longest duration that isn't cut off at the sample's end, in µs."""
+        """Return the longest duration in µs that isn't cut off at the end of the sample."""
         first, last = _span(sample)
         return last + 1 - first
 
 
 @dataclass(frozen=True)
-class Volumes:
-    """`count` windows that don't overlap, one at a random place in each of `count` equal parts (thesis 5.2.1).
+class RandomWindows:
+    """Cut a window at a random place in each of `count` equal parts of the recording (thesis, section 5.2.1).
 
-    - `count`: number of windows (default 8); the thesis's S, 8 or 16
-    - `duration`: of each in µs (default 33,333); the thesis's T_vol, 1/30 s
+    The windows don't overlap if `count` of them fit. If they don't, they are spread evenly from the beginning of the
+    recording to its end, and neighbors overlap by the same time, to 1 µs. (The thesis, Table 5.1, has 8 windows of
+    1/30 s in 0.25 s, though it requires that T_vol < T / S, with T from the first event to the last.) If the recording
+    is shorter than one window, each of them is the entire recording.
 
-    The thesis asks for T_vol < T / S, where T is the time from the first event to the last. A recording for which
-    `count` windows are too long has no choice of places: they are spread evenly from its beginning to its end, and
-    neighbors overlap by the same time, to 1 µs. So it is with Table 5.1's 8 windows of 1/30 s in 0.25 s. If the
-    recording is shorter than one window, each of them is the whole recording.
+    Args:
+        count: Number of windows (default 8). The thesis calls it S and uses 8 and 16.
+        duration: Of each window in µs (default 33,333). The thesis calls it T_vol and uses 1/30 s.
 
-    Takes `Events` or a `Recording`, of which only these windows are decoded; gives a list of `Events` in order of time.
-    ValueError for settings that aren't positive.
+    Returns:
+        List of `Events` in order of time. The call takes `Events` or a `Recording`, of which only the windows are
+        decoded.
+
+    Raises:
+        ValueError: A setting isn't a positive integer.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> len(T.RandomWindows(8, 20_000)(nvsdata.example()))
+        8
     """
 
     count: int = 8
@@ -88,48 +130,98 @@ class Volumes:
         microseconds("duration", self.duration)
 
     def __call__(self, sample: Events | Recording) -> list[Events]:
-        return volumes(sample, int(self.count), int(self.duration))
+        duration, (first, last) = int(self.duration), _span(sample)
+        starts = _starts(last + 1 - first, int(self.count), duration)
+        return [_cut(sample, first + start, first + start + duration) for start in starts]
 
     def longest(self, sample: Events | Recording) -> int:
-        """The longest duration that stays within a part of the sample, in µs; at least 1."""
+        """Return the longest duration in µs with which the windows of the sample don't overlap; at least 1."""
         first, last = _span(sample)
         return max((last + 1 - first) // self.count, 1)
 
 
-def volumes(sample: Events | Recording, count: int = 8, duration: int = T_VOL) -> list[Events]:
-    """Windows spread over the recording, which overlap only if they don't fit; see `Volumes`."""
-    first, last = _span(sample)
-    starts = _apart(last + 1 - first, count, duration)
-    return [_cut(sample, first + start, first + start + duration) for start in starts]
+def window_length(transform: Any) -> int | None:
+    """Return the duration of the windows that a pipeline cuts.
+
+    Args:
+        transform: A transform, or a `Compose`, of which the last `RandomWindow` or `RandomWindows` counts.
+
+    Returns:
+        The duration in µs, or None if the pipeline cuts no windows.
+
+    Example:
+        >>> from nvsdata import transforms as T
+        >>> T.window_length(T.Compose([T.RandomWindow(20_000), T.EventImage()]))
+        20000
+    """
+    steps = _steps(transform)
+    at = _last_window(steps)
+    return None if at is None else int(steps[at].duration)
 
 
-def _apart(total: int, count: int, duration: int) -> list[int]:
-    """Where `count` windows of `duration` begin, in `total` µs: at random if they fit, else at equal distances."""
+def with_window_length(transform: Any, duration: int) -> Compose:
+    """Return a pipeline that cuts windows of another duration, everything else unchanged.
+
+    Args:
+        transform: See `window_length`.
+        duration: In µs.
+
+    Raises:
+        ValueError: The pipeline cuts no windows.
+
+    Example:
+        >>> from nvsdata import transforms as T
+        >>> T.with_window_length(T.RandomWindow(20_000), 5_000)
+        Compose([RandomWindow(duration=5000, within=(0.0, 1.0))])
+    """
+    steps = _steps(transform)
+    at = _required(steps, transform)
+    return Compose([*steps[:at], replace(steps[at], duration=duration), *steps[at + 1 :]])
+
+
+def longest_window(transform: Any, sample: Any) -> int:
+    """Return the longest duration in µs of the windows that a pipeline can cut from a recording.
+
+    Args:
+        transform: See `window_length`.
+        sample: `Events` or a `Recording`.
+
+    Raises:
+        ValueError: The pipeline cuts no windows.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.longest_window(T.RandomWindow(20_000), Events([0, 99], [1, 2], [1, 1], [1, 0]))
+        100
+    """
+    steps = _steps(transform)
+    at = _required(steps, transform)
+    longest: int = steps[at].longest(Compose(steps[:at])(sample))
+    return longest
+
+
+def _steps(transform: Any) -> list[Any]:
+    return list(transform.transforms) if isinstance(transform, Compose) else [transform]
+
+
+def _last_window(steps: list[Any]) -> int | None:
+    return max((i for i, step in enumerate(steps) if isinstance(step, RandomWindow | RandomWindows)), default=None)
+
+
+def _required(steps: list[Any], transform: Any) -> int:
+    at = _last_window(steps)
+    if at is None:
+        raise ValueError(f"a pipeline with RandomWindow or RandomWindows is needed, not {transform!r}")
+    return at
+
+
+def _starts(total: int, count: int, duration: int) -> list[int]:
+    """Return the starts of `count` windows in `total` µs: random if they fit, else at equal distances."""
     if count * duration > total:
         gaps = max(count - 1, 1)
         return [max(total - duration, 0) * n // gaps for n in range(count)]
     edges = [total * n // count for n in range(count + 1)]
-    return [start + place(stop - start - duration + 1) for start, stop in pairwise(edges)]
-
-
-def window(sample: Events | Recording, start: int, stop: int) -> Events:
-    """Events with start <= t - t_first < stop; none if the window lies outside. See `Window`."""
-    check_window(start, stop)
-    first, _ = _span(sample)
-    return _cut(sample, first + start, first + stop)
-
-
-def random_window(
-    sample: Events | Recording, duration: int = 30_000, *, within: tuple[float, float] = (0.0, 1.0)
-) -> Events:
-    """Events of a random window of `duration` µs; see `RandomWindow`."""
-    first, last = _span(sample)
-    places = max(last + 1 - duration - first, 0) + 1
-    # products of large numbers are rounded, maybe upwards
-    low = min(int(within[0] * places), places - 1)
-    high = min(max(int(within[1] * places), low + 1), places)
-    start = first + low + place(high - low)
-    return _cut(sample, start, start + duration)
+    return [start + window_start(stop - start - duration + 1) for start, stop in pairwise(edges)]
 
 
 def _span(sample: Events | Recording) -> tuple[int, int]:

@@ -1,8 +1,8 @@
-"""Augmentation of graphs (thesis 4.4.2) and of events.
+"""Augmentation in the plane of the sensor, of graphs (thesis, section 4.4.2), events, images and boxes.
 
-In a graph, node positions move, edges stay and pseudo-coordinates follow; nodes may leave the sensor, and pooling
-then assigns them to the cells at its border. Events move to whole pixels, and those that leave the sensor are dropped.
-All graphs of a sequence, all events of a list, and the boxes of `WithBoxes`, get the same change.
+In a graph, node positions move, edges stay and pseudo-coordinates follow. Nodes may leave the sensor; pooling then
+assigns them to the cells at its border. Events move to whole pixels, and those that leave the sensor are dropped. All
+graphs of a sequence, all events of a list, and the boxes of `WithBoxes`, get the same change.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import torch
@@ -20,109 +20,164 @@ from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.transforms.apply import change_all, move_all
+from nvsdata.transforms.apply import Change, SpatialTransform
 from nvsdata.transforms.rng import uniform
 
 Sample = TypeVar("Sample", Graph, Events, Boxes)
+Mapping = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class RandomScale:
-    """Scale positions about the sensor's center by a random factor from [low, high) (thesis 4.4.2).
+class RandomScale(SpatialTransform):
+    """Scale positions about the sensor's center by a random factor from [low, high) (thesis, section 4.4.2).
 
-    - `low`: smallest factor, above 0 (default 0.95)
-    - `high`: largest factor, at least `low` (default 1.0)
+    Args:
+        low: Smallest factor, above 0 (default 0.95).
+        high: Largest factor, at least `low` (default 1.0). Equal bounds make the factor fixed.
 
-    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for settings out of range,
-    and graphs without `sensor_size`.
+    Returns:
+        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+
+    Raises:
+        ValueError: A setting is out of range, or a graph has no `sensor_size`.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.RandomScale(0.5, 0.5)(Events([0, 10], [0, 8], [4, 4], [1, 1], (9, 9))).x.tolist()
+        [2, 6]
     """
 
     low: float = 0.95
     high: float = 1.0
+    graphs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         factors(self.low, self.high)
 
-    def __call__(self, sample: Any) -> Any:
+    def _change(self, sample: Any) -> Change:
         factor = uniform(self.low, self.high)
-        return move_all(sample, lambda part: scale(part, factor), graphs=True)
+        return lambda part: affine(part, factor)
 
 
 @dataclass(frozen=True)
-class RandomFlip:
-    """Mirror a graph, or events, with probability `p`.
+class RandomFlip(SpatialTransform):
+    """Mirror a graph, events or images with probability `p`.
 
-    - `axis`: 0 (default) swaps left and right, 1 top and bottom
-    - `p`: probability (default 0.5)
+    Args:
+        axis: 0 (default) swaps left and right, 1 top and bottom.
+        p: Probability (default 0.5); 1 always mirrors.
 
-    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for settings out of range,
-    and graphs without `sensor_size`.
+    Returns:
+        What the call takes: a `Graph`, `Events` (also of a `Recording`), a list of them, or images [..., H, W].
+
+    Raises:
+        ValueError: A setting is out of range, or a graph has no `sensor_size`.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.RandomFlip(p=1)(Events([0, 10], [0, 7], [4, 4], [1, 1], (9, 9))).x.tolist()
+        [8, 1]
     """
 
     axis: int = 0
     p: float = 0.5
+    graphs: ClassVar[bool] = True
+    images: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.axis not in (0, 1):
             raise ValueError(f"axis must be 0 or 1, not {self.axis}")
         probability("p", self.p)
 
-    def __call__(self, sample: Any) -> Any:
-        if uniform(0, 1) >= self.p:
-            return change_all(sample, lambda part: part, graphs=True)
-        return move_all(sample, lambda part: flip(part, self.axis), graphs=True)
+    def _change(self, sample: Any) -> Change:
+        flipped = uniform(0, 1) < self.p
+        return lambda part: _flip(part, self.axis) if flipped else part
 
 
 @dataclass(frozen=True)
-class RandomRotate:
-    """Rotate a graph about the sensor's center by a random angle from [-degrees, degrees).
+class RandomRotate(SpatialTransform):
+    """Rotate about the sensor's center by a random angle from [-degrees, degrees).
 
-    - `degrees`: largest angle (default 10.0)
+    Args:
+        degrees: Largest angle (default 10.0). For a fixed angle, see `affine`.
 
-    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for a negative angle, and
-    graphs without `sensor_size`.
+    Returns:
+        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+
+    Raises:
+        ValueError: The angle is negative, or a graph has no `sensor_size`.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> len(T.RandomRotate(30)(nvsdata.example())) <= len(nvsdata.example())
+        True
     """
 
     degrees: float = 10.0
+    graphs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         not_negative("degrees", self.degrees)
 
-    def __call__(self, sample: Any) -> Any:
+    def _change(self, sample: Any) -> Change:
         degrees = uniform(-self.degrees, self.degrees)
-        return move_all(sample, lambda part: rotate(part, degrees), graphs=True)
+        return lambda part: affine(part, degrees=degrees)
 
 
 @dataclass(frozen=True)
-class RandomTranslate:
-    """Shift a graph by a random distance of up to `pixels` along each axis, in either direction.
+class RandomTranslate(SpatialTransform):
+    """Shift by a random distance of up to `pixels` along each axis, in either direction.
 
-    - `pixels`: largest shift (default 2.0)
+    Args:
+        pixels: Largest distance (default 2.0). For a fixed distance, see `affine`.
 
-    Takes a `Graph`, `Events`, a `Recording` or a list of them, gives the same. ValueError for a negative shift.
+    Returns:
+        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+
+    Raises:
+        ValueError: The distance is negative.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> len(T.RandomTranslate(5)(nvsdata.example())) <= len(nvsdata.example())
+        True
     """
 
     pixels: float = 2.0
+    graphs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         not_negative("pixels", self.pixels)
 
-    def __call__(self, sample: Any) -> Any:
+    def _change(self, sample: Any) -> Change:
         dx, dy = uniform(-self.pixels, self.pixels), uniform(-self.pixels, self.pixels)
-        return move_all(sample, lambda part: shift(part, dx, dy), graphs=True)
+        return lambda part: affine(part, dx=dx, dy=dy)
 
 
 @dataclass(frozen=True)
-class RandomAffine:
-    """Slant, stretch, scale, rotate and shift events by random amounts; see `affine`.
+class RandomAffine(SpatialTransform):
+    """Slant, stretch, scale, rotate and shift by random amounts; see `affine`.
 
-    - `scale`: (low, high) of the factor (default 0.95, 1.0)
-    - `degrees`: largest angle, either way (default 10.0)
-    - `shift`: largest shift in pixels along each axis, either way (default 0.0)
-    - `shear`: largest slant, as a share of the height, either way (default 0.0)
-    - `stretch`: largest change of the height, as a share of it, either way (default 0.0)
+    Args:
+        scale: (low, high) of the factor (default 0.95, 1.0).
+        degrees: Largest angle in either direction (default 10.0).
+        shift: Largest shift in pixels along each axis, in either direction (default 0.0).
+        shear: Largest slant in either direction, as a fraction of the height (default 0.0).
+        stretch: Largest change of the height in either direction, as a fraction of it (default 0.0).
 
-    Takes `Events`, a `Recording` or a list of them, gives `Events`. ValueError for settings out of range.
+    Returns:
+        What the call takes: a `Graph`, `Events` (also of a `Recording`), or a list of them.
+
+    Raises:
+        ValueError: A setting is out of range, or a graph has no `sensor_size`.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> T.RandomAffine(degrees=20, shear=0.2)(nvsdata.example()).sensor_size
+        (240, 180)
     """
 
     scale: tuple[float, float] = (0.95, 1.0)
@@ -130,6 +185,7 @@ class RandomAffine:
     shift: float = 0.0
     shear: float = 0.0
     stretch: float = 0.0
+    graphs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         factors(*self.scale)
@@ -138,7 +194,7 @@ class RandomAffine:
         if not 0 <= self.stretch < 1:
             raise ValueError(f"stretch must be at least 0 and less than 1, not {self.stretch}")
 
-    def __call__(self, sample: Any) -> Any:
+    def _change(self, sample: Any) -> Change:
         drawn = (
             uniform(*self.scale),
             uniform(-self.degrees, self.degrees),
@@ -147,51 +203,67 @@ class RandomAffine:
             uniform(-self.shear, self.shear),
             uniform(1 - self.stretch, 1 + self.stretch),
         )
-        return move_all(sample, lambda part: (_affine_boxes if isinstance(part, Boxes) else affine)(part, *drawn))
+        return lambda part: affine(part, *drawn)
 
 
 def affine(
-    sample: Events | Recording,
+    sample: Sample | Recording,
     factor: float = 1.0,
     degrees: float = 0.0,
     dx: float = 0.0,
     dy: float = 0.0,
     shear: float = 0.0,
     stretch: float = 1.0,
-) -> Events:
-    """Slant, stretch, scale and rotate events about the sensor's center, in this order, then shift them.
+) -> Sample | Events:
+    """Slant, stretch, scale and rotate about the sensor's center, in this order, then shift.
 
-    - `sample`: `Events` or a `Recording`
-    - `factor`: of the distances from the center (default 1.0)
-    - `degrees`: angle from the x axis towards the y axis (default 0.0)
-    - `dx`, `dy`: shift in pixels (default 0.0)
-    - `shear`: shift along x per pixel of y (default 0.0)
-    - `stretch`: factor of distances along y (default 1.0)
+    Args:
+        sample: A `Graph`, `Events`, or a `Recording`, which is decoded.
+        factor: Of the distances from the center (default 1.0).
+        degrees: Angle from the x axis towards the y axis, clockwise as seen (default 0.0).
+        dx: Shift to the right in pixels (default 0.0).
+        dy: Shift downwards in pixels (default 0.0).
+        shear: Shift along x per pixel of y (default 0.0).
+        stretch: Factor of distances along y (default 1.0).
 
-    Coordinates are rounded to the nearest pixel; events that leave the sensor are dropped.
+    Returns:
+        The graph with its nodes moved. Of events, coordinates are rounded to the nearest pixel, and those that leave
+        the sensor are dropped.
+
+    Raises:
+        ValueError: A graph has no `sensor_size`, so its center is unknown, and is not only shifted.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10], [0, 7], [4, 4], [1, 1], (9, 9))
+        >>> turned = T.affine(events, degrees=90)
+        >>> turned.x.tolist(), turned.y.tolist()
+        ([4, 4], [0, 7])
     """
-    events = as_events(sample)
-    width, height = events.sensor_size
-    moved = _mapping(events.sensor_size, factor, degrees, dx, dy, shear, stretch)(events.x, events.y)
-    x, y = (np.rint(column) for column in moved)
+    part: Graph | Events | Boxes = as_events(sample) if isinstance(sample, Recording) else sample
+    size = part.sensor_size
+    if size is None:
+        if (factor, degrees, shear, stretch) != (1, 0, 0, 1):
+            raise ValueError("the graph has no sensor_size, so its center isn't known")
+        size = 1, 1
+    mapping = _mapping(size, factor, degrees, dx, dy, shear, stretch)
+    if not isinstance(part, Events):
+        moved = mapping(*part.pos.numpy().T.astype(np.float64))
+        return part.moved(torch.from_numpy(np.stack(moved, 1).astype(np.float32)))  # type: ignore[return-value]
+    width, height = size
+    x, y = (np.rint(column) for column in mapping(part.x, part.y))
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    columns = Columns(events.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), events.p[inside])
-    return events.of(columns)
-
-
-def _affine_boxes(boxes: Boxes, *settings: float) -> Boxes:
-    """Boxes moved as `affine` moves events."""
-    return boxes.moved(torch.stack(_mapping(boxes.sensor_size, *settings)(*boxes.pos.double().T), 1).float())
+    return part.of(Columns(part.t[inside], x[inside].astype(np.int16), y[inside].astype(np.int16), part.p[inside]))
 
 
 def _mapping(
     sensor_size: tuple[int, int], factor: float, degrees: float, dx: float, dy: float, shear: float, stretch: float
-) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """Where `affine` maps coordinates x, y."""
+) -> Mapping:
+    """Return the function that `affine` applies to coordinates x, y."""
     cx, cy = ((side - 1) / 2 for side in sensor_size)
     c, s = factor * math.cos(math.radians(degrees)), factor * math.sin(math.radians(degrees))
 
-    def mapped(x: Any, y: Any) -> tuple[Any, Any]:
+    def mapped(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         high = y - cy
         across, down = x - cx + shear * high, stretch * high
         return c * across - s * down + cx + dx, s * across + c * down + cy + dy
@@ -199,53 +271,18 @@ def _mapping(
     return mapped
 
 
-def scale(graph: Sample, factor: float) -> Sample:
-    """Multiply distances of nodes or events from the sensor's center by `factor`.
-
-    ValueError for a graph without `sensor_size`.
-    """
-    if isinstance(graph, Events):
-        return affine(graph, factor)
-    center = _center(graph)
-    return graph.moved((graph.pos - center) * factor + center)
-
-
-def flip(sample: Sample, axis: int) -> Sample:
-    """Mirror a graph's nodes, or events, along `axis`: 0 maps x to width - 1 - x, 1 maps y to height - 1 - y.
-
-    ValueError for a graph without `sensor_size`.
-    """
-    if isinstance(sample, Events):
-        t, x, y, p = sample.columns
-        width, height = sample.sensor_size
-        if axis == 0:
-            return sample.of(Columns(t, (width - 1 - x).astype(np.int16), y, p))
-        return sample.of(Columns(t, x, (height - 1 - y).astype(np.int16), p))
-    pos = sample.pos.clone()
-    pos[:, axis] = 2 * _center(sample)[axis] - pos[:, axis]
-    return sample.moved(pos)
-
-
-def rotate(graph: Sample, degrees: float) -> Sample:
-    """Rotate by `degrees` about the sensor's center, from the x axis towards the y axis (clockwise as seen).
-
-    ValueError for a graph without `sensor_size`.
-    """
-    if isinstance(graph, Events):
-        return affine(graph, degrees=degrees)
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    center = _center(graph)
-    return graph.moved((graph.pos - center) @ torch.tensor([[c, s], [-s, c]]) + center)
-
-
-def shift(graph: Sample, dx: float, dy: float) -> Sample:
-    """Move every node or event by (dx, dy) pixels."""
-    if isinstance(graph, Events):
-        return affine(graph, dx=dx, dy=dy)
-    return graph.moved(graph.pos + torch.tensor([dx, dy]))
-
-
-def _center(graph: Graph | Boxes) -> torch.Tensor:
-    if graph.sensor_size is None:
+def _flip(part: Any, axis: int) -> Any:
+    """Map x to width - 1 - x (axis 0), or y to height - 1 - y (axis 1)."""
+    if isinstance(part, torch.Tensor):
+        return part.flip(-1 - axis)
+    if part.sensor_size is None:
         raise ValueError("the graph has no sensor_size, so its center isn't known")
-    return torch.tensor([(side - 1) / 2 for side in graph.sensor_size])
+    last = part.sensor_size[axis] - 1
+    if isinstance(part, Events):
+        t, x, y, p = part.columns
+        if axis == 0:
+            return part.of(Columns(t, (last - x).astype(np.int16), y, p))
+        return part.of(Columns(t, x, (last - y).astype(np.int16), p))
+    pos = part.pos.clone()
+    pos[:, axis] = last - pos[:, axis]
+    return part.moved(pos)

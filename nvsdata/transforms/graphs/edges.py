@@ -1,4 +1,4 @@
-"""Events to graphs."""
+"""Events to graphs: edges between events that are close to each other."""
 
 from __future__ import annotations
 
@@ -13,43 +13,58 @@ import torch
 from nvsdata.common.validation import not_negative, positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph, GraphBatch
-from nvsdata.data.pseudo import Pseudo, Reach, axes, check_pseudo, pseudo
+from nvsdata.data.pseudo import Pseudo, Reach, check_pseudo, pseudo
 from nvsdata.data.recording import Recording, as_events, misplaced
 from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.kernels.graph.edges import event_graph
 from nvsdata.kernels.graph.neighbors import near_edges
 from nvsdata.kernels.streaming.earlier import earlier_edges
-from nvsdata.transforms.defaults import BETA, PSEUDO, REACH_T
+from nvsdata.transforms.events.sampling import BETA
 
-SHORTEST = float(np.finfo(np.float32).tiny)
+PSEUDO: Pseudo = "signed"  # as in the author's code; the thesis (section 4.2.1) has "abs"
+REACH_T = 15_000  # µs between the ends of an edge, which few edges in windows of 30 ms exceed
+SHORTEST = float(np.finfo(np.float32).tiny)  # of a normalization range: in float32 a smaller one would be 0
 LARGEST = 2**26  # pixels around the nodes of a causal graph
 FURTHEST = 32_767  # pixels between nodes, as between events
+
+Limits = tuple[float, float, float, int]
+"""Radius, alpha, beta and largest degree."""
 
 
 @dataclass(frozen=True)
 class RadiusGraph:
-    """Radius graph of events (thesis eq. 4.2).
+    """Connect events that are close in space and time (radius graph; thesis, equation 4.2).
 
     Two events are connected, in both directions, if sqrt(alpha (dx² + dy²) + beta dt²) <= radius, with dx and dy in
-    pixels and dt in µs. Each node keeps the edges from its `max_degree` nearest neighbors: by this distance, of
-    equals by time, then by index.
+    pixels and dt in µs. Each node keeps the edges from its `max_degree` nearest neighbors: by this distance, at equal
+    distances by time, then by index. Time differences are computed in int64, so any time offset gives the same graph.
 
-    - `radius`: largest distance (default 3.0)
-    - `alpha`: weight of squared pixels (default 1.0)
-    - `beta`: weight of squared µs (default (0.5e-5)², as in the author's graphs, where time is scaled by 0.5e-5 per µs
-      and then squared: neighbors are near in space, at any time of the window). 0.5e-5 is the literal reading of the
-      thesis, with which 1.3 ms are as far as 3 pixels, and most nodes have no neighbor.
-    - `max_degree`: largest number of edges that end in a node (default 32)
-    - `pseudo`: kind of pseudo-coordinates (default "signed", as in the author's code): "abs" (the text) has |dx| and
-      |dy|, "signed" dx and dy, "signed-time" also dt
-    - `reach_t`: µs that the end of the time axis of "signed-time" stands for (default 15,000, which 90% of the edges in
-      windows of 30 ms are within)
-    - `causal`: edges lead from earlier events to later ones only, so that what a node hears is settled when it comes;
-      of those at one time, index decides (default False)
+    Args:
+        radius: Largest distance (default 3.0).
+        alpha: Weight of squared pixels (default 1.0).
+        beta: Weight of squared µs (default (0.5e-5)², as in the author's graphs, where time is scaled by 0.5e-5 per µs
+            and then squared: neighbors are near in space, at any time of the window). Read literally, the thesis has
+            0.5e-5, with which 1.3 ms are as far as 3 pixels, and most nodes have no neighbor.
+        max_degree: Largest number of edges that end in a node (default 32).
+        pseudo: Kind of pseudo-coordinates: "abs" (as in the thesis) has |dx| and |dy|, "signed" (default, as in the
+            author's code) dx and dy, "signed-time" also dt.
+        reach_t: Normalization range of the time axis of "signed-time" in µs (default 15,000, which 90% of the edges in
+            windows of 30 ms don't exceed).
+        causal: Edges lead from earlier events to later ones only, so later events change nothing at a node (default
+            False). At equal times, those of smaller index are earlier.
 
-    Takes `Events` or a `Recording`, gives a `Graph` with one node per event in the same order, and the polarity
-    as ±1 as its feature. Takes a `Graph`, such as `MergePixels` gives, too, and gives its nodes new edges. ValueError
-    for settings out of range.
+    Returns:
+        A `Graph` with one node per event in the same order, and polarity ±1 as its feature. The call takes `Events`, a
+        `Recording`, or a `Graph`, such as that of `MergePixels`, whose nodes get new edges.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10, 30], [1, 2, 7], [1, 1, 7], [1, 0, 1], (8, 8))
+        >>> T.RadiusGraph(radius=3.0)(events).edge_index.tolist()
+        [[1, 0], [0, 1]]
     """
 
     radius: float = 3.0
@@ -72,15 +87,17 @@ class RadiusGraph:
             raise ValueError("a causal graph needs alpha above 0")
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
-        sample = sample if isinstance(sample, Graph) else as_events(sample)
-        metric = float(self.radius), float(self.alpha), float(self.beta), int(self.max_degree)
+        if not isinstance(sample, Graph):
+            sample = as_events(sample)
         reach = self.reach(sample.sensor_size or (1, 1))
         if self.causal:
-            return _joined_again(_nodes(sample), self._earlier, reach, self.pseudo)
-        return _joined(sample, metric, reach, self.pseudo)
+            nodes = sample if isinstance(sample, Graph) else _nodes(sample)
+            return _joined_nodes(nodes, self._earlier, reach, self.pseudo)
+        limits = float(self.radius), float(self.alpha), float(self.beta), int(self.max_degree)
+        return _joined(sample, limits, reach, self.pseudo)
 
     def _earlier(self, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Edges from earlier nodes to later ones."""
+        """Return the edges from earlier nodes to later ones."""
         width, height = int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1
         if width * height > LARGEST:
             raise ValueError(f"nodes of a causal graph must lie in {LARGEST:,} pixels, not {width}x{height}")
@@ -88,27 +105,42 @@ class RadiusGraph:
         return earlier_edges(t, x, y, (width, height), metric, int(self.max_degree))
 
     def reach(self, sensor_size: tuple[int, int]) -> Reach:
-        """What the ends of the axes of the pseudo-coordinates stand for, in pixels and µs."""
-        # with alpha = 0 only the sensor itself bounds the graph in space
+        """Return the normalization ranges of the pseudo-coordinates, in pixels and µs.
+
+        Args:
+            sensor_size: (width, height) in pixels, which bounds the graph in space if `alpha` is 0.
+        """
         side = self.radius / math.sqrt(self.alpha) if self.alpha > 0 else 0.0
         wide, high = (side, side) if side else sensor_size
-        return _reach(wide, high, self.reach_t, self.pseudo)
+        space = max(float(wide), SHORTEST), max(float(high), SHORTEST)
+        return (*space, max(float(self.reach_t), SHORTEST)) if self.pseudo == "signed-time" else space
 
 
 @dataclass(frozen=True)
 class KNNGraph:
-    """Nearest-neighbor graph of events (thesis 5.3.1): each event is the target of `k` edges.
+    """Connect each event with its nearest neighbors in space (thesis, section 5.3.1): it is the target of `k` edges.
 
-    Their sources are the other events that are nearest in space; of equals those nearer in time, then those of smaller
-    index. An event has fewer only if there are no more than `k` events.
+    At equal distances the neighbor nearer in time comes first, then that of smaller index. An event has fewer edges
+    only if there are no more than `k` events.
 
-    - `k`: neighbors of an event (default 1)
-    - `reach`: pixels that the end of an axis of the pseudo-coordinates stands for (default 8.0); longer edges count as
-      that. In the graphs that the thesis's author released, 99% of the edges of busy graphs are shorter.
-    - `pseudo`, `reach_t`: see `RadiusGraph`
+    Args:
+        k: Neighbors of an event (default 1).
+        reach: Normalization range of the pseudo-coordinates in pixels (default 8.0); longer edges count as that. In the
+            graphs that the thesis's author released, 99% of the edges of busy graphs are shorter.
+        pseudo: See `RadiusGraph`.
+        reach_t: See `RadiusGraph`.
 
-    Takes `Events`, a `Recording` or a `Graph`, gives a `Graph`; see `RadiusGraph`. ValueError for settings out of
-    range.
+    Returns:
+        A `Graph`. The call takes `Events`, a `Recording` or a `Graph`; see `RadiusGraph`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 10, 30], [1, 2, 7], [1, 1, 7], [1, 0, 1], (8, 8))
+        >>> T.KNNGraph(1)(events).edge_index.tolist()
+        [[1, 0, 1], [0, 1, 2]]
     """
 
     k: int = 1
@@ -124,86 +156,51 @@ class KNNGraph:
         positive("reach_t", self.reach_t)
 
     def __call__(self, sample: Events | Recording | Graph) -> Graph:
-        metric = math.inf, 1.0, 0.0, int(self.k)
-        return _joined(sample, metric, _reach(self.reach, self.reach, self.reach_t, self.pseudo), self.pseudo)
+        if not isinstance(sample, Graph):
+            sample = as_events(sample)
+        space = (max(float(self.reach), SHORTEST),) * 2
+        reach = (*space, max(float(self.reach_t), SHORTEST)) if self.pseudo == "signed-time" else space
+        return _joined(sample, (math.inf, 1.0, 0.0, int(self.k)), reach, self.pseudo)
 
 
-def knn_graph(
-    sample: Events | Recording | Graph,
-    k: int = 1,
-    *,
-    reach: float = 8.0,
-    pseudo: Pseudo = PSEUDO,
-    reach_t: int = REACH_T,
-) -> Graph:
-    """Graph with one node per event and edges from its `k` nearest; see `KNNGraph`."""
-    return KNNGraph(k, reach, pseudo, reach_t)(sample)
-
-
-def radius_graph(
-    sample: Events | Recording | Graph,
-    radius: float = 3.0,
-    *,
-    alpha: float = 1.0,
-    beta: float = BETA,
-    max_degree: int = 32,
-    pseudo: Pseudo = PSEUDO,
-    reach_t: int = REACH_T,
-    causal: bool = False,
-) -> Graph:
-    """Graph with one node per event, in the order of the events; see `RadiusGraph`.
-
-    Time differences are computed in int64, so any time offset gives the same graph.
-    """
-    return RadiusGraph(radius, alpha, beta, max_degree, pseudo, reach_t, causal)(sample)
-
-
-def _reach(wide: float, high: float, reach_t: int, kind: Pseudo) -> Reach:
-    # in float32 a smaller one would be 0, which nothing can be a share of
-    return tuple(max(float(end), SHORTEST) for end in (wide, high, reach_t))[: axes(kind)]
-
-
-Limits = tuple[float, float, float, int]  # radius, alpha, beta and D_max
-
-
-def _joined(sample: Events | Recording | Graph, metric: Limits, reach: Reach, kind: Pseudo) -> Graph:
+def _joined(sample: Events | Graph, limits: Limits, reach: Reach, kind: Pseudo) -> Graph:
     if isinstance(sample, Graph):
-        return _joined_again(sample, lambda t, x, y: near_edges(t, x, y, *metric), reach, kind)
-    events = as_events(sample)
-    arrays = event_graph(*events.columns, events.start, *metric, reach, kind != "abs")
+        return _joined_nodes(sample, lambda t, x, y: near_edges(t, x, y, *limits), reach, kind)
+    arrays = event_graph(sample.t, sample.x, sample.y, sample.p, sample.start, *limits, reach, kind != "abs")
     x, pos, t, edge_index, edge_attr = map(torch.from_numpy, arrays)
-    return Graph(x, pos, t, edge_index, edge_attr, None, events.sensor_size, reach, kind)
+    return Graph(x, pos, t, edge_index, edge_attr, None, sample.sensor_size, reach, kind)
 
 
 Near = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
-def _nodes(sample: Events | Recording | Graph) -> Graph:
-    """A graph, or events as one without edges."""
-    if isinstance(sample, Graph):
-        return sample
-    events = as_events(sample)
+def _nodes(events: Events) -> Graph:
+    """Return events as a graph without edges."""
     x = torch.from_numpy(2 * events.p.astype(np.float32) - 1)[:, None]
     pos = torch.from_numpy(np.stack((events.x, events.y), 1).astype(np.float32))
     none = torch.empty((2, 0), dtype=torch.int64)
     return Graph(x, pos, torch.from_numpy(events.t - events.start), none, torch.empty(0, 2), None, events.sensor_size)
 
 
-def _joined_again(graph: Graph, near: Near, reach: Reach, kind: Pseudo) -> Graph:
-    """The same nodes with new edges between them; nodes are taken to lie at the nearest whole pixels.
+def _joined_nodes(graph: Graph, near: Near, reach: Reach, kind: Pseudo) -> Graph:
+    """Return the same nodes with new edges. Nodes count as if they were at the nearest pixel.
 
-    `near` gives edges int64 [2, E] of t, x and y in order of time.
+    Args:
+        graph: The nodes.
+        near: Function that returns edges int64 [2, E] for t, x and y in order of time.
+        reach: Normalization ranges of the pseudo-coordinates.
+        kind: Of pseudo-coordinates.
     """
     if isinstance(graph, GraphBatch):
         raise misplaced("Events, a Recording or a single graph", graph)
     order = np.argsort(graph.t.numpy(), kind="stable")
-    places = np.rint(graph.pos.numpy()[order])
+    pixels = np.rint(graph.pos.numpy()[order])
     with np.errstate(invalid="ignore"):
         # from 0 on, as the kernel needs them
-        places -= places.min(0, initial=np.inf)
-    if not (places <= FURTHEST).all():
+        pixels -= pixels.min(0, initial=np.inf)
+    if not (pixels <= FURTHEST).all():
         raise ValueError(f"nodes must be at finite positions, at most {FURTHEST} pixels apart along an axis")
-    x, y = places.T.astype(np.int32)
+    x, y = pixels.T.astype(np.int32)
     edges = near(graph.t.numpy()[order], x, y)
     if not is_sorted(order):
         # by target again, because the nodes weren't in order of time

@@ -1,4 +1,4 @@
-"""Nodes and their features: the events of a pixel merged, and more than polarity."""
+"""Nodes and their features: the events of a pixel merged, and features other than polarity."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 import torch
 
+from nvsdata.data.boxes import Boxes
 from nvsdata.data.events import Events, check_inside
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events, events_inside, misplaced
 from nvsdata.kernels.represent.patches import merged_pixels, patch_counts
+from nvsdata.transforms.apply import with_boxes
 from nvsdata.transforms.compose import is_deterministic
 
 Time = Literal["first", "last", "mean"]
@@ -21,14 +23,24 @@ LARGEST = 17  # pixels along a side of a patch
 
 @dataclass(frozen=True)
 class MergePixels:
-    """The events of each pixel as one node, as in the graphs that the thesis's author released for UCF101-DVS.
+    """Merge the events of each pixel into one node, as in the graphs that the thesis's author released for UCF101-DVS.
 
-    - `times`: further features of a node, any of "first", "last" and "mean": times of its events, as shares of the
-      window (default none)
+    Args:
+        times: Additional features of a node, any of "first", "last" and "mean": times of its events, as fractions of
+            the window (default none).
 
-    Takes `Events` or a `Recording`, gives a `Graph` without edges, for `KNNGraph` or `RadiusGraph`: `x` has the number
-    of events of polarity 1 and of polarity 0, then the times; `t` is the mean time, rounded down to µs. Nodes are in
-    order of time. ValueError for other times.
+    Returns:
+        A `Graph` without edges, for `KNNGraph` or `RadiusGraph`. `x` has the numbers of ON and of OFF events, then the
+        times; `t` is the mean time, rounded down to µs. Nodes are in order of time. The call takes `Events` or a
+        `Recording`.
+
+    Raises:
+        ValueError: `times` contains anything else.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.MergePixels()(Events([0, 10, 30], [1, 1, 7], [1, 1, 7], [1, 0, 1], (8, 8))).x.tolist()
+        [[1.0, 1.0], [1.0, 0.0]]
     """
 
     times: tuple[Time, ...] = ()
@@ -43,38 +55,54 @@ class MergePixels:
         events = events_inside(sample)
         pos, mean, ends, counts = merged_pixels(*events.columns)
         found = {"first": ends[:, 0], "last": ends[:, 1], "mean": mean}
-        x = np.concatenate((counts, *(_share(found[time], events)[:, None] for time in self.times)), 1)
+        x = np.concatenate((counts, *(_fraction(found[time], events)[:, None] for time in self.times)), 1)
         none = torch.empty((2, 0), dtype=torch.int64)
         made = [torch.from_numpy(array) for array in (x, pos, mean - events.start)]
         return Graph(made[0], made[1], made[2], none, torch.empty(0, 2), None, events.sensor_size)
 
 
-def merge_pixels(sample: Events | Recording, times: Sequence[Time] = ()) -> Graph:
-    """Graph without edges, of a node per pixel that has events; see `MergePixels`."""
-    return MergePixels(tuple(times))(sample)
-
-
 @dataclass(frozen=True)
 class Age:
-    """When a node's event occurred, as a share of the window: a feature for `NodeFeatures`."""
+    """Time of a node's event, as a fraction of the window: a feature for `NodeFeatures`.
+
+    Returns:
+        float32 [N, 1], from 0 to 1. The call takes the events and the graph.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 5, 10], [1, 2, 3], [1, 1, 1], [1, 0, 1], (8, 8))
+        >>> T.Age()(events, T.RadiusGraph()(events)).tolist()
+        [[0.0], [0.5], [1.0]]
+    """
 
     deterministic: ClassVar[bool] = True
     channels: ClassVar[int] = 1
 
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
-        """float32 [N, 1], from 0 to 1."""
+        """Return the feature float32 [N, 1] of N nodes."""
         _check_given(events, nodes)
-        return torch.from_numpy(_share(nodes.t.numpy() + events.start, events)[:, None])
+        return torch.from_numpy(_fraction(nodes.t.numpy() + events.start, events)[:, None])
 
 
 @dataclass(frozen=True)
 class Patch:
-    """How many events each pixel around a node has, by polarity: a feature for `NodeFeatures`.
+    """Number of events at each pixel around a node, by polarity: a feature for `NodeFeatures`.
 
-    - `size`: pixels along a side of the patch around the node, odd, at most 17 (default 5)
+    Args:
+        size: Pixels along a side of the patch around the node, odd, at most 17 (default 5).
 
-    The features are log(1 + count) of size² pixels, row by row, first of polarity 1, then of polarity 0: 2 size² in
-    all. ValueError for another size.
+    Returns:
+        float32 [N, 2 size²]: log(1 + count) of each pixel, row by row, first of ON, then of OFF. The call takes the
+        events and the graph.
+
+    Raises:
+        ValueError: `size` is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 5, 10], [1, 2, 3], [1, 1, 1], [1, 0, 1], (8, 8))
+        >>> T.Patch(3)(events, T.RadiusGraph()(events)).shape
+        torch.Size([3, 18])
     """
 
     size: int = 5
@@ -89,18 +117,30 @@ class Patch:
         return 2 * int(self.size) ** 2
 
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
-        """float32 [N, 2 size²]."""
+        """Return the feature float32 [N, 2 size²] of N nodes."""
         counts = _counts(events, nodes, self.size)
         return torch.from_numpy(np.log1p(counts).reshape(nodes.num_nodes, self.channels))
 
 
 @dataclass(frozen=True)
 class PatchMean:
-    """How many events there are around a node, and of which polarity: a feature for `NodeFeatures`.
+    """Number of events around a node and their mean polarity: a feature for `NodeFeatures`.
 
-    - `size`: see `Patch` (default 5)
+    Args:
+        size: See `Patch` (default 5).
 
-    The features are log(1 + count) over the patch, and the mean polarity, from -1 to 1. ValueError as for `Patch`.
+    Returns:
+        float32 [N, 2]: log(1 + count) over the patch, and the mean polarity from -1 to 1. The call takes the events and
+        the graph.
+
+    Raises:
+        ValueError: `size` is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> events = Events([0, 5, 10], [1, 2, 3], [1, 1, 1], [1, 0, 1], (8, 8))
+        >>> T.PatchMean(3)(events, T.RadiusGraph()(events))[:, 1].tolist()
+        [0.0, 0.3333333432674408, 0.0]
     """
 
     size: int = 5
@@ -111,7 +151,7 @@ class PatchMean:
         _check_size(self.size)
 
     def __call__(self, events: Events, nodes: Graph) -> torch.Tensor:
-        """float32 [N, 2]."""
+        """Return the feature float32 [N, 2] of N nodes."""
         on, off = _counts(events, nodes, self.size).sum((2, 3)).T
         both = on + off
         return torch.from_numpy(np.stack((np.log1p(both), (on - off) / np.maximum(both, 1)), 1))
@@ -122,15 +162,26 @@ Feature = Callable[[Events, Graph], torch.Tensor]
 
 @dataclass(frozen=True)
 class NodeFeatures:
-    """A graph of events whose nodes have further features, of all events, sampled or not.
+    """Add features to the nodes of a graph. They may depend on all events, including those that have no node.
 
-    - `graph`: transform from events to a graph, such as `Compose([NonUniformSample(8), RadiusGraph()])`
-    - `features`: a list of `Age`, `Patch`, `PatchMean`, or of functions that take the events and the graph and give
-      a tensor float32 [N, F]
+    Args:
+        graph: Transform from events to a graph, such as `Compose([NonUniformSample(8), RadiusGraph()])`.
+        features: List of `Age`, `Patch`, `PatchMean`, or of functions that take the events and the graph and return a
+            tensor float32 [N, F] for N nodes.
 
-    Takes `Events` or a `Recording`, gives the graph with the features after those it had. TypeError for features that
-    aren't callable, and a transform that gives no graph; ValueError for a feature that gives another number of rows
-    than there are nodes.
+    Returns:
+        The graph, with the new features after those it had. The call takes `Events` or a `Recording`.
+
+    Raises:
+        TypeError: A feature isn't callable, or the transform returns no graph.
+        ValueError: A feature has another number of rows than there are nodes.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> graph = T.Compose([T.NonUniformSample(64), T.RadiusGraph()])
+        >>> T.NodeFeatures(graph, [T.Age(), T.Patch(3)])(nvsdata.example()).x.shape[1]
+        20
     """
 
     graph: Callable[[Any], Graph]
@@ -143,19 +194,27 @@ class NodeFeatures:
 
     def __call__(self, sample: Events | Recording) -> Graph:
         events = as_events(sample)
-        graph = self.graph(events)
+        return self._added(events, self.graph(events))
+
+    def with_boxes(self, sample: Events | Recording, boxes: Boxes) -> tuple[Graph, Boxes]:
+        """Return the graph with the new features, and the boxes, which may move with the graph."""
+        events = as_events(sample)
+        graph, boxes = with_boxes(self.graph, events, boxes)
+        return self._added(events, graph), boxes
+
+    def _added(self, events: Events, graph: Graph) -> Graph:
         if not isinstance(graph, Graph):
-            raise TypeError(f"{self.graph!r} gives {type(graph).__name__}, not a Graph")
+            raise TypeError(f"{self.graph!r} returns {type(graph).__name__}, not a Graph")
         found = [torch.as_tensor(feature(events, graph), dtype=graph.x.dtype) for feature in self.features]
         for feature, values in zip(self.features, found, strict=True):
             if values.dim() != 2 or len(values) != graph.num_nodes:
                 shape = tuple(values.shape)
-                raise ValueError(f"{feature!r} gives {shape}, not [{graph.num_nodes}, F] for {graph.num_nodes} nodes")
+                raise ValueError(f"{feature!r} returns {shape}, not [{graph.num_nodes}, F] for {graph.num_nodes} nodes")
         return replace(graph, x=torch.cat((graph.x, *found), 1))
 
     @property
     def deterministic(self) -> bool:
-        """Whether the same sample always gives the same result; a subclass must declare it itself."""
+        """Whether equal samples have equal results. A subclass must declare it itself."""
         return type(self) is NodeFeatures and all(is_deterministic(part) for part in (self.graph, *self.features))
 
 
@@ -171,12 +230,12 @@ def _counts(events: Events, nodes: Graph, size: int) -> np.ndarray:
 
 
 def _check_given(events: Events, nodes: Graph) -> None:
-    """TypeError unless a feature is given what it is of."""
+    """Raise a TypeError unless a feature gets events and a graph."""
     for kind, given in ((Events, events), (Graph, nodes)):
         if not isinstance(given, kind):
-            raise misplaced("Events and their Graph, as NodeFeatures gives them", given)
+            raise misplaced("Events and their Graph, as NodeFeatures passes them", given)
 
 
-def _share(t: np.ndarray, events: Events) -> np.ndarray:
-    """Times as shares of the window, float32."""
+def _fraction(t: np.ndarray, events: Events) -> np.ndarray:
+    """Return times as fractions of the window, float32."""
     return ((t - events.start) / max(events.end - events.start, 1)).astype(np.float32)

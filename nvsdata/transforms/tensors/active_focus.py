@@ -1,4 +1,4 @@
-"""Queues of pixels' latest bins of time with events (temporal active focus)."""
+"""Queues of the latest bins of time with events, for each pixel (temporal active focus)."""
 
 from __future__ import annotations
 
@@ -15,17 +15,27 @@ from nvsdata.transforms.tensors.states import FocusState
 
 @dataclass(frozen=True)
 class TAF:
-    """How long ago pixels' latest `depth` bins of time with events were: float32 [2 depth, H, W] (Liu et al. 2023).
+    """Compute the ages of the latest bins of time with events, for each pixel and polarity (TAF; Liu et al. 2023).
 
-    Time is cut into bins of `duration` from the beginning of the events' time on. Of each pixel and polarity, the mean
-    times of the latest bins that have events are kept; their ages at the end of the events' time (`Events.end`), in
-    bins, are shown as max(0, 1 - log(1 + age) / 8.7), and 0 where there were fewer. The latest bin comes last, and of
-    each OFF before ON, as in the authors' code.
+    Time is cut into bins of `duration` from the beginning of the events' time on (`Events.start`). The mean times of
+    the latest `depth` bins with events are kept. Their ages at the end (`Events.end`), in bins, become
+    max(0, 1 - log(1 + age) / 8.7), and 0 where there were fewer bins. `state` does the same with a stream.
 
-    - `depth`: number of bins kept (default 8)
-    - `duration`: of a bin in µs (default 10,000)
+    Args:
+        depth: Number of bins kept (default 8).
+        duration: Of a bin in µs (default 10,000).
 
-    Takes `Events` or a `Recording`. ValueError for settings that aren't positive whole numbers.
+    Returns:
+        float32 [2 depth, H, W]. The latest bin comes last, and of each bin OFF before ON, as in the authors' code. The
+        call takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: A setting isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.TAF(depth=4)(Events([0, 5, 10], [0, 1, 1], [0, 1, 0], [1, 1, 0], (8, 6))).shape
+        torch.Size([8, 6, 8])
     """
 
     depth: int = 8
@@ -43,10 +53,5 @@ class TAF:
         return state.tensor()
 
     def state(self, sensor_size: tuple[int, int]) -> FocusState:
-        """For events that come piece by piece: `state.update(events)`, `state.tensor()`; bins begin at the first."""
+        """Return a state for a stream: `state.update(events)`, `state.tensor()`. Bins begin at the first events."""
         return FocusState(sensor_size, int(self.depth), min(int(self.duration), LATEST))
-
-
-def taf(sample: Events | Recording, depth: int = 8, duration: int = 10_000) -> torch.Tensor:
-    """How long ago pixels' latest bins of time with events were; see `TAF`."""
-    return TAF(depth, duration)(sample)

@@ -11,20 +11,30 @@ import torch
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, as_events
-from nvsdata.transforms.tensors.event_frames import to_frames
+from nvsdata.transforms.tensors.event_frames import ToFrames
 
 
 @dataclass(frozen=True)
 class BagOfEvents:
-    """How often events occurred at each pixel, in segments of `count` events: float32 [S, H, W] (Peng et al. 2017).
+    """Compute the frequency of events at each pixel, in segments of `count` events (Peng et al. 2017).
 
-    Each segment sums to 1; S is the number of complete segments, and the events after them are left out. Polarities
-    count alike. The authors multiply the frequencies by the information that a pixel's events have, which is learnt
-    from the training set: see `bag_weights`.
+    Polarities count alike. The authors multiply the frequencies by the information of a pixel's events, which is
+    learned from the training set: see `bag_weights`.
 
-    - `count`: events of a segment (default 300, as in the authors' code)
+    Args:
+        count: Events of a segment (default 300, as in the authors' code).
 
-    Takes `Events` or a `Recording`. ValueError unless `count` is a positive whole number.
+    Returns:
+        float32 [S, H, W], each of which sums to 1, for S complete segments. The events after them are left out. The
+        call takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: `count` isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.BagOfEvents(2)(Events([0, 5, 10], [0, 1, 1], [0, 0, 0], [1, 1, 0], (2, 1))).tolist()
+        [[[0.5, 0.5]]]
     """
 
     count: int = 300
@@ -34,25 +44,32 @@ class BagOfEvents:
         whole("count", self.count, 1)
 
     def __call__(self, sample: Events | Recording) -> torch.Tensor:
-        return bag_of_events(sample, int(self.count))
-
-
-def bag_of_events(sample: Events | Recording, count: int = 300) -> torch.Tensor:
-    """Frequencies of events in segments of `count`; see `BagOfEvents`."""
-    events = as_events(sample)
-    complete = len(events) // count
-    if not complete:
-        return torch.zeros(0, events.sensor_size[1], events.sensor_size[0])
-    return to_frames(events[: complete * count], count=count).sum(1) / count
+        events, count = as_events(sample), int(self.count)
+        complete = len(events) // count
+        if not complete:
+            return torch.zeros(0, events.sensor_size[1], events.sensor_size[0])
+        return ToFrames(count=count)(events[: complete * count]).sum(1) / count
 
 
 def bag_weights(bags: Iterable[torch.Tensor]) -> torch.Tensor:
-    """The information of each pixel's events, to multiply bags by: log(S / (n + 1)), float32 [H, W].
+    """Compute the information of each pixel's events, by which bags are multiplied: log(S / (n + 1)).
 
-    - `bags`: those of the training set, [S_i, H, W] each, read once; S is the number of all segments, n that of the
-      segments in which the pixel has events
+    S is the number of all segments, and n that of the segments in which the pixel has events.
 
-    ValueError for bags without any segment, or of different sensors.
+    Args:
+        bags: Those of the training set, [S_i, H, W] each, read once.
+
+    Returns:
+        float32 [H, W].
+
+    Raises:
+        ValueError: There is no segment, or the sensors differ.
+
+    Example:
+        >>> import torch
+        >>> from nvsdata import transforms as T
+        >>> T.bag_weights([torch.tensor([[[0.5, 0.5]], [[1.0, 0.0]]])]).exp()
+        tensor([[0.6667, 1.0000]])
     """
     total, seen = 0, None
     for bag in bags:

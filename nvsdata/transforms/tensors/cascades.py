@@ -17,18 +17,28 @@ from nvsdata.transforms.rng import generator
 
 @dataclass(frozen=True)
 class FilterCascade:
-    """What a cascade of delayed filters puts out: float32 [2 filters, H, W], 0 or 1 (Amir et al. 2017; thesis 2.1.2).
+    """Compute the output of a cascade of delayed filters (Amir et al. 2017; thesis, section 2.1.2).
 
-    Filter k = 1, 2, ... sees the events k ticks late. Its neurons, one per pixel and polarity, are set to 1 by an
-    event, leak at a constant rate to 0 within `decay` ticks, and put out an event with this probability: more of them
-    the less time has passed. The result is that of the tick after the end of the events' time (`Events.end`), the least
-    delayed filter first, of each ON first. Ticks begin at `Events.start`.
+    Filter k = 1, 2, ... receives the events k ticks late. Its neurons, one per pixel and polarity, are set to 1 by an
+    event, leak at a constant rate to 0 within `decay` ticks, and put out an event with this probability. The output is
+    that of the tick after the end of the events' time (`Events.end`). Ticks begin at `Events.start`.
 
-    - `filters`: K (default 6)
-    - `tick`: in µs (default 1,000)
-    - `decay`: in ticks, at least 1 (default 1.0: nothing is drawn, each filter shows the events of its tick)
+    Args:
+        filters: Number of filters, K in the paper (default 6).
+        tick: In µs (default 1,000).
+        decay: In ticks, at least 1 (default 1.0, without randomness: each filter shows the events of its tick).
 
-    Takes `Events` or a `Recording`. ValueError for settings out of range.
+    Returns:
+        float32 [2 filters, H, W], 0 or 1, the least delayed filter first, of each ON first. The call takes `Events` or
+        a `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.FilterCascade(filters=2, tick=5)(Events([0, 5, 10], [0, 0, 1], [0, 0, 0], [1, 1, 0], (2, 1))).tolist()
+        [[[0.0, 0.0]], [[0.0, 1.0]], [[1.0, 0.0]], [[0.0, 0.0]]]
     """
 
     filters: int = 6
@@ -44,7 +54,7 @@ class FilterCascade:
         events, filters, tick = events_inside(sample), int(self.filters), min(int(self.tick), LATEST)
         out = zeros(events.sensor_size, (filters, 2, *events.sensor_size[::-1]))
         now = (events.end - events.start) // tick + 1
-        # what happened before is forgotten
+        # earlier events have no effect any more
         first = events.start + tick * int(max(now - filters - np.ceil(self.decay), 0))
         recent = events.columns.take(slice(int(np.searchsorted(events.t, first)), None))
         latest_ticks(*recent, events.start, tick, now, float(self.decay), out)
@@ -52,10 +62,3 @@ class FilterCascade:
         if self.decay == 1:
             return potential
         return (torch.rand(potential.shape, generator=generator()) < potential).float()
-
-
-def filter_cascade(
-    sample: Events | Recording, filters: int = 6, tick: int = 1_000, *, decay: float = 1.0
-) -> torch.Tensor:
-    """What a cascade of delayed filters puts out; see `FilterCascade`."""
-    return FilterCascade(filters, tick, decay)(sample)

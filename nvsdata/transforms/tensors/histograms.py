@@ -18,15 +18,25 @@ from nvsdata.kernels.represent.frames import counted, counted_by_polarity
 
 @dataclass(frozen=True)
 class StackedHistogram:
-    """Numbers of events in equal parts of time: [2 bins, H, W], all bins of OFF, then all of ON (RVT, Gehrig 2023).
+    """Count events in equal parts of time (RVT; Gehrig & Scaramuzza 2023).
 
     The bins cover the time from the first event to the last, half open, the last one closed.
 
-    - `bins`: number of parts (default 10)
-    - `most`: larger numbers count as this (default 10)
+    Args:
+        bins: Number of parts (default 10).
+        most: Larger counts become this (default 10).
 
-    Takes `Events` or a `Recording`, gives float32 (RVT stores uint8). ValueError for settings that aren't positive
-    whole numbers.
+    Returns:
+        float32 [2 bins, H, W] (RVT stores uint8), all bins of OFF, then all of ON. The call takes `Events` or a
+        `Recording`.
+
+    Raises:
+        ValueError: A setting isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.StackedHistogram(bins=5)(Events([0, 5, 10], [0, 1, 1], [0, 1, 0], [1, 1, 0], (8, 6))).shape
+        torch.Size([10, 6, 8])
     """
 
     bins: int = 10
@@ -49,16 +59,25 @@ class StackedHistogram:
 
 @dataclass(frozen=True)
 class MixedDensityStack:
-    """Summed polarity of ever longer parts of time: [bins, H, W] (Nam et al. 2022, as RVT has it).
+    """Sum polarity over parts of time of increasing length (Nam et al. 2022, as in RVT).
 
     Channel i has the events before 2^(i + 1 - bins) of the time from the first event to the last; the last channel has
     all events.
 
-    - `bins`: number of channels (default 10)
-    - `most`: sums are cut off at this, either way (default None: not at all)
+    Args:
+        bins: Number of channels, at most 60 (default 10).
+        most: Limit of the absolute value of the sums (default None: no limit).
 
-    Takes `Events` or a `Recording`, gives float32 (RVT stores int8). ValueError for settings that aren't positive whole
-    numbers, and more than 60 bins.
+    Returns:
+        float32 [bins, H, W] (RVT stores int8). The call takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: A setting isn't a positive integer, or there are more than 60 bins.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.MixedDensityStack(bins=2)(Events([0, 5, 10], [0, 0, 1], [0, 0, 0], [1, 1, 0], (2, 1))).tolist()
+        [[[1.0, 0.0]], [[2.0, -1.0]]]
     """
 
     bins: int = 10
@@ -81,13 +100,3 @@ class MixedDensityStack:
             counted(events.x, events.y, events.p, bounds, out)
         summed = torch.from_numpy(out[:, 0]).cumsum_(0)
         return summed if self.most is None else summed.clamp_(-self.most, self.most)
-
-
-def stacked_histogram(sample: Events | Recording, bins: int = 10, most: int = 10) -> torch.Tensor:
-    """Numbers of events in equal parts of time; see `StackedHistogram`."""
-    return StackedHistogram(bins, most)(sample)
-
-
-def mixed_density_stack(sample: Events | Recording, bins: int = 10, most: int | None = None) -> torch.Tensor:
-    """Summed polarity of ever longer parts of time; see `MixedDensityStack`."""
-    return MixedDensityStack(bins, most)(sample)

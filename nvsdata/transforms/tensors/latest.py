@@ -1,4 +1,4 @@
-"""The latest events of each pixel."""
+"""Times of the latest events of each pixel."""
 
 from __future__ import annotations
 
@@ -12,21 +12,57 @@ from nvsdata.common.memory import zeros
 from nvsdata.common.validation import not_negative, whole
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording, events_inside
-from nvsdata.kernels.represent.latest import logarithms, logarithms_of_ages
+from nvsdata.kernels.represent.latest import counts_and_times, logarithms, logarithms_of_ages
 from nvsdata.transforms.tensors.states import LatestState
 
 
 @dataclass(frozen=True)
+class FourChannels:
+    """Compute the numbers of ON and of OFF events, and the times of the last ON and OFF event (Zhu et al. 2018).
+
+    Returns:
+        float32 [4, H, W], the image of EV-FlowNet. Times are fractions of the events' time: 0 at `Events.start`, 1 at
+        `Events.end`, and 0 without event. The call takes `Events` or a `Recording`.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.FourChannels()(Events([0, 5, 10], [0, 0, 1], [0, 0, 0], [1, 1, 0], (2, 1)))[:, 0].tolist()
+        [[2.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.0, 1.0]]
+    """
+
+    deterministic: ClassVar[bool] = True
+
+    def __call__(self, sample: Events | Recording) -> torch.Tensor:
+        events = events_inside(sample)
+        width, height = events.sensor_size
+        out = zeros(events.sensor_size, (4, height, width))
+        counts_and_times(*events.columns, events.start, max(events.end - events.start, 1), out)
+        return torch.from_numpy(out)
+
+
+@dataclass(frozen=True)
 class TORE:
-    """Logarithms of the ages of each pixel's `k` latest events: float32 [2 k, H, W] (Baldwin et al. 2022).
+    """Compute logarithms of the ages of the `k` latest events of each pixel and polarity (TORE; Baldwin et al. 2022).
 
-    log(age + 1) - log(`shortest` + 1) at the end of the events' time (`Events.end`), at least 0; ages above `longest`,
-    and of events that there weren't, count as `longest`. ON comes first, of each polarity the latest event.
+    They are log(age + 1) - log(`shortest` + 1) at the end of the events' time (`Events.end`), at least 0. Ages above
+    `longest`, and those of missing events, count as `longest`. `state` does the same with a stream.
 
-    - `k`: events of each pixel and polarity (default 3)
-    - `shortest`, `longest`: µs (default 150 and 5,000,000, as in the authors' code)
+    Args:
+        k: Events of each pixel and polarity (default 3).
+        shortest: In µs (default 150, as in the authors' code).
+        longest: In µs (default 5,000,000, as in the authors' code).
 
-    Takes `Events` or a `Recording`. ValueError for settings out of range.
+    Returns:
+        float32 [2 k, H, W]. ON comes first, of each polarity the latest event. The call takes `Events` or a
+        `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.TORE(k=3)(Events([0, 5, 10], [0, 1, 1], [0, 1, 0], [1, 1, 0], (8, 6))).shape
+        torch.Size([6, 6, 8])
     """
 
     k: int = 3
@@ -52,7 +88,7 @@ class TORE:
         return torch.from_numpy(out).flatten(0, 1)
 
     def state(self, sensor_size: tuple[int, int]) -> LatestState:
-        """For events that come piece by piece: `state.update(events)`, `state.tensor()`."""
+        """Return a state for a stream: `state.update(events)`, `state.tensor()` is [2 k, H, W]."""
         k, least, most = int(self.k), np.log1p(float(self.shortest)), np.log1p(float(self.longest))
 
         def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -60,8 +96,3 @@ class TORE:
             return logarithms(ages.ravel(), known.ravel(), least, most).reshape(shape)
 
         return LatestState(sensor_size, k, shown)
-
-
-def tore(sample: Events | Recording, k: int = 3, *, shortest: float = 150, longest: float = 5_000_000) -> torch.Tensor:
-    """Logarithms of the ages of each pixel's latest events; see `TORE`."""
-    return TORE(k, shortest, longest)(sample)

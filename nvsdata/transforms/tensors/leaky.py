@@ -1,4 +1,4 @@
-"""Frames that leak."""
+"""Frames whose values decay at a constant rate."""
 
 from __future__ import annotations
 
@@ -15,14 +15,25 @@ from nvsdata.transforms.tensors.states import LeakyState
 
 @dataclass(frozen=True)
 class LeakyFrame:
-    """Each event adds to its pixel, and all pixels fall at a constant rate, not below 0: float32 [1, H, W].
+    """Add each event to its pixel, and let all pixels decay at a constant rate, not below 0 (Cannici et al. 2018).
 
-    The value at the end of the events' time (`Events.end`), without regard to polarity (Cannici et al. 2018).
+    Polarities count alike. `state` does the same with a stream.
 
-    - `leak`: by how much values fall per µs (default 1 / 50,000)
-    - `increment`: what an event adds (default 1.0)
+    Args:
+        leak: Decrease of the values per µs (default 1 / 50,000).
+        increment: Value that an event adds (default 1.0).
 
-    Takes `Events` or a `Recording`. ValueError for settings out of range.
+    Returns:
+        float32 [1, H, W], the values at the end of the events' time (`Events.end`). The call takes `Events` or a
+        `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.LeakyFrame(leak=0.25)(Events([0, 2], [0, 1], [0, 0], [1, 1], (2, 1))).tolist()
+        [[[0.5, 1.0]]]
     """
 
     leak: float = 1 / 50_000
@@ -40,10 +51,5 @@ class LeakyFrame:
         return state.tensor()
 
     def state(self, sensor_size: tuple[int, int]) -> LeakyState:
-        """For events that come piece by piece: `state.update(events)`, `state.tensor()`."""
+        """Return a state for a stream: `state.update(events)` takes the next events, `state.tensor()` is [1, H, W]."""
         return LeakyState(sensor_size, self.leak, self.increment)
-
-
-def leaky_frame(sample: Events | Recording, leak: float = 1 / 50_000, increment: float = 1.0) -> torch.Tensor:
-    """A frame of values that leak; see `LeakyFrame`."""
-    return LeakyFrame(leak, increment)(sample)

@@ -18,20 +18,31 @@ from nvsdata.kernels.represent.log_polar import around_events
 
 @dataclass(frozen=True)
 class DART:
-    """Where the recent events lie around each event: float32 [N, rings wedges] (Ramesh et al. 2019; thesis 2.1.1).
+    """Count recent events around each event on a log-polar grid (DART; Ramesh et al. 2019; thesis, section 2.1.1).
 
-    The `queue` latest events up to the event, itself included, are counted on a log-polar grid around it: rings lie at
-    equal distances in the logarithm of the radius from `nearest` to `furthest`, wedges at equal angles from the x axis
-    on, towards y. An event is divided between the two nearest rings and the two nearest wedges; what is nearer than
-    `nearest` is on the first ring. A descriptor sums to 1, so that fast motion and strong contrast, which mean more
-    events, don't change it. Polarity doesn't count.
+    The `queue` latest events up to the event, itself included, are counted. Rings are at equal distances in the
+    logarithm of the radius from `nearest` to `furthest`, wedges at equal angles from the x axis on, towards y. An event
+    is divided between the two nearest rings and the two nearest wedges; what is nearer than `nearest` is on the first
+    ring. A descriptor sums to 1, so fast motion and strong contrast, which cause more events, don't change it. Polarity
+    doesn't count. The default sizes are ours, as those in the paper depend on the task.
 
-    - `rings`, `wedges`: default 7 and 12
-    - `nearest`, `furthest`: in pixels (default 1.0 and 10.0)
-    - `queue`: number of events (default 2,000)
+    Args:
+        rings: Number of rings (default 7).
+        wedges: Number of wedges (default 12).
+        nearest: Radius of the first ring in pixels (default 1.0).
+        furthest: Radius of the last ring in pixels (default 10.0).
+        queue: Number of events (default 2,000).
 
-    Takes `Events` or a `Recording`. ValueError for settings out of range. (Sizes are ours: the paper's differ from task
-    to task.)
+    Returns:
+        float32 [N, rings wedges] for N events. The call takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.DART(rings=3, wedges=4)(Events([0, 5, 10], [0, 3, 5], [0, 1, 0], [1, 1, 0], (8, 8))).shape
+        torch.Size([3, 12])
     """
 
     rings: int = 7
@@ -63,7 +74,7 @@ class DART:
 
 @cache
 def _weights(rings: int, wedges: int, nearest: float, furthest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Offsets that lie on the grid, and what an event there adds to each bin."""
+    """Return the offsets dx and dy on the grid, and the weights with which an event there adds to each bin."""
     reach = int(furthest)
     dy, dx = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     radius = np.hypot(dx, dy)
@@ -76,11 +87,6 @@ def _weights(rings: int, wedges: int, nearest: float, furthest: float) -> tuple[
     every = np.arange(dx.size)
     for further in (0, 1):
         for after in (0, 1):
-            share = np.abs(1 - further - (ring - low)) * np.abs(1 - after - (wedge - first))
-            np.add.at(weights, (every, low + further, (first + after) % wedges), share)
+            weight = np.abs(1 - further - (ring - low)) * np.abs(1 - after - (wedge - first))
+            np.add.at(weights, (every, low + further, (first + after) % wedges), weight)
     return dx, dy, weights.reshape(dx.size, -1)
-
-
-def dart(sample: Events | Recording, *, queue: int = 2_000) -> torch.Tensor:
-    """Where the recent events lie around each event; see `DART`."""
-    return DART(queue=queue)(sample)

@@ -1,4 +1,4 @@
-"""Measures of pixels' events that a search chose (ERGO-12)."""
+"""Measures of the events of each pixel, selected by a search (ERGO-12)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nvsdata.kernels.represent import measures as kernel
 from nvsdata.kernels.represent.measures import COUNT, MAX, MEAN, POLARITY, SUM, TIME, VARIANCE
 
 ANY, OFF, ON = -1, 0, 1
-# number of the window, polarity, what is measured, and how, as in the authors' code
+# index of the window, polarity, quantity and measure, as in the authors' code
 CHANNELS = (
     (0, ANY, POLARITY, VARIANCE),
     (3, OFF, TIME, VARIANCE),
@@ -34,15 +34,22 @@ CHANNELS = (
 
 @dataclass(frozen=True)
 class ERGO12:
-    """Twelve measures of each pixel's events that a search chose: float32 [12, H, W] (ERGO-12, Zubic et al. 2023).
+    """Compute twelve measures of the events of each pixel, selected by a search (ERGO-12; Zubic et al. 2023).
 
-    In order, with the part of the events that they are of (thirds, and what is left after the first half, 3/4 and 7/8,
-    by number; times are scaled to 0..1 over all): variance of the polarity ±1 (all), variance of OFF times (third
-    third), whether OFF (second third), sum of the polarity (last eighth), whether ON (last quarter), number (last
-    eighth), mean ON time (second third), whether OFF (last quarter), latest OFF time (first third), latest ON time
-    (all), latest time (last half), whether any (first third).
+    Each measure is that of a part of the events, by their number. Times are scaled to 0..1 over all events. In order:
+    variance of the polarity ±1 (all events), variance of OFF times (third third), 1 where there are OFF events (second
+    third), sum of the polarity (last eighth), 1 where there are ON events (last quarter), number of events (last
+    eighth), mean ON time (second third), 1 where there are OFF events (last quarter), latest OFF time (first third),
+    latest ON time (all events), latest time (last half), 1 where there are events (first third).
 
-    Takes `Events` or a `Recording`. 0 where there are no such events. (The authors' code then multiplies by 255.)
+    Returns:
+        float32 [12, H, W], 0 where there are no such events. (The authors' code then multiplies by 255.) The call takes
+        `Events` or a `Recording`.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.ERGO12()(Events([0, 5, 10], [0, 1, 1], [0, 1, 0], [1, 1, 0], (8, 6))).shape
+        torch.Size([12, 6, 8])
     """
 
     deterministic: ClassVar[bool] = True
@@ -62,7 +69,7 @@ class ERGO12:
 
 
 def _windows(count: int) -> list[tuple[int, int]]:
-    """All of the events, the thirds, and what is left when the first half is taken off once, twice and three times."""
+    """Return the bounds of all events, of the thirds, and of the last half, quarter and eighth."""
     third = count // 3
     found = [(0, count), *((n * third, (n + 1) * third) for n in range(3))]
     first, left = 0, count
@@ -71,8 +78,3 @@ def _windows(count: int) -> list[tuple[int, int]]:
         first += left
         found.append((first, count))
     return found
-
-
-def ergo12(sample: Events | Recording) -> torch.Tensor:
-    """Twelve measures of each pixel's events; see `ERGO12`."""
-    return ERGO12()(sample)

@@ -1,4 +1,4 @@
-"""Events as points, for PointNet and LSTMs (thesis Table 5.1)."""
+"""Events as points, for PointNet and LSTMs (thesis, Table 5.1)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,25 @@ from nvsdata.transforms.rng import generator
 
 @dataclass(frozen=True)
 class Points:
-    """Random events as points: float32 [count, 4] of x, y and t in [0, 1] and polarity ±1, sorted by time.
+    """Draw events at random, as points in order of time.
 
-    - `count`: number of points (default 1024)
+    No event is drawn twice unless there are fewer than `count`. With as many as there are events, each is drawn once.
 
-    Takes `Events` or a `Recording`. x and y are relative to the sensor's size; t is 0 at the first event and 1 at the
-    last. No event is drawn twice unless there are fewer than `count`; without any events, the result is 0.
+    Args:
+        count: Number of points (default 1024).
+
+    Returns:
+        float32 [count, 4]: x, y and t in [0, 1] and polarity ±1. x and y are relative to the sensor's size; t is 0 at
+        the first event and 1 at the last. Without any events, the result is 0. The call takes `Events` or a
+        `Recording`.
+
+    Raises:
+        ValueError: `count` isn't a positive integer.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.Points(2)(Events([0, 10], [0, 8], [4, 2], [1, 0], (9, 9))).tolist()
+        [[0.0, 0.5, 0.0, 1.0], [1.0, 0.25, 1.0, -1.0]]
     """
 
     count: int = 1024
@@ -32,17 +45,12 @@ class Points:
         if not len(events):
             return torch.zeros(count, 4)
         if len(events) >= count:
-            drawn = torch.randperm(len(events), generator=generator())[:count]
+            index = torch.randperm(len(events), generator=generator())[:count].sort().values
         else:
-            drawn = torch.randint(len(events), (count,), generator=generator())
-        return points(events, drawn.sort().values)
-
-
-def points(events: Events, index: torch.Tensor) -> torch.Tensor:
-    """The events at `index` int64 [N] as float32 [N, 4]; see `Points`."""
-    width, height = events.sensor_size
-    t = torch.from_numpy(events.t)
-    # differences are taken in integers: absolute times don't fit float32
-    since = (t[index] - t[0]).double() / max(int(t[-1] - t[0]), 1)
-    x, y, p = (torch.from_numpy(column)[index].double() for column in (events.x, events.y, events.p))
-    return torch.stack((x / max(width - 1, 1), y / max(height - 1, 1), since, 2 * p - 1), 1).float()
+            index = torch.randint(len(events), (count,), generator=generator()).sort().values
+        width, height = events.sensor_size
+        t = torch.from_numpy(events.t)
+        # differences are taken in integers: absolute times don't fit float32
+        since = (t[index] - t[0]).double() / max(int(t[-1] - t[0]), 1)
+        x, y, p = (torch.from_numpy(column)[index].double() for column in (events.x, events.y, events.p))
+        return torch.stack((x / max(width - 1, 1), y / max(height - 1, 1), since, 2 * p - 1), 1).float()

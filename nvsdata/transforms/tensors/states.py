@@ -1,4 +1,4 @@
-"""Representations of a stream that goes on: a state takes events as they come."""
+"""Representations that are updated incrementally with the events of a stream."""
 
 from __future__ import annotations
 
@@ -12,20 +12,23 @@ from nvsdata.data.events import LATEST, Events, check_inside, check_sensor_size
 from nvsdata.kernels.represent.latest import ages_of_bins, leak_into, queue_bins, remember
 
 Show = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From ages in µs [2, k, H, W], and where there were so many events, to a representation."""
+"""Function from ages in µs [2, k, H, W], and the mask of the events that there were, to a representation."""
 
 
 class _State:
-    """What a sensor's pixels remember of the events so far.
+    """Base of the states, which keep a value for each pixel of a sensor.
 
-    `update(events)` takes the next events, which must not be earlier than those before; `tensor(at)` is the
-    representation at a moment in µs, by default at the end of the last events' time, and doesn't change the state.
+    `update(events)` takes the next events, which must not be earlier than those before. `tensor(at)` returns the
+    representation at a time in µs, by default at the end of the last events' time, and doesn't change the state.
+
+    Args:
+        sensor_size: (width, height) in pixels.
     """
 
     def __init__(self, sensor_size: tuple[int, int]) -> None:
         width, height = self.sensor_size = check_sensor_size(sensor_size)
         self.shape = height, width
-        self.latest: int | None = None  # µs, until which the state knows what happened
+        self.latest: int | None = None  # µs, the end of the events so far
 
     def _take(self, events: Events) -> None:
         if events.sensor_size[0] > self.sensor_size[0] or events.sensor_size[1] > self.sensor_size[1]:
@@ -35,7 +38,7 @@ class _State:
         check_inside(events)
         if self.latest is not None and len(events) and events.t[0] < self.latest:
             raise ValueError(f"events at {events.t[0]} µs come after a state at {self.latest} µs")
-        # an empty piece that states no time says nothing
+        # no events, and no time range either: nothing is known about the time
         if len(events) or events.stated_end is not None:
             self.latest = events.end if self.latest is None else max(events.end, self.latest)
 
@@ -43,16 +46,20 @@ class _State:
         if at is None:
             return self.latest or 0
         if self.latest is not None and at < self.latest:
-            raise ValueError(f"the state is at {self.latest} µs: it doesn't know any more what it was at {at} µs")
+            raise ValueError(f"the state is at {self.latest} µs and doesn't keep what it was at {at} µs")
         return at
 
 
 class LatestState(_State):
-    """The times of each pixel's and polarity's `k` latest events."""
+    """Times of the `k` latest events of each pixel and polarity.
 
-    def __init__(
-        self, sensor_size: tuple[int, int], k: int, show: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    ) -> None:
+    Args:
+        sensor_size: (width, height) in pixels.
+        k: Number of events.
+        show: Function from ages to the representation.
+    """
+
+    def __init__(self, sensor_size: tuple[int, int], k: int, show: Show) -> None:
         super().__init__(sensor_size)
         self._show = show
         check_memory(sensor_size, (2, k + 1, *self.shape), np.int64)
@@ -60,12 +67,12 @@ class LatestState(_State):
         self._counts = zeros(sensor_size, (2, *self.shape), np.int64)
 
     def update(self, events: Events) -> None:
-        """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
+        """Take the next events. ValueError for a larger sensor, or events earlier than those before."""
         self._take(events)
         remember(*events.columns, self._times, self._counts)
 
     def tensor(self, at: int | None = None) -> torch.Tensor:
-        """The representation at `at` (µs; default: the end of the last events' time); ValueError for a time before."""
+        """Return the representation at `at` (µs; default: end of the last events). ValueError for an earlier time."""
         k = self._times.shape[1]
         slots = np.arange(k).reshape(1, k, 1, 1)
         # the latest event first
@@ -75,30 +82,42 @@ class LatestState(_State):
 
 
 class LeakyState(_State):
-    """Values that leak."""
+    """Values that decay at a constant rate.
+
+    Args:
+        sensor_size: (width, height) in pixels.
+        leak: Decrease of the values per µs.
+        increment: Value that an event adds.
+    """
 
     def __init__(self, sensor_size: tuple[int, int], leak: float, increment: float) -> None:
         super().__init__(sensor_size)
         self._leak, self._increment = float(leak), float(increment)
-        # the state, and what `tensor` needs to work out the values
+        # the state, and the arrays of `tensor`
         check_memory(sensor_size, (6, *self.shape), np.int64)
         self._value = zeros(sensor_size, self.shape, np.float64)
         self._since = zeros(sensor_size, self.shape, np.int64, -LATEST)
 
     def update(self, events: Events) -> None:
-        """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
+        """Take the next events. ValueError for a larger sensor, or events earlier than those before."""
         self._take(events)
         t, x, y, _ = events.columns
         leak_into(t, x, y, self._increment, self._leak, self._value, self._since)
 
     def tensor(self, at: int | None = None) -> torch.Tensor:
-        """The values at `at` (µs; default: the end of the last events' time); ValueError for a time before."""
+        """Return the values at `at` (µs; default: end of the last events). ValueError for an earlier time."""
         left = self._value - self._leak * (self._moment(at) - self._since).astype(np.float64)
         return torch.from_numpy(np.maximum(left, 0).astype(np.float32))[None]
 
 
 class FocusState(_State):
-    """The latest bins of time with events, of each pixel and polarity."""
+    """Latest bins of time with events, of each pixel and polarity.
+
+    Args:
+        sensor_size: (width, height) in pixels.
+        depth: Number of bins.
+        duration: Of a bin in µs.
+    """
 
     def __init__(self, sensor_size: tuple[int, int], depth: int, duration: int) -> None:
         super().__init__(sensor_size)
@@ -110,7 +129,7 @@ class FocusState(_State):
         self._kept = bins, within, zeros(sensor_size, slots[:3], np.int64)
 
     def update(self, events: Events) -> None:
-        """Take the next events; ValueError for a larger sensor, and events earlier than those before."""
+        """Take the next events. ValueError for a larger sensor, or events earlier than those before."""
         self._take(events)
         if self._origin is None and self.latest is not None:
             self._origin = events.start
@@ -118,7 +137,7 @@ class FocusState(_State):
             queue_bins(*events.columns, self._origin, self._duration, *self._kept)
 
     def tensor(self, at: int | None = None) -> torch.Tensor:
-        """The representation at `at` (µs; default: the end of the last events' time); ValueError for a time before."""
+        """Return the representation at `at` (µs; default: end of the last events). ValueError for an earlier time."""
         depth, since = self._kept[0].shape[3], self._moment(at) - (self._origin or 0)
         out = zeros(self.sensor_size, (depth, 2, *self.shape))
         ages_of_bins(since, self._duration, *self._kept, out)

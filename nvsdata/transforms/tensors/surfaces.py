@@ -1,4 +1,4 @@
-"""Time surfaces: when pixels last had an event."""
+"""Time surfaces: the time of the last event of each pixel."""
 
 from __future__ import annotations
 
@@ -21,14 +21,26 @@ Polarity = Literal["own", "both"]
 
 @dataclass(frozen=True)
 class TimeSurface:
-    """exp(-(T - t) / tau), t being the time of a pixel's last event of a polarity: float32 [2, H, W], ON first.
+    """Compute exp(-(T - t) / tau), with t the time of the last event of each pixel and polarity, and 0 without event.
 
-    - `tau`: time constant in µs (default 50,000)
-    - `every`: µs between surfaces (default None: a single one, at the end of the events' time, `Events.end`). Otherwise
-      the result is [S, 2, H, W], with T = `Events.start` + `every`, + 2 `every`, ...; the last one is at the end
+    The exponential kernel is that of HOTS (Lagorce et al. 2017, equation 3), on the entire sensor. `state` does the
+    same with a stream.
 
-    0 where there was no event. Takes `Events` or a `Recording`. ValueError for settings out of range, and for more than
-    2^24 surfaces. The exponential kernel is that of HOTS (Lagorce et al. 2017, eq. 3), on the whole sensor.
+    Args:
+        tau: Time constant in µs (default 50,000).
+        every: Time between surfaces in µs. By default (None) there is a single surface, at the end of the events' time,
+            T = `Events.end`. Otherwise T = `Events.start` + `every`, + 2 `every`, ...; the last surface is at the end.
+
+    Returns:
+        float32 [2, H, W], ON first, or with `every` [S, 2, H, W]. The call takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range, or there are more than 2^24 surfaces.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.TimeSurface(10)(Events([0, 10], [0, 1], [0, 0], [1, 1], (2, 1)))[0]
+        tensor([[0.3679, 1.0000]])
     """
 
     tau: float = 50_000
@@ -56,7 +68,7 @@ class TimeSurface:
         return torch.from_numpy(out if self.every is not None else out[0])
 
     def state(self, sensor_size: tuple[int, int]) -> LatestState:
-        """For events that come piece by piece: `state.update(events)`, `state.tensor()` [2, H, W]."""
+        """Return a state for a stream: `state.update(events)` takes the next events, `state.tensor()` is [2, H, W]."""
 
         def shown(ages: np.ndarray, known: np.ndarray) -> np.ndarray:
             return np.where(known, np.exp(-np.where(known, ages, 0) / self.tau), 0)[:, 0]
@@ -66,17 +78,28 @@ class TimeSurface:
 
 @dataclass(frozen=True)
 class EventSurfaces:
-    """The time surface around each event: float32 [N, 2 radius + 1, 2 radius + 1], of the event's own polarity.
+    """Compute the time surface around each event.
 
-    exp(-(t_i - t) / tau), t being the time of the last event of a polarity at each pixel up to event i, whose own value
-    in the middle is 1. 0 where there was none, and beyond the sensor. HOTS (Lagorce et al. 2017, eq. 2 and 3) has a
-    surface for each polarity: `polarity="both"`.
+    It is exp(-(t_i - t) / tau), with t the time of the last event at each pixel up to event i, whose own value in the
+    middle is 1. It is 0 where there was no event, and beyond the sensor. HOTS (Lagorce et al. 2017, equations 2 and 3)
+    has a surface for each polarity: `polarity="both"`.
 
-    - `radius`: R, pixels around the event (default 2)
-    - `tau`: time constant in µs (default 50,000)
-    - `polarity`: "own" (default), that of the event; "both" gives [N, 2, 2 radius + 1, 2 radius + 1], ON first
+    Args:
+        radius: Pixels around the event, R in HOTS (default 2).
+        tau: Time constant in µs (default 50,000).
+        polarity: "own" (default) is the surface of the event's own polarity, "both" has one for each.
 
-    Takes `Events` or a `Recording`. ValueError for settings out of range.
+    Returns:
+        float32 [N, 2 radius + 1, 2 radius + 1] for N events, or [N, 2, 2 radius + 1, 2 radius + 1], ON first. The call
+        takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.EventSurfaces(radius=1)(Events([0, 10], [0, 1], [0, 0], [1, 1], (2, 1))).shape
+        torch.Size([2, 3, 3])
     """
 
     radius: int = 2
@@ -100,15 +123,3 @@ class EventSurfaces:
         out = np.empty((len(events), 1 + both, side, side), np.float32)
         kernel.event_surfaces(*events.columns, float(self.tau), radius, grown, epochs, out)
         return torch.from_numpy(out if both else out[:, 0])
-
-
-def time_surface(sample: Events | Recording, tau: float = 50_000, *, every: int | None = None) -> torch.Tensor:
-    """How long ago pixels had their last event; see `TimeSurface`."""
-    return TimeSurface(tau, every)(sample)
-
-
-def event_surfaces(
-    sample: Events | Recording, radius: int = 2, tau: float = 50_000, *, polarity: Polarity = "own"
-) -> torch.Tensor:
-    """The time surface around each event; see `EventSurfaces`."""
-    return EventSurfaces(radius, tau, polarity)(sample)

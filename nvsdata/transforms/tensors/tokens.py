@@ -17,17 +17,28 @@ from nvsdata.kernels.represent.measures import tokens
 
 @dataclass(frozen=True)
 class GroupTokens:
-    """Tokens of groups by time and polarity, one per patch: float32 [groups 2 patch², H', W'] (GET, Peng et al. 2023).
+    """Group events by time and polarity into tokens, one per patch (GET; Peng et al. 2023).
 
-    Channels are those of the first part of the time, OFF and ON, then of the second, and so on; of each group first the
+    Channels are those of the first part of the time, OFF and ON, then of the second, and so on. Each group has the
     number of events at each pixel of the patch, row by row, then the sum of their times, from 0 at the first event to 1
-    at the last. H' and W' are numbers of patches; those at the right and at the bottom may reach beyond the sensor.
+    at the last. If patches divide the sensor evenly, the result equals that of the authors' code.
 
-    - `groups`: twice the number of parts of the time (default 12)
-    - `patch`: side of a patch in pixels (default 4)
+    Args:
+        groups: Twice the number of parts of the time (default 12).
+        patch: Side of a patch in pixels (default 4).
 
-    Takes `Events` or a `Recording`. ValueError for settings out of range. (Where patches fill
-    the sensor, the authors' code gives the same.)
+    Returns:
+        float32 [groups 2 patch², H', W'], with H' x W' patches. Those at the right and at the bottom may extend beyond
+        the sensor. The call takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> import nvsdata
+        >>> from nvsdata import transforms as T
+        >>> T.GroupTokens(groups=2, patch=4)(nvsdata.example()).shape
+        torch.Size([64, 45, 60])
     """
 
     groups: int = 12
@@ -50,8 +61,3 @@ class GroupTokens:
             bounds = share_bounds(events, int(events.t[0]), int(events.t[-1]) + 1, [(n, parts) for n in range(parts)])
             tokens(*events.columns, bounds, patch, out)
         return torch.from_numpy(out).flatten(0, 3)
-
-
-def group_tokens(sample: Events | Recording, groups: int = 12, patch: int = 4) -> torch.Tensor:
-    """Tokens of groups by time and polarity; see `GroupTokens`."""
-    return GroupTokens(groups, patch)(sample)

@@ -18,17 +18,26 @@ Interpolation = Literal["linear", "nearest"]
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """Polarity ±1 in B bins of time, divided between the two nearest (Zhu et al. 2019, eq. 1 and 2): [B, H, W].
+    """Sum polarity ±1 in B bins of time, divided between the two nearest bins (Zhu et al. 2019, equations 1 and 2).
 
     Time is scaled so that the first event lies at bin 0 and the last one at bin B - 1: t* = (B - 1) (t - t_1) /
-    (t_N - t_1), and an event adds p max(0, 1 - |b - t*|) to bin b. tonic scales to B, and loses
-    what lies beyond B - 1.
+    (t_N - t_1), and an event adds p max(0, 1 - |b - t*|) to bin b. If all events are at one time, they are in bin 0.
+    tonic scales to B, and loses what lies beyond B - 1.
 
-    - `bins`: B
-    - `interpolation`: "linear" (default); with "nearest" an event goes to the nearest bin, of two the later one
+    Args:
+        bins: B.
+        interpolation: "linear" (default), or "nearest": an event goes to the nearest bin, of two the later one.
 
-    Takes `Events` or a `Recording`, gives float32. If all events are at one time, they are in bin 0. ValueError for
-    settings out of range.
+    Returns:
+        float32 [B, H, W]. The call takes `Events` or a `Recording`.
+
+    Raises:
+        ValueError: A setting is out of range.
+
+    Example:
+        >>> from nvsdata import Events, transforms as T
+        >>> T.VoxelGrid(2)(Events([0, 5, 10], [0, 0, 1], [0, 0, 0], [1, 1, 0], (2, 1))).tolist()
+        [[[1.5, 0.0]], [[0.5, -1.0]]]
     """
 
     bins: int
@@ -47,8 +56,3 @@ class VoxelGrid:
         if len(events):
             spread(*events.columns, self.interpolation == "linear", out)
         return torch.from_numpy(out)
-
-
-def voxel_grid(sample: Events | Recording, bins: int, interpolation: Interpolation = "linear") -> torch.Tensor:
-    """Polarity in bins of time; see `VoxelGrid`."""
-    return VoxelGrid(bins, interpolation)(sample)

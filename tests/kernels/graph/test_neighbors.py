@@ -8,8 +8,8 @@ from strategies import events
 
 from nvsdata import Events
 from nvsdata.kernels.graph.neighbors import near_edges
-from nvsdata.transforms import knn_graph, radius_graph
-from nvsdata.transforms.defaults import BETA, LITERAL_BETA
+from nvsdata.transforms import KNNGraph, RadiusGraph
+from nvsdata.transforms.events.sampling import BETA, LITERAL_BETA
 
 PIXELS, SWEEP = 0, 10**12  # `sweep_below` that forces one of the two ways
 
@@ -186,8 +186,8 @@ def edges(graph):
 @given(events(max_size=60), st.sampled_from((0, -(10**15), 1_600_000_000_000_000, 2**62 - 200_000)))
 def test_a_time_offset_changes_nothing(ev, offset):
     moved = Events(ev.t + offset, ev.x, ev.y, ev.p, ev.sensor_size)
-    assert np.array_equal(radius_graph(ev).edge_index, radius_graph(moved).edge_index)
-    assert np.array_equal(radius_graph(ev).edge_attr, radius_graph(moved).edge_attr)
+    assert np.array_equal(RadiusGraph()(ev).edge_index, RadiusGraph()(moved).edge_index)
+    assert np.array_equal(RadiusGraph()(ev).edge_attr, RadiusGraph()(moved).edge_attr)
 
 
 @given(events(max_size=60, gap=400), st.randoms(use_true_random=False))
@@ -198,7 +198,7 @@ def test_the_order_of_events_changes_nothing(ev, random):
     shuffled = Events(ev.t[order], ev.x[order], ev.y[order], ev.p[order], ev.sensor_size)
 
     def named(events):
-        graph = radius_graph(events, max_degree=60)
+        graph = RadiusGraph(max_degree=60)(events)
         names = list(zip(*(c.tolist() for c in events.columns), strict=True))
         return sorted((names[a], names[b]) for a, b in edges(graph))
 
@@ -207,7 +207,7 @@ def test_the_order_of_events_changes_nothing(ev, random):
 
 @given(events(max_size=120, gap=200))
 def test_edges_are_grouped_by_target_and_sorted(ev):
-    source, target = radius_graph(ev, max_degree=4).edge_index.numpy()
+    source, target = RadiusGraph(max_degree=4)(ev).edge_index.numpy()
     keys = target * (len(ev) + 1) + source
     assert (np.diff(keys) > 0).all()
 
@@ -215,7 +215,7 @@ def test_edges_are_grouped_by_target_and_sorted(ev):
 def test_a_crowd_at_one_pixel_keeps_the_nearest():
     n = 50_000
     ev = Events(np.arange(n), np.full(n, 5), np.full(n, 5), np.zeros(n, int), (10, 10))
-    for graph in (radius_graph(ev, max_degree=32), radius_graph(ev, beta=LITERAL_BETA), knn_graph(ev, 32)):
+    for graph in (RadiusGraph(max_degree=32)(ev), RadiusGraph(beta=LITERAL_BETA)(ev), KNNGraph(32)(ev)):
         source, target = graph.edge_index.numpy()
         # 16 before and 16 after, or the first and the last 32 at the ends
         assert np.bincount(target).tolist() == [32] * n
@@ -227,7 +227,7 @@ def test_a_crowd_at_one_pixel_keeps_the_nearest():
 def test_a_crowd_at_one_pixel_and_time_keeps_the_first():
     n = 50_000
     ev = Events(np.zeros(n, int), np.full(n, 5), np.full(n, 5), np.zeros(n, int), (10, 10))
-    for graph in (radius_graph(ev, max_degree=32), radius_graph(ev, beta=LITERAL_BETA), knn_graph(ev, 32)):
+    for graph in (RadiusGraph(max_degree=32)(ev), RadiusGraph(beta=LITERAL_BETA)(ev), KNNGraph(32)(ev)):
         source, target = graph.edge_index.numpy()
         assert np.bincount(target).tolist() == [32] * n
         assert source[: 32 * 33].reshape(33, 32).tolist() == [[j for j in range(33) if j != i] for i in range(33)]
@@ -244,4 +244,4 @@ def test_dense_scenes_agree_with_a_tree(beta):
     points = np.stack([ev.x, ev.y, ev.t * np.sqrt(beta)], 1)
     pairs = cKDTree(points).query_pairs(3.0)
     both = {*pairs, *((b, a) for a, b in pairs)}
-    assert edges(radius_graph(ev, beta=beta, max_degree=500)) == both
+    assert edges(RadiusGraph(beta=beta, max_degree=500)(ev)) == both

@@ -53,7 +53,7 @@ def use_files(folder, events):
 
 
 def use_graphs(events):
-    batch = nvsdata.collate([(T.radius_graph(events), 0)] * 2)[0]
+    batch = nvsdata.collate([(T.RadiusGraph()(events), 0)] * 2)[0]
     for pooling in ("max", "average"):
         network = models.RGCNN(3, sensor_size=(6, 5), channels=(4, 6), clusters=((2, 2), (5, 5)), pooling=pooling)
         network(batch).sum().backward()

@@ -12,7 +12,7 @@ from nvsdata import transforms as T
 from nvsdata.data.graph import Graph
 from nvsdata.data.pseudo import pseudo
 from nvsdata.models.graph_cnn import input_of
-from nvsdata.transforms.defaults import LITERAL_BETA
+from nvsdata.transforms.events.sampling import LITERAL_BETA
 
 SHAPE = {"channels": (5, 6, 7), "clusters": (None, None, (7, 7)), "hidden": 8}
 

@@ -13,7 +13,7 @@ from nvsdata import transforms as T
 from nvsdata.data.events import LATEST
 from nvsdata.models.graph_cnn import input_of
 from nvsdata.models.incremental import streaming
-from nvsdata.transforms.defaults import LITERAL_BETA
+from nvsdata.transforms.events.sampling import LITERAL_BETA
 
 SIZE = (34, 34)
 SMALL = {"channels": (4, 6, 6, 5), "clusters": ((2, 2), (2, 2), (4, 4), (7, 7)), "hidden": 9}
