@@ -6,7 +6,7 @@ from typing import Any
 
 from nvsdata.common.markup import as_html as escaped
 from nvsdata.datasets.facts import Sample
-from nvsdata.plots.gallery import Shelf, images
+from nvsdata.plots.gallery import ClassSummary, image_tags
 
 MOST = 10  # classes shown
 
@@ -18,11 +18,11 @@ def as_html(dataset: Any) -> str:
         # pairs of recordings have no picture
         if isinstance(sample, Sample):
             first.setdefault(sample.label, index)
-    shelf = Shelf("", 0)
+    shelf = ClassSummary("", 0)
     for label in sorted(first)[:MOST]:
         try:
             shelf.show(dataset.classes[label], dataset.recording(first[label]).read())
         except (OSError, ValueError):
             continue
     text = escaped(repr(dataset), "\n")
-    return f"<pre>{text}</pre>{images(shelf, 'height: 80px; image-rendering: pixelated')}"
+    return f"<pre>{text}</pre>{image_tags(shelf, 'height: 80px; image-rendering: pixelated')}"
