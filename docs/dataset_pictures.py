@@ -19,7 +19,7 @@ from nvsdata.data.author_graphs import read_author_graphs
 from nvsdata.data.recording import as_events
 from nvsdata.datasets import DATASETS
 from nvsdata.plots import event_image
-from nvsdata.plots.events import middle
+from nvsdata.plots.drawing import middle
 from nvsdata.plots.sheets import captioned_sheet
 
 HOME = "NVSDATA_DATASETS"  # names a folder of datasets, each in a folder or store of its name

@@ -3,8 +3,21 @@
 The public names stand in `__init__.pyi`, and are imported when they are first used: `import nvsdata` costs nothing.
 """
 
+from typing import Any
+
 import lazy_loader
 
 from nvsdata._version import __version__ as __version__
+from nvsdata.common.notebook import drawers
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def _png_of_events(events: Any) -> bytes:
+    from nvsdata.plots.show import png
+
+    return png(events)
+
+
+# here, because `data` is below `plots` and can't import it
+drawers["Events"] = _png_of_events

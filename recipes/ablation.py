@@ -212,12 +212,12 @@ def show(out: Path, groups: list[str], lines: list[dict[str, Any]]) -> None:
         print(f"\n{aligned([[group, *FIGURES.values(), 'seeds'], *rows])}")
         if len(found) > 1:
             values = [run["five"] for run in found.values()]
-            picture = plots.marked(values, list(found), f"{group}: accuracy of five windows' vote", "")
-            plots.save(picture, out / f"{group.replace(' ', '-')}.png")
+            picture = plots.points_chart(values, list(found), f"{group}: accuracy of five windows' vote", "")
+            plots.save_png(picture, out / f"{group.replace(' ', '-')}.png")
     for cost, xlabel in (("window_ms", "ms per window"), ("minutes", "minutes of training on one core")):
         points = [(run[cost], run["one"]) for run in runs.values()]
         picture = plots.tradeoff(points, list(runs), "accuracy and its cost", xlabel, "accuracy of one window")
-        plots.save(picture, out / f"front-{cost}.png")
+        plots.save_png(picture, out / f"front-{cost}.png")
 
 
 FIGURES = {"one": "one", "five": "five", "window_ms": "ms", "minutes": "minutes"}

@@ -28,7 +28,7 @@ from nvsdata.emulation import DVS, PIX2NVS, fit
 from nvsdata.emulation.fitting import correlation, intervals, pixel_index
 from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.search import search
-from nvsdata.plots.comparison import side_by_side
+from nvsdata.plots.sheets import side_by_side
 from nvsdata.training import run
 from nvsdata.video.frames import VideoFrame, frames_of
 
@@ -107,7 +107,7 @@ def compared(path: Path, args: argparse.Namespace) -> list[Row]:
         **({"v2e": v2e(args.v2e)} if args.v2e else {}),
     }
     print(f"{path.name}: events follow frames by {fitted.delay} µs; {fitted.settings}; unknown: {fitted.unidentified}")
-    plots.save(side_by_side(fitted.settings.emulate(test), real, 1e6 / test[1].time), args.out / f"{path.stem}.png")
+    plots.save_png(side_by_side(fitted.settings.emulate(test), real, 1e6 / test[1].time), args.out / f"{path.stem}.png")
     rows = [measured(name, emulate, test, real) for name, emulate in emulators.items()]
     scores = metrics.score([(row.inverse, row.chamfer, row.emd) for row in rows])
     return [replace(row, score=float(score)) for row, score in zip(rows, scores, strict=True)]

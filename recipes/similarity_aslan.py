@@ -133,7 +133,7 @@ def draw(scores: np.ndarray, same: np.ndarray, path: Path) -> None:
     false, true = roc(scores, same)
     lines = [("12 x 2 similarities", np.interp(rate, false, true).tolist()), ("chance", rate.tolist())]
     picture = plots.curves(lines, "true positive rate", "false positive rate", (560, 520), ends=(0.0, 1.0))
-    plots.save(picture, path)
+    plots.save_png(picture, path)
 
 
 def arguments() -> argparse.Namespace:

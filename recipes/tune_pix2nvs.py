@@ -20,7 +20,8 @@ from nvsdata.emulation.tuning.objective import TuningPair
 from nvsdata.emulation.tuning.report import trials_table
 from nvsdata.emulation.tuning.search import Search, Trial, search
 from nvsdata.emulation.tuning.space import SPACE
-from nvsdata.plots.comparison import score_curve, side_by_side
+from nvsdata.plots.charts import score_curve
+from nvsdata.plots.sheets import side_by_side
 from nvsdata.training import run
 
 # what the table varies
@@ -64,8 +65,8 @@ def tuned(pair: TuningPair, args: argparse.Namespace) -> None:
     text += f"best: {best.settings!r}\nits score is {share[0] / share[1]:.3f} times that of the table's best row\n"
     print(text)
     put(args.out / "table.txt", text.encode())
-    plots.save(score_curve(found.scores), args.out / "score.png")
-    plots.save(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
+    plots.save_png(score_curve(found.scores), args.out / "score.png")
+    plots.save_png(side_by_side(pair.emulate(best.settings), pair.real, pair.fps, args.offset), args.out / "best.png")
 
 
 if __name__ == "__main__":

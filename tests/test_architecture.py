@@ -118,7 +118,7 @@ CHANGING = {
     "PlaybackLog",
     "RecordingReport",
     "Search",
-    "Shelf",
+    "ClassSummary",
     "SimulatedDavis",
     "FrameSpikes",
     "Status",

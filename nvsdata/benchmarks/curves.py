@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from nvsdata.benchmarks.line import OURS, Line
-from nvsdata.plots import tradeoffs
+from nvsdata.plots import pareto_front
 
 SMALL = 1e-4  # s, below which a call's own cost hides how it grows
 BENT = 0.25  # by which the exponent of the larger half may exceed 1 and that of the smaller one
@@ -39,7 +39,7 @@ def is_tradeoff(lines: Sequence[Line]) -> bool:
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
     """Numbers of the points (error, seconds) for which no other has no larger error and takes less time, by error."""
-    return tradeoffs.front([(error, -seconds) for error, seconds in points])
+    return pareto_front([(error, -seconds) for error, seconds in points])
 
 
 def exponent(lines: Sequence[Line]) -> float:

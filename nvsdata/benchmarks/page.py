@@ -14,7 +14,7 @@ from nvsdata.benchmarks.table import work_table
 from nvsdata.benchmarks.tasks import TASKS
 from nvsdata.common.errors import shown
 from nvsdata.common.text import as_html
-from nvsdata.plots.axes import LINES, chart, words
+from nvsdata.plots.axes import LINES, escaped, new_chart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,7 +96,7 @@ def _tradeoff(lines: Sequence[Line]) -> str:
         if line.default:
             axes.scatter([place], [line.seconds * 1e3], facecolors="none", edgecolors=color, s=90, zorder=3)
         name = str(line.settings.get(line.axis, "")) if line.library == OURS else line.library
-        axes.annotate(words(name), (place, line.seconds * 1e3), (4, 4), textcoords="offset points", fontsize=7)
+        axes.annotate(escaped(name), (place, line.seconds * 1e3), (4, 4), textcoords="offset points", fontsize=7)
     if any(not line.error for line in known):
         axes.axvline(least / EXACT, color="#cccccc", linestyle=":", zorder=1)
         axes.annotate("exact", (least / EXACT, 0), (2, 2), xycoords=("data", "axes fraction"), fontsize=7,
@@ -113,14 +113,14 @@ def _growth(lines: Sequence[Line]) -> str:
         least = min((place for place, _ in points if place > 0), default=1.0)
         places = [max(place, least / EXACT) for place, _ in points]
         color = LINES[number % len(LINES)]
-        axes.plot(places, [time for _, time in points], "o-", color=color, markersize=4, label=words(library))
+        axes.plot(places, [time for _, time in points], "o-", color=color, markersize=4, label=escaped(library))
     if len({line.library for line in lines}) > 1:
         axes.legend(fontsize=7)
     return _svg(figure, lines[0].work)
 
 
 def _axes(line: Line, xlabel: str) -> tuple[Figure, Axes]:
-    figure, axes = chart(SIZE, line.work, xlabel, "ms")
+    figure, axes = new_chart(SIZE, line.work, xlabel, "ms")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.1)

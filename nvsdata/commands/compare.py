@@ -13,7 +13,7 @@ from nvsdata.common.errors import shown
 from nvsdata.common.locks import check_place
 from nvsdata.common.terminal import tell
 from nvsdata.common.text import aligned
-from nvsdata.plots.comparison import side_by_side
+from nvsdata.plots.sheets import side_by_side
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +57,7 @@ def compare_files(
     counts = [("events", "A", "B", "A / B")]
     for name, ours, theirs in zip(("OFF", "ON"), found.emulated_events, found.real_events, strict=True):
         counts.append((name, f"{ours:,}", f"{theirs:,}", f"{ours / theirs:.3f}" if theirs else ""))
-    plots.save(side_by_side(a, b, fps, offset), picture)
+    plots.save_png(side_by_side(a, b, fps, offset), picture)
     about = f"A  {shown(emulated)}  {a}\nB  {shown(real)}  {b}"
     text = f"{about}\n{aligned(rows)}\n\n{aligned(counts)}\ndrawn in {shown(picture)}"
     return text, asdict(found) | {"picture": picture}

@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata.datasets import EventFolder
     from nvsdata.datasets.facts import Sample
     from nvsdata.datasets.indexing import check_choice
-    from nvsdata.plots.gallery import Shelf, gallery
+    from nvsdata.plots.gallery import ClassSummary, gallery
 
     kind = args.dataset or EventFolder
     out = args.out or Path(f"{args.root.resolve().name}.html")
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         by_class: list[list[int]] = [[] for _ in data.classes]
         for index, sample in enumerate(data.samples):
             by_class[sample.label].append(index)
-        shelves = [Shelf(name, len(found)) for name, found in zip(data.classes, by_class, strict=True)]
+        shelves = [ClassSummary(name, len(found)) for name, found in zip(data.classes, by_class, strict=True)]
         draw = random.Random(0)
         chosen = [draw.sample(found, min(args.read, len(found))) for found in by_class]
         faults = []
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
                         faults.append(str(error))
                     else:
                         shelf.add(events)
-                        if len(shelf.pictures) < args.pictures:
+                        if len(shelf.images) < args.pictures:
                             shelf.show(name, events)
                     progress.update()
         put(out, gallery(args.root.resolve().name, shelves, faults).encode(), through_link=True)

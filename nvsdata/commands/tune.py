@@ -23,7 +23,8 @@ from nvsdata.emulation.tuning.objective import TuningPair, measured_on
 from nvsdata.emulation.tuning.report import trials_table, unseen_table
 from nvsdata.emulation.tuning.search import search
 from nvsdata.emulation.tuning.space import space_of
-from nvsdata.plots.comparison import score_curve, side_by_side
+from nvsdata.plots.charts import score_curve
+from nvsdata.plots.sheets import side_by_side
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -149,9 +150,11 @@ def tune_files(
         text = "\n\n".join(part for part in (*parts, repr(found.best.settings)) if part) + "\n"
         put(out / "table.txt", text.encode())
         write_settings(found.best.settings, out / "best.json")
-        plots.save(score_curve(found.scores), out / "score.png")
+        plots.save_png(score_curve(found.scores), out / "score.png")
         first = pairs[0]
-        plots.save(side_by_side(first.emulate(found.best.settings), first.real, first.fps, offset), out / "best.png")
+        plots.save_png(
+            side_by_side(first.emulate(found.best.settings), first.real, first.fps, offset), out / "best.png"
+        )
     message = (
         f"{text}\ntrials, table and plots are in {shown(out)}; "
         f"nvsdata convert-videos IN --settings {shown(out / 'best.json')}"

@@ -64,15 +64,15 @@ def run(args: argparse.Namespace) -> int:
 def save(out: Path, name: str, recording: Any, events: Any, film: Any, window: int | None) -> None:
     """Write what the extension says; `name` is a page's title."""
     from nvsdata.common.files import put
-    from nvsdata.plots.drawing import save as save_picture
+    from nvsdata.plots.drawing import save_png
     from nvsdata.plots.films import save_gif, save_mp4
-    from nvsdata.plots.page import page
+    from nvsdata.plots.page import player_page
 
     kind = out.suffix.lower()
     if kind == ".html":
         frames = recording.frames(events.start, events.end + 1) if recording.holds_samples else ()
-        put(out, page(events, name, frames, window).encode(), through_link=True)
+        put(out, player_page(events, name, frames, window).encode(), through_link=True)
     elif kind == ".png":
-        save_picture(film.sheet(events), out)
+        save_png(film.sheet(events), out)
     else:
-        (save_gif if kind == ".gif" else save_mp4)(film.pictures(events), out, film.fps)
+        (save_gif if kind == ".gif" else save_mp4)(film.images(events), out, film.fps)

@@ -13,6 +13,14 @@ from nvsdata.common.errors import shown
 Thing = TypeVar("Thing")
 
 
+def entry_points(group: str) -> Iterable[Any]:
+    """Return the entry points of a group."""
+    # not at import: it takes 28 ms
+    from importlib import metadata
+
+    return metadata.entry_points(group=group)
+
+
 class Registry(Mapping[str, Thing], Generic[Thing]):
     """Objects by their names, in the order in which they were registered.
 

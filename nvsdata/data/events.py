@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
 
+from nvsdata.common.notebook import drawers
 from nvsdata.kernels.decode import clock
 from nvsdata.kernels.decode.order import is_sorted, late, merge_late, stable_order
 from nvsdata.kernels.decode.select import copy_at, copy_where
@@ -222,15 +222,10 @@ class Events:
 
     __hash__ = None  # type: ignore[assignment]
 
-    def plot(self, kind: str = "frame", ax: Any = None) -> Any:
-        """Draw the events with matplotlib; returns the axes. See `nvsdata.plot`."""
-        # pictures know events, and events know no pictures until one is wanted
-        return import_module("nvsdata.plots.show").plot(self, kind, ax)
-
-    def _repr_png_(self) -> bytes:
-        """What a notebook shows."""
-        picture: bytes = import_module("nvsdata.plots.show").png(self)
-        return picture
+    def _repr_png_(self) -> bytes | None:
+        """Return the image that a notebook shows; None leaves it at the text."""
+        draw = drawers.get("Events")
+        return None if draw is None else draw(self)
 
     def __repr__(self) -> str:
         width, height = self.sensor_size

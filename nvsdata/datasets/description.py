@@ -85,18 +85,18 @@ def _shape(sample: Any) -> str:
 def notebook_view(dataset: Any) -> str:
     """Return HTML with a dataset's repr and an image of a recording of each of the first classes, if it can be read."""
     # OpenCV is imported for images only
-    from nvsdata.plots.gallery import Shelf, images
+    from nvsdata.plots.gallery import ClassSummary, image_tags
 
     first: dict[int, int] = {}
     for index, sample in enumerate(dataset.samples):
         # pairs of recordings have no image
         if isinstance(sample, Sample):
             first.setdefault(sample.label, index)
-    shelf = Shelf("", 0)
+    shelf = ClassSummary("", 0)
     for label in sorted(first)[:MOST_CLASSES]:
         try:
             shelf.show(dataset.classes[label], dataset.recording(first[label]).read())
         except (OSError, ValueError):
             continue
     text = as_html(repr(dataset), "\n")
-    return f"<pre>{text}</pre>{images(shelf, 'height: 80px; image-rendering: pixelated')}"
+    return f"<pre>{text}</pre>{image_tags(shelf, 'height: 80px; image-rendering: pixelated')}"

@@ -14,7 +14,7 @@ import numpy as np
 from nvsdata import formats
 from nvsdata.data.frame_edges import MICROSECONDS
 from nvsdata.emulation.job import Job
-from nvsdata.plots.events import event_image
+from nvsdata.plots.drawing import event_image
 from nvsdata.plots.films import save_mp4
 from nvsdata.video.decoder import USUAL_RATE, length_of
 from nvsdata.video.frames import TruncatedVideo, frames_of

@@ -13,6 +13,13 @@ from nvsdata.common.errors import FormatError
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.kernels.decode.reading import read_samples
 
+try:
+    # takes three quarters of zlib's time
+    from isal import isal_zlib as _zlib
+except ImportError:  # a platform for which isal has no wheel
+    import zlib as _zlib
+
+fast_zlib = _zlib
 PIECE = 1 << 20  # bytes that are read and decoded at a time
 _ROOMS: list[np.ndarray] = []  # buffers of a piece each, kept for reuse: fresh memory pages cost more than the reading
 HEAD = 1 << 16  # bytes that are read to recognize the format; fewer mean that it is the whole file
@@ -20,6 +27,8 @@ MOST_HEADER = 1 << 22  # bytes of lines at the start; jAER writes some 100 kB of
 LAST_LINES = ("#end of ascii header", "#!end-header", "% end")  # a header ends with such a line, whatever follows
 # an AEDAT record may begin with the mark by chance; Prophesee's rarely do, but their headers may be non-ASCII
 _PRINTABLE = {b"#": re.compile(rb"[\t\r\x20-\x7e]*"), b"%": re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*")}
+ALWAYS = 1 << 26  # bytes that any file may expand to
+RATIO = 100  # times its size that a larger file may expand to; events compress to a third or a tenth
 
 
 class Contents:
@@ -149,3 +158,34 @@ def header_lines(data: bytes, mark: bytes) -> tuple[list[str], int, bool]:
         if lines[-1].lower() in LAST_LINES:
             return lines, end, False
     return lines, end, end == len(data)
+
+
+def most_bytes(size: int) -> int:
+    """The most bytes that a compressed file of `size` bytes is allowed to hold."""
+    return max(ALWAYS, RATIO * size)
+
+
+class Allowance:
+    """How far the compressed parts of a file of `size` bytes may still inflate, one after the other.
+
+    - `left`: bytes, of those that `most_bytes` allows for all parts together
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.left = most_bytes(size)
+
+    def of(self, size: int) -> int:
+        """The most bytes that a part of `size` bytes is allowed to hold."""
+        return min(self.left, most_bytes(size))
+
+    def take(self, count: int) -> None:
+        """Subtract `count` bytes. ValueError if there aren't as many left."""
+        if count > self.left:
+            raise ValueError(f"inflates too far: {self.reason}")
+        self.left -= count
+
+    @property
+    def reason(self) -> str:
+        """What is allowed, as errors state it."""
+        return f"a file of {self.size} bytes is taken to hold {most_bytes(self.size)} at most"

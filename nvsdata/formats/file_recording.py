@@ -211,3 +211,25 @@ class FileRecording(Recording):
 def _unsigned(column: np.ndarray) -> np.ndarray:
     """The same integers viewed as unsigned, so that negative ones are larger than all others."""
     return column.view(column.dtype.str.replace("i", "u")) if column.dtype.kind == "i" else column
+
+
+def integers(path: str, name: str, column: np.ndarray) -> np.ndarray:
+    """A column of any numeric type as integers; integers keep their type.
+
+    FormatError, which names the column as `name`, for fractions, NaN, and numbers at or beyond 2^62.
+    """
+    if column.dtype.kind == "b":
+        return column.astype(np.uint8)
+    if column.dtype.kind == "f":
+        # NaN fails the comparison, too
+        if not ((np.abs(column) < LATEST) & (column == np.rint(column))).all():
+            raise FormatError(path, f"{name} holds numbers that aren't whole, or beyond 2^62")
+        return column.astype(np.int64)
+    if column.dtype.itemsize == 8 and column.size and not -LATEST < column.min() <= column.max() < LATEST:
+        raise FormatError(path, f"{name} holds numbers beyond 2^62")
+    return column
+
+
+def polarity(column: np.ndarray) -> np.ndarray:
+    """Polarity as 0 and 1, where OFF may be -1."""
+    return np.where(column == -1, 0, column) if column.dtype.kind == "i" else column

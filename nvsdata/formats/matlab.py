@@ -12,17 +12,12 @@ import struct
 from collections.abc import Iterator
 from itertools import islice
 
-import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import Columns
-from nvsdata.formats.columns import integers, polarity
-from nvsdata.formats.contents import Contents
-from nvsdata.formats.file_recording import FileRecording
-from nvsdata.formats.hdf5.chunks import values_of
-from nvsdata.formats.hdf5.file import check_stored, found_in, opened
-from nvsdata.formats.inflation import Allowance, ZlibError, decompressobj, most_bytes
+from nvsdata.formats.contents import Allowance, Contents, fast_zlib, most_bytes
+from nvsdata.formats.file_recording import FileRecording, integers, polarity
 from nvsdata.formats.registry import Format
 
 NAMES = {"t": ("ts", "t"), "x": ("x",), "y": ("y",), "p": ("pol", "p")}
@@ -99,10 +94,10 @@ class MatlabRecording(FileRecording):
 
     def _inflated(self, at: int, body: memoryview, left: int) -> memoryview:
         """The inflated body of a compressed element; FormatError as soon as it exceeds `left` bytes."""
-        inflater = decompressobj()
+        inflater = fast_zlib.decompressobj()
         try:
             inflated = inflater.decompress(body, left + 1)
-        except ZlibError as error:
+        except fast_zlib.error as error:
             raise FormatError(self.path, f"damaged compressed element: {error}", offset=at) from None
         if len(inflated) > left:
             size = self._contents.size
@@ -134,6 +129,12 @@ class MatlabRecording(FileRecording):
             found[name] = np.frombuffer(numbers, NUMBERS[kind])
 
     def _v73(self) -> dict[str, np.ndarray]:
+        # not at import: h5py takes 35 ms
+        import h5py
+
+        from nvsdata.formats.hdf5.chunks import values_of
+        from nvsdata.formats.hdf5.file import check_stored, found_in, opened
+
         wanted = {name for names in NAMES.values() for name in names}
         found: dict[str, np.ndarray] = {}
         left = Allowance(self._contents.size)

@@ -17,8 +17,8 @@ from numpy.lib import format as npy
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, STRUCTURE, Columns
 from nvsdata.data.frame_edges import MICROSECONDS
-from nvsdata.formats.columns import integers, polarity
 from nvsdata.formats.contents import Contents
+from nvsdata.formats.file_recording import integers, polarity
 from nvsdata.formats.records import Blocks, RecordFile
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import Pieces, headed

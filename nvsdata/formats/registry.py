@@ -46,24 +46,28 @@ def starts_with(mark: bytes) -> Callable[[bytes], bool]:
     return lambda head: head.startswith(mark)
 
 
-# nvsdata's own modules, each with its FORMAT; if several formats fit a file, the first is taken
+# nvsdata's own formats, named as entry points are; if several fit a file, the first is taken
 BUILT_IN = (
-    "nvsdata.formats.hdf5.layouts",
-    "nvsdata.formats.hdf5.compressed",
-    "nvsdata.recording.davis.file",
-    "nvsdata.formats.aedat.aedat2",
-    "nvsdata.formats.aedat.aedat1",
-    "nvsdata.formats.aedat.aedat3",
-    "nvsdata.formats.aedat.aedat4",
-    "nvsdata.formats.evt.evt3",
-    "nvsdata.formats.evt.evt2",
-    "nvsdata.formats.evt.evt21",
-    "nvsdata.formats.dat",
-    "nvsdata.formats.matlab",
-    "nvsdata.formats.npy",
-    "nvsdata.formats.text",
-    "nvsdata.formats.atis",
+    "nvsdata.formats.hdf5:FORMAT",
+    "nvsdata.formats.hdf5:COMPRESSED",
+    "nvsdata.recording.davis.file:FORMAT",
+    "nvsdata.formats.aedat.aedat2:FORMAT",
+    "nvsdata.formats.aedat.aedat1:FORMAT",
+    "nvsdata.formats.aedat.aedat3:FORMAT",
+    "nvsdata.formats.aedat.aedat4:FORMAT",
+    "nvsdata.formats.evt.evt3:FORMAT",
+    "nvsdata.formats.evt.evt2:FORMAT",
+    "nvsdata.formats.evt.evt2:EVT21",
+    "nvsdata.formats.dat:FORMAT",
+    "nvsdata.formats.matlab:FORMAT",
+    "nvsdata.formats.npy:FORMAT",
+    "nvsdata.formats.text:FORMAT",
+    "nvsdata.formats.atis:FORMAT",
 )
+
+
+def _built_in(module: str, name: str) -> Any:
+    return getattr(import_module(module), name)
 
 
 class _Formats(Registry[Format]):
@@ -73,7 +77,7 @@ class _Formats(Registry[Format]):
 
     def loaded(self) -> Iterable[Format]:
         if not self._complete:
-            found: list[Format] = [import_module(module).FORMAT for module in BUILT_IN]
+            found: list[Format] = [_built_in(*name.split(":")) for name in BUILT_IN]
             # at once: other threads may look meanwhile
             self._known = {**{one.name: one for one in found}, **self._known}
             self._complete = True

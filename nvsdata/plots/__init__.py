@@ -1,13 +1,12 @@
-"""Pictures of results: charts by matplotlib, pixels by OpenCV."""
+"""Charts and images of results: charts by matplotlib, images by OpenCV.
 
-from nvsdata.plots.calibration import reliability
-from nvsdata.plots.charts import curves
-from nvsdata.plots.classes import class_bars, confusion
-from nvsdata.plots.drawing import save
-from nvsdata.plots.events import event_image
+Every function returns an image as uint8 [H, W, 3] in BGR, which `save_png` writes.
+"""
+
+from nvsdata.plots.charts import curves, pareto_front, points_chart, tradeoff
+from nvsdata.plots.classification import class_bars, confusion, reliability
+from nvsdata.plots.drawing import event_image, save_png
 from nvsdata.plots.sheets import captioned_sheet, contact_sheet
-from nvsdata.plots.steps import marked
-from nvsdata.plots.tradeoffs import front, tradeoff
 
 __all__ = [
     "captioned_sheet",
@@ -16,9 +15,9 @@ __all__ = [
     "contact_sheet",
     "curves",
     "event_image",
-    "front",
-    "marked",
+    "pareto_front",
+    "points_chart",
     "reliability",
-    "save",
+    "save_png",
     "tradeoff",
 ]

@@ -17,17 +17,17 @@ DPI = 100
 
 
 def rgb(bgr: tuple[int, int, int]) -> tuple[float, float, float]:
-    """A color of OpenCV's for matplotlib."""
+    """Convert a color of OpenCV to one of matplotlib."""
     blue, green, red = bgr
     return red / 255, green / 255, blue / 255
 
 
-LINES = [rgb(OFF), rgb(ON), rgb(BOTH), rgb((90, 160, 60)), rgb((40, 150, 230))]
+LINES = [rgb(OFF), rgb(ON), rgb(BOTH), rgb((90, 160, 60)), rgb((40, 150, 230))]  # colors of lines, in their order
 
 
-def empty(size: tuple[int, int]) -> Figure:
-    """A figure of (width, height) pixels without a window."""
-    # not at import: it takes as long as all of nvsdata
+def new_figure(size: tuple[int, int]) -> Figure:
+    """Return an empty figure of (width, height) pixels without a window."""
+    # not at import: importing matplotlib takes as long as importing nvsdata
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -36,24 +36,24 @@ def empty(size: tuple[int, int]) -> Figure:
     return figure
 
 
-def chart(size: tuple[int, int], title: str = "", xlabel: str = "", ylabel: str = "") -> tuple[Figure, Axes]:
-    """An empty chart of (width, height) pixels."""
-    figure = empty(size)
+def new_chart(size: tuple[int, int], title: str = "", xlabel: str = "", ylabel: str = "") -> tuple[Figure, Axes]:
+    """Return an empty chart of (width, height) pixels."""
+    figure = new_figure(size)
     axes = figure.add_subplot()
-    dress(axes, title, xlabel, ylabel)
+    style_axes(axes, title, xlabel, ylabel)
     return figure, axes
 
 
-def words(text: str) -> str:
-    """A name as matplotlib writes it: printable, and without formulas, which dollar signs would begin."""
+def escaped(text: str) -> str:
+    """Return a text for matplotlib: printable, and with dollar signs that don't begin a formula."""
     return shown(text).replace("$", r"\$")
 
 
-def dress(axes: Axes, title: str = "", xlabel: str = "", ylabel: str = "") -> None:
-    """Give axes our colors and their words."""
-    axes.set_title(words(title), fontsize=10, color=rgb(INK), loc="left")
-    axes.set_xlabel(words(xlabel), fontsize=9, color=rgb(INK))
-    axes.set_ylabel(words(ylabel), fontsize=9, color=rgb(INK))
+def style_axes(axes: Axes, title: str = "", xlabel: str = "", ylabel: str = "") -> None:
+    """Set the title, the labels and the colors of axes."""
+    axes.set_title(escaped(title), fontsize=10, color=rgb(INK), loc="left")
+    axes.set_xlabel(escaped(xlabel), fontsize=9, color=rgb(INK))
+    axes.set_ylabel(escaped(ylabel), fontsize=9, color=rgb(INK))
     axes.tick_params(labelsize=8, colors=rgb(INK))
     axes.grid(color=rgb(FAINT), linewidth=0.8)
     axes.set_axisbelow(True)
@@ -61,7 +61,7 @@ def dress(axes: Axes, title: str = "", xlabel: str = "", ylabel: str = "") -> No
         axes.spines[side].set_visible(False)
 
 
-def drawn(figure: Figure) -> np.ndarray:
-    """The figure as uint8 [H, W, 3], BGR."""
+def rendered(figure: Figure) -> np.ndarray:
+    """Draw a figure into an image, uint8 [H, W, 3], BGR."""
     figure.canvas.draw()
     return np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[..., 2::-1])  # type: ignore[attr-defined]

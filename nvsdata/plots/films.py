@@ -1,4 +1,4 @@
-"""Films of events: a picture per window, as GIF, MP4 or one sheet."""
+"""Films of events, with a frame per window, as GIF, MP4 or one sheet of images."""
 
 from __future__ import annotations
 
@@ -16,29 +16,37 @@ from nvsdata.common.files import put
 from nvsdata.common.validation import microseconds, positive, whole
 from nvsdata.data.events import Events
 from nvsdata.data.frame_edges import check_count
-from nvsdata.plots.drawing import BOTH, OFF, ON
-from nvsdata.plots.events import event_image
+from nvsdata.plots.drawing import BOTH, OFF, ON, event_image
 from nvsdata.plots.sheets import captioned_sheet
 
 WINDOW = 33_333  # µs
-WIDE = 480  # pixels that small sensors are scaled up to
-MOMENTS = 12  # on a sheet
+WIDE = 480  # pixels; images of narrower sensors are enlarged to about this width
+MOMENTS = 12  # images on a sheet
 COLORS = (255, 255, 255), ON, OFF, BOTH
 MOST_IN_GIF = 3_000
-GIF_TICK = 10  # ms, in which a GIF counts
+GIF_TICK = 10  # ms, the unit of durations in a GIF
 
 
 @dataclass(frozen=True)
 class Film:
-    """How events become a film.
+    """Settings by which events become the frames of a film.
 
-    - `duration`: of the window that each picture shows, in µs (default 33,333); or
-    - `count`: number of events that each picture shows, one after the other (default None: by time)
-    - `speed`: of the film's clock, 1 (default) being real time; by time only
-    - `fps`: pictures per second (default 30.0)
-    - `zoom`: side in pixels of the sensor's pixels (default None: small sensors are scaled up to 480 pixels)
+    Args:
+        duration: Length in µs of the window that each frame shows (default 33,333).
+        count: Number of events that each frame shows, in place of `duration`; frames follow each other without gaps
+            or overlaps (default None: frames by time).
+        speed: Speed of the film; 1 (default) is real time. It applies to frames by time only.
+        fps: Frames per second (default 30.0).
+        zoom: Side in pixels that each pixel of the sensor gets (default None: narrow sensors are enlarged to about
+            480 pixels).
 
-    ValueError for settings out of range.
+    Raises:
+        ValueError: If a setting is out of range.
+
+    Example:
+        >>> events = Events([0, 100_000], [0, 3], [1, 1], [1, 0])
+        >>> sum(1 for image in Film(fps=10).images(events))
+        2
     """
 
     duration: int = WINDOW
@@ -56,28 +64,28 @@ class Film:
                 whole(name, getattr(self, name), 1)
 
     def windows(self, events: Events) -> Iterator[Events]:
-        """The events of each picture, at least one picture."""
+        """Yield the events of each frame; there is at least one frame."""
         if self.count is not None:
             for first in range(0, max(len(events), 1), int(self.count)):
                 yield events[first : first + int(self.count)]
             return
         step = 1e6 * self.speed / self.fps
-        pictures = int((events.end - events.start) / step) + 1
-        check_count(pictures)
-        for n in range(pictures):
+        frames = int((events.end - events.start) / step) + 1
+        check_count(frames)
+        for n in range(frames):
             start = events.start + round(n * step)
             yield events.window(start, start + int(self.duration))
 
-    def pictures(self, events: Events) -> Iterator[np.ndarray]:
-        """uint8 [H, W, 3], BGR, one after the other."""
+    def images(self, events: Events) -> Iterator[np.ndarray]:
+        """Yield the frames, uint8 [H, W, 3], BGR."""
         for window in self.windows(events):
             yield event_image(window, self._zoom(events))
 
     def sheet(self, events: Events) -> np.ndarray:
-        """Moments from beginning to end, each with its time and number of events: uint8 [H, W, 3], BGR."""
+        """Draw moments from beginning to end, each with its time and number of events: uint8 [H, W, 3], BGR."""
         tiles = []
         for window in self._moments(events):
-            # slices by number keep the whole's beginning
+            # a slice by number has the recording's start, not that of its first event
             first = window.start if self.count is None or not len(window) else int(window.t[0])
             at = (first - events.start) / 1e3
             tiles.append((event_image(window), [f"{at:,.1f} ms: {len(window):,} events"]))
@@ -97,24 +105,32 @@ class Film:
         return int(self.zoom or max(1, WIDE // events.sensor_size[0]))
 
 
-def save_gif(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
-    """Write pictures of `event_image`, uint8 [H, W, 3], as a GIF that repeats; the file appears whole or not at all.
+def save_gif(images: Iterable[np.ndarray], path: Path, fps: float) -> None:
+    """Write images of `event_image` as a GIF that repeats. The file appears whole or not at all.
 
-    A GIF counts in hundredths of a second, so that more than 50 pictures per second are not to be had. ValueError for
-    more than 3,000 pictures, which are all in memory.
+    Durations in a GIF are in hundredths of a second, and viewers slow down frames shorter than 20 ms. So the GIF has at
+    most 50 frames per second.
+
+    Args:
+        images: uint8 [H, W, 3], BGR. All of them are kept in memory.
+        path: The file.
+        fps: Frames per second.
+
+    Raises:
+        ValueError: If there are more than 3,000 images.
     """
     from PIL import Image
 
     palette = np.array([color[::-1] for color in COLORS], np.uint8)
     frames: list[Image.Image] = []
-    for picture in pictures:
+    for image in images:
         if len(frames) == MOST_IN_GIF:
-            raise ValueError(f"a GIF of more than {MOST_IN_GIF:,} pictures: take a part, or write an .mp4")
-        frame = Image.fromarray(_numbers(picture))
+            raise ValueError(f"a GIF has at most {MOST_IN_GIF:,} frames: select a part of the events, or write an .mp4")
+        frame = Image.fromarray(_numbers(image))
         frame.putpalette(palette.tobytes())
         frames.append(frame)
     buffer = io.BytesIO()
-    # each frame ends at the nearest tick, so that their errors don't add up
+    # each frame ends at the nearest tick, so that rounding errors don't add up
     ends = [max(GIF_TICK * round(1e3 * n / fps / GIF_TICK), 2 * GIF_TICK * n) for n in range(len(frames) + 1)]
     durations = np.diff(ends).tolist()
     frames[0].save(
@@ -123,35 +139,41 @@ def save_gif(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
     put(path, buffer.getvalue(), through_link=True)
 
 
-def _numbers(picture: np.ndarray) -> np.ndarray:
-    """Number of each pixel's color in the palette: uint8 [H, W]."""
-    numbers = np.zeros(picture.shape[:2], np.uint8)
+def _numbers(image: np.ndarray) -> np.ndarray:
+    """Return the number of each pixel's color in the palette, uint8 [H, W]."""
+    numbers = np.zeros(image.shape[:2], np.uint8)
     for number, color in enumerate(COLORS):
-        numbers[(picture == color).all(2)] = number
+        numbers[(image == color).all(2)] = number
     return numbers
 
 
 def _check_film(name: str, count: int) -> None:
-    """OSError unless the film has so many pictures: OpenCV doesn't report what a disk doesn't take."""
+    """Raise OSError unless the film has `count` frames: OpenCV doesn't report a full disk."""
     film = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
     found = int(film.get(cv2.CAP_PROP_FRAME_COUNT)) if film.isOpened() else 0
     film.release()
     if found != count:
-        raise OSError(errno.EIO, f"holds {found:,} of {count:,} pictures: is the disk of temporary files full?", name)
+        raise OSError(errno.EIO, f"has {found:,} of {count:,} frames: is the disk of temporary files full?", name)
 
 
-def save_mp4(pictures: Iterable[np.ndarray], path: Path, fps: float) -> None:
-    """Write pictures, uint8 [H, W, 3], BGR, as an MP4 (MPEG-4 part 2); the file appears whole or not at all.
+def save_mp4(images: Iterable[np.ndarray], path: Path, fps: float) -> None:
+    """Write images as an MP4 file (MPEG-4 part 2), which appears whole or not at all.
 
-    OSError if OpenCV can't encode it, or if the disk of temporary files is full.
+    Args:
+        images: uint8 [H, W, 3], BGR, all of one size.
+        path: The file.
+        fps: Frames per second.
+
+    Raises:
+        OSError: If OpenCV can't encode the film, or if the disk of temporary files is full.
     """
     count = 0
     with tempfile.TemporaryDirectory() as folder:
         name = str(Path(folder) / "film.mp4")
         writer = None
-        for picture in pictures:
-            # encoders want even sides
-            even = np.pad(picture, ((0, picture.shape[0] % 2), (0, picture.shape[1] % 2), (0, 0)), mode="edge")
+        for image in images:
+            # encoders require even sides
+            even = np.pad(image, ((0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)), mode="edge")
             if writer is None:
                 writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*"mp4v"), fps, even.shape[1::-1])
                 if not writer.isOpened():

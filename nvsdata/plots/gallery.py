@@ -1,4 +1,4 @@
-"""A page with pictures and figures of every class of a dataset."""
+"""A page with images and statistics of every class of a dataset."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from nvsdata.common.text import as_html
 from nvsdata.data.events import Events
-from nvsdata.plots.events import event_image, middle
+from nvsdata.plots.drawing import event_image, middle
 
-SHOWN = 50_000  # µs of events that a picture shows
+SHOWN = 50_000  # µs of events in an image
 
 STYLE = """
 body { font: 14px system-ui, sans-serif; color: #3c3c3c; margin: 0 auto; padding: 16px; max-width: 1500px; }
@@ -28,14 +28,16 @@ COLUMNS = "class", "recordings", "read", "events", "events/s", "seconds", "ON", 
 
 
 @dataclass
-class Shelf:
-    """What is shown of a class.
+class ClassSummary:
+    """Statistics and images of a class.
 
-    - `name`: of the class
-    - `recordings`: how many there are
-    - `events`, `seconds`, `on`: of each recording that was read: their number, time from first to last, and number of
-      ON events
-    - `pictures`: PNGs of some of them, and their names
+    Args:
+        name: Name of the class.
+        recordings: Number of its recordings.
+        events: Number of events of each recording that was read.
+        seconds: Time from the first to the last event of each, in s.
+        on: Number of ON events of each.
+        images: Name and PNG of some recordings.
     """
 
     name: str
@@ -43,21 +45,21 @@ class Shelf:
     events: list[int] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     on: list[int] = field(default_factory=list)
-    pictures: list[tuple[str, bytes]] = field(default_factory=list)
+    images: list[tuple[str, bytes]] = field(default_factory=list)
 
     def add(self, events: Events) -> None:
-        """Count a recording."""
+        """Add a recording to the statistics."""
         self.events.append(len(events))
         self.seconds.append(events.duration / 1e6)
         self.on.append(int(np.count_nonzero(events.p)))
 
     def show(self, name: str, events: Events) -> None:
-        """Show the middle of a recording."""
+        """Add an image of the midpoint of a recording."""
         image = event_image(middle(events, SHOWN))
-        self.pictures.append((name, cv2.imencode(".png", image)[1].tobytes()))
+        self.images.append((name, cv2.imencode(".png", image)[1].tobytes()))
 
     def cells(self) -> list[str]:
-        """Medians over recordings; the rate and the share of ON events are of all events together."""
+        """Return the cells of the class's row: medians over recordings; rate and fraction of ON over all events."""
         if not self.events:
             return [f"{self.recordings:,}", "0", *[""] * 4]
         total, time = sum(self.events), sum(self.seconds)
@@ -71,16 +73,22 @@ class Shelf:
         ]
 
 
-def gallery(title: str, shelves: Sequence[Shelf], faults: Sequence[str] = ()) -> str:
-    """An HTML page in one file: a row per class with its figures and pictures, and what couldn't be read."""
-    rows = [_row(as_html(shelf.name), shelf) for shelf in shelves]
-    if len(shelves) > 1:
-        rows.append(_row("<b>all</b>", _joined(shelves)))
+def gallery(title: str, classes: Sequence[ClassSummary], faults: Sequence[str] = ()) -> str:
+    """Return an HTML page in one file.
+
+    Args:
+        title: Title of the page.
+        classes: A row for each class, with its statistics and images.
+        faults: Messages about recordings that couldn't be read.
+    """
+    rows = [_row(as_html(one.name), one) for one in classes]
+    if len(classes) > 1:
+        rows.append(_row("<b>all</b>", _total(classes)))
     head = "".join(f"<th>{column}</th>" for column in COLUMNS)
     listed = "".join(f"<li>{as_html(fault)}</li>" for fault in faults)
     wrong = f"<h2>Not read: {len(faults)}</h2><ul>{listed}</ul>" if faults else ""
     name = as_html(title)
-    about = "Events and seconds are medians. Pictures: ON red, OFF blue, both purple."
+    about = "Events and seconds are medians. Images: ON red, OFF blue, both purple."
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{name}</title><style>{STYLE}</style></head>'
         f"<body><h1>{name}</h1><p>{about}</p><table><tr>{head}</tr>\n"
@@ -89,24 +97,24 @@ def gallery(title: str, shelves: Sequence[Shelf], faults: Sequence[str] = ()) ->
     )
 
 
-def _row(name: str, shelf: Shelf) -> str:
-    cells = "".join(f'<td class="n">{cell}</td>' for cell in shelf.cells())
-    return f"<tr><td>{name}</td>{cells}<td>{images(shelf)}</td></tr>"
+def _row(name: str, summary: ClassSummary) -> str:
+    cells = "".join(f'<td class="n">{cell}</td>' for cell in summary.cells())
+    return f"<tr><td>{name}</td>{cells}<td>{image_tags(summary)}</td></tr>"
 
 
-def images(shelf: Shelf, style: str = "") -> str:
-    """The pictures as HTML."""
+def image_tags(summary: ClassSummary, style: str = "") -> str:
+    """Return the images of a class as HTML elements with this CSS."""
     return "".join(
         f'<img alt="{as_html(title)}" title="{as_html(title)}" style="{style}" '
         f'src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-        for title, png in shelf.pictures
+        for title, png in summary.images
     )
 
 
-def _joined(shelves: Sequence[Shelf]) -> Shelf:
-    joined = Shelf("", sum(shelf.recordings for shelf in shelves))
-    for shelf in shelves:
-        joined.events += shelf.events
-        joined.seconds += shelf.seconds
-        joined.on += shelf.on
-    return joined
+def _total(classes: Sequence[ClassSummary]) -> ClassSummary:
+    total = ClassSummary("", sum(one.recordings for one in classes))
+    for one in classes:
+        total.events += one.events
+        total.seconds += one.seconds
+        total.on += one.on
+    return total

@@ -1,4 +1,4 @@
-"""A page that plays events and shows them as a cloud in space and time, in one file that needs nothing else."""
+"""An HTML page that plays events and shows them as a cloud in space and time, in one file without dependencies."""
 
 from __future__ import annotations
 
@@ -19,19 +19,30 @@ MOST_FRAMES = 600
 MOST_EVENTS = 20_000_000  # 210 MB
 
 
-def page(events: Events, title: str, frames: Iterable[Frame] = (), window: int | None = None) -> str:
-    """An HTML page with all of the events: a player with scrubber, speed and window length; rate over time; a cloud.
+def player_page(events: Events, title: str, frames: Iterable[Frame] = (), window: int | None = None) -> str:
+    """Return an HTML page that contains all events: a player with time slider, speed and window length; rate; cloud.
 
-    - `events`: at any times; 2 million of them make a page of 21 MB
-    - `title`: of the page
-    - `frames`: pictures of the same camera, shown behind the events; of more than 600, every second or third ...
-    - `window`: length of the window at first, in µs (default: 33,333, or a tenth of what is shorter than ten of these)
+    Args:
+        events: The events. 2 million events make a page of 21 MB.
+        title: Title of the page.
+        frames: Frames of the same camera, shown behind the events. If there are more than 600, only every second,
+            third ... is shown.
+        window: Length of the window at first, in µs (default: 33,333, or a tenth of a recording shorter than ten such
+            windows).
 
-    ValueError for more than 20 million events.
+    Returns:
+        The page's text.
+
+    Raises:
+        ValueError: If there are more than 20 million events.
+
+    Example:
+        >>> player_page(Events([0, 10], [0, 3], [1, 1], [1, 0]), "two events")[:15]
+        '<!doctype html>'
     """
     if len(events) > MOST_EVENTS:
         raise ValueError(
-            f"a page of {len(events):,} events is more than browsers take: take a part (up to {MOST_EVENTS:,})"
+            f"a page of {len(events):,} events is too large for browsers: select a part (up to {MOST_EVENTS:,} events)"
         )
     t, x, y, p = events.columns
     span = events.end - events.start
@@ -53,7 +64,7 @@ def page(events: Events, title: str, frames: Iterable[Frame] = (), window: int |
     about += f", {events.p.mean():.0%} ON" if len(events) else ""
     filled = {"__TITLE__": as_html(title), "__ABOUT__": about, "__DATA__": as_script(data)}
     text = files("nvsdata.plots").joinpath("viewer.html").read_text("utf-8")
-    # at once, because a title may hold another's name
+    # all in one pass, because a title may contain the name of another placeholder
     return re.sub("|".join(filled), lambda found: filled[found[0]], text)
 
 
@@ -66,7 +77,7 @@ def _some(frames: list[Frame]) -> list[Frame]:
 
 
 def _photo(frame: Frame, start: int) -> dict[str, object]:
-    """A frame, brightened to its own range, as JPEG."""
+    """Return a frame as JPEG, with its brightness stretched to the full range."""
     low, high = (float(bound) for bound in np.percentile(frame.pixels, (0.5, 99.5)))
     gray = ((frame.pixels - low) * (255 / max(high - low, 1))).clip(0, 255).astype(np.uint8)
     encoded = cv2.imencode(".jpg", gray, (cv2.IMWRITE_JPEG_QUALITY, 80))[1]

@@ -1,4 +1,4 @@
-"""Many small pictures on one sheet."""
+"""Sheets of many small images."""
 
 from __future__ import annotations
 
@@ -7,15 +7,28 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from nvsdata.plots.drawing import FONT, INK, ON, shortened, words
+from nvsdata.data.events import Events
+from nvsdata.plots.drawing import FONT, INK, ON, event_image, put_text, shortened
+
+MOMENTS = 6  # images of each recording in a comparison
+LEAST_WIDTH = 160  # pixels; images of smaller sensors are enlarged
 
 
 def contact_sheet(rows: Sequence[tuple[str, Sequence[np.ndarray]]], gap: int = 8, margin: int = 90) -> np.ndarray:
-    """Images of one size in rows, each row with its name on the left; uint8 [H, W, 3], BGR.
+    """Arrange images of one size in rows, each row with its name on the left.
 
-    - `rows`: name of each row and its images, uint8 [h, w, 3], BGR
-    - `gap`: pixels between images (default 8)
-    - `margin`: pixels on the left, for the names (default 90)
+    Args:
+        rows: Name and images of each row, uint8 [h, w, 3], BGR.
+        gap: Pixels between images (default 8).
+        margin: Pixels on the left, for the names (default 90).
+
+    Returns:
+        uint8 [H, W, 3], BGR.
+
+    Example:
+        >>> image = np.zeros((20, 30, 3), np.uint8)
+        >>> contact_sheet([("first", [image, image]), ("second", [image])]).shape
+        (64, 166, 3)
     """
     height, width = rows[0][1][0].shape[:2]
     columns = max(len(images) for _, images in rows)
@@ -32,12 +45,20 @@ def contact_sheet(rows: Sequence[tuple[str, Sequence[np.ndarray]]], gap: int = 8
 def captioned_sheet(
     tiles: Sequence[tuple[np.ndarray, Sequence[str]]], columns: int = 8, side: int = 176, gap: int = 12
 ) -> np.ndarray:
-    """Images of any sizes, each with lines of text below, the second one red; uint8 [H, W, 3], BGR.
+    """Arrange images of any sizes, each with lines of text below it. The second line is red.
 
-    - `tiles`: images, uint8 [h, w, 3], BGR, and their lines, from left to right and then down
-    - `columns`: at most so many side by side (default 8)
-    - `side`: pixels of the square that an image is scaled to fit (default 176)
-    - `gap`: pixels between tiles (default 12)
+    Args:
+        tiles: Images, uint8 [h, w, 3], BGR, and their lines of text, row by row.
+        columns: Largest number of tiles in a row (default 8).
+        side: Side in pixels of the square that each image is scaled to fit (default 176).
+        gap: Pixels between tiles (default 12).
+
+    Returns:
+        uint8 [H, W, 3], BGR.
+
+    Example:
+        >>> captioned_sheet([(np.zeros((20, 30, 3), np.uint8), ["cat", "wrong"])]).shape
+        (236, 200, 3)
     """
     line, count = 16, max(len(lines) for _, lines in tiles)
     columns = min(columns, len(tiles))
@@ -51,12 +72,36 @@ def captioned_sheet(
         sheet[y : y + fitted.shape[0], x : x + fitted.shape[1]] = fitted
         for i, text in enumerate(lines):
             at, color = (left, top + side + line * (i + 1)), ON if i == 1 else INK
-            words(sheet, shortened(text, side, 0.4), at, size=0.4, color=color)
+            put_text(sheet, shortened(text, side, 0.4), at, size=0.4, color=color)
     return sheet
 
 
+def side_by_side(a: Events, b: Events, fps: float, offset: int = 0) -> np.ndarray:
+    """Draw two recordings at the same six moments, in two rows.
+
+    Args:
+        a: Events of the upper row.
+        b: Events of the lower row.
+        fps: Each image shows 1 / fps s of events.
+        offset: µs that are added to the times of `b` (default 0).
+
+    Returns:
+        uint8 [H, W, 3], BGR.
+    """
+    origins = (a.start, b.start - offset)
+    span = max(events.end - origin for events, origin in zip((a, b), origins, strict=True))
+    length = round(1e6 / fps)
+    starts = np.linspace(0, max(span - length, 0), MOMENTS).astype(int).tolist()
+    zoom = max(1, LEAST_WIDTH // a.sensor_size[0])
+    rows = [
+        (name, [event_image(events.window(origin + s, origin + s + length), zoom) for s in starts])
+        for name, events, origin in zip("AB", (a, b), origins, strict=True)
+    ]
+    return contact_sheet(rows, margin=24)
+
+
 def _fitted(image: np.ndarray, side: int) -> np.ndarray:
-    """The image scaled to a square of `side` pixels: up by whole numbers, down as much as is needed."""
+    """Scale an image to fit a square of `side` pixels: up by a whole factor, down by any factor."""
     height, width = image.shape[:2]
     if max(height, width) <= side:
         zoom = side // max(height, width)

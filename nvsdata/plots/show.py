@@ -1,4 +1,4 @@
-"""Events, graphs and tensors as figures of matplotlib, to look at in a notebook or a script."""
+"""Figures of events, graphs and tensors by matplotlib, for notebooks and scripts."""
 
 from __future__ import annotations
 
@@ -12,30 +12,48 @@ import torch
 from nvsdata.data.events import Events
 from nvsdata.data.graph import Graph
 from nvsdata.data.recording import Recording, as_events, misplaced
-from nvsdata.plots.axes import LINES, drawn, dress, empty
-from nvsdata.plots.events import event_image, middle
+from nvsdata.plots.axes import LINES, new_figure, rendered, style_axes
+from nvsdata.plots.drawing import event_image, middle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_POINTS = 50_000  # of a cloud
-BINS = 200
-SHOWN = 100_000  # µs
+MOST_POINTS = 50_000  # points of a cloud
+BINS = 200  # of the rate over time
+SHOWN = 100_000  # µs of events in a notebook's image
 OFF, ON = LINES[:2]
 
 
 def plot(thing: Any, kind: str | None = None, ax: Axes | None = None) -> Axes:
-    """Draw events, a graph or a tensor with matplotlib; returns the axes.
+    """Draw events, a graph or a tensor with matplotlib.
 
-    - `thing`: `Events`, a `Recording` (decoded), a `Graph`, or a tensor [..., H, W] such as transforms give
-    - `kind`: of a picture of events: "frame" (default), pixels with ON events red, OFF events blue, both purple;
-      "cloud", space and time in three dimensions (of more than 50,000 events, some); "rate", events per second over
-      time by polarity; "polarity", the sum of each pixel's; "histogram", of the number of events per pixel. Graphs
-      have their nodes in the color of their polarity, and their edges; of a tensor, the last two axes are an image,
-      and all others are laid out side by side
-    - `ax`: where to draw (default: a new figure of `matplotlib.pyplot`); for a cloud, three-dimensional axes
+    A graph is drawn with its edges, and its nodes in the color of their polarity. The last two axes of a tensor are an
+    image; the images of all other axes are laid out side by side.
 
-    TypeError for anything else, ValueError for an unknown kind.
+    Args:
+        thing: `Events`, a `Recording` (which is decoded), a `Graph`, or a tensor or array [..., H, W].
+        kind: What to draw of events; None for graphs and tensors.
+
+            - "frame" (default): pixels with ON events are red, with OFF events blue, with both purple
+            - "cloud": space and time in three dimensions; at most 50,000 events are drawn
+            - "rate": events per second over time, by polarity
+            - "polarity": number of ON minus number of OFF events per pixel
+            - "histogram": distribution of the number of events per pixel
+        ax: Axes to draw into, three-dimensional ones for a cloud (default: those of a new figure of
+            `matplotlib.pyplot`).
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: If `thing` is anything else.
+        ValueError: If the kind is unknown.
+
+    Example:
+        >>> from matplotlib.figure import Figure
+        >>> events = Events([0, 10], [0, 3], [1, 1], [1, 0])
+        >>> plot(events, "rate", ax=Figure().add_subplot()).get_xlabel()
+        'ms'
     """
     if isinstance(thing, Events | Recording):
         name = kind or "frame"
@@ -57,13 +75,13 @@ def plot(thing: Any, kind: str | None = None, ax: Axes | None = None) -> Axes:
 
 
 def png(events: Events) -> bytes:
-    """The events' middle tenth of a second, and their rate: a PNG for notebooks."""
-    figure = empty((900, 330))
+    """Draw events for a notebook: the 100 ms at the midpoint, and the rate over time. Returns a PNG."""
+    figure = new_figure((900, 330))
     frame, rate = figure.subplots(1, 2, width_ratios=(1, 1.4))
     _frame(frame, middle(events, SHOWN))
     _rate(rate, events)
-    frame.set_title(f"{SHOWN // 1_000} ms in the middle", fontsize=10, loc="left")
-    return cv2.imencode(".png", drawn(figure))[1].tobytes()
+    frame.set_title(f"{SHOWN // 1_000} ms at the midpoint", fontsize=10, loc="left")
+    return cv2.imencode(".png", rendered(figure))[1].tobytes()
 
 
 def _axes(projection: str | None) -> Axes:
@@ -78,8 +96,8 @@ def _about(events: Events) -> str:
 
 
 def _pixels(axes: Axes, title: str, size: tuple[int, int]) -> None:
-    """Axes of a sensor's pixels, the origin top left."""
-    dress(axes, title, "x", "y")
+    """Set up axes of a sensor's pixels, with the origin at the top left."""
+    style_axes(axes, title, "x", "y")
     axes.grid(visible=False)
     axes.set_xlim(-0.5, size[0] - 0.5)
     axes.set_ylim(size[1] - 0.5, -0.5)
@@ -105,13 +123,13 @@ def _rate(axes: Axes, events: Events) -> None:
         t = events.t[events.p == polarity] - events.start
         counts, edges = np.histogram(t, BINS, (0, span))
         axes.stairs(counts / (span / BINS / 1e6), edges / 1e3, color=(OFF, ON)[polarity], label=name)
-    dress(axes, _about(events), "ms", "events/s")
+    style_axes(axes, _about(events), "ms", "events/s")
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8, frameon=False)
 
 
 def _per_pixel(events: Events, weights: np.ndarray | None = None) -> np.ndarray:
-    """Number of each pixel's events, or sum of their weights: [H, W]."""
+    """Return each pixel's number of events, or the sum of their weights, [H, W]."""
     width, height = events.sensor_size
     place = events.y.astype(np.int64) * width + events.x
     return np.bincount(place, weights, width * height).reshape(height, width)
@@ -124,7 +142,9 @@ def _histogram(axes: Axes, events: Events) -> None:
     axes.set_xscale("log")
     if len(events):
         axes.set_yscale("log", nonpositive="clip")
-    dress(axes, f"{_about(events)}; {np.mean(counts == 0):.0%} of the pixels have none", "events of a pixel", "pixels")
+    style_axes(
+        axes, f"{_about(events)}; {np.mean(counts == 0):.0%} of the pixels have none", "events of a pixel", "pixels"
+    )
 
 
 def _cloud(axes: Axes, events: Events) -> None:
@@ -156,7 +176,7 @@ def _tensor(axes: Axes, tensor: torch.Tensor | np.ndarray) -> None:
     count, height, width = images.shape
     columns = max(1, min(count, round(np.sqrt(count * height / width * 1.5))))
     rows = max(1, -(-count // columns))
-    # a pixel between images
+    # images are one pixel apart
     sheet = np.full((rows * (height + 1) - 1, columns * (width + 1) - 1), np.nan)
     for n, image in enumerate(images):
         top, left = n // columns * (height + 1), n % columns * (width + 1)
@@ -166,7 +186,7 @@ def _tensor(axes: Axes, tensor: torch.Tensor | np.ndarray) -> None:
     most = np.nanmax(abs(sheet)) if count else 1
     image = axes.imshow(sheet, "RdBu_r" if signed else "viridis", vmin=-most if signed else low, vmax=most)
     axes.figure.colorbar(image, ax=axes, shrink=0.8)
-    dress(axes, f"[{', '.join(map(str, values.shape))}]")
+    style_axes(axes, f"[{', '.join(map(str, values.shape))}]")
     axes.set_axis_off()
 
 

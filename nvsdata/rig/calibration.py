@@ -13,7 +13,7 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.common.files import put
 from nvsdata.data.events import Events
-from nvsdata.plots import curves, save
+from nvsdata.plots import curves, save_png
 from nvsdata.plots.drawing import OFF, ON
 from nvsdata.recording.davis.registers import CameraSettings
 from nvsdata.rig.clock_fit import LONGEST, ClockFit, NoSync
@@ -218,13 +218,13 @@ def write_calibration(found: ScreenCalibration, settings: CameraSettings, size: 
     }
     for name, value in ((FIGURES, figures), ("settings.json", asdict(settings))):
         put(out / name, f"{json.dumps(value, indent=1)}\n".encode())
-    save(_picture(found), out / "corners.png")
+    save_png(_picture(found), out / "corners.png")
     shown = (found.frequencies >= SLOWEST) & (found.frequencies <= HIGHEST)
     spectrum = found.spectrum[shown]
     lines = [("rate of events", spectrum.tolist())]
     title = "flicker of a still screen: height over noise"
     ends = (SLOWEST, HIGHEST)
-    save(curves(lines, title, "Hz", highest=max(float(spectrum.max()), STRONG), ends=ends), out / "flicker.png")
+    save_png(curves(lines, title, "Hz", highest=max(float(spectrum.max()), STRONG), ends=ends), out / "flicker.png")
 
 
 def corners_in(folder: Path) -> list[list[float]]:

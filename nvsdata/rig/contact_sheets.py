@@ -13,7 +13,7 @@ import numpy as np
 from nvsdata import formats
 from nvsdata.batch.folder import Video
 from nvsdata.batch.manifest import Manifest
-from nvsdata.plots import event_image, save
+from nvsdata.plots import event_image, save_png
 from nvsdata.plots.drawing import FONT, INK
 from nvsdata.video.decoder import quiet
 
@@ -46,7 +46,7 @@ class Sheets:
 
     def _draw(self, page: int) -> None:
         there = [(video, self.manifest.videos.get(video.name)) for video in self._pages[page]]
-        save(_page(there), self.out / f"contact-sheet-{page + 1:03}.png")
+        save_png(_page(there), self.out / f"contact-sheet-{page + 1:03}.png")
         self._stale.discard(page)
 
     def __enter__(self) -> Self:
@@ -64,7 +64,7 @@ class Sheets:
         videos = [video for page in self._pages for video in page]
         flagged = [(video, lines[video.name]) for video in videos if lines.get(video.name, {}).get("look")]
         if flagged:
-            save(_page(flagged[: COLUMNS * ROWS]), path)
+            save_png(_page(flagged[: COLUMNS * ROWS]), path)
         else:
             path.unlink(missing_ok=True)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from nvsdata.common.files import put
 from nvsdata.common.text import as_html
-from nvsdata.plots.timelines import timeline
+from nvsdata.plots.charts import timeline
 from nvsdata.rig import content, take
 
 REPORT = "report.html"

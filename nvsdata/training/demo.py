@@ -46,7 +46,7 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     train = EventFolder(data, "train", transform=pipeline(augmented=True))
     test = EventFolder(data, "test", transform=pipeline(augmented=False))
     print(f"{len(train)} recordings to train on, {len(test)} to test on, in {shown(data)}")
-    plots.save(_samples_picture(data), out / "samples.png")
+    plots.save_png(_samples_picture(data), out / "samples.png")
 
     model = models.rgcnn("n-mnist", len(train.classes))
     optimizer, schedule = training.adam(model, epochs, (60, 110))
@@ -63,7 +63,7 @@ def _train(out: Path, epochs: int, seed: int, here: training.Team) -> None:
     trainer.fit(train, evaluate)
     trainer.publish(train.classes, test.transform, trainer.lines[-1])
     curves = [(name, [line[f"{name}_accuracy"] for line in trainer.lines]) for name in ("train", "test")]
-    plots.save(plots.curves(curves, "nvsdata demo: accuracy", "epoch"), out / "learning.png")
+    plots.save_png(plots.curves(curves, "nvsdata demo: accuracy", "epoch"), out / "learning.png")
     single, votes = training.accuracies(model, load(last=VOTES), VOTES, here)
     print(f"accuracy on {len(test)} recordings not trained on, one 30 ms window each: {single:.3f}")
     print(f"the same, {VOTES} windows of each recording voting: {votes:.3f}")

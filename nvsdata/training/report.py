@@ -51,7 +51,7 @@ def write_report(
         if picture is None:
             (trainer.out / name).unlink(missing_ok=True)
         else:
-            plots.save(picture, trainer.out / name)
+            plots.save_png(picture, trainer.out / name)
     count = sum(p is not None for p in pictures.values())
     trainer.team.print(f"report: {shown(trainer.out / REPORT)}, and {count} pictures")
 
@@ -71,11 +71,11 @@ def _pictures(summary: Summary, by_length: dict[int, float], classes: Sequence[s
     if windows > 1:
         names = [str(k + 1) for k in range(windows)]
         title = f"accuracy by the number of votes, {of}"
-        pictures["votes.png"] = plots.marked(summary.by_votes.tolist(), names, title, "windows that vote")
+        pictures["votes.png"] = plots.points_chart(summary.by_votes.tolist(), names, title, "windows that vote")
     if by_length:
         names = [f"{length / 1000:.3g}" for length in by_length]
         title = "accuracy of one window by its length"
-        pictures["lengths.png"] = plots.marked(list(by_length.values()), names, title, "ms of a window")
+        pictures["lengths.png"] = plots.points_chart(list(by_length.values()), names, title, "ms of a window")
     return pictures
 
 

@@ -117,7 +117,7 @@ def test_a_page_has_the_frames_up_to_its_last_event(tmp_path, monkeypatch):
         drawn.append((name, [frame.exposure_start for frame in frames], window))
         return "<p>"
 
-    monkeypatch.setattr("nvsdata.plots.page.page", page)
+    monkeypatch.setattr("nvsdata.plots.page.player_page", page)
     save(tmp_path / "b.HTML", "a", nvsdata.open(tmp_path / "a.h5"), events, Film(), 7)
     nvsdata.write(events, tmp_path / "c.h5")
     save(tmp_path / "d.html", "c", nvsdata.open(tmp_path / "c.h5"), events, Film(), None)

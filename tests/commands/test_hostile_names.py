@@ -25,8 +25,8 @@ from nvsdata.common.terminal import escaped_output
 from nvsdata.common.text import aligned, as_html, as_script
 from nvsdata.datasets.cache.cached import TAG as CACHE_CONTENT
 from nvsdata.datasets.source import CACHE_TAG
-from nvsdata.plots.gallery import Shelf, gallery
-from nvsdata.plots.page import page as view_page
+from nvsdata.plots.gallery import ClassSummary, gallery
+from nvsdata.plots.page import player_page as view_page
 from nvsdata.rig.report import page as report_page
 from nvsdata.training import main as recipes
 
@@ -170,7 +170,7 @@ def test_who_writes_is_named_without_obeying(tmp_path, monkeypatch, capsys):
 def test_every_page_shows_names_as_text(root):
     events = trees.some(1)
     harmless(view_page(events, TAG))
-    shelf = Shelf(TAG, 1)
+    shelf = ClassSummary(TAG, 1)
     shelf.add(events)
     shelf.show(TAG, events)
     harmless(gallery(TAG, [shelf, shelf], [TAG]))

@@ -24,7 +24,7 @@ from nvsdata.common.locks import OutputInUse, locked
 from nvsdata.emulation import PIX2NVS, convert, preview
 from nvsdata.emulation.convert import convert_videos, plan
 from nvsdata.emulation.estimate import estimate_conversion
-from nvsdata.formats.hdf5 import layouts as hdf5
+from nvsdata.formats import hdf5
 from nvsdata.plots import event_image
 from nvsdata.video.frames import frames_of
 from nvsdata.video.view import VideoView

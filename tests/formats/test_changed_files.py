@@ -13,8 +13,8 @@ from nvsdata import Events, FormatError
 from nvsdata.datasets import EventFolder
 from nvsdata.datasets.store.writer import pack
 from nvsdata.formats import contents, ondisk
+from nvsdata.formats.evt.evt2 import Evt21Recording
 from nvsdata.formats.evt.evt3 import Evt3Recording
-from nvsdata.formats.evt.evt21 import Evt21Recording
 from nvsdata.formats.hdf5.chunks import Chunks
 from nvsdata.kernels.decode.evt2 import evt21_count
 from nvsdata.kernels.decode.evt3 import evt3_count

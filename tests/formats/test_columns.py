@@ -9,9 +9,9 @@ import pytest
 import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.formats import kept_index
-from nvsdata.formats.columns import integers, polarity
+from nvsdata.formats.contents import most_bytes
+from nvsdata.formats.file_recording import integers, polarity
 from nvsdata.formats.hdf5 import columns as hdf5_columns
-from nvsdata.formats.inflation import most_bytes
 from nvsdata.formats.writing import Pieces, stated_time, time_comment
 
 LAST = 2**62 - 1

@@ -12,10 +12,10 @@ from lookalikes import MATLAB_73, aedat4_events, aedat4_packet, hdf5_bytes
 
 import nvsdata
 from nvsdata import Events, FormatError
-from nvsdata.formats import inflation
+from nvsdata.formats import contents
 from nvsdata.formats.aedat import aedat4
+from nvsdata.formats.contents import Allowance
 from nvsdata.formats.hdf5.chunks import Chunks
-from nvsdata.formats.inflation import Allowance
 
 EV = Events([1, 5], [1, 2], [3, 4], [0, 1], (320, 240))
 SIZE = (320, 240)
@@ -46,8 +46,8 @@ def opened(tmp_path, raw, **how):
 @pytest.fixture
 def small(monkeypatch):
     """A bound of 100 kB in the place of 64 MiB, so that tests need no memory, and 2 times the size for 100."""
-    monkeypatch.setattr(inflation, "ALWAYS", 100_000)
-    monkeypatch.setattr(inflation, "RATIO", 2)
+    monkeypatch.setattr(contents, "ALWAYS", 100_000)
+    monkeypatch.setattr(contents, "RATIO", 2)
 
 
 def test_parts_take_from_what_a_file_is_allowed(small):

@@ -82,7 +82,7 @@ def test_bars_of_confidence_stand_in_their_bins():
 
 @pytest.mark.parametrize("values", [[0.5], [0.0, 1.0], [1.0, 1.0, 1.0], [0.3] * 40])
 def test_marked_values_lie_within(values):
-    picture = plots.marked(values, [str(i) for i in range(len(values))], "title", "x")
+    picture = plots.points_chart(values, [str(i) for i in range(len(values))], "title", "x")
     rows, columns = np.nonzero((picture == drawing.OFF).all(2))
     assert len(rows) > 20
     assert 25 < rows.min() < rows.max() < 390
@@ -94,7 +94,7 @@ def test_of_many_marked_values_some_are_written_from_the_first_on(count, written
     seen = []
     monkeypatch.setattr("matplotlib.axes.Axes.annotate", lambda axes, text, at, *more, **how: seen.append((text, at)))
     values = [0.5 + n / 100 for n in range(count)]
-    plots.marked(values, [str(n) for n in range(count)], "title", "x")
+    plots.points_chart(values, [str(n) for n in range(count)], "title", "x")
     step = -(-count // 12)
     assert len(seen) == written
     assert seen == [(f"{values[n]:.3f}", (n, values[n])) for n in range(0, count, step)]
@@ -115,4 +115,4 @@ def test_long_words_are_cut():
     assert drawing.shortened("short", 200) == "short"
     cut = drawing.shortened("a name that goes on and on", 60)
     assert cut.endswith("..")
-    assert drawing.width_of(cut) <= 60
+    assert drawing.text_width(cut) <= 60

@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from nvsdata import plots
 from nvsdata.plots import drawing
-from nvsdata.plots.axes import LINES, empty, rgb
+from nvsdata.plots.axes import LINES, new_figure, rgb
 
 
 @pytest.fixture
@@ -21,8 +21,8 @@ def figures(monkeypatch):
         made.append(figure)
         return np.zeros((1, 1, 3), np.uint8)
 
-    for module in ("calibration", "charts", "classes", "steps", "tradeoffs"):
-        monkeypatch.setattr(f"nvsdata.plots.{module}.drawn", keep)
+    for module in ("charts", "classification"):
+        monkeypatch.setattr(f"nvsdata.plots.{module}.rendered", keep)
     return made
 
 
@@ -56,7 +56,7 @@ def test_colors_of_opencv_are_those_of_matplotlib():
     assert rgb((255, 51, 0)) == (0, 0.2, 1)
     assert LINES[:3] == [rgb(drawing.OFF), rgb(drawing.ON), rgb(drawing.BOTH)]
     assert len({tuple(color) for color in LINES}) == 5
-    assert pixels(empty((301, 200))) == (301, 200)
+    assert pixels(new_figure((301, 200))) == (301, 200)
 
 
 def test_charts_have_their_words_and_two_axes(figures):
@@ -238,7 +238,7 @@ def test_as_many_bars_as_there_is_room_for(figures, count, height, title):
 
 def test_marked_values_have_their_names_and_an_axis_up_to_1(figures):
     def axes(values, names="abcdef"):
-        plots.marked(values, names[: len(values)], "title", "number")
+        plots.points_chart(values, names[: len(values)], "title", "number")
         (found,) = figures[-1].axes
         return found
 

@@ -36,7 +36,7 @@ def test_windows_by_number_have_each_event_once():
 
 def test_a_gif_has_the_pictures_of_the_events_and_their_times(tmp_path):
     film = Film(10_000, fps=25, zoom=2)
-    save_gif(film.pictures(EVENTS), tmp_path / "a.gif", film.fps)
+    save_gif(film.images(EVENTS), tmp_path / "a.gif", film.fps)
     with Image.open(tmp_path / "a.gif") as gif:
         assert gif.n_frames == len(counts(film)) == 3
         for number, window in enumerate(film.windows(EVENTS)):
@@ -62,7 +62,7 @@ def test_a_gif_lasts_as_long_as_its_pictures(tmp_path, fps):
 
 def test_an_mp4_has_the_pictures_of_the_events(tmp_path):
     film = Film(10_000, fps=100, zoom=33)
-    save_mp4(film.pictures(EVENTS), tmp_path / "a.mp4", film.fps)
+    save_mp4(film.images(EVENTS), tmp_path / "a.mp4", film.fps)
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     assert video.get(cv2.CAP_PROP_FPS) == 100
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 10
@@ -138,9 +138,9 @@ def test_a_sheet_says_when_each_picture_is(monkeypatch):
 @pytest.mark.parametrize(("width", "zoom"), [(5, 96), (240, 2), (241, 1), (480, 1), (640, 1)])
 def test_small_sensors_are_scaled_up_to_480_pixels(width, zoom):
     events = Events([0], [0], [0], [1], (width, 2))
-    (picture,) = Film().pictures(events)
+    (picture,) = Film().images(events)
     assert picture.shape == (2 * zoom, width * zoom, 3)
-    (picture,) = Film(zoom=1).pictures(events)
+    (picture,) = Film(zoom=1).images(events)
     assert picture.shape == (2, width, 3)
 
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from nvsdata import Events, plots
-from nvsdata.plots.gallery import Shelf, gallery, images
+from nvsdata.plots.gallery import ClassSummary, gallery, image_tags
 
 
 def events(count, on):
@@ -14,7 +14,7 @@ def events(count, on):
 
 
 def test_figures_of_a_class_are_by_hand():
-    shelf = Shelf("cat", 1_234)
+    shelf = ClassSummary("cat", 1_234)
     assert shelf.cells() == ["1,234", "0", "", "", "", ""]
     for count, on in ((1_001, 1_001), (3_001, 0), (2_001, 500)):
         shelf.add(events(count, on))
@@ -23,7 +23,7 @@ def test_figures_of_a_class_are_by_hand():
 
 
 def test_a_class_of_recordings_without_events_or_time():
-    shelf = Shelf("cat", 2)
+    shelf = ClassSummary("cat", 2)
     shelf.add(Events.empty((3, 2)))
     assert shelf.cells() == ["2", "1", "0", "", "0", ""]
     shelf.add(events(1, 1))
@@ -35,20 +35,20 @@ def test_a_picture_is_of_the_middle_twentieth_of_a_second():
     t = np.arange(201) * 1_000
     part = (t >= 75_000).astype(int) + (t >= 125_000)
     recording = Events(t, part, t * 0, t > -1, (3, 1))
-    shelf = Shelf("cat", 1)
+    shelf = ClassSummary("cat", 1)
     shelf.show("<a>", recording)
-    ((_, png),) = shelf.pictures
+    ((_, png),) = shelf.images
     picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert np.array_equal(picture, plots.event_image(recording.window(75_000, 125_000)))
     assert picture[0, :, 1].tolist() == [255, 60, 255]
-    text = images(shelf, "height: 9px")
+    text = image_tags(shelf, "height: 9px")
     assert text.count("<img") == 1
     assert 'alt="&lt;a&gt;" title="&lt;a&gt;" style="height: 9px"' in text
     assert f'src="data:image/png;base64,{base64.b64encode(png).decode()}"' in text
 
 
 def test_classes_are_joined_if_there_are_several():
-    cat, dog = Shelf("c & t", 5, [10, 30], [1.0, 1.0], [10, 20]), Shelf("dog", 7, [50], [2.0], [15])
+    cat, dog = ClassSummary("c & t", 5, [10, 30], [1.0, 1.0], [10, 20]), ClassSummary("dog", 7, [50], [2.0], [15])
     one, both = gallery("<pets>", [cat]), gallery("<pets>", [cat, dog], ["x<y: torn", "z: torn"])
     assert "<b>all</b>" not in one
     assert "Not read" not in one

@@ -16,8 +16,8 @@ import pytest
 
 from nvsdata import Events
 from nvsdata.data.samples import Frame
-from nvsdata.plots.events import event_image
-from nvsdata.plots.page import page
+from nvsdata.plots.drawing import event_image
+from nvsdata.plots.page import player_page
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 LATE = 10**15
@@ -36,7 +36,7 @@ def embedded(text):
 
 
 def test_a_page_holds_all_events():
-    data, t, x, y, p = embedded(page(MOVING, "a <title> & more", [FRAME]))
+    data, t, x, y, p = embedded(player_page(MOVING, "a <title> & more", [FRAME]))
     assert np.array_equal(t + LATE, MOVING.t)
     for found, wanted in ((x, MOVING.x), (y, MOVING.y), (p, MOVING.p)):
         assert np.array_equal(found, wanted)
@@ -50,7 +50,7 @@ def test_a_page_holds_all_events():
 
 
 def test_a_page_needs_nothing_else():
-    text = page(MOVING, "a <title> & more")
+    text = player_page(MOVING, "a <title> & more")
     assert "<title>a &lt;title&gt; &amp; more</title>" in text
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", text)
     assert "__" not in re.sub(r"<script id=\"data\".*?</script>", "", text)
@@ -59,21 +59,21 @@ def test_a_page_needs_nothing_else():
 def test_more_events_than_a_browser_takes(monkeypatch):
     monkeypatch.setattr("nvsdata.plots.page.MOST_EVENTS", 3_999)
     with pytest.raises(ValueError, match=r"a page of 4,000 events .* take a part \(up to 3,999\)"):
-        page(MOVING, "")
+        player_page(MOVING, "")
 
 
 def test_long_recordings_and_empty_ones():
     days = Events([0, 3 * 10**11], [0, 1], [0, 0], [0, 1], (2, 1))
-    _, t, *_ = embedded(page(days, ""))
+    _, t, *_ = embedded(player_page(days, ""))
     assert t[0] == 0
     assert abs(int(t[1]) - 3 * 10**11) < 100
-    assert embedded(page(Events.empty((5, 3)), ""))[0]["window"] == 1
-    assert embedded(page(MOVING, "", window=500))[0]["window"] == 500
+    assert embedded(player_page(Events.empty((5, 3)), ""))[0]["window"] == 1
+    assert embedded(player_page(MOVING, "", window=500))[0]["window"] == 500
 
 
 def test_a_title_may_hold_any_words():
-    text = page(MOVING, "__DATA__ <b> __ABOUT__")
-    assert text.count("__DATA__ &lt;b&gt; __ABOUT__") == page(MOVING, "plain words").count("plain words")
+    text = player_page(MOVING, "__DATA__ <b> __ABOUT__")
+    assert text.count("__DATA__ &lt;b&gt; __ABOUT__") == player_page(MOVING, "plain words").count("plain words")
     assert embedded(text)[0]["size"] == [40, 30]
 
 
@@ -92,30 +92,30 @@ def test_a_title_may_hold_any_words():
 )
 def test_times_of_a_page_fit_32_bits(span, unit, window):
     events = Events([7, 7 + span], [0, 1], [0, 0], [0, 1], (2, 1))
-    data, t, *_ = embedded(page(events, ""))
+    data, t, *_ = embedded(player_page(events, ""))
     assert (data["unit"], data["span"], data["window"]) == (unit, span, window)
     assert t.tolist() == [0, span // unit * unit]
     # no longer than what there is
-    assert embedded(page(events, "", window=50))[0]["window"] == min(50, span)
+    assert embedded(player_page(events, "", window=50))[0]["window"] == min(50, span)
 
 
 def test_a_page_says_what_it_is_of():
-    assert "<p>4,000 events, 999.8 ms, 40x30 pixels, 50% ON</p>" in page(MOVING, "")
-    assert "<p>0 events, 0.0 ms, 5x3 pixels</p>" in page(Events.empty((5, 3)), "")
-    assert "<p>1 events, 0.0 ms, 40x30 pixels, 100% ON</p>" in page(MOVING[:1], "")
+    assert "<p>4,000 events, 999.8 ms, 40x30 pixels, 50% ON</p>" in player_page(MOVING, "")
+    assert "<p>0 events, 0.0 ms, 5x3 pixels</p>" in player_page(Events.empty((5, 3)), "")
+    assert "<p>1 events, 0.0 ms, 40x30 pixels, 100% ON</p>" in player_page(MOVING[:1], "")
 
 
 @pytest.mark.parametrize(("given", "kept"), [(0, []), (3, [0, 1, 2]), (4, [0, 2]), (6, [0, 2, 4]), (7, [0, 3, 6])])
 def test_of_very_many_frames_some_are_shown(monkeypatch, given, kept):
     monkeypatch.setattr("nvsdata.plots.page.MOST_FRAMES", 3)
     frames = [replace(FRAME, exposure_start=LATE + n, x=n, y=2 * n) for n in range(given)]
-    shown = embedded(page(MOVING, "", frames))[0]["frames"]
+    shown = embedded(player_page(MOVING, "", frames))[0]["frames"]
     assert [(frame["at"], frame["x"], frame["y"]) for frame in shown] == [(n, n, 2 * n) for n in kept]
 
 
 def test_frames_are_brightened_to_their_own_range():
     def gray(values):
-        (found,) = embedded(page(MOVING, "", [replace(FRAME, pixels=np.array(values, np.uint16))]))[0]["frames"]
+        (found,) = embedded(player_page(MOVING, "", [replace(FRAME, pixels=np.array(values, np.uint16))]))[0]["frames"]
         encoded = np.frombuffer(base64.b64decode(found["image"]), np.uint8)
         return cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE).astype(int)
 
@@ -130,7 +130,7 @@ def test_frames_are_brightened_to_their_own_range():
 
 def test_a_page_may_have_as_many_events_as_browsers_take(monkeypatch):
     monkeypatch.setattr("nvsdata.plots.page.MOST_EVENTS", 4_000)
-    assert len(embedded(page(MOVING, ""))[1]) == 4_000
+    assert len(embedded(player_page(MOVING, ""))[1]) == 4_000
 
 
 DRIVER = """
@@ -216,7 +216,7 @@ def browsed(tmp_path_factory):
         pytest.skip("no Chromium here")
     folder = tmp_path_factory.mktemp("page")
     with ThreadingHTTPServer(("127.0.0.1", 0), Serve) as server, (folder / "log").open("w") as log:
-        server.page = page(MOVING, "moving", [FRAME]).replace("</body>", DRIVER + "</body>").encode()
+        server.page = player_page(MOVING, "moving", [FRAME]).replace("</body>", DRIVER + "</body>").encode()
         server.report = Queue()
         Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}/"
@@ -287,7 +287,7 @@ def test_a_narrow_page_fits(browsed):
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 def test_a_screenshot_shows_the_events_in_their_places(tmp_path):
     path = tmp_path / "a.html"
-    path.write_text(page(MOVING, "moving", window=1_000_000), encoding="utf-8")
+    path.write_text(player_page(MOVING, "moving", window=1_000_000), encoding="utf-8")
     shot = f"--screenshot={tmp_path / 'shot.png'}"
     command = browser(tmp_path / "profile", "--virtual-time-budget=5000", shot, path.as_uri())
     subprocess.run(command, capture_output=True, timeout=100, check=True)

@@ -20,5 +20,5 @@ def test_a_contact_sheet_shows_every_image():
 
 def test_curves_are_saved_as_a_picture(tmp_path):
     picture = plots.curves([("train", [0.1, 0.5, 0.9]), ("test", [0.2])], "title", "epoch")
-    plots.save(picture, tmp_path / "a.png")
+    plots.save_png(picture, tmp_path / "a.png")
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png")), picture)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from nvsdata import Events, plots
-from nvsdata.plots import comparison, drawing
-from nvsdata.plots.events import middle
+from nvsdata.plots import charts, drawing, sheets
+from nvsdata.plots.drawing import middle
 
 INK = np.array(drawing.INK, np.uint8)
 
@@ -13,7 +13,7 @@ INK = np.array(drawing.INK, np.uint8)
 def ink(text, at, **how):
     """First and last column, and lowest row, of what is written on white."""
     picture = np.full((80, 300, 3), 255, np.uint8)
-    drawing.words(picture, text, at, **how)
+    drawing.put_text(picture, text, at, **how)
     rows, columns = np.nonzero((picture < 200).all(2))
     return int(columns.min()), int(columns.max()), int(rows.max())
 
@@ -21,7 +21,7 @@ def ink(text, at, **how):
 @pytest.mark.parametrize("align", [0.0, 0.5, 1.0])
 def test_words_stand_where_they_should(align):
     text = "IIIIIIII"
-    width = drawing.width_of(text)
+    width = drawing.text_width(text)
     first, last, low = ink(text, (150.4, 40.4), align=align)
     assert (first, last) == pytest.approx((150 - align * width, 150 + (1 - align) * width), abs=4)
     assert low == pytest.approx(40, abs=1)
@@ -30,33 +30,33 @@ def test_words_stand_where_they_should(align):
 
 def test_words_have_a_size_and_a_color():
     picture = np.full((80, 300, 3), 255, np.uint8)
-    drawing.words(picture, "III", (20, 40), size=2, color=(255, 0, 0))
+    drawing.put_text(picture, "III", (20, 40), size=2, color=(255, 0, 0))
     written = (picture != 255).any(2)
     assert (picture[written][:, 0] == 255).all()
     assert (picture[written][:, 1] == picture[written][:, 2]).all()
-    assert drawing.width_of("III", 2) > 3 * drawing.width_of("III")
+    assert drawing.text_width("III", 2) > 3 * drawing.text_width("III")
     assert (INK == 60).all()
 
 
 @pytest.mark.parametrize("size", [0.4, 0.45, 1.0])
 def test_no_more_is_cut_than_must_be(size):
     text = "a name that goes on and on"
-    width = drawing.width_of(text, size)
+    width = drawing.text_width(text, size)
     assert drawing.shortened(text, width, size) == text
     for room in (width - 1, width // 2, 30):
         kept = drawing.shortened(text, room, size).removesuffix("..")
         assert kept == text[: len(kept)]
-        assert drawing.width_of(kept + "..", size) <= room < drawing.width_of(text[: len(kept) + 1] + "..", size)
+        assert drawing.text_width(kept + "..", size) <= room < drawing.text_width(text[: len(kept) + 1] + "..", size)
     assert drawing.shortened(text, 0, size) == ".."
     assert drawing.shortened("", 0, size) == ""
 
 
 def test_words_and_their_widths_are_of_one_size_by_default():
     text = "a name that goes on"
-    assert drawing.width_of(text) == drawing.width_of(text, 0.45)
-    assert drawing.shortened(text, drawing.width_of(text, 0.45)) == text
-    assert drawing.shortened(text, drawing.width_of(text, 0.45) - 1) != text
-    assert ink(text, (0, 40))[1] == pytest.approx(drawing.width_of(text), abs=3)
+    assert drawing.text_width(text) == drawing.text_width(text, 0.45)
+    assert drawing.shortened(text, drawing.text_width(text, 0.45)) == text
+    assert drawing.shortened(text, drawing.text_width(text, 0.45) - 1) != text
+    assert ink(text, (0, 40))[1] == pytest.approx(drawing.text_width(text), abs=3)
 
 
 @pytest.mark.parametrize("duration", [100, 101, 1])
@@ -155,10 +155,10 @@ def sampled(start, count, size=(34, 34)):
 @pytest.mark.parametrize(("width", "zoom"), [(34, 4), (80, 2), (81, 1), (160, 1), (640, 1)])
 def test_recordings_side_by_side_show_the_same_moments(monkeypatch, width, zoom):
     seen = []
-    monkeypatch.setattr(comparison, "event_image", lambda events, by: seen.append((events, by)))
-    monkeypatch.setattr(comparison, "contact_sheet", lambda rows, margin: [(name, len(row)) for name, row in rows])
+    monkeypatch.setattr(sheets, "event_image", lambda events, by: seen.append((events, by)))
+    monkeypatch.setattr(sheets, "contact_sheet", lambda rows, margin: [(name, len(row)) for name, row in rows])
     a, b = sampled(5_000_000, 1_000, (width, 30)), sampled(70_000, 900, (width, 30))
-    assert comparison.side_by_side(a, b, 50, 20_000) == [("A", 6), ("B", 6)]
+    assert sheets.side_by_side(a, b, 50, 20_000) == [("A", 6), ("B", 6)]
     assert {by for _, by in seen} == {zoom}
     # six windows of 20 ms, from the first to that which ends with the last event
     starts = np.linspace(0, 999_000 - 20_000, 6).astype(int)
@@ -170,18 +170,18 @@ def test_recordings_side_by_side_show_the_same_moments(monkeypatch, width, zoom)
     # of b, moved by 20 ms, nothing yet
     assert len(seen[6][0]) == 0
     seen.clear()
-    comparison.side_by_side(a, b, 0.5)
+    sheets.side_by_side(a, b, 0.5)
     assert [len(events) for events, _ in seen] == [1_000] * 6 + [900] * 6
 
 
 def test_recordings_side_by_side_are_a_picture():
-    picture = comparison.side_by_side(sampled(0, 100), sampled(0, 100), 30)
+    picture = sheets.side_by_side(sampled(0, 100), sampled(0, 100), 30)
     # sensors of 136 pixels, 8 apart, and 24 for the names
     assert picture.shape == (8 + 2 * 144, 24 + 6 * 144, 3)
 
 
 def test_a_curve_of_scores_has_the_best_so_far(monkeypatch):
     seen = {}
-    monkeypatch.setattr(comparison, "curves", lambda lines, *_, highest: seen.update(lines, highest=highest))
-    comparison.score_curve(np.array([3.0, np.inf, 1.0, 2.0]))
+    monkeypatch.setattr(charts, "curves", lambda lines, *_, highest: seen.update(lines, highest=highest))
+    charts.score_curve(np.array([3.0, np.inf, 1.0, 2.0]))
     assert seen == {"each trial": [3, 3, 1, 2], "best so far": [3, 3, 1, 1], "highest": 3}

@@ -23,7 +23,7 @@ def axes():
 
 
 def test_a_frame_is_the_picture_of_the_events(axes):
-    assert EVENTS.plot(ax=axes) is axes
+    assert nvsdata.plot(EVENTS, ax=axes) is axes
     shown = axes.images[0].get_array()
     assert np.array_equal(shown, nvsdata.plots.event_image(EVENTS)[..., ::-1])
     # the origin is top left
@@ -31,7 +31,7 @@ def test_a_frame_is_the_picture_of_the_events(axes):
 
 
 def test_the_rate_counts_events_per_second_by_polarity(axes):
-    EVENTS.plot("rate", axes)
+    nvsdata.plot(EVENTS, "rate", axes)
     totals = {}
     for stairs in axes.patches:
         values, edges, _ = stairs.get_data()
@@ -40,27 +40,27 @@ def test_the_rate_counts_events_per_second_by_polarity(axes):
 
 
 def test_polarity_is_summed(axes):
-    EVENTS.plot("polarity", axes)
+    nvsdata.plot(EVENTS, "polarity", axes)
     summed = np.zeros((6, 8))
     np.add.at(summed, (EVENTS.y, EVENTS.x), 2.0 * EVENTS.p - 1)
     assert np.array_equal(axes.images[0].get_array(), summed)
 
 
 def test_a_histogram_has_every_pixel_with_events(axes):
-    EVENTS.plot("histogram", axes)
+    nvsdata.plot(EVENTS, "histogram", axes)
     assert sum(bar.get_height() for bar in axes.patches) == 40
     assert "17% of the pixels have none" in axes.get_title("left") + axes.get_title()
 
 
 def test_a_cloud_has_all_events_or_some_of_very_many():
     space = Figure().add_subplot(projection="3d")
-    EVENTS.plot("cloud", space)
+    nvsdata.plot(EVENTS, "cloud", space)
     t, x, y = space.collections[0]._offsets3d
     assert np.array_equal(np.sort(t), np.arange(0, 400, 2))
     assert len(x) == len(y) == 200
     many = Events(np.arange(200_000), np.zeros(200_000, int), np.zeros(200_000, int), np.zeros(200_000, int), (1, 1))
     space = Figure().add_subplot(projection="3d")
-    many.plot("cloud", space)
+    nvsdata.plot(many, "cloud", space)
     assert len(space.collections[0]._offsets3d[0]) == 50_000
 
 
@@ -86,7 +86,7 @@ def test_images_of_a_tensor_lie_side_by_side(axes, shape):
 @pytest.mark.parametrize("kind", ["frame", "cloud", "rate", "polarity", "histogram"])
 def test_no_events_and_a_single_one_are_drawn(kind):
     for ev in (Events.empty((8, 6)), EVENTS[:1]):
-        ax = ev.plot(kind)
+        ax = nvsdata.plot(ev, kind)
         ax.figure.canvas.draw()
         mpl.pyplot.close(ax.figure)
 
@@ -98,7 +98,7 @@ def test_a_notebook_shows_a_png():
 
 def test_what_cannot_be_drawn():
     with pytest.raises(ValueError, match="kind must be one of 'frame', 'cloud', 'rate', 'polarity', 'histogram'"):
-        EVENTS.plot("movie")
+        nvsdata.plot(EVENTS, "movie")
     with pytest.raises(ValueError, match="kind is for events, not for Tensor"):
         nvsdata.plot(torch.zeros(2, 2), "frame")
     with pytest.raises(TypeError, match="a graph or a tensor of at least two axes"):
@@ -110,7 +110,7 @@ def title(axes):
 
 
 def test_pixels_fill_the_axes(axes):
-    EVENTS.plot(ax=axes)
+    nvsdata.plot(EVENTS, ax=axes)
     assert title(axes) == "200 events, 398.0 ms"
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
     assert (axes.get_xlim(), axes.get_ylim()) == ((-0.5, 7.5), (5.5, -0.5))
@@ -119,7 +119,7 @@ def test_pixels_fill_the_axes(axes):
 
 
 def test_colors_of_polarity_are_as_strong_both_ways(axes):
-    EVENTS.plot("polarity", axes)
+    nvsdata.plot(EVENTS, "polarity", axes)
     (image,) = axes.images
     # each pixel has five events
     assert image.get_clim() == (-5, 5)
@@ -127,14 +127,14 @@ def test_colors_of_polarity_are_as_strong_both_ways(axes):
     assert image.colorbar.ax.get_ylabel() == "ON minus OFF events"
     assert title(axes) == "200 events, 398.0 ms"
     none = Figure().add_subplot()
-    Events.empty((8, 6)).plot("polarity", none)
+    nvsdata.plot(Events.empty((8, 6)), "polarity", none)
     assert none.images[0].get_clim() == (-1, 1)
 
 
 def test_the_rate_is_of_200_parts_of_the_whole(axes):
     # two events per ms of the first second, ON; then 0.5 per ms
     t = np.concatenate((np.arange(0, 1_000_000, 500), np.arange(1_000_000, 2_000_001, 2_000)))
-    Events(10**15 + t, t * 0, t * 0, t < 1_000_000, (8, 6)).plot("rate", axes)
+    nvsdata.plot(Events(10**15 + t, t * 0, t * 0, t < 1_000_000, (8, 6)), "rate", axes)
     on, off = (stairs.get_data() for stairs in axes.patches)
     assert np.array_equal(on.edges, np.arange(0, 2_001, 10))
     assert np.allclose(on.values, [2_000] * 100 + [0] * 100)
@@ -151,7 +151,7 @@ def test_a_histogram_tells_pixels_of_few_events_from_those_of_many(axes):
     numbers = [1] * 5 + [2] * 3 + [3] * 2 + [100]
     pixel = np.repeat(np.arange(11), numbers)
     t = np.arange(len(pixel))
-    Events(t, pixel % 4, pixel // 4, t * 0, (4, 5)).plot("histogram", axes)
+    nvsdata.plot(Events(t, pixel % 4, pixel // 4, t * 0, (4, 5)), "histogram", axes)
     bars = {bar.get_x(): bar.get_height() for bar in axes.patches if bar.get_height()}
     assert list(bars.values()) == [5, 3, 2, 1]
     assert list(bars)[:3] == [1, 2, 3]
@@ -164,7 +164,7 @@ def test_a_histogram_tells_pixels_of_few_events_from_those_of_many(axes):
 
 def test_a_cloud_has_the_axes_of_its_events():
     space = Figure().add_subplot(projection="3d")
-    EVENTS.plot("cloud", space)
+    nvsdata.plot(EVENTS, "cloud", space)
     t, x, y = space.collections[0]._offsets3d
     order = np.argsort(t)
     assert np.array_equal(np.stack((t, x, y))[:, order], np.stack((N * 2.0, EVENTS.x, EVENTS.y)))
@@ -183,7 +183,7 @@ def test_some_of_very_many_events_are_spread_over_all(monkeypatch):
     monkeypatch.setattr(show, "MOST_POINTS", 5)
     for count, kept in ((5, [0, 1, 2, 3, 4]), (6, [0, 1, 2, 3, 5]), (9, [0, 2, 4, 6, 8])):
         space = Figure().add_subplot(projection="3d")
-        EVENTS[:count].plot("cloud", space)
+        nvsdata.plot(EVENTS[:count], "cloud", space)
         assert np.array_equal(np.sort(space.collections[0]._offsets3d[0]), np.multiply(kept, 2.0))
 
 

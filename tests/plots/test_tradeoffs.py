@@ -2,14 +2,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nvsdata.plots import front, tradeoff
+from nvsdata.plots import pareto_front, tradeoff
 
 POINTS = st.lists(st.tuples(st.integers(1, 9), st.integers(0, 9)), min_size=1, max_size=12)
 
 
 @given(POINTS)
 def test_the_front_is_what_nothing_surpasses(points):
-    found = front(points)
+    found = pareto_front(points)
     assert [points[i][0] for i in found] == sorted({points[i][0] for i in found})
     best = [max(gain for cost, gain in points if cost <= limit) for limit, _ in points]
     for (cost, _), gain in zip(points, best, strict=True):

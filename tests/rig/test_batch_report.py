@@ -9,7 +9,7 @@ from lab import make_video
 
 from nvsdata.batch import estimate as estimating
 from nvsdata.batch.folder import Video
-from nvsdata.plots import timelines
+from nvsdata.plots import charts
 from nvsdata.recording.capture import RESERVE
 from nvsdata.rig import report
 from nvsdata.rig.estimate import estimate_recording
@@ -109,8 +109,8 @@ def test_charts_come_after_the_table_if_there_are_enough_recordings(monkeypatch)
 
 def test_a_timeline_has_whole_recordings_and_its_limits(monkeypatch):
     figures = []
-    monkeypatch.setattr(timelines, "drawn", figures.append)
-    timelines.timeline([1.0, 2.0, np.nan, 4.0], "noise", "recording", limits=[5.0, 1_000.0], form=".1f")
+    monkeypatch.setattr(charts, "rendered", figures.append)
+    charts.timeline([1.0, 2.0, np.nan, 4.0], "noise", "recording", limits=[5.0, 1_000.0], form=".1f")
     (axes,) = figures[0].axes
     assert axes.get_title(loc="left") == "noise; limit 1000.0, above the chart"
     assert [text.get_text() for text in axes.texts] == [" limit 5.0"]

@@ -128,11 +128,13 @@ def drawn(monkeypatch):
     def kind(name):
         return lambda *given: seen.setdefault(name, []).append(given) or np.zeros((1, 1, 3), np.uint8)
 
-    names = ("confusion", "class_bars", "reliability", "marked", "captioned_sheet")
+    names = ("confusion", "class_bars", "reliability", "points_chart", "captioned_sheet")
     monkeypatch.setattr(
         report,
         "plots",
-        SimpleNamespace(save=plots.save, event_image=lambda events: events, **{name: kind(name) for name in names}),
+        SimpleNamespace(
+            save_png=plots.save_png, event_image=lambda events: events, **{name: kind(name) for name in names}
+        ),
     )
     return seen
 

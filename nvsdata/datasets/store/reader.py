@@ -15,6 +15,7 @@ from nvsdata.common.memory import SharedArray
 from nvsdata.data.events import EVER, LATEST, MAX_COORDINATE, Columns, Events, bounds_of, check_window
 from nvsdata.data.recording import Recording
 from nvsdata.datasets.source import Listing
+from nvsdata.formats.contents import Allowance
 from nvsdata.formats.hdf5.chunks import Chunks, values_of
 from nvsdata.formats.hdf5.file import (
     check_version,
@@ -25,7 +26,6 @@ from nvsdata.formats.hdf5.file import (
     text_of,
 )
 from nvsdata.formats.hdf5.layouts import STORE
-from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import read_into
 from nvsdata.kernels.decode.order import is_sorted
 from nvsdata.kernels.decode.store import marked_range, read_window, stored_window

@@ -24,9 +24,8 @@ from nvsdata.formats.aedat.aedat4_packets import EVENT, HEADER, MAGIC, PACKET, P
 from nvsdata.formats.aedat.aedat4_samples import LONG, frame_of, inertial_of, triggers_of
 from nvsdata.formats.aedat.aedat4_writer import SOURCE, write
 from nvsdata.formats.aedat.flatbuffer import Table
-from nvsdata.formats.contents import MOST_HEADER, Contents
+from nvsdata.formats.contents import MOST_HEADER, Allowance, Contents, most_bytes
 from nvsdata.formats.file_recording import FileRecording
-from nvsdata.formats.inflation import Allowance, most_bytes
 from nvsdata.formats.records import stated_size
 from nvsdata.formats.registry import Format, starts_with
 from nvsdata.formats.writing import stated_time

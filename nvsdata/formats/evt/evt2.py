@@ -1,13 +1,34 @@
-"""Prophesee RAW, EVT2: words of 32 bits, one per event."""
+"""Prophesee RAW, EVT2 and EVT 2.1.
+
+EVT2 has words of 32 bits, one per event. EVT 2.1 has words of 64 bits, each for up to 32 pixels of a row. Its header
+says which half comes first: `endianness=legacy`, the half with the type, as the IMX636 sends it; `little`, the other
+half, as the GenX320 does. If the header doesn't say it, the words show it.
+"""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
-from nvsdata.formats.evt.raw import EvtRecording, names_encoding, write_words
+import numpy as np
+
+from nvsdata.formats.evt.raw import EvtRecording, extrapolated, names_encoding, write_words
 from nvsdata.formats.registry import Format
 from nvsdata.formats.writing import Pieces
-from nvsdata.kernels.decode.evt2 import evt2_decode, evt2_encode, evt2_triggers, evt2_walk
+from nvsdata.kernels.decode.evt import TIME
+from nvsdata.kernels.decode.evt2 import (
+    evt2_decode,
+    evt2_encode,
+    evt2_triggers,
+    evt2_walk,
+    evt21_count,
+    evt21_decode,
+    evt21_encode,
+    evt21_triggers,
+    evt21_walk,
+)
+
+LOOKED_AT = 4096  # words of a file that show the order of halves
 
 
 class Evt2Recording(EvtRecording):
@@ -25,4 +46,43 @@ def write(pieces: Pieces, path: Path) -> None:
     write_words(pieces, path, "2.0", evt2_encode)
 
 
+class Evt21Recording(EvtRecording):
+    """An EVT 2.1 file."""
+
+    format = "evt2.1"
+    record_size = 8
+    low_bits, high_bits = 6, 28
+    walk, decode_words = evt21_walk, evt21_decode
+    find_triggers = evt21_triggers
+    _reversed = False  # whether the half with the type comes second
+
+    def __init__(self, path: str, sensor_size: tuple[int, int] | None, head: bytes, strict: bool) -> None:
+        super().__init__(path, sensor_size, head, strict)
+        stated = re.search(r"\bendianness[ =](little|legacy)", self.header, re.IGNORECASE)
+        self._reversed = stated[1].lower() == "little" if stated else self._seems_reversed()
+
+    def _seems_reversed(self) -> bool:
+        """Whether more words hold a time in their second half than in their first; the other half is 0 then."""
+        halves = self.contents.read(self._byte(0), self._byte(min(self.records, LOOKED_AT))).view("<u4").reshape(-1, 2)
+        first, second = np.count_nonzero((halves >> 28 == TIME) & (halves[:, ::-1] == 0), 0)
+        return bool(second > first)
+
+    def _ordered(self, raw: np.ndarray) -> np.ndarray:
+        if not self._reversed:
+            return raw
+        return np.ascontiguousarray(raw.view(np.uint32).reshape(-1, 2)[:, ::-1]).reshape(-1).view(np.uint8)
+
+    def _most(self, raw: np.ndarray) -> int:
+        return int(evt21_count(raw))
+
+    def _room(self, most: int, done: int, total: int) -> int:
+        return extrapolated(most, done, total)
+
+
+def write_evt21(pieces: Pieces, path: Path) -> None:
+    """Write EVT 2.1. ValueError for a pixel beyond 2047, and times before 0 or at or beyond 2^51 µs."""
+    write_words(pieces, path, "2.1", evt21_encode, option=";endianness=legacy")
+
+
 FORMAT = Format("evt2", (".raw",), Evt2Recording, begins=names_encoding("2"), write=write)
+EVT21 = Format("evt2.1", (".raw",), Evt21Recording, begins=names_encoding(r"2\.?1"), write=write_evt21)

@@ -16,8 +16,8 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
+from nvsdata.formats.contents import fast_zlib
 from nvsdata.formats.hdf5.file import name_of
-from nvsdata.formats.inflation import ZlibError, decompressobj
 
 SHUFFLE, DEFLATE, CHECKSUM = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32
 OURS = ([DEFLATE], [SHUFFLE, DEFLATE])  # filters that are undone here, in the order in which they are applied
@@ -88,9 +88,9 @@ class Chunks:
         if mask >> at & 1:
             return None
         try:
-            inflater = decompressobj()
+            inflater = fast_zlib.decompressobj()
             raw = inflater.decompress(data, self._size + SPARE + 1)
-        except ZlibError:
+        except fast_zlib.error:
             # whatever isal doesn't know, the library does as zlib does
             inflater = zlib.decompressobj()
             try:

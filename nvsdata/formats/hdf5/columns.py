@@ -13,9 +13,9 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
+from nvsdata.formats.contents import Allowance
 from nvsdata.formats.hdf5.chunks import Chunks
 from nvsdata.formats.hdf5.file import check_stored, dataset_of, opened, places_of
-from nvsdata.formats.inflation import Allowance
 from nvsdata.formats.ondisk import OnDisk, OpenFile
 from nvsdata.kernels.decode.order import is_sorted
 

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from nvsdata.common.errors import FormatError
-from nvsdata.formats.inflation import Allowance, most_bytes
+from nvsdata.formats.contents import Allowance, most_bytes
 
 FOLLOW = "NVSDATA_HDF5_LINKS"
 MOST_LINKS = 16  # soft links on the way to one object

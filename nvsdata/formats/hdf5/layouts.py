@@ -9,7 +9,8 @@ nvsdata's own files:
 - frames and inertial samples: see `nvsdata.formats.hdf5.samples`
 - attributes of `/`: `format` ("nvsdata-events"), `version`, `width`, `height`
 
-Compressed ones (`nvsdata.formats.hdf5.compressed`, h5repack) are read too, through h5py.
+Compressed files (of the format `hdf5-gzip`, or by h5repack) are read, too. `hdf5-gzip` has chunks of 2^14 events,
+shuffled and deflated.
 
 Other files: columns x, y, t, p below `/events` or `/`, also with `/t_offset` (DSEC), or one compound `/CD/events`
 (Metavision). Polarity may be 0/1 or -1/1. Their usual compression needs the package hdf5plugin (`nvsdata[hdf5]`),
@@ -31,8 +32,8 @@ import numpy as np
 from nvsdata.common.errors import FormatError
 from nvsdata.data.events import LATEST, Columns
 from nvsdata.data.samples import Frame, Inertial
-from nvsdata.formats.columns import polarity
-from nvsdata.formats.file_recording import FileRecording
+from nvsdata.formats.contents import Allowance
+from nvsdata.formats.file_recording import FileRecording, polarity
 from nvsdata.formats.hdf5.chunks import values_of
 from nvsdata.formats.hdf5.columns import Column, Source, Stored, column_of, narrowed, rises
 from nvsdata.formats.hdf5.file import (
@@ -45,11 +46,9 @@ from nvsdata.formats.hdf5.file import (
     text_of,
 )
 from nvsdata.formats.hdf5.samples import about_in, frame_times_in, frames_in, inertial_in
-from nvsdata.formats.hdf5.writer import NAME, VERSION, write
-from nvsdata.formats.inflation import Allowance
+from nvsdata.formats.hdf5.writer import NAME, VERSION
 from nvsdata.formats.ondisk import OnDisk
 from nvsdata.formats.records import stated_size
-from nvsdata.formats.registry import Format, starts_with
 from nvsdata.kernels.decode.order import is_sorted
 
 STORE = "nvsdata-store"
@@ -203,13 +202,3 @@ class Hdf5Recording(FileRecording):
         with opened(self.path, "damaged HDF5") as file:
             times = frame_times_in(self.path, file, self._datasets(file))
             return about_in(partial(text_of, file), partial(attribute, file)) | times
-
-
-FORMAT = Format(
-    "hdf5",
-    (".h5", ".hdf5"),
-    Hdf5Recording,
-    begins=starts_with(b"\x89HDF\r\n\x1a\n"),
-    write=write,
-    holds_samples=True,
-)

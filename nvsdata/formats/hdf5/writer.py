@@ -11,9 +11,9 @@ import numpy as np
 
 from nvsdata.common.files import flushed_early
 from nvsdata.data.events import Columns, Events, concatenate
+from nvsdata.formats.contents import fast_zlib
 from nvsdata.formats.hdf5.disk import created
 from nvsdata.formats.hdf5.samples import Beside
-from nvsdata.formats.inflation import deflated
 from nvsdata.formats.writing import Pieces
 
 NAME, VERSION = "nvsdata-events", 1
@@ -142,3 +142,10 @@ def _of_one_size(pieces: Iterable[Events], length: int) -> Iterator[Columns]:
                 room, filled = Columns.empty(length), 0
     if filled:
         yield room.first(filled)
+
+
+def deflated(values: np.ndarray) -> bytes:
+    """Values with all their first bytes first, then all their second ones, and so on, as a stream of zlib."""
+    apart = values.view(np.uint8).reshape(-1, values.itemsize).T
+    # higher levels compress no better: what repeats is single bytes
+    return bytes(fast_zlib.compress(np.ascontiguousarray(apart), 1))

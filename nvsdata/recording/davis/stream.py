@@ -13,7 +13,7 @@ import numpy as np
 
 from nvsdata.data.events import Columns, Events
 from nvsdata.data.samples import Frame, Inertial, Piece, within
-from nvsdata.formats.inflation import most_bytes
+from nvsdata.formats.contents import most_bytes
 from nvsdata.kernels.recording import davis_stream as kernel
 
 ROOM = 1024  # special events and samples that a call of the kernel has room for

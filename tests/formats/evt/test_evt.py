@@ -1,4 +1,3 @@
-import importlib
 import itertools
 import struct
 import tempfile
@@ -15,6 +14,7 @@ from strategies import events
 import nvsdata
 from nvsdata import Events, FormatError
 from nvsdata.data.views import FlippedY, Scaled, Slice
+from nvsdata.formats import FORMATS
 
 WRITERS = {"evt2": evt2_bytes, "evt2.1": evt21_bytes, "evt3": evt3_bytes}
 STATED = {"evt2": b"% evt 2.0\n", "evt2.1": b"% evt 2.1\n", "evt3": b"% evt 3.0\n"}
@@ -163,12 +163,11 @@ def test_pieces_are_written_as_one(tmp_path, kind, ev, cuts):
 
 def test_neighbors_take_less_room():
     def size(kind, x):
-        encoding = importlib.import_module(f"nvsdata.formats.evt.{kind.replace('.', '')}")
         ev = Events(np.full(len(x), 5), x, np.full(len(x), 3), np.ones(len(x), int), (2048, 4))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.raw"
             nvsdata.write(ev, path, format=kind)
-            return (len(path.read_bytes()) - nvsdata.open(path).header_size) // encoding.FORMAT.open.record_size
+            return (len(path.read_bytes()) - nvsdata.open(path).header_size) // FORMATS[kind].open.record_size
 
     # a word each for the high and the low part of the time and for the row
     assert size("evt3", [7]) == size("evt3", [7, 18]) - 1 == 4

@@ -8,7 +8,7 @@ from strategies import events
 import nvsdata
 from nvsdata import Events, FormatError, formats
 from nvsdata.formats.hdf5 import writer as hdf5_writer
-from nvsdata.formats.inflation import deflated
+from nvsdata.formats.hdf5.writer import deflated
 
 
 def write(ev, path):
