@@ -1,4 +1,4 @@
-"""Functions that draw objects in notebooks, by class name: whoever can draw registers one, and the class looks it up."""
+"""Functions that draw objects in notebooks, by class name. A class looks up its own; a package above registers it."""
 
 from collections.abc import Callable
 from typing import Any
