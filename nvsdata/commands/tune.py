@@ -130,8 +130,8 @@ def tune_files(
         write_settings(found.best.settings, out / "best.json")
         plots.save_png(score_curve(found.scores), out / "score.png")
         first = pairs[0]
-        best = side_by_side(first.emulate(found.best.settings), first.real, first.fps, offset)
-        plots.save_png(best, out / "best.png")
+        compared = side_by_side(first.emulate(found.best.settings), first.real, first.fps, offset)
+        plots.save_png(compared, out / "best.png")
     told = (
         f"{text}\ntrials, table and pictures are in {shown(out)}; "
         f"nvsdata convert-videos IN --settings {shown(out / 'best.json')}"

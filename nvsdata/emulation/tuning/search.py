@@ -17,7 +17,7 @@ from nvsdata.common.progress import bar as progress
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, settings_of
 from nvsdata.emulation.tuning.space import Space, check, place_of, plain, settings_at, space_of
-from nvsdata.metrics.scoring import score
+from nvsdata.metrics.distance import score
 
 BATCH = 4  # trials proposed at once; the number of jobs doesn't change it, so that the search doesn't depend on jobs
 ANYWHERE = 1  # trials of each batch drawn anywhere, so that the search can leave a local minimum
