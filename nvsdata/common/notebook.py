@@ -1,4 +1,4 @@
-"""Functions that draw objects in notebooks, by class name: plots registers them, and the classes look them up."""
+"""Functions that draw objects in notebooks, by class name. A class looks up its own; a package above registers it."""
 
 from collections.abc import Callable
 from typing import Any

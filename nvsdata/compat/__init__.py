@@ -1,10 +1,17 @@
-"""Events as other libraries have them, and back; and tonic's transforms in our pipelines, ours in theirs.
+"""Conversion of events from and to other libraries, and transforms of tonic in pipelines of nvsdata and vice versa.
 
-numpy's structured arrays are `Events.to_structured`, dicts of tensors `Events.torch`, PyTorch Geometric `Graph.to_pyg`.
+Other conversions are methods: `Events.to_structured` (structured arrays of numpy), `Events.torch` (dicts of tensors),
+`Graph.to_pyg` (PyTorch Geometric).
 """
 
-from nvsdata.compat.arrays import from_dict, from_metavision, to_dict, to_metavision
-from nvsdata.compat.dv import from_event_store, to_event_store
+from nvsdata.compat.arrays import (
+    from_dict,
+    from_event_store,
+    from_metavision,
+    to_dict,
+    to_event_store,
+    to_metavision,
+)
 from nvsdata.compat.tonic import ForTonic, FromTonic, from_tonic, to_tonic
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""tonic's events and transforms. tonic itself isn't needed: its events are structured arrays."""
+"""Events and transforms of tonic. tonic itself isn't imported: its events are structured arrays."""
 
 from __future__ import annotations
 
@@ -8,23 +8,44 @@ from typing import Any
 
 import numpy as np
 
-from nvsdata.compat.arrays import _filled
+from nvsdata.compat.arrays import filled
 from nvsdata.data.events import Events
 from nvsdata.data.recording import as_events
 
 TONIC = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.bool_)])
-"""The events of tonic's datasets."""
+"""Type of the events in tonic's datasets."""
 
 
 def to_tonic(events: Events) -> np.ndarray:
-    """Structured array [N] as tonic's datasets have: x, y int16, t int64 (µs), p bool."""
-    return _filled(events, TONIC)
+    """Convert events to a structured array as in tonic's datasets.
+
+    Args:
+        events: The events.
+
+    Returns:
+        [N], with fields x and y (int16, pixels), t (int64, µs) and p (bool).
+
+    Example:
+        >>> to_tonic(Events([5], [1], [2], [1]))[0].tolist()
+        (1, 2, 5, True)
+    """
+    return filled(events, TONIC)
 
 
 def from_tonic(array: np.ndarray, sensor_size: tuple[int, ...] | None = None) -> Events:
-    """Events from tonic's array; of `sensor_size`, which may be tonic's (width, height, polarities).
+    """Convert an array of tonic to events.
 
-    ValueError for a missing field, and for values that `Events` doesn't take.
+    Args:
+        array: Structured array [N] with fields x, y, t (µs) and p, in any order.
+        sensor_size: (width, height), or (width, height, polarities) as in tonic (default: the smallest sensor that
+            contains the events).
+
+    Raises:
+        ValueError: If a field is missing, or if `Events` doesn't take the values.
+
+    Example:
+        >>> from_tonic(np.array([(1, 2, 5, True)], TONIC), sensor_size=(34, 34, 2))
+        Events(1 events, 0 µs, 34x34)
     """
     size = None if sensor_size is None else (int(sensor_size[0]), int(sensor_size[1]))
     return Events.from_structured(array, size)
@@ -32,36 +53,52 @@ def from_tonic(array: np.ndarray, sensor_size: tuple[int, ...] | None = None) ->
 
 @dataclass(frozen=True)
 class FromTonic:
-    """One of tonic's transforms in a pipeline of ours: it gets tonic's array, and what it gives becomes `Events` again.
+    """A transform of tonic as a transform of nvsdata.
 
-    - `transform`: tonic's, such as `tonic.transforms.Denoise(10_000)`
+    The transform gets an array of tonic. If it returns such an array, this becomes `Events` again; anything else, such
+    as frames, is returned as it is. A transform that uses random numbers takes them from numpy's global generator,
+    which the `seed` of a dataset doesn't set.
 
-    What isn't an array of events, such as tonic's frames, stays as it is. A transform with random draws takes them from
-    numpy's generator, which a dataset's `seed` doesn't set.
+    Args:
+        transform: Transform of tonic, such as `tonic.transforms.Denoise(10_000)`.
+
+    Example:
+        >>> first_event = FromTonic(lambda array: array[:1])
+        >>> first_event(Events([5, 6], [1, 0], [2, 2], [1, 0]))
+        Events(1 events, 0 µs, 2x3)
     """
 
     transform: Callable[[np.ndarray], Any]
 
     def __call__(self, events: Any) -> Any:
-        """The transform of events, or of a recording, which is decoded."""
+        """Apply the transform to events, or to a recording, which is decoded."""
         given = as_events(events)
-        made = self.transform(to_tonic(given))
-        named = isinstance(made, np.ndarray) and {"t", "x", "y", "p"} <= set(made.dtype.names or ())
-        return from_tonic(made, given.sensor_size) if named else made
+        result = self.transform(to_tonic(given))
+        is_events = isinstance(result, np.ndarray) and {"t", "x", "y", "p"} <= set(result.dtype.names or ())
+        return from_tonic(result, given.sensor_size) if is_events else result
 
 
 @dataclass(frozen=True)
 class ForTonic:
-    """One of our transforms in a pipeline of tonic's: it gets `Events`; Events that it gives become an array again.
+    """A transform of nvsdata as a transform of tonic.
 
-    - `transform`: ours, such as `T.ToFrames(10)`
-    - `sensor_size`: as tonic's datasets have it, (width, height, polarities) or (width, height)
+    The transform gets `Events`. If it returns `Events`, these become an array of tonic again.
+
+    Args:
+        transform: Transform of nvsdata, such as `T.ToFrames(10)`.
+        sensor_size: (width, height, polarities) as in tonic's datasets, or (width, height).
+
+    Example:
+        >>> from nvsdata import transforms as T
+        >>> array = to_tonic(Events([5, 6], [1, 0], [2, 2], [1, 0]))
+        >>> ForTonic(T.RelativeTime(), (34, 34, 2))(array)["t"].tolist()
+        [0, 1]
     """
 
     transform: Callable[[Events], Any]
     sensor_size: tuple[int, ...]
 
     def __call__(self, array: np.ndarray) -> Any:
-        """The transform of tonic's array of events."""
-        made = self.transform(from_tonic(array, self.sensor_size))
-        return to_tonic(made) if isinstance(made, Events) else made
+        """Apply the transform to an array of tonic's events."""
+        result = self.transform(from_tonic(array, self.sensor_size))
+        return to_tonic(result) if isinstance(result, Events) else result

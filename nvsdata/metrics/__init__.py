@@ -1,4 +1,4 @@
-"""Distances between emulated and real events (thesis 3.3), similarities of two feature vectors (5.3.2), accuracy."""
+"""Metrics: distances between emulated and real events, similarities of feature vectors, accuracy of classifiers."""
 
 from nvsdata.metrics.classification import (
     Calibration,
@@ -6,7 +6,7 @@ from nvsdata.metrics.classification import (
     calibration,
     class_accuracies,
     confusion_matrix,
-    verdicts,
+    predictions,
 )
 from nvsdata.metrics.distance import (
     Comparison,
@@ -15,8 +15,8 @@ from nvsdata.metrics.distance import (
     compare,
     emd,
     epsilon_repeatability,
+    score,
 )
-from nvsdata.metrics.scoring import score
 from nvsdata.metrics.similarity import area_under_roc, roc, similarities
 
 __all__ = [
@@ -32,8 +32,8 @@ __all__ = [
     "confusion_matrix",
     "emd",
     "epsilon_repeatability",
+    "predictions",
     "roc",
     "score",
     "similarities",
-    "verdicts",
 ]

@@ -1,4 +1,4 @@
-"""How often a classifier is right: of each class, by the number of votes, and by how sure it is."""
+"""Accuracy of a classifier: by class, by the number of windows that vote, and by confidence."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-BINS = 15  # of equal width, as Guo et al. 2017 have them
-ORDERS = 20  # at least so many orders of voters are averaged
-NONE = -1  # in place of a class where scores are NaN
+BINS = 15  # of equal width, as in Guo et al. 2017
+ORDERS = 20  # smallest number of orders of voters that are averaged
+NONE = -1  # class of samples whose scores are NaN
 
 
 class Calibration(NamedTuple):
     """Confidence and accuracy of predictions, in bins of equal width by confidence.
 
-    - `counts`: predictions in each bin, int64 [bins]
-    - `confidence`, `accuracy`: their means in each bin, float64 [bins], NaN where it is empty
-    - `error`: the expected calibration error, mean of |accuracy - confidence| over all predictions' bins
+    Args:
+        counts: Number of predictions in each bin, int64 [bins].
+        confidence: Mean confidence in each bin, float64 [bins]; NaN if the bin is empty.
+        accuracy: Accuracy in each bin, float64 [bins]; NaN if the bin is empty.
+        error: Expected calibration error: the mean of |accuracy - confidence| over bins, weighted by `counts`.
     """
 
     counts: np.ndarray
@@ -26,12 +28,19 @@ class Calibration(NamedTuple):
     error: float
 
 
-def verdicts(scores: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """The most probable class and its probability.
+def predictions(scores: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return the most probable class and its probability.
 
-    - `scores`: logits or log-probabilities [..., classes]
+    Args:
+        scores: Logits or log-probabilities [..., classes].
 
-    Returns int64 [...] and float64 [...]; `NONE` (-1) and 0 where a score is NaN or infinite.
+    Returns:
+        int64 [...] and float64 [...]; -1 and 0 where a score is NaN or infinite.
+
+    Example:
+        >>> predicted, confidence = predictions([[0.0, 0.0, 9.0]])
+        >>> predicted.tolist(), confidence.round(3).tolist()
+        ([2], [1.0])
     """
     given = np.asarray(scores, np.float64)
     named = given.argmax(-1)
@@ -43,12 +52,22 @@ def verdicts(scores: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def confusion_matrix(predicted: npt.ArrayLike, targets: npt.ArrayLike, classes: int) -> np.ndarray:
-    """How often each class (row) was taken for each class (column), int64 [classes, classes].
+    """Count the samples of each true class (row) and predicted class (column).
 
-    - `predicted`: classes [N]; `NONE` (-1) counts nowhere
-    - `targets`: true classes [N]
+    Args:
+        predicted: Predicted classes, int [N]. Samples of -1 are left out.
+        targets: True classes, int [N].
+        classes: Number of classes.
 
-    ValueError for different shapes and classes that there aren't.
+    Returns:
+        int64 [classes, classes].
+
+    Raises:
+        ValueError: If the shapes differ, or a class is out of range.
+
+    Example:
+        >>> confusion_matrix([0, 1, 1], [0, 0, 1], 2).tolist()
+        [[1, 1], [0, 1]]
     """
     named, wanted = _classes_of(predicted, targets, classes)
     known = named != NONE
@@ -57,9 +76,22 @@ def confusion_matrix(predicted: npt.ArrayLike, targets: npt.ArrayLike, classes: 
 
 
 def class_accuracies(predicted: npt.ArrayLike, targets: npt.ArrayLike, classes: int) -> np.ndarray:
-    """Share of each class's samples that are recognized, float64 [classes], NaN for a class without samples.
+    """Return the fraction of each class's samples that are predicted correctly.
 
-    Parameters and errors as for `confusion_matrix`; `NONE` is wrong.
+    Args:
+        predicted: Predicted classes, int [N]. -1 counts as wrong.
+        targets: True classes, int [N].
+        classes: Number of classes.
+
+    Returns:
+        float64 [classes]; NaN for a class without samples.
+
+    Raises:
+        ValueError: If the shapes differ, or a class is out of range.
+
+    Example:
+        >>> class_accuracies([0, 1, 1], [0, 0, 1], 2).tolist()
+        [0.5, 1.0]
     """
     named, wanted = _classes_of(predicted, targets, classes)
     count = np.bincount(wanted, minlength=classes)
@@ -68,13 +100,20 @@ def class_accuracies(predicted: npt.ArrayLike, targets: npt.ArrayLike, classes: 
 
 
 def calibration(confidence: npt.ArrayLike, right: npt.ArrayLike, bins: int = BINS) -> Calibration:
-    """How well confidence tells accuracy, with the expected calibration error (Guo et al. 2017, eq. 3).
+    """Compare confidence with accuracy, by the expected calibration error (Guo et al. 2017, eq. 3).
 
-    - `confidence`: probability of the predicted class [N], 0 to 1
-    - `right`: whether it was the true one [N]
-    - `bins`: of equal width, each with its upper bound (default 15); 0 belongs to the first
+    Args:
+        confidence: Probability of the predicted class, [N], from 0 to 1.
+        right: 1 (True) for each correct prediction, [N].
+        bins: Number of bins of equal width (default 15). A bin contains its upper bound; the first one contains 0, too.
 
-    ValueError without samples, for different shapes, for a confidence out of range and for less than one bin.
+    Raises:
+        ValueError: If there are no samples, if shapes differ, if a confidence is out of range, or for less than one
+            bin.
+
+    Example:
+        >>> round(calibration([0.9, 0.9, 0.6], [1, 1, 0]).error, 3)
+        0.267
     """
     sure, hit = np.asarray(confidence, np.float64), np.asarray(right, np.float64)
     if sure.ndim != 1 or sure.shape != hit.shape or not sure.size:
@@ -93,13 +132,25 @@ def calibration(confidence: npt.ArrayLike, right: npt.ArrayLike, bins: int = BIN
 
 
 def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike) -> np.ndarray:
-    """Accuracy if 1, 2, ... of the windows of a recording vote, float64 [windows].
+    """Return the accuracy if 1, 2, ... of the windows of a recording vote.
 
-    - `voters`: log-probabilities [rounds, windows, N, classes], which a vote adds up
-    - `targets`: true classes [N]
+    A vote sums the log-probabilities of the first windows, in some order. The result is the mean over rounds and over
+    at least 20 orders. Each window comes first in equally many orders, so the results for one window and for all
+    windows are exact.
 
-    The mean over rounds and over at least 20 orders of the windows, of which the first ones vote. In these orders each
-    window comes first as often as any other: for one window, as for all, the result is exact.
+    Args:
+        voters: Log-probabilities [rounds, windows, N, classes].
+        targets: True classes [N].
+
+    Returns:
+        float64 [windows].
+
+    Raises:
+        ValueError: If the shapes don't fit.
+
+    Example:
+        >>> accuracy_by_votes([[[[-0.1, -2.4]], [[-1.2, -0.4]]]], [0]).tolist()
+        [0.5, 1.0]
     """
     given, wanted = np.asarray(voters), np.asarray(targets)
     if given.ndim != 4 or not all(given.shape) or wanted.shape != given.shape[2:3]:
@@ -118,7 +169,7 @@ def accuracy_by_votes(voters: npt.ArrayLike, targets: npt.ArrayLike) -> np.ndarr
 
 
 def _orders(windows: int) -> list[np.ndarray]:
-    """All rotations of some random orders, the same at every call."""
+    """Return all rotations of some random orders, the same ones at every call."""
     rng = np.random.default_rng(0)
     drawn = [rng.permutation(windows) for _ in range(-(-ORDERS // windows))]
     return [np.roll(order, shift) for order in drawn for shift in range(windows)]

@@ -1,4 +1,4 @@
-"""Similarities of two feature vectors (thesis Table 5.4), and ROC curves of scores (5.3.2)."""
+"""Similarities of two feature vectors (thesis Table 5.4), and ROC curves of scores (thesis 5.3.2)."""
 
 from __future__ import annotations
 
@@ -12,21 +12,30 @@ FLOOR = 1e-10  # smallest argument of a logarithm; smaller values are raised to 
 _LARGEST = np.finfo(np.float64).max
 _TINY = np.finfo(np.float64).smallest_subnormal
 _LEAST = -(1 << 20)  # exponent for 0
-_USUAL = 2.0**-100, 2.0**100  # for numbers in this range, squares of differences fit float64
+_USUAL = 2.0**-100, 2.0**100  # squares of differences of numbers in this range fit float64
 
 
 def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
-    """The 12 similarities of thesis Table 5.4, in its order.
+    """Return the 12 similarities of thesis Table 5.4, in its order.
 
-    - `a`, `b`: feature vectors [..., D], not negative, as after a ReLU
+    Conventions: 0/0 is 0. The arguments of logarithms (no. 10) are at least 1e-10, so that 0 log 0 is 0, and a feature
+    that is 0 in only one vector contributes a finite ratio. No. 5 sums absolute differences, and no. 12 divides by the
+    product of the two sums.
 
-    Returns float64 [..., 12]. Conventions: 0/0 is 0. The arguments of logarithms (no. 10) are at least 1e-10, so
-    0 log 0 is 0, and a feature that is 0 in only one vector gives a finite ratio. No. 5 sums absolute differences,
-    and no. 12 divides by the product of the two sums.
+    Args:
+        a: Feature vectors [..., D] without negative numbers, as after a ReLU.
+        b: The vectors to compare with them, of the same shape.
 
-    All results are finite for finite features, and correct to 12 digits for features from 1e-300 to 1e300. A
-    similarity beyond the range of float64, such as no. 1 of features above 1e154, becomes the largest float64.
-    ValueError for features that are negative, infinite or NaN, and different shapes.
+    Returns:
+        float64 [..., 12]. All results are finite, and correct to 12 digits for features from 1e-300 to 1e300. A
+        similarity beyond the range of float64, such as no. 1 of features above 1e154, becomes the largest float64.
+
+    Raises:
+        ValueError: If features are negative, infinite or NaN, or if shapes differ.
+
+    Example:
+        >>> similarities([1.0, 0.0], [1.0, 0.0])[[0, 6, 8]].tolist()
+        [1.0, 1.0, 0.0]
     """
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
     if x.shape != y.shape or x.ndim == 0:
@@ -36,7 +45,7 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
             raise ValueError(f"{name} must hold finite features that are not negative")
     least, most = np.minimum(x, y), np.maximum(x, y)
     apart = most - least
-    # all quotients are computed from these two shares of the larger one, which can't exceed float64
+    # all quotients are computed from these two fractions of the larger number, which are at most 1
     whole = np.maximum(most, _TINY)
     share, gap = least / whole, apart / whole
     sums, root_sums = 1 + share, 1 + np.sqrt(share)
@@ -64,7 +73,7 @@ def similarities(a: npt.ArrayLike, b: npt.ArrayLike) -> np.ndarray:
 class _Scaled(NamedTuple):
     """Non-negative numbers that may exceed the range of float64: `part` * 2 ** `power`.
 
-    Numbers of usual size share a single `power` of 0, which costs no time.
+    Numbers of ordinary size share a single `power` of 0, which costs no time.
     """
 
     part: np.ndarray
@@ -79,7 +88,7 @@ class _Scaled(NamedTuple):
         return cls(values, np.zeros((), np.int32))
 
     def scaled(self, factor: np.ndarray) -> _Scaled:
-        """Multiply by numbers of usual size."""
+        """Multiply by numbers of ordinary size."""
         return _Scaled(self.part * factor, self.power)
 
     def times(self, other: _Scaled) -> _Scaled:
@@ -93,7 +102,7 @@ class _Scaled(NamedTuple):
         return _Scaled(np.sqrt(np.ldexp(self.part, odd)), (self.power - odd) // 2)
 
     def sum(self) -> _Scaled:
-        """Sum over the last axis."""
+        """Return the sum over the last axis."""
         if not self.power.ndim:
             return _Scaled(self.part.sum(-1), self.power)
         power = np.where(self.part > 0, self.power, _LEAST)
@@ -101,32 +110,41 @@ class _Scaled(NamedTuple):
         return _Scaled(np.ldexp(self.part, self.power - largest).sum(-1), largest[..., 0])
 
     def value(self) -> np.ndarray:
-        """As float64; larger numbers become the largest float64."""
+        """Return the numbers as float64; those beyond its range become the largest float64."""
         with np.errstate(over="ignore", under="ignore"):
             return np.asarray(np.minimum(np.ldexp(self.part, self.power), _LARGEST))
 
 
 def _smallest(*arrays: np.ndarray) -> float:
-    """The smallest value above 0, but at most 1."""
+    """Return the smallest value above 0, but at most 1."""
     return min(float(np.where(values > 0, values, 1).min(initial=1)) for values in arrays)
 
 
 def _logarithm(least: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """log(most / least), with both raised to at least FLOOR."""
+    """Return log(most / least), with both raised to at least FLOOR."""
     low, high = np.maximum(least, FLOOR), np.maximum(most, FLOOR)
     root = np.sqrt(low)
-    # log1p of the ratio of roots less 1: never out of range; a difference of two logarithms would be mostly rounding
+    # log1p of (ratio of roots - 1) is never out of range; a difference of two logarithms would be mostly rounding error
     return np.asarray(2 * np.log1p((high - low) / (np.sqrt(high) + root) / root))
 
 
 def roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """ROC curve: false and true positive rates for every threshold, from above the highest score downwards.
+    """Return the ROC curve of scores that say whether two samples are of the same class.
 
-    - `scores`: [N], higher means more likely the same; may be infinite
-    - `same`: [N], 1 or 0
+    Args:
+        scores: [N]; higher means more likely of the same class. They may be infinite.
+        same: [N], 1 for pairs of the same class and 0 for the others.
 
-    Returns two float64 arrays. Equal scores make a single step. ValueError for scores that are NaN, other shapes or
-    values, and if one of the two kinds is missing.
+    Returns:
+        False positive rates and true positive rates, float64 [thresholds], from a threshold above the highest score
+        downwards. Equal scores are a single step.
+
+    Raises:
+        ValueError: If a score is NaN, for other shapes or values, and if one of the two kinds of pairs is missing.
+
+    Example:
+        >>> [rates.tolist() for rates in roc([0.9, 0.1], [1, 0])]
+        [[0.0, 0.0, 1.0], [0.0, 1.0, 1.0]]
     """
     values, given = np.asarray(scores, np.float64), np.asarray(same)
     if values.ndim != 1 or values.shape != given.shape:
@@ -146,13 +164,24 @@ def roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> tuple[np.ndarray, np.ndar
 
 
 def area_under_roc(scores: npt.ArrayLike, same: npt.ArrayLike) -> float:
-    """Area under the curve of `roc`: the probability that a same pair has a higher score than a different pair.
+    """Return the area under the curve of `roc`.
 
-    Takes and raises the same as `roc`.
+    It is the probability that a pair of the same class has a higher score than a pair of different classes.
+
+    Args:
+        scores: [N]; higher means more likely of the same class. They may be infinite.
+        same: [N], 1 for pairs of the same class and 0 for the others.
+
+    Raises:
+        ValueError: If a score is NaN, for other shapes or values, and if one of the two kinds of pairs is missing.
+
+    Example:
+        >>> area_under_roc([0.9, 0.8, 0.1], [1, 0, 0])
+        1.0
     """
     return float(np.trapezoid(*roc(scores, same)[::-1]))
 
 
 def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a / b, and 0 where b is 0 (a is 0 there, too)."""
+    """Return a / b, and 0 where b is 0 (a is 0 there, too)."""
     return np.asarray(np.divide(a, b, out=np.zeros(np.broadcast(a, b).shape), where=b > 0))

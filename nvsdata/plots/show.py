@@ -142,9 +142,8 @@ def _histogram(axes: Axes, events: Events) -> None:
     axes.set_xscale("log")
     if len(events):
         axes.set_yscale("log", nonpositive="clip")
-    style_axes(
-        axes, f"{_about(events)}; {np.mean(counts == 0):.0%} of the pixels have none", "events of a pixel", "pixels"
-    )
+    title = f"{_about(events)}; {np.mean(counts == 0):.0%} of the pixels have none"
+    style_axes(axes, title, "events of a pixel", "pixels")
 
 
 def _cloud(axes: Axes, events: Events) -> None:

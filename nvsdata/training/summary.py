@@ -57,7 +57,7 @@ def summarized(votes: Votes) -> Summary:
     rounds, windows, recordings, classes = voters.shape
     named, wanted, sure = [], [], []
     for scores in (voters, voters.mean(1)):
-        verdicts, confidence = metrics.verdicts(scores)
+        verdicts, confidence = metrics.predictions(scores)
         named.append(verdicts.ravel())
         sure.append(confidence.ravel())
         wanted.append(np.broadcast_to(targets, verdicts.shape).ravel())
@@ -76,7 +76,7 @@ def summarized(votes: Votes) -> Summary:
 
 def mistakes_of(votes: Votes) -> list[Mistake]:
     """Recordings that at least one vote took for another class, by the most confident such vote, highest first."""
-    named, confidence = metrics.verdicts(votes.voters.mean(1).numpy())
+    named, confidence = metrics.predictions(votes.voters.mean(1).numpy())
     targets = votes.targets.numpy()
     wrong = named != targets
     worst = np.where(wrong, confidence, -1.0).argmax(0)

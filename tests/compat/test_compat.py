@@ -28,7 +28,7 @@ def test_types_are_those_of_the_others():
     array = compat.to_tonic(events)
     assert array.dtype.names == ("x", "y", "t", "p")
     assert array.tolist() == [(1, 3, 5, False), (2, 4, 7, True)]
-    with pytest.raises(ValueError, match="the events lack p, t; there are x, y"):
+    with pytest.raises(ValueError, match="the events have no p, t; their keys are x, y"):
         compat.from_dict({"x": [1], "y": [2]})
 
 

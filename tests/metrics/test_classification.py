@@ -66,7 +66,7 @@ def test_calibration_of_a_bound_belongs_to_the_bin_below():
 
 @given(SCORES)
 def test_verdicts_are_the_highest_softmax(scores):
-    named, confidence = metrics.verdicts(scores)
+    named, confidence = metrics.predictions(scores)
     for row, best, sure in zip(scores, named, confidence, strict=True):
         shares = [exp(v) / sum(exp(w) for w in row) for v in row]
         assert sure == pytest.approx(max(shares))
@@ -74,7 +74,7 @@ def test_verdicts_are_the_highest_softmax(scores):
 
 
 def test_nan_names_no_class():
-    named, confidence = metrics.verdicts([[0.0, np.nan], [np.inf, 0.0], [2.0, 0.0]])
+    named, confidence = metrics.predictions([[0.0, np.nan], [np.inf, 0.0], [2.0, 0.0]])
     assert named.tolist() == [-1, -1, 0]
     assert confidence[:2].tolist() == [0, 0]
     assert metrics.accuracy_by_votes(np.full((1, 2, 3, 2), np.nan), [0, 1, 0]).tolist() == [0, 0]

@@ -106,7 +106,7 @@ def test_reliability_shows_each_bin_at_its_place(figures):
     above, below = figures[0].axes
     assert pixels(figures[0]) == (420, 520)
     assert above.get_title("left") == "one window: expected calibration error 0.123"
-    assert (above.get_ylabel(), below.get_ylabel(), below.get_xlabel()) == ("accuracy", "share", "confidence")
+    assert (above.get_ylabel(), below.get_ylabel(), below.get_xlabel()) == ("accuracy", "fraction", "confidence")
     left, wide = np.array([0, 0.5, 0.75]), 0.23
     assert bars(above) == pytest.approx(np.stack((left, left * 0, left * 0 + wide, [0, 2 / 3, 1]), 1))
     assert bars(below) == pytest.approx(np.stack((left, left * 0, left * 0 + wide, [1 / 8, 3 / 8, 4 / 8]), 1))

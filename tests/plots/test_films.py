@@ -79,7 +79,7 @@ def test_a_film_that_the_temporary_disk_did_not_take_is_an_error(tmp_path, monke
         resize(16 * PAGE)
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "disk"))
         noise = np.random.default_rng(0).integers(0, 255, (20, 240, 320, 3), np.uint8)
-        with pytest.raises(OSError, match="of 20 pictures: is the disk of temporary files full") as refused:
+        with pytest.raises(OSError, match="of 20 frames: is the disk of temporary files full") as refused:
             save_mp4(noise, tmp_path / "a.mp4", 30)
         assert refused.value.filename.startswith(str(tmp_path / "disk"))
         assert not (tmp_path / "a.mp4").exists()
@@ -114,7 +114,7 @@ def test_settings_out_of_range(settings, reason):
 
 
 def test_too_many_pictures_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"more than 3,000 pictures: take a part, or write an \.mp4"):
+    with pytest.raises(ValueError, match=r"at most 3,000 frames: select a part of the events, or write an \.mp4"):
         save_gif([plots.event_image(EVENTS)] * 3_001, tmp_path / "a.gif", 30)
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match="frames, more than"):
@@ -184,7 +184,7 @@ def test_as_many_pictures_as_a_gif_may_have(tmp_path, monkeypatch):
     save_gif(pictures[:3], tmp_path / "a.gif", 30)
     with Image.open(tmp_path / "a.gif") as gif:
         assert gif.n_frames == 3
-    with pytest.raises(ValueError, match="a GIF of more than 3 pictures"):
+    with pytest.raises(ValueError, match="a GIF has at most 3 frames"):
         save_gif(pictures, tmp_path / "b.gif", 30)
 
 

@@ -58,7 +58,7 @@ def test_a_page_needs_nothing_else():
 
 def test_more_events_than_a_browser_takes(monkeypatch):
     monkeypatch.setattr("nvsdata.plots.page.MOST_EVENTS", 3_999)
-    with pytest.raises(ValueError, match=r"a page of 4,000 events .* take a part \(up to 3,999\)"):
+    with pytest.raises(ValueError, match=r"a page of 4,000 events .* select a part \(up to 3,999 events\)"):
         player_page(MOVING, "")
 
 

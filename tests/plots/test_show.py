@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from dataclasses import replace
 
 import matplotlib as mpl
@@ -249,13 +251,22 @@ def test_colors_of_a_tensor_are_of_its_range(axes):
 
 def test_a_notebook_shows_the_middle_tenth_of_a_second(monkeypatch):
     made = []
-    monkeypatch.setattr(show, "drawn", lambda figure: made.append(figure) or np.zeros((1, 1, 3), np.uint8))
+    monkeypatch.setattr(show, "rendered", lambda figure: made.append(figure) or np.zeros((1, 1, 3), np.uint8))
     EVENTS._repr_png_()
     frame, rate = made[0].axes
-    assert title(frame) == "100 ms in the middle"
+    assert title(frame) == "100 ms at the midpoint"
     assert np.array_equal(
         frame.images[0].get_array(),
         nvsdata.plots.event_image(EVENTS.window(10**15 + 149_000, 10**15 + 249_000))[..., ::-1],
     )
     assert title(rate) == "200 events, 398.0 ms"
     assert tuple(made[0].get_size_inches() * made[0].dpi) == (900, 330)
+
+
+def test_events_in_a_notebook_are_drawn_however_they_were_imported():
+    code = (
+        "import sys; from nvsdata.data.events import Events; events = Events([0, 9], [0, 1], [0, 1], [0, 1])\n"
+        "assert not any(name.startswith('nvsdata.plots') for name in sys.modules)\n"
+        "assert events._repr_png_().startswith(b'\\x89PNG')"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -133,7 +133,7 @@ def test_scores_that_tie_or_are_nothing_name_a_class_or_none():
     # of equals the first
     assert share_right(ties, torch.tensor([0, 0, 0, 1, 0, 0])) == 4 / 6
     assert share_right(ties, torch.tensor([1, 1, 1, 0, 1, 1])) == 0
-    named, sure = metrics.verdicts(ties)
+    named, sure = metrics.predictions(ties)
     assert named.tolist() == [0, -1, -1, 1, -1, 0]
     assert sure.tolist() == [0.5, 0, 0, 1, 0, 1]
     assert metrics.class_accuracies(named, [0] * 6, 3)[0] == 2 / 6

@@ -163,7 +163,7 @@ def test_pictures_of_a_report_say_what_they_show(tmp_path, monkeypatch, capsys, 
     assert title == "accuracy, 50 recordings, 2 votes each"
     (((one, first), (vote, second)),) = drawn["reliability"][0]
     assert (one, first.counts.sum(), vote, second.counts.sum()) == ("one window", 300, "vote of 3", 100)
-    by_votes, by_length = drawn["marked"]
+    by_votes, by_length = drawn["points_chart"]
     assert by_votes[1:] == (
         ["1", "2", "3"],
         "accuracy by the number of votes, 50 recordings, 2 votes each",

@@ -17,7 +17,7 @@ from nvsdata.common.progress import bar as progress
 from nvsdata.emulation.pix2nvs import PIX2NVS
 from nvsdata.emulation.protocol import EventEmulator, describe_settings
 from nvsdata.emulation.tuning.space import Space, check_space, place_of, settings_at, space_of, space_to_json
-from nvsdata.metrics.scoring import score
+from nvsdata.metrics.distance import score
 
 BATCH = 4  # trials per proposal; independent of the number of jobs, so that the search is, too
 ANYWHERE = 1  # trials of each batch sampled anywhere, so that the search can leave a local minimum
