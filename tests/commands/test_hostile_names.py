@@ -15,7 +15,7 @@ from clips import write_video
 
 import nvsdata
 from nvsdata import EventFolder, FormatError
-from nvsdata.batch import manifest
+from nvsdata.batch import run
 from nvsdata.benchmarks.line import Line
 from nvsdata.benchmarks.page import page as bench_page
 from nvsdata.cli import COMMANDS, main
@@ -194,7 +194,7 @@ def test_a_repr_and_a_warning_are_safe_where_no_command_runs(root):
         clean(str(one.message))
     clean(str(FormatError(BAD, BAD)))
     clean(aligned([[BAD, "a"], ["a", BAD]]))
-    report = manifest.FolderReport(failed={BAD: BAD}, damaged={BAD: 3}, without_preview={BAD: BAD})
+    report = run.FolderReport(failed={BAD: BAD}, damaged={BAD: 3}, without_preview={BAD: BAD})
     assert [clean(line) for line in report.messages()]
 
 
