@@ -138,7 +138,7 @@ def test_a_stopped_search_goes_on(tmp_path):
     assert len(calls) == before + 40 - kept
     assert search(counted, trials=40, journal=journal).trials == whole.trials
     assert len(calls) == before + 40 - kept
-    with pytest.raises(ValueError, match="is of another search"):
+    with pytest.raises(ValueError, match="belongs to another search"):
         search(bowl, trials=40, seed=1, journal=journal)
 
 

@@ -182,7 +182,7 @@ def test_a_pair_has_the_frames_and_events_of_the_time_that_counts(settings, fram
 
 @pytest.mark.parametrize(("seconds", "count"), [(0.0999, 1), (-1, 0)])
 def test_a_pair_needs_two_frames(seconds, count):
-    with pytest.raises(ValueError, match=f": {count} frames in the time that counts, at least 2 are needed"):
+    with pytest.raises(ValueError, match=f": {count} frames in the time that is compared, at least 2 are needed"):
         TuningPair(REAL, FRAMES, fps=10, seconds=seconds)
 
 

@@ -81,9 +81,9 @@ def test_events_that_begin_late_keep_their_place():
 @pytest.mark.parametrize(("count", "share"), [(2, 0.25), (3, 0.9), (5, 0.9)])
 def test_a_pair_that_is_too_short_is_told(stills, count, share):
     pair = TuningPair(SENSOR.emulate(stills[:count], fps=25), stills[:count], fps=25)
-    with pytest.raises(ValueError, match=f"{count} frames can't be split so that {share:.0%} are apart"):
+    with pytest.raises(ValueError, match=f"{count} frames can't be split with {share:.0%} in the second part"):
         pair.split(share)
-    with pytest.raises(ValueError, match=r"^the video: 1 frames in the time that counts"):
+    with pytest.raises(ValueError, match=r"^the video: 1 frames in the time that is compared"):
         TuningPair(pair.real, stills[:count], fps=25, seconds=1e-6)
 
 
