@@ -97,7 +97,7 @@ def test_tuning_again_measures_nothing(decoded, video, tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     emulated, emulate = [], TuningPair.emulate
     monkeypatch.setattr(TuningPair, "emulate", lambda *args: emulated.append(1) or emulate(*args))
-    monkeypatch.setattr(tune.plots, "save", lambda *_, **__: None)
+    monkeypatch.setattr(tune.plots, "save_png", lambda *_, **__: None)
     words = "tune --real real.h5 --video v.avi --trials 5".split()
     # those tried; the best one for its picture, and with those as given on what the search doesn't see
     for count in (5 + 1 + 2, 1 + 2):

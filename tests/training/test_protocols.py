@@ -194,7 +194,7 @@ def test_causal_networks_pool_at_their_end_only_and_can_stream(kind, sensor, cha
     assert model.settings["sensor_size"] == sensor
     trained = models.Trained(model.eval(), (), protocol.pipeline(training=False), {}, {})
     decider = models.OnlineClassifier(trained)
-    assert isinstance(decider.stream, models.streaming.CausalStream)
+    assert isinstance(decider.stream, models.incremental.streaming.CausalStream)
     assert decider.stream.window == 30_000
 
 

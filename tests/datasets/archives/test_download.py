@@ -151,7 +151,7 @@ def test_the_command_deletes_archives_or_says_that_it_may(host, root, capsys, mo
     info = dataset(archive(host.serve("/whole", CONTENT)))
     monkeypatch.setattr(NMNIST, "info", info)
     assert main(["download", "n-mnist", "--root", str(root)]) == 0
-    told = "1 archives beside what is unpacked in {}, 0.00 GB: --delete-archives deletes them\n"
+    told = "1 archives next to what is unpacked in {}, 0.00 GB: --delete-archives deletes them\n"
     assert told.format(root) in capsys.readouterr().err
     assert main(["download", "n-mnist", "--root", str(root), "--delete-archives"]) == 0
     assert capsys.readouterr() == (f"{root / 'Train'}\n", "")
