@@ -43,7 +43,7 @@ class Estimate:
 
     @property
     def short(self) -> bool:
-        """Whether the disk is too small."""
+        """True if the disk is too small."""
         return self.videos > 0 and self.bytes + self.reserve > self.free
 
     def __str__(self) -> str:

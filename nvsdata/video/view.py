@@ -90,21 +90,21 @@ class VideoView:
         height, width = frame.shape[:2]
         across, down = size[0] / width, size[1] / height
         if self.fit == "stretch" or abs(across * height - size[1]) <= 0.5 or abs(down * width - size[0]) <= 0.5:
-            return resize(frame, size)
+            return scale_frame(frame, size)
         if self.fit == "pad":
             scale = min(across, down)
             inner = max(round(width * scale), 1), max(round(height * scale), 1)
             left, top = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
             around = np.full((size[1], size[0], *frame.shape[2:]), black, frame.dtype)
-            around[top : top + inner[1], left : left + inner[0]] = resize(frame, inner)
+            around[top : top + inner[1], left : left + inner[0]] = scale_frame(frame, inner)
             return around
         scale = max(across, down)
         keep = max(round(size[0] / scale), 1), max(round(size[1] / scale), 1)
         left, top = (width - keep[0]) // 2, (height - keep[1]) // 2
-        return resize(frame[top : top + keep[1], left : left + keep[0]], size)
+        return scale_frame(frame[top : top + keep[1], left : left + keep[0]], size)
 
 
-def resize(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def scale_frame(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Scale a frame [H, W] or [H, W, C] to `size` (width, height)."""
     shrinks = size[0] < frame.shape[1] or size[1] < frame.shape[0]
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR

@@ -137,7 +137,7 @@ class TuningPair:
 
     @cached_property
     def colored(self) -> bool:
-        """Whether the video has colors, which hue needs."""
+        """True if the video has colors, which hue needs."""
         return next(iter(self._load_colored())).pixels.ndim == 3
 
     def __call__(self, settings: EventEmulator) -> Measured:
