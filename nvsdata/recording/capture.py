@@ -39,19 +39,20 @@ SWITCH = 2e-4
 class RecordingReport:
     """Result of a recording.
 
-    - `path`: the file, None if nothing was written
-    - `events`: events recorded
-    - `seconds`: time of the last event
-    - `received`: bytes that came from the camera
-    - `lost`: bytes that came and found no room
-    - `dropped`: events that the camera dropped, None if it doesn't count them
-    - `ended`: why the recording ended
-    - `error_counts`: the decoder's: faults of the stream, counted by name
-    - `temperature`: of the inertial unit (°C), None without one
-    - `triggers`: times (µs) of pulses and rising edges at the external input
-    - `zero`: the host's time (µs) at which the camera's time began
-    - `frames`, `samples`: how many frames and inertial samples came
-    - `about`: what is known of the camera
+    Args:
+        path: The file, None if nothing was written.
+        events: Events recorded.
+        seconds: Time of the last event.
+        received: Bytes that came from the camera.
+        lost: Bytes that came and found no room.
+        dropped: Events that the camera dropped, None if it doesn't count them.
+        ended: Why the recording ended.
+        error_counts: The decoder's: faults of the stream, counted by name.
+        temperature: Of the inertial unit (°C), None without one.
+        triggers: Times (µs) of pulses and rising edges at the external input.
+        zero: The host's time (µs) at which the camera's time began.
+        frames, samples: How many frames and inertial samples came.
+        about: What is known of the camera.
     """
 
     path: Path | None
@@ -105,19 +106,20 @@ def record(
     unplugged or sends nothing for 5 s, and when the disk has less than 64 MB left; what came until then is in the
     file, and `RecordingReport.ended` says why. The file appears when it is whole.
 
-    - `camera`: anything that has the members of `camera.Camera`
-    - `path`: the file; with None, events are only given to `watch`
-    - `settings`: what the camera's `configure` takes (default: the camera's)
-    - `seconds`: how long to record (default: until stopped)
-    - `stop`: ends the recording when it is set (default: none)
-    - `watch`: called with the report so far and the events of each block, from another thread
-    - `journaled`: until the file is whole, keep what the camera sends in FILE.davis, which `nvsdata.open` reads; it is
-      removed when the file is there, and stays if the file can't be written (default True)
-
     Raises CameraError if the camera can't be configured or started, or doesn't mark the reset of its clock, TypeError
     for an object that isn't a camera, ValueError for frames in a format that holds none, OSError if the disk has less
     than 64 MB left, FileExistsError if there is a journal of that file already, and `Unfinished` if the file can't be
     written.
+
+    Args:
+        camera: Anything that has the members of `camera.Camera`.
+        path: The file; with None, events are only given to `watch`.
+        settings: What the camera's `configure` takes (default: the camera's).
+        seconds: How long to record (default: until stopped).
+        stop: Ends the recording when it is set (default: none).
+        watch: Called with the report so far and the events of each block, from another thread.
+        journaled: Until the file is whole, keep what the camera sends in FILE.davis, which `nvsdata.open` reads; it is
+            removed when the file is there, and stays if the file can't be written (default True).
     """
     check_camera(camera)
     report = RecordingReport(None if path is None else Path(path))

@@ -45,9 +45,10 @@ class Finding(NamedTuple):
 def examine(backend: Any = None, *, screen: bool = False, folder: Path | None = None) -> Iterator[Finding]:
     """Look at all that a recording needs.
 
-    - `backend`: pyusb's (default: the one that pyusb finds)
-    - `screen`: whether windows or videos are to be shown (default False: what they need is optional)
-    - `folder`: where the recording is to go (default: the current folder)
+    Args:
+        backend: pyusb's (default: the one that pyusb finds).
+        screen: Whether windows or videos are to be shown (default False: what they need is optional).
+        folder: Where the recording is to go (default: the current folder).
     """
     try:
         connected = devices(backend)

@@ -24,14 +24,16 @@ class OnlineModel(Protocol):
 class OnlineInference(Thread):
     """Decides about what a camera sends as soon as it is there, and never makes the recording wait.
 
-    - `decider`: fed all events, but for those that no decision would see: if it is late by more than its window, it
-      goes on with the newest window
-    - `tell`: called with each decision, which also has `behind` (µs since its last event), `skipped` (blocks of the
-      camera without a decision of their own since the last one) and `missed` (events that weren't fed since then)
-    - `ended`: called with the error that ended the decisions early; the recording goes on then
-
     Use it in a `with` block; `add` is for `record`'s `watch`. `error` is that error, None if there was none. On a
     causal graph, events that were missed would have been neighbors of the oldest ones in the window.
+
+    Args:
+        decider: Fed all events, but for those that no decision would see: if it is late by more than its window, it
+            goes on with the newest window.
+        tell: Called with each decision, which also has `behind` (µs since its last event), `skipped` (blocks of the
+            camera without a decision of their own since the last one) and `missed` (events that weren't fed since
+            then).
+        ended: Called with the error that ended the decisions early; the recording goes on then.
     """
 
     def __init__(

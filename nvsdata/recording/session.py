@@ -46,19 +46,20 @@ def run(
 ) -> int:
     """Record a camera and print how it went; return 0 if nothing was lost and decisions went on to the end, else 1.
 
-    - `out`: the file; may be None with `live`
-    - `seconds`: how long to record; None: until Ctrl-C, SIGTERM or SIGHUP
-    - `serial`: the camera's serial number; None: the only one there
-    - `settings`: the camera's
-    - `simulate`: record a simulated camera in place of a real one
-    - `live`: show events in a window; closing it ends the recording
-    - `overwrite`: replace `out` if it is there
-    - `note`: kept with the recording
-    - `as_json`: print the report as a line of JSON
-    - `decider`: of a network that follows the events; a line of JSON per decision is printed, and the report to stderr
-
     FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it, ValueError
     if the camera is larger than the network is for.
+
+    Args:
+        out: The file; may be None with `live`.
+        seconds: How long to record; None: until Ctrl-C, SIGTERM or SIGHUP.
+        serial: The camera's serial number; None: the only one there.
+        settings: The camera's.
+        simulate: Record a simulated camera in place of a real one.
+        live: Show events in a window; closing it ends the recording.
+        overwrite: Replace `out` if it is there.
+        note: Kept with the recording.
+        as_json: Print the report as a line of JSON.
+        decider: Of a network that follows the events; a line of JSON per decision is printed, and the report to stderr.
     """
     backend = simulate and simulate.alone()
     if decider is not None:
@@ -171,9 +172,10 @@ def _shown(
 def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool, folder: Path | None) -> int:
     """Print which cameras there are, or all that a recording needs; return 1 if something that it needs is missing.
 
-    - `everything`: all that a recording needs, not only cameras
-    - `simulated`: look for a simulated camera
-    - `screen`, `folder`: see `examine`
+    Args:
+        everything: All that a recording needs, not only cameras.
+        simulated: Look for a simulated camera.
+        screen, folder: See `examine`.
     """
     found = list(examine(Simulation().alone() if simulated else None, screen=screen, folder=folder))
     if not everything:

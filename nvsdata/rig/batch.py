@@ -97,18 +97,19 @@ def record_videos(
     `watch`). A video that can't be decoded fails, and the rest
     goes on. `out` gets contact sheets, forty recordings per page, and `status.json`.
 
-    - `videos`: what is to be played
-    - `out`: the folder of recordings
-    - `manifest`: that of `out`; see `manifest_of`
-    - `find`: opens the camera; called again when the camera was gone
-    - `monitor`: plays the videos
-    - `settings`: the camera's
-    - `corners`, `strict`, `accept_quiet`: see `content.Inspector`
-    - `on_alarm`: a command for alarms (default: none)
-    - `live`: show events in a window (default False)
-
     Raises CameraError if there is no camera at the start, OSError if nothing can be written, `BatchStopped` if nothing
     could be recorded for hours.
+
+    Args:
+        videos: What is to be played.
+        out: The folder of recordings.
+        manifest: That of `out`; see `manifest_of`.
+        find: Opens the camera; called again when the camera was gone.
+        monitor: Plays the videos.
+        settings: The camera's.
+        corners, strict, accept_quiet: See `content.Inspector`.
+        on_alarm: A command for alarms (default: none).
+        live: Show events in a window (default False).
     """
     takes: Counter[str] = Counter()
     known = [line["content"] for line in manifest.videos.values() if line["status"] in DONE and "content" in line]

@@ -35,14 +35,15 @@ Round = Callable[[float], float]
 class ScreenCalibration:
     """Measurements of a calibration.
 
-    - `response`: the share of the flashes that each pixel saw, [H, W]
-    - `corners`: places (x, y) on the sensor of the upper left, upper right, lower right and lower left corner of the
-      region of the screen that shows videos, [4, 2]
-    - `roi`: (x, y, width, height) of the pixels that see any of that region
-    - `crop`: (x, y, width, height) of the largest upright rectangle in it
-    - `cover`: the share of the sensor that it fills
-    - `frequencies`, `spectrum`: of the event rate of a still screen, in Hz; 1 is the noise
-    - `flicker`: frequency (Hz) and height of the lines that rise above the noise
+    Args:
+        response: The share of the flashes that each pixel saw, [H, W].
+        corners: Places (x, y) on the sensor of the upper left, upper right, lower right and lower left corner of the
+            region of the screen that shows videos, [4, 2].
+        roi: (x, y, width, height) of the pixels that see any of that region.
+        crop: (x, y, width, height) of the largest upright rectangle in it.
+        cover: The share of the sensor that it fills.
+        frequencies, spectrum: Of the event rate of a still screen, in Hz; 1 is the noise.
+        flicker: Frequency (Hz) and height of the lines that rise above the noise.
     """
 
     response: np.ndarray
@@ -70,10 +71,11 @@ def response(events: Events, line: ClockFit, shown: list[float], bright: list[bo
 def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
     """Corners of the screen [4, 2], in the order of `Calibration`.
 
-    - `screen`: share of the flashes of the whole screen that each pixel saw, [H, W]
-    - `quarter`: the same for flashes of its upper left quarter
-
     `NoSync` if too few pixels see the screen, or none sees the quarter.
+
+    Args:
+        screen: Share of the flashes of the whole screen that each pixel saw, [H, W].
+        quarter: The same for flashes of its upper left quarter.
     """
     corners, largest = outline_of(screen)
     place = np.argwhere((quarter >= SEEN) & largest)
@@ -87,9 +89,10 @@ def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
 def outline_of(screen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the screen [4, 2], clockwise on the sensor, and the mask of the pixels that see it, bool [H, W].
 
-    - `screen`: as for `corners_of`
-
     `NoSync` if too few pixels see the screen.
+
+    Args:
+        screen: As for `corners_of`.
     """
     seen = cv2.morphologyEx((screen >= SEEN).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(seen)

@@ -31,9 +31,10 @@ class NoSync(ValueError):
 class ClockFit:
     """Camera time = `offset` + (1 + `drift`) x host time, µs.
 
-    - `residual`: median distance of the flashes from that line (µs)
-    - `used`: how many flashes agree with it
-    - `flashes`: how many there are
+    Args:
+        residual: Median distance of the flashes from that line (µs).
+        used: How many flashes agree with it.
+        flashes: How many there are.
     """
 
     offset: float
@@ -63,17 +64,18 @@ def flashes(length: int = 31) -> np.ndarray:
 def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
     """Match the flashes that were shown to what a camera saw of them.
 
-    - `seen`: the camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen: one
-      at each flash to bright, and maybe others
-    - `shown`: host times (µs, rising) at which the whole screen changed, [n]
-    - `bright`: whether it changed to bright (ON events) or to dark (OFF), [n]
-
     The flashes may be several groups, such as before and after a video; events in between may be left out. A flash
     that came later than the host thought, or not at all, is an outlier and left out. NoSync if too few agree.
 
     The flashes are first found as a pattern by correlation at 1 ms, beginning with the first group, then each by the
     time at which its events begin, and a line is fitted to those that agree. ON and OFF may have different delays;
     their mean is taken as the camera's.
+
+    Args:
+        seen: The camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen: one
+            at each flash to bright, and maybe others.
+        shown: Host times (µs, rising) at which the whole screen changed, [n].
+        bright: Whether it changed to bright (ON events) or to dark (OFF), [n].
     """
     host, rising = np.asarray(shown, np.float64), np.asarray(bright, bool)
     sight: _Rates | _Triggers

@@ -37,14 +37,15 @@ ENOUGH = 3  # recordings from which their median means something
 class Content:
     """Figures of a recording.
 
-    - `emulated`: events that PIX2NVS gives for the video in the same view
-    - `scale`: events recorded per event emulated, in the median over time; None for a quiet video
-    - `gap`: ms, the longest time without events in which the video moves
-    - `hidden`: share of the video's motion, by place, that gave no events
-    - `stray`: share of the recorded events that the video's motion doesn't explain
-    - `noise`: Hz per pixel while the first picture stood still
-    - `cover`: share of the sensor that sees the screen; `seen`: share of its pixels that saw a flash, in the mean
-    - `corners`: of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels; None if there are none
+    Args:
+        emulated: Events that PIX2NVS gives for the video in the same view.
+        scale: Events recorded per event emulated, in the median over time; None for a quiet video.
+        gap: ms, the longest time without events in which the video moves.
+        hidden: Share of the video's motion, by place, that gave no events.
+        stray: Share of the recorded events that the video's motion doesn't explain.
+        noise: Hz per pixel while the first picture stood still.
+        cover: Share of the sensor that sees the screen; `seen`: share of its pixels that saw a flash, in the mean.
+        corners: Of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels; None if there are none.
     """
 
     emulated: int
@@ -81,11 +82,12 @@ class Span(NamedTuple):
 class Inspector:
     """Judge of the recordings of a batch, each compared with those before it.
 
-    - `monitor`: that shows the videos
-    - `corners`: where the screen is in view by calibration, [4, 2] (default: as most recordings show it)
-    - `others`: figures of the batch's recordings so far, as `Content.as_dict` returns them
-    - `strict`: refuse flagged recordings (default False: only list them)
-    - `accept_quiet`: accept recordings with hardly any events of videos that move (default False)
+    Args:
+        monitor: That shows the videos.
+        corners: Where the screen is in view by calibration, [4, 2] (default: as most recordings show it).
+        others: Figures of the batch's recordings so far, as `Content.as_dict` returns them.
+        strict: Refuse flagged recordings (default False: only list them).
+        accept_quiet: Accept recordings with hardly any events of videos that move (default False).
     """
 
     monitor: Monitor

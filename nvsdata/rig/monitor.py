@@ -29,19 +29,20 @@ NAP = 0.02  # s between looks at the keyboard
 class Monitor:
     """Full screen on a display, black around the pictures, no mouse, no screen saver; use it in a `with` block.
 
-    - `display`: its number (default 0)
-    - `region`: (x, y, width, height) where pictures go (default: the whole screen)
-    - `scaling`: how pictures fit into it: "aspect", as large as possible; "integer", by the largest whole number
-      (default "aspect")
-    - `window`: (width, height) of a window in place of the whole screen (default: none)
-    - `look`: called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change
-
     `refresh` is the time between two pictures in µs, as measured over 240 flips, and `stated` what the display says;
     `synced` says whether the display itself sets their times (else the clock does, by `stated`). `check` is called
     often while waiting; what it raises ends the wait. `confirmed` is set when Enter or Space is pressed.
 
     Raises `DisplayError` if there is no such display, ValueError for a region outside it, and KeyboardInterrupt when
     the Escape key is pressed or the window closed. All methods must be called from the main thread.
+
+    Args:
+        display: Its number (default 0).
+        region: (x, y, width, height) where pictures go (default: the whole screen).
+        scaling: How pictures fit into it: "aspect", as large as possible; "integer", by the largest whole number
+            (default "aspect").
+        window: (width, height) of a window in place of the whole screen (default: none).
+        look: Called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change.
     """
 
     def __init__(

@@ -33,9 +33,10 @@ def emulated(
 ) -> np.ndarray:
     """Events per bin of time and cell, [bins, cells], that PIX2NVS gives for a video on the screen.
 
-    - `corners`: of the screen on the sensor, from its upper left clockwise, float32 [4, 2]
-    - `size`: (width, height) of the sensor
-    - `drift`: of the clock that bins go by (default 0)
+    Args:
+        corners: Of the screen on the sensor, from its upper left clockwise, float32 [4, 2].
+        size: (width, height) of the sensor.
+        drift: Of the clock that bins go by (default 0).
     """
     columns, rows = (-(-side // CELL) for side in size)
     counts = np.zeros((bins, columns * rows))

@@ -32,14 +32,15 @@ USUAL_GAP = 40_000  # µs that the only picture of a video is shown
 class PlaybackLog:
     """Log of what was shown when; host times in µs.
 
-    - `refresh`: time between two refreshes of the monitor (µs)
-    - `flashes`, `bright`: when the whole screen changed, and whether to bright (True) or to dim
-    - `start`, `stop`: from when to when the video lasted
-    - `due`, `shown`: when each picture of the video was due, and when it was shown
-    - `skipped`: pictures that weren't shown, because the next one was already due
-    - `missed`: µs for which pictures that were left out should have been shown
-    - `truncated`: why the video ended early, None if it didn't
-    - `dropped`: events that the camera dropped while the video played, None if it doesn't count them
+    Args:
+        refresh: Time between two refreshes of the monitor (µs).
+        flashes, bright: When the whole screen changed, and whether to bright (True) or to dim.
+        start, stop: From when to when the video lasted.
+        due, shown: When each picture of the video was due, and when it was shown.
+        skipped: Pictures that weren't shown, because the next one was already due.
+        missed: µs for which pictures that were left out should have been shown.
+        truncated: Why the video ended early, None if it didn't.
+        dropped: Events that the camera dropped while the video played, None if it doesn't count them.
     """
 
     refresh: float

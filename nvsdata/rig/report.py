@@ -156,7 +156,8 @@ WORDS = {
 def write_report(lines: Sequence[Line], head: Line, out: Path) -> None:
     """Write `out/report.html`, which needs nothing else but the contact sheets next to it.
 
-    - `lines`, `head`: the last line of each video in the manifest, and the manifest's first line
+    Args:
+        lines, head: The last line of each video in the manifest, and the manifest's first line.
     """
     sheets = sorted(path.name for path in out.glob(SHEETS))
     put(out / REPORT, page(lines, head, out.resolve().name, sheets).encode("utf-8", "backslashreplace"))

@@ -25,15 +25,16 @@ ENDED = ("done", "verified", "interrupted", "stopped")
 class Status:
     """The state of a batch; each change of it is written to `out/status.json`.
 
-    - `out`: the folder of recordings
-    - `total`: videos of the batch
-    - `state`: one of `GOING`, or one of `ENDED`: "done", "verified" (by `--verify`), "interrupted", "stopped" (by an
-      error, a disk that is too small, or after alarms)
-    - `reason`: why it ended, or what is wrong; None if nothing is
-    - `video`: what is being played
-    - `done`, `failed`: videos of the batch, in this run and in those before; `look`: how many of them are flagged
-    - `in_a_row`: takes that failed, one after another
-    - `recent`: why the last takes of videos failed that have no good one yet, by video, newest first
+    Args:
+        out: The folder of recordings.
+        total: Videos of the batch.
+        state: One of `GOING`, or one of `ENDED`: "done", "verified" (by `--verify`), "interrupted", "stopped" (by an
+            error, a disk that is too small, or after alarms).
+        reason: Why it ended, or what is wrong; None if nothing is.
+        video: What is being played.
+        done, failed: Videos of the batch, in this run and in those before; `look`: how many of them are flagged.
+        in_a_row: Takes that failed, one after another.
+        recent: Why the last takes of videos failed that have no good one yet, by video, newest first.
     """
 
     out: Path

@@ -28,9 +28,10 @@ class TakeRejected(Exception):
 class ScreenRecording:
     """A video played and recorded.
 
-    - `raw`: the uncut recording
-    - `report`: how recording went
-    - `performance`: how playing went
+    Args:
+        raw: The uncut recording.
+        report: How recording went.
+        performance: How playing went.
     """
 
     raw: Path

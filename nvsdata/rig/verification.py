@@ -21,9 +21,10 @@ from nvsdata.rig.status import RECENT, STATUS, Status
 class Verification:
     """Faults of a folder of recordings.
 
-    - `videos`: how many were verified
-    - `faults`: why videos have no sound recording, by their names
-    - `others`: what other files in the folder are, by their names below it
+    Args:
+        videos: How many were verified.
+        faults: Why videos have no sound recording, by their names.
+        others: What other files in the folder are, by their names below it.
     """
 
     videos: int

@@ -32,12 +32,13 @@ class BatchStopped(OSError):
 class Watch:
     """Counts takes that fail in a row, and does something about it.
 
-    - `status`: of the batch
-    - `command`: run by the shell at an alarm, which is in its environment as `NVSDATA_ALARM`, with the folder as
-      `NVSDATA_OUT` (None: no command)
-    - `reopen`: reopens the camera
-    - `wait`: waits until a host time (µs)
-    - `probe`: whether a video that was recorded before can be recorded now (default: there is none)
+    Args:
+        status: Of the batch.
+        command: Run by the shell at an alarm, which is in its environment as `NVSDATA_ALARM`, with the folder as
+            `NVSDATA_OUT` (None: no command).
+        reopen: Reopens the camera.
+        wait: Waits until a host time (µs).
+        probe: Whether a video that was recorded before can be recorded now (default: there is none).
     """
 
     def __init__(

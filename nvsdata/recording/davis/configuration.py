@@ -16,13 +16,14 @@ Write = tuple[int, int, int]
 class DeviceInfo:
     """A camera's report about itself.
 
-    - `serial`: its serial number
-    - `board`: of its USB controller, "FX2" or "FX3"
-    - `chip`: number of the sensor, a key of `CHIPS`
-    - `width`, `height`, `frame_size`: in pixels, as the host sees them
-    - `swap`, `frame_orientation`, `inertial`, `inertial_flips`: as `stream.Decoder` takes them
-    - `logic_clock`, `converter_clock`, `usb_clock`: in MHz
-    - `has`: names of the optional parts that it has, such as "region filter"
+    Args:
+        serial: Its serial number.
+        board: Of its USB controller, "FX2" or "FX3".
+        chip: Number of the sensor, a key of `CHIPS`.
+        width, height, frame_size: In pixels, as the host sees them.
+        swap, frame_orientation, inertial, inertial_flips: As `stream.Decoder` takes them.
+        logic_clock, converter_clock, usb_clock: In MHz.
+        has: Names of the optional parts that it has, such as "region filter".
     """
 
     serial: str

@@ -73,10 +73,11 @@ class Davis:
     def find(cls, serial: str | None = None, *, backend: Any = None) -> Self:
         """Open the camera with that serial number, or the only one there is.
 
-        - `serial`: serial number; None if only one camera is connected
-        - `backend`: pyusb's backend (default: the one that pyusb finds)
-
         Raises CameraError if there is no such camera, several without a serial number, or one that can't be used.
+
+        Args:
+            serial: Serial number; None if only one camera is connected.
+            backend: pyusb's backend (default: the one that pyusb finds).
         """
         found = []
         refused: list[Exception] = []

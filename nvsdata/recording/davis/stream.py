@@ -48,10 +48,11 @@ ERRORS = {
 class Specials(NamedTuple):
     """Special events, int64 [n] each.
 
-    - `word`: number of the word that each came with, counted from the start
-    - `t`: time (µs)
-    - `kind`: type, a key of `SPECIALS`
-    - `before`: how many of the events that `feed` returned came before it
+    Args:
+        word: Number of the word that each came with, counted from the start.
+        t: Time (µs).
+        kind: Type, a key of `SPECIALS`.
+        before: How many of the events that `feed` returned came before it.
     """
 
     word: np.ndarray
@@ -68,16 +69,6 @@ NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
 class DavisDecoder:
     """Decodes a camera's stream, piece by piece.
 
-    - `width`, `height`: of the sensor in pixels, as the host sees it
-    - `swap`: whether the sensor's rows are the host's columns (default False)
-    - `frame_size`: (width, height) of frames, as the host sees them (default: those of the sensor)
-    - `frame_orientation`: register 2/2 (4: swap, 2: flip x, 1: flip y; default 0)
-    - `chip`: register 6/1 (default 2)
-    - `inertial`: register 3/0 (default 1)
-    - `inertial_flips`: register 3/1 (4: x, 2: y, 1: z; default 0)
-    - `steady`: times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
-      clock that fits ("lost_wraps"), and likewise at every reset except the first ("late_resets") (default False)
-
     `feed` returns the events of a piece, in the order of the stream (µs; times restart at a "timestamp_reset", and
     fall only there or in damaged streams). `specials`, `samples` and `frames` hold what else the last piece brought,
     `sample_words` and `frame_words` the numbers of the words at which samples and frames ended. `error_counts` counts
@@ -85,6 +76,18 @@ class DavisDecoder:
     dropped), columns of a frame with too few pixels (the rest keeps what was there before), pieces whose last byte is
     half a word (which is dropped). `begun` says whether `decoded` has met a reset of the clock; set it to True before,
     and everything counts.
+
+    Args:
+        width, height: Of the sensor in pixels, as the host sees it.
+        swap: Whether the sensor's rows are the host's columns (default False).
+        frame_size: (width, height) of frames, as the host sees them (default: those of the sensor).
+        frame_orientation: Register 2/2 (4: swap, 2: flip x, 1: flip y; default 0).
+        chip: Register 6/1 (default 2).
+        inertial: Register 3/0 (default 1).
+        inertial_flips: Register 3/1 (4: x, 2: y, 1: z; default 0).
+        steady: Times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
+            clock that fits ("lost_wraps"), and likewise at every reset except the first ("late_resets") (default
+            False).
     """
 
     width: int

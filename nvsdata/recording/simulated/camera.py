@@ -73,19 +73,20 @@ WRITABLE = ((MUX, 0, 5), (DVS, 3, 63), (APS, 4, 13), (IMU, 2, 10), (EXTERNAL, 0,
 class SimulatedDavis:
     """A simulated camera.
 
-    - `scene`: what its pixels see (default: `Outlines()`)
-    - `serial`, `product`, `firmware`: as its USB descriptor has them
-    - `registers`: what it answers, by (module, parameter) (default: those of a DAVIS240C)
-    - `speed`: of its clock relative to the host's, 1.0001 is 100 ppm too fast; with 0, time passes only by `advance`
-      (default 1)
-    - `packet`: bytes per USB packet (default 512)
-    - `log`: all control transfers, (type, request, value, index, data)
-    - `unplugged`: makes it go away
-    - `refusal`: an errno with which it refuses whatever is asked
-    - `stalled`: makes it send no more
-    - `lossy`: share of what it should send that it drops, and counts as dropped (default 0)
-    - `room`: bytes that may wait to be read; beyond that it drops events, as a real camera does. None, the default: it
-      sends everything, as fast as it is read, so that a busy computer loses nothing
+    Args:
+        scene: What its pixels see (default: `Outlines()`).
+        serial, product, firmware: As its USB descriptor has them.
+        registers: What it answers, by (module, parameter) (default: those of a DAVIS240C).
+        speed: Of its clock relative to the host's, 1.0001 is 100 ppm too fast; with 0, time passes only by `advance`
+            (default 1).
+        packet: Bytes per USB packet (default 512).
+        log: All control transfers, (type, request, value, index, data).
+        unplugged: Makes it go away.
+        refusal: An errno with which it refuses whatever is asked.
+        stalled: Makes it send no more.
+        lossy: Share of what it should send that it drops, and counts as dropped (default 0).
+        room: Bytes that may wait to be read; beyond that it drops events, as a real camera does. None, the default: it
+            sends everything, as fast as it is read, so that a busy computer loses nothing.
     """
 
     scene: Scene = field(default_factory=Outlines)

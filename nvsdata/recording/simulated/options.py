@@ -19,14 +19,15 @@ AWAY = 2.0  # s for which the camera stays unplugged
 class Simulation:
     """Faults of a simulated camera and screen.
 
-    - `drift`: of the camera's clock, in ppm (default 0)
-    - `noise`: in Hz per pixel (default 0.5)
-    - `late`: share of the pictures that the screen shows a refresh later than the computer thinks (default 0)
-    - `lossy`: share of its packets that the camera drops (default 0)
-    - `wired`: 1 for a photodiode at its external input (default 0)
-    - `unplugged`: s after the first use when the camera is unplugged for two seconds (default 0: never)
-    - `stalled`: s after the first use when it stops sending until it is opened again (default 0: never)
-    - `seed`: of all that is random (default 0)
+    Args:
+        drift: Of the camera's clock, in ppm (default 0).
+        noise: In Hz per pixel (default 0.5).
+        late: Share of the pictures that the screen shows a refresh later than the computer thinks (default 0).
+        lossy: Share of its packets that the camera drops (default 0).
+        wired: 1 for a photodiode at its external input (default 0).
+        unplugged: s after the first use when the camera is unplugged for two seconds (default 0: never).
+        stalled: s after the first use when it stops sending until it is opened again (default 0: never).
+        seed: Of all that is random (default 0).
     """
 
     drift: float = 0.0

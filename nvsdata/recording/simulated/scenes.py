@@ -71,13 +71,14 @@ class Outlines:
 class Watched:
     """A screen in a dark room, through PIX2NVS: `look` must be called with what the screen shows.
 
-    - `pixels`: the sensor's settings
-    - `corners`: places (x, y) of the screen's corners on the sensor
-    - `scan`: µs in which the screen changes from top to bottom (default 12,000)
-    - `late`: share of the pictures that come a refresh later than the host thinks (default 0)
-    - `wired`: a photodiode in the screen's upper left corner pulses the external input when that corner turns bright
-    - `seed`: of which pictures are late (default 0)
-    - `lag`: µs after which events are known (default 80,000)
+    Args:
+        pixels: The sensor's settings.
+        corners: Places (x, y) of the screen's corners on the sensor.
+        scan: µs in which the screen changes from top to bottom (default 12,000).
+        late: Share of the pictures that come a refresh later than the host thinks (default 0).
+        wired: A photodiode in the screen's upper left corner pulses the external input when that corner turns bright.
+        seed: Of which pictures are late (default 0).
+        lag: µs after which events are known (default 80,000).
     """
 
     pixels: PIX2NVS = PIXELS

@@ -35,11 +35,12 @@ def can_read_in_subprocess(device: Any) -> bool:
 class SubprocessStream:
     """A camera's stream, read by another process; a `Stream`.
 
-    - `opener`: called in that process, must be picklable, and returns the device with its interface claimed
-    - `endpoint`: to read from
-    - `freed`: called when that process has ended (default: nothing is)
-
     Raises `Disconnected` if the process can't open the device.
+
+    Args:
+        opener: Called in that process, must be picklable, and returns the device with its interface claimed.
+        endpoint: To read from.
+        freed: Called when that process has ended (default: nothing is).
     """
 
     faults = 0  # the first one ends the process

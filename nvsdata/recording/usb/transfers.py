@@ -65,10 +65,11 @@ class _Timeval(ctypes.Structure):
 class AsyncStream:
     """Requests that wait in libusb, so that the camera can always send.
 
-    - `lib`, `context`, `handle`: pyusb's own, of a device whose interface has been claimed
-    - `endpoint`: to read from
-    - `count`, `size`: how many requests, and bytes of each (default 32, 65,536)
-    - `kind`: of the endpoint, `BULK` or `INTERRUPT` (default `BULK`)
+    Args:
+        lib, context, handle: pyusb's own, of a device whose interface has been claimed.
+        endpoint: To read from.
+        count, size: How many requests, and bytes of each (default 32, 65,536).
+        kind: Of the endpoint, `BULK` or `INTERRUPT` (default `BULK`).
     """
 
     def __init__(
