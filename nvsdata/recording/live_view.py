@@ -13,8 +13,8 @@ from nvsdata.data.events import Events, concatenate
 from nvsdata.plots import event_image
 from nvsdata.recording.camera import host_time
 
-EVERY = 33_000  # µs between pictures
-SPAN = 33_000  # µs of events in a picture
+EVERY = 33_000  # µs between images
+SPAN = 33_000  # µs of events in an image
 ZOOM = 3
 
 
@@ -52,7 +52,7 @@ class LiveView:
             self._events = both.window(start=int(both.t[-1]) - SPAN)
 
     def draw(self) -> None:
-        """Show what came, if 33 ms have passed since the last picture."""
+        """Show what came, if 33 ms have passed since the last image."""
         now = host_time()
         if now - self._drawn < EVERY:
             return

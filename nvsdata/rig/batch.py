@@ -38,7 +38,7 @@ RETRY = 1_000_000  # µs between attempts to find a camera that is gone
 MISSED = 60_000_000  # µs after which the alarm runs
 KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
-PLAYED = "playback.jsonl"  # when each picture of each take was shown
+PLAYED = "playback.jsonl"  # when each frame of each take was shown
 HIDDEN = ".takes"  # in the folder of recordings: takes that aren't cut yet, or that failed
 
 
@@ -199,7 +199,7 @@ def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
     """Show what the batch does in the progress bar, and the time, each second.
 
     Yields what is called with what happens to the present video. A thread draws: a terminal that is slow or stopped
-    must not make pictures late.
+    must not make frames late.
     """
     over, phase = Event(), ""
 

@@ -1,4 +1,4 @@
-"""Before a batch: aim and focus, find the monitor in the sensor's picture, and measure how it flickers."""
+"""Before a batch: aim and focus, find the monitor in the sensor's image, and measure how it flickers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, STILL, pattern
 from nvsdata.video.frames import VideoFrame
 
-BLINK = 250_000  # µs from one picture of the target to the other
+BLINK = 250_000  # µs from one image of the target to the other
 WATCHED = 4_000_000  # µs of a still screen in which flicker is looked for
 MAINS = (100.0, 120.0)  # Hz at which lamps on mains flicker
 

@@ -21,7 +21,7 @@ COLUMNS, ROWS = 4, 10
 TILE = (160, 120)
 CAPTION = 18
 LONGEST = 30  # characters of a name
-SPAN = 40_000  # µs of events in a picture
+SPAN = 40_000  # µs of events in an image
 
 
 class Sheets:
@@ -53,7 +53,7 @@ class Sheets:
         return self
 
     def __exit__(self, *_: object) -> None:
-        # what ended the block is more important than a picture of it
+        # what ended the block is more important than an image of it
         with suppress(OSError):
             for page in sorted(self._stale):
                 self._draw(page)
@@ -102,7 +102,7 @@ def _short(name: str) -> str:
 
 
 def _middle(path: Path) -> np.ndarray:
-    """The video's middle picture; gray if it can't be read."""
+    """The video's middle image; gray if it can't be read."""
     with quiet():
         capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         try:
@@ -114,7 +114,7 @@ def _middle(path: Path) -> np.ndarray:
 
 
 def _fitted(picture: np.ndarray) -> np.ndarray:
-    """The picture scaled to fit a tile, its aspect ratio kept."""
+    """The image scaled to fit a tile, its aspect ratio kept."""
     height, width = picture.shape[:2]
     scale = min(TILE[0] / width, TILE[1] / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))

@@ -43,7 +43,7 @@ class Content:
         gap: ms, the longest time without events in which the video moves.
         hidden: Share of the video's motion, by place, that gave no events.
         stray: Share of the recorded events that the video's motion doesn't explain.
-        noise: Hz per pixel while the first picture stood still.
+        noise: Hz per pixel while the first frame stood still.
         cover: Share of the sensor that sees the screen; `seen`: share of its pixels that saw a flash, in the mean.
         corners: Of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels; None if there are none.
     """
@@ -200,7 +200,7 @@ class _Noise(NamedTuple):
 
 
 def _noise(span: Span, size: tuple[int, int]) -> _Noise:
-    """Noise, from the time in which the first picture stands still."""
+    """Noise, from the time in which the first frame stands still."""
     time = playback.SETTLE // 2
     events = span.recording.read(max(span.start - time, 0), span.start)
     counts = histogram(events, max(span.start - time, 0), 1, time + 1)[0]

@@ -1,4 +1,4 @@
-"""A monitor that shows pictures at given times, and reports when it did (pygame-ce, SDL 2)."""
+"""A monitor that shows images at given times, and reports when it did (pygame-ce, SDL 2)."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ NAP = 0.02  # s between looks at the keyboard
 
 
 class Monitor:
-    """Full screen on a display, black around the pictures, no mouse, no screen saver; use it in a `with` block.
+    """Full screen on a display, black around the images, no mouse, no screen saver; use it in a `with` block.
 
-    `refresh` is the time between two pictures in µs, as measured over 240 flips, and `stated` what the display says;
+    `refresh` is the time between two images in µs, as measured over 240 flips, and `stated` what the display says;
     `synced` says whether the display itself sets their times (else the clock does, by `stated`). `check` is called
     often while waiting; what it raises ends the wait. `confirmed` is set when Enter or Space is pressed.
 
@@ -38,8 +38,8 @@ class Monitor:
 
     Args:
         display: Its number (default 0).
-        region: (x, y, width, height) where pictures go (default: the whole screen).
-        scaling: How pictures fit into it: "aspect", as large as possible; "integer", by the largest whole number
+        region: (x, y, width, height) where images go (default: the whole screen).
+        scaling: How images fit into it: "aspect", as large as possible; "integer", by the largest whole number
             (default "aspect").
         window: (width, height) of a window in place of the whole screen (default: none).
         look: Called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change.
@@ -123,15 +123,15 @@ class Monitor:
         return self._shown(lambda: self._surface.fill((level, level, level)), due)
 
     def show(self, frame: VideoFrame, due: float | None = None) -> float:
-        """Show a picture at the refresh nearest to `due` (host time, µs; None: the next one); return when that was.
+        """Show an image at the refresh nearest to `due` (host time, µs; None: the next one); return when that was.
 
-        ValueError for a picture that "integer" scaling can't fit into the region.
+        ValueError for an image that "integer" scaling can't fit into the region.
         """
         picture, place = self._placed(frame)
         return self._shown(lambda: self._draw(picture, place), due)
 
     def fade(self, level: int, frame: VideoFrame, duration: int, *, back: bool = False) -> None:
-        """Go from one gray to a picture in `duration` µs, black around it, too; or `back` from the picture to the gray.
+        """Go from one gray to an image in `duration` µs, black around it, too; or `back` from the image to the gray.
 
         ValueError as for `show`.
         """
@@ -163,7 +163,7 @@ class Monitor:
             self.wait(due - 1.5 * self.refresh - self._drawing)
         began = host_time()
         draw()
-        # large pictures take long to draw: as long as the longest of late
+        # large images take long to draw: as long as the longest of late
         self._drawing = max(host_time() - began, 0.9 * self._drawing)
         if not self.synced:
             earliest = max(host_time() + self._cost, (due or 0) - self.refresh / 2)
@@ -179,7 +179,7 @@ class Monitor:
         return now
 
     def _placed(self, frame: VideoFrame) -> tuple[np.ndarray, tuple[int, int]]:
-        """The picture in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
+        """The image in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
         pixels = frame.pixels
         height, width = pixels.shape[:2]
         x, y, *shown = self.place_of(width, height)

@@ -16,7 +16,7 @@ from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 
 BIN = 50_000  # µs per bin of time
 CELL = 20  # pixels per cell of the sensor, along each side
-# a screen changes when a picture is due, not little by little before
+# a screen changes when a frame is due, not little by little before
 PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8, timestamps="fixed")
 
 
@@ -53,7 +53,7 @@ def emulated(
 
 
 def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int]) -> Iterator[VideoFrame]:
-    """The video's pictures as the sensor sees them."""
+    """The video's frames as the sensor sees them."""
     wide, high = monitor.size
     screen = np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32)
     view = cv2.getPerspectiveTransform(screen, corners)

@@ -19,13 +19,13 @@ from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 DIM, BRIGHT = 108, 148
 STEP = 3  # refreshes that a step of the pattern lasts
 STILL = 300_000  # µs of a still screen before and after each pattern
-SETTLE = 2_000_000  # µs that the first picture is shown before the video moves: pixels adapt to it (Hu et al. 2016)
-FADE = 400_000  # µs from the dim level to the first picture, and from the last one back: a jump overruns the readout
+SETTLE = 2_000_000  # µs that the first frame is shown before the video moves: pixels adapt to it (Hu et al. 2016)
+FADE = 400_000  # µs from the dim level to the first frame, and from the last one back: a jump overruns the readout
 COUNTED = 100_000  # µs before the video moves at which the camera's drops are counted
-LATE = 20_000  # µs by which a picture may be late on any screen, because eyes and pixels don't see it
-LOOKED_AT = 12  # pictures whose rate is compared with the screen's
-TOO_FAST = 0.995  # share of a refresh: of pictures nearer to each other too many would have to be left out
-USUAL_GAP = 40_000  # µs that the only picture of a video is shown
+LATE = 20_000  # µs by which a frame may be late on any screen, because eyes and pixels don't see it
+LOOKED_AT = 12  # frames whose rate is compared with the screen's
+TOO_FAST = 0.995  # share of a refresh: of frames nearer to each other too many would have to be left out
+USUAL_GAP = 40_000  # µs that the only frame of a video is shown
 
 
 @dataclass
@@ -36,9 +36,9 @@ class PlaybackLog:
         refresh: Time between two refreshes of the monitor (µs).
         flashes, bright: When the whole screen changed, and whether to bright (True) or to dim.
         start, stop: From when to when the video lasted.
-        due, shown: When each picture of the video was due, and when it was shown.
-        skipped: Pictures that weren't shown, because the next one was already due.
-        missed: µs for which pictures that were left out should have been shown.
+        due, shown: When each frame of the video was due, and when it was shown.
+        skipped: Frames that weren't shown, because the next one was already due.
+        missed: µs for which frames that were left out should have been shown.
         truncated: Why the video ended early, None if it didn't.
         dropped: Events that the camera dropped while the video played, None if it doesn't count them.
     """
@@ -57,18 +57,18 @@ class PlaybackLog:
 
     @property
     def late(self) -> int:
-        """Pictures shown more than a refresh after they were due."""
+        """Frames shown more than a refresh after they were due."""
         return int((np.array(self.shown) - np.array(self.due) > self.refresh).sum())
 
     @property
     def wrong(self) -> float:
-        """For how many ms the screen showed a picture that was over, beyond what a refresh or 20 ms explain."""
+        """For how many ms the screen showed a frame that was over, beyond what a refresh or 20 ms explain."""
         late = np.array(self.shown) - np.array(self.due) - max(self.refresh, LATE)
         return float(np.maximum(late, 0).sum() + self.missed) / 1e3
 
     @property
     def frames(self) -> int:
-        """Pictures of the video."""
+        """Frames of the video."""
         return len(self.due) + self.skipped
 
     def log(self) -> dict[str, Any]:
@@ -95,8 +95,8 @@ def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = l
 
     `dropped` is asked how many events the camera has dropped, just before the video moves and when it is over.
 
-    FormatError or FileNotFoundError, before anything is shown, for a file without a picture, ValueError for a video of
-    more pictures per second than the screen shows. `Monitor` lists others.
+    FormatError or FileNotFoundError, before anything is shown, for a file without a frame, ValueError for a video of
+    more frames per second than the screen shows. `Monitor` lists others.
     """
     done = PlaybackLog(monitor.refresh)
     frames = frames_of(video)
@@ -122,7 +122,7 @@ def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = l
 
 
 def _begin(frames: Iterator[VideoFrame], done: PlaybackLog) -> list[VideoFrame]:
-    """The first pictures, fewer of a video that is short or cut off."""
+    """The first frames, fewer of a video that is short or cut off."""
     return list(_to_the_end(islice(frames, LOOKED_AT), done))
 
 
@@ -136,7 +136,7 @@ def _check_rate(frames: list[VideoFrame], refresh: float) -> None:
 
 
 def _play(monitor: Monitor, done: PlaybackLog, first: VideoFrame, others: Iterator[VideoFrame]) -> VideoFrame:
-    """Show the pictures after the first, and return the last; those whose successor is due are skipped."""
+    """Show the frames after the first, and return the last; those whose successor is due are skipped."""
     done.due.append(done.start)
     done.shown.append(done.start)
     waiting: VideoFrame | None = None
@@ -172,7 +172,7 @@ def _in_turn(monitor: Monitor, done: PlaybackLog, frame: VideoFrame, next_due: f
 def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:
     """Show the flash pattern, with a still screen before and after it.
 
-    `show` is called with whether to show the bright picture (else the dim one) and when, and returns when it was shown,
+    `show` is called with whether to show the bright frame (else the dim one) and when, and returns when it was shown,
     as `Monitor.show` does. Returns the host times (µs) of the changes, and whether each was to bright.
     """
     began = show(False, None) + STILL

@@ -41,7 +41,7 @@ def run_calibration(
     *,
     overwrite: bool,
 ) -> int:
-    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`. Returns 0.
+    """Measure how the camera sees the monitor; figures, a settings file and images go to the folder `out`. Returns 0.
 
     FileExistsError if there are some already, unless `overwrite` is true.
     """

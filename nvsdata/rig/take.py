@@ -32,7 +32,7 @@ PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
 FULL = 10e6  # events/s above which the readout counts as full in a bin
 MOST_FULL = 0.01  # share of full bins
-# ms for which a screen may show a wrong picture, whatever the video's length, and as a share of it
+# ms for which a screen may show a wrong frame, whatever the video's length, and as a share of it
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 # faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`
 STREAM = {
@@ -135,7 +135,7 @@ def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:
     """`TakeRejected` unless all that the camera sent was kept, by a clock that went on."""
     if report.lost:
         raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")
-    # what is dropped before and after the video, between dim level and picture, say, isn't missing from it
+    # what is dropped before and after the video, between dim level and frame, say, isn't missing from it
     dropped = report.dropped if done.dropped is None else done.dropped
     if dropped:
         raise TakeRejected(f"the camera dropped {dropped} events")

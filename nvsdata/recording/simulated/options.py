@@ -22,7 +22,7 @@ class Simulation:
     Args:
         drift: Of the camera's clock, in ppm (default 0).
         noise: In Hz per pixel (default 0.5).
-        late: Share of the pictures that the screen shows a refresh later than the computer thinks (default 0).
+        late: Share of the images that the screen shows a refresh later than the computer thinks (default 0).
         lossy: Share of its packets that the camera drops (default 0).
         wired: 1 for a photodiode at its external input (default 0).
         unplugged: s after the first use when the camera is unplugged for two seconds (default 0: never).

@@ -75,9 +75,9 @@ class Watched:
         pixels: The sensor's settings.
         corners: Places (x, y) of the screen's corners on the sensor.
         scan: µs in which the screen changes from top to bottom (default 12,000).
-        late: Share of the pictures that come a refresh later than the host thinks (default 0).
+        late: Share of the images that come a refresh later than the host thinks (default 0).
         wired: A photodiode in the screen's upper left corner pulses the external input when that corner turns bright.
-        seed: Of which pictures are late (default 0).
+        seed: Of which images are late (default 0).
         lag: µs after which events are known (default 80,000).
     """
 
@@ -143,7 +143,7 @@ class Watched:
         return events.window(stop=stop)
 
     def _until(self, moment: int) -> list[Events]:
-        """Events of a change to the present picture, up to `moment`."""
+        """Events of a change to the present image, up to `moment`."""
         if moment <= self._time or self._emulator is None:
             return []
         before, self._time = self._time, moment

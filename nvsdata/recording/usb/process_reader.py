@@ -1,4 +1,4 @@
-"""Reading a camera in a process of its own, for backends without requests that wait in libusb: it only reads."""
+"""Reading of a camera in a separate process, for backends of pyusb without waiting requests."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def can_read_in_subprocess(device: Any) -> bool:
 
 
 class SubprocessStream:
-    """A camera's stream, read by another process; a `Stream`.
+    """Stream of a camera, read by another process; a `UsbStream`.
 
     Raises `Disconnected` if the process can't open the device.
 
@@ -65,7 +65,7 @@ class SubprocessStream:
 
     @classmethod
     def of(cls, device: Any, endpoint: int) -> SubprocessStream:
-        """Hand a device to another process; its control transfers stay here."""
+        """Pass a device to another process; this process still does its control transfers."""
         usb.util.release_interface(device, 0)
         opener = partial(_found_again, device.idVendor, device.idProduct, device.bus, device.address)
         return cls(opener, endpoint, partial(usb.util.claim_interface, device, 0))
@@ -101,7 +101,7 @@ class SubprocessStream:
 
 
 def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
-    """The device that another process had, with its interface claimed."""
+    """Return the device that another process had, with its interface claimed."""
     device = usb.core.find(idVendor=vendor, idProduct=product, bus=bus, address=address)
     if device is None:
         raise usb.core.USBError("the camera isn't found again")
