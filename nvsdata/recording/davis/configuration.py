@@ -1,4 +1,4 @@
-"""Reports of a camera about itself, and the registers to write: the vendor's defaults, and what settings change."""
+"""Description of a camera, and the registers to write: the vendor's defaults, and the changes by settings."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ Write = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A camera's report about itself.
+    """Description of a connected camera, from its registers.
 
     Args:
         serial: Its serial number.
         board: Of its USB controller, "FX2" or "FX3".
         chip: Number of the sensor, a key of `CHIPS`.
-        width, height, frame_size: In pixels, as the host sees them.
+        width: Width of the sensor in pixels, as the host sees it.
+        height: Height of the sensor.
+        frame_size: Width and height of frames.
         swap, frame_orientation, inertial, inertial_flips: As `stream.Decoder` takes them.
         logic_clock, converter_clock, usb_clock: In MHz.
         has: Names of the optional parts that it has, such as "region filter".
@@ -85,7 +87,7 @@ def defaults(facts: DeviceInfo) -> Iterator[Write]:
 
 
 def changes(facts: DeviceInfo, settings: CameraSettings) -> Iterator[Write]:
-    """Writes for `settings` that differ from the defaults. ValueError for what the camera can't do."""
+    """Yield the writes for settings that differ from the defaults. ValueError for unsupported settings."""
     default = CameraSettings()
     for name, asked, needed in (
         ("send only the events of a region", settings.region, "region filter"),
@@ -131,7 +133,7 @@ def changes(facts: DeviceInfo, settings: CameraSettings) -> Iterator[Write]:
 def _edges(
     name: str, region: tuple[int, int, int, int], size: tuple[int, int], swap: bool
 ) -> tuple[int, int, int, int]:
-    """First column and row, last column and row of a region, as the device counts them. ValueError if it sticks out."""
+    """Return first column and row, last column and row of a region for the device. ValueError if outside the sensor."""
     x, y, width, height = region
     if x + width > size[0] or y + height > size[1]:
         raise ValueError(f"{name} {region} is not within {size[0]}x{size[1]}")
@@ -140,5 +142,5 @@ def _edges(
 
 
 def cycles(microseconds: float, clock: float) -> int:
-    """A time as whole cycles of a clock (MHz); halves are rounded up."""
+    """Return a time as whole cycles of a clock (MHz); halves are rounded up."""
     return math.floor(microseconds * clock + 0.5)

@@ -14,7 +14,7 @@ MUX, DVS, APS, IMU, EXTERNAL, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
 RUNNING = ((DVS, 3), (APS, 4), (IMU, 2), (IMU, 3), (IMU, 4), (EXTERNAL, 0), (MUX, 0), (MUX, 1), (USB, 0), (MUX, 3))
 EXTERNAL_EDGES = ("pulses", "rising", "falling", "both")
 POLARITIES = ("both", "on", "off")
-MASKED = 8  # pixels whose events a camera can hold back
+MASKED = 8  # pixels whose events a camera can suppress
 CHIPS = {
     0: "DAVIS240A",
     1: "DAVIS240B",
@@ -49,7 +49,7 @@ class Bias:
     kind: int
 
     def value(self, first: int | None = None, second: int | None = None) -> int:
-        """The register's value, for the numbers given or else the default ones. ValueError if they don't fit."""
+        """Return the register's value for the given or the default numbers. ValueError for numbers out of range."""
         a = self.first if first is None else first
         b = self.second if second is None else second
         highest = {VDAC: (63, 7), SHIFTED: (63, 63)}.get(self.kind, (7, 255))
@@ -121,7 +121,7 @@ BIASES_346 = _biases(
 
 
 def biases_of(chip: int) -> dict[str, Bias]:
-    """The biases of a chip, by name. ValueError for a chip that isn't supported."""
+    """Return the biases of a chip, by name. ValueError for a chip that isn't supported."""
     if chip in (0, 1, 2):
         return BIASES_240
     if chip in (4, 5, 9):

@@ -1,4 +1,4 @@
-"""The decoder of what a DAVIS camera sends: bytes in; events, special events, inertial samples and frames out.
+"""Decoder of a DAVIS camera's stream: from bytes to events, special events, inertial samples and frames.
 
 Logic 18, the vendor's coding of 16-bit words. Any split of the stream into pieces of whole words gives the same result.
 """
@@ -145,7 +145,7 @@ class DavisDecoder:
         rows: list[np.ndarray] = []
         self.frames, self.frame_words = [], []
         at = count = 0
-        # frames may lack pixels, so a few words could claim many large ones
+        # frames may be incomplete, so a few words could claim many large frames
         room = most_bytes(words.nbytes)
         while at < words.size:
             at, events, specials, samples, whole = kernel.decode(
@@ -186,7 +186,7 @@ class DavisDecoder:
         `steady`: events of others may be out of order.
         """
         if not self.steady:
-            raise ValueError("only a steady decoder gives events in order: Decoder(steady=True)")
+            raise ValueError("only a steady decoder returns events in order: DavisDecoder(steady=True)")
         size = (self.width, self.height)
         for block in blocks:
             events = self.feed(block)
@@ -212,7 +212,7 @@ class DavisDecoder:
             yield Piece.beside(Events.trusted(columns, size, 0, end), frames, samples, about), times
 
     def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
-        """Put the special events and samples of a piece together."""
+        """Join the special events and samples of a piece."""
         self.specials, self.samples, self.sample_words = NO_SPECIALS, Inertial.empty(), NONE
         if notes:
             word, t, kind, before = (notes[0] if len(notes) == 1 else np.concatenate(notes)).T
@@ -231,7 +231,7 @@ class DavisDecoder:
 
     @property
     def _frame_size(self) -> int:
-        """Bytes of the pixels of a frame of the region that is in force."""
+        """Bytes of the pixels of a frame of the present region."""
         return 2 * int(self._state[kernel.SIZE_X]) * int(self._state[kernel.SIZE_Y])
 
     def _frame(self) -> Frame:

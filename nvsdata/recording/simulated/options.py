@@ -1,4 +1,4 @@
-"""A simulated lab: a camera in front of the monitor, and the faults that it may have."""
+"""Options of a simulated camera in front of a monitor, with its faults."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class Simulation:
     """Faults of a simulated camera and screen.
 
     Args:
-        drift: Of the camera's clock, in ppm (default 0).
-        noise: In Hz per pixel (default 0.5).
+        drift: Error of the camera's clock in ppm (default 0).
+        noise: Noise events in Hz per pixel (default 0.5).
         late: Share of the images that the screen shows a refresh later than the computer thinks (default 0).
         lossy: Share of its packets that the camera drops (default 0).
         wired: 1 for a photodiode at its external input (default 0).
         unplugged: s after the first use when the camera is unplugged for two seconds (default 0: never).
         stalled: s after the first use when it stops sending until it is opened again (default 0: never).
-        seed: Of all that is random (default 0).
+        seed: Seed of all random numbers (default 0).
     """
 
     drift: float = 0.0
@@ -41,7 +41,7 @@ class Simulation:
 
     @classmethod
     def of(cls, text: str) -> Simulation:
-        """Settings as NAME=NUMBER, separated by commas. ValueError for others."""
+        """Parse settings in the form NAME=NUMBER, separated by commas. ValueError for others."""
         known = [field.name for field in fields(cls)]
         given: dict[str, float] = {}
         for part in filter(None, text.split(",")):
@@ -63,7 +63,7 @@ class Simulation:
         return self._backend(kind(scene=scene)), scene.look
 
     def alone(self) -> Backend:
-        """A backend with a camera that sees a moving square."""
+        """Return a backend with a camera that sees a moving square."""
         return self._backend(SimulatedDavis(scene=Outlines(noise=self.noise * 240 * 180)))
 
     def _backend(self, camera: SimulatedDavis) -> Backend:

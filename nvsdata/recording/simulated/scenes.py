@@ -18,11 +18,11 @@ from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.video.frames import VideoFrame
 
 SIZE = (240, 180)
-BLACK = 2  # level of what isn't the screen, in a dark room
-SETTLED = 1_000_000  # µs without a call after which pixels have adapted to what they see
+BLACK = 2  # level of the dark room around the screen
+SETTLED = 1_000_000  # µs without a call after which pixels have adapted to the light
 REFRESH = 16_667  # µs
 BANDS = np.linspace(8, 172, 13).astype(int)  # rows of the screen that change together
-# a pixel fires when light differs by a fifth from what it was when the pixel last fired, once per fifth
+# a pixel emits an event for each change of the light by a fifth since its last event
 PIXELS = PIX2NVS(
     t_log=20, continuous=True, new=False, exp=False, max_events=8, noise_rate=0.5, mismatch=0.05, bandwidth=12e6
 )
@@ -69,7 +69,7 @@ class Outlines:
 
 @dataclass
 class Watched:
-    """A screen in a dark room, through PIX2NVS: `look` must be called with what the screen shows.
+    """A screen in a dark room, emulated by PIX2NVS: `look` must be called with what the screen shows.
 
     Args:
         pixels: The sensor's settings.

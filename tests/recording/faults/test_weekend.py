@@ -31,7 +31,7 @@ HAPPENS = {
     "reset": (4, "the camera's clock was reset in the middle", None),
     "usb": (4, "USB transfers failed", None),
     "late": (4, None, None),
-    "hang": (3, "doesn't do as asked", None),
+    "hang": (3, "refused a request", None),
     "drops": (5, "the camera dropped", None),
     "early": (5, None, None),
     "triggers": (6, None, None),
