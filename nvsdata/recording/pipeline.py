@@ -63,7 +63,7 @@ class CameraReader(Thread):
     """Thread that reads a camera's stream.
 
     From `begin` on, it keeps up to `ROOM` bytes until they are taken. Bytes beyond that are dropped and counted as
-    `lost`. With a `journal`, blocks are written to it before they can be taken; if the disk doesn't take one, reading ends.
+    `lost`. With a `journal`, blocks are written to it before they can be taken; reading ends if the disk is full.
     """
 
     def __init__(self, camera: Camera, seconds: float | None, stop: Event) -> None:

@@ -107,7 +107,7 @@ def run(
 
 
 def _deciding(decider: OnlineClassifier, stop: Event, *, alone: bool) -> OnlineInference:
-    """Return a thread that prints decisions as JSON; if it fails, a recording without another purpose (`alone`) ends."""
+    """Return a thread that prints decisions as JSON; a recording for them `alone` ends if it fails."""
 
     def ended(error: Exception) -> None:
         say(f"decisions ended early: {message_of(error) or type(error).__name__}")

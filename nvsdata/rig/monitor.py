@@ -106,8 +106,8 @@ class Monitor:
             return float(np.polyfit(np.append(0, steps.cumsum()), found, 1)[0]), stated, True, 0.0
         return stated, stated, False, float(gaps.min())
 
-    def odd(self) -> str | None:
-        """Return what is unusual about the display's refresh, or None."""
+    def refresh_warning(self) -> str | None:
+        """Return a warning about an unusual refresh of the display, or None."""
         if not self.synced:
             return (
                 "the display doesn't hold pictures back until a refresh (is vertical sync off?): they may be shown late"

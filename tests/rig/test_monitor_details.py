@@ -87,11 +87,11 @@ def test_flips_that_do_not_wait_are_no_refreshes(screen, monkeypatch):
 
 
 def test_what_is_odd_about_a_display_is_said(screen):
-    assert "is vertical sync off?" in screen.odd()
+    assert "is vertical sync off?" in screen.refresh_warning()
     screen.synced, screen.stated, screen.refresh = True, PERIOD, 1e6 / 59.97
-    assert screen.odd() is None
+    assert screen.refresh_warning() is None
     screen.refresh = 1e6 / 59.94
-    assert screen.odd() == "the display says 60.00 Hz, but refreshes at 59.94: that is used"
+    assert screen.refresh_warning() == "the display says 60.00 Hz, but refreshes at 59.94: that is used"
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ HAPPENS = {
     "unplug": (6, "No such device|unplugged|gone|doesn't answer", None),
     "serial": (3, "No such device|unplugged|gone|doesn't answer", None),
     "stall": (3, "the camera sent nothing for", None),
-    "reset": (4, "the camera's clock was reset in the middle", None),
+    "reset": (4, "the camera's clock was reset during the recording", None),
     "usb": (4, "USB transfers failed", None),
     "late": (4, None, None),
     "hang": (3, "refused a request", None),
