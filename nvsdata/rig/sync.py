@@ -40,7 +40,7 @@ class ScreenRecording:
 
 
 class Sync(NamedTuple):
-    """Clock fit of a take, its source ("triggers" or "events"), and the reason why triggers weren't used."""
+    """Clock fit of a take, its source ("triggers" or "events"), and why triggers weren't used."""
 
     line: ClockFit
     by: str
@@ -48,7 +48,7 @@ class Sync(NamedTuple):
 
 
 def synced(take: ScreenRecording) -> Sync:
-    """Fit the clocks by the take's flashes: by triggers if these show all flashes and nothing else, otherwise by events.
+    """Fit the clocks by the take's flashes: by triggers if these show the flashes alone, else by events.
 
     `NoSync` if the events don't show the flashes, whatever triggers do, because then the camera doesn't see the screen;
     and if both show them, but more than 5 ms apart.
