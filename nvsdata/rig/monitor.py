@@ -1,4 +1,4 @@
-"""A monitor that shows images at given times, and reports when it did (pygame-ce, SDL 2)."""
+"""A monitor that shows images at given times, and returns the actual times (pygame-ce, SDL 2)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Scaling = Literal["aspect", "integer"]
 Look = Callable[[float, np.ndarray], None]
 USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
 TRIALS = 240  # flips by which the refresh is measured
-SAME = 0.01  # share by which a measured refresh may differ from what the display says
+SAME = 0.01  # fraction by which a measured refresh may differ from that of the display's settings
 # shares of a refresh by which a flip may be off one: for a refresh as the display says, and for any other
 EVEN, VERY_EVEN = 0.05, 0.01
 MOST = 0.95  # share of the flips that must be as even
-FASTEST = 1e6 / 500  # µs: what comes faster isn't a refresh
+FASTEST = 1e6 / 500  # µs: a shorter time isn't a refresh
 NAP = 0.02  # s between looks at the keyboard
 
 
@@ -30,7 +30,7 @@ class Monitor:
     """Full screen on a display, black around the images, no mouse, no screen saver; use it in a `with` block.
 
     `refresh` is the time between two images in µs, as measured over 240 flips, and `stated` what the display says;
-    `synced` says whether the display itself sets their times (else the clock does, by `stated`). `check` is called
+    `synced` is True if the display sets the times, False if a clock does, by `stated`. `check` is called
     often while waiting; what it raises ends the wait. `confirmed` is set when Enter or Space is pressed.
 
     Raises `DisplayError` if there is no such display, ValueError for a region outside it, and KeyboardInterrupt when
@@ -102,7 +102,7 @@ class Monitor:
         away = np.abs(gaps / usual - steps)
         even = EVEN if abs(usual / stated - 1) < SAME else VERY_EVEN
         if usual > FASTEST and (away < even).mean() >= MOST:
-            # a refresh that was missed counts, too
+            # missed refreshes count, too
             return float(np.polyfit(np.append(0, steps.cumsum()), found, 1)[0]), stated, True, 0.0
         return stated, stated, False, float(gaps.min())
 

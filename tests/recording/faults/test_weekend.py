@@ -55,7 +55,7 @@ HAPPENS = {
 # those that can't be recorded, and why
 REFUSED = {
     "broken": (6, "."),
-    "fast": (3, "119.*60|120.*60|pictures per second"),
+    "fast": (3, "119.*60|120.*60|frames per second"),
     "away": (3, "flash"),
     "faint": (3, "too few"),
 }
