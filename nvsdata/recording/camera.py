@@ -12,7 +12,7 @@ from nvsdata.data.samples import Piece
 
 
 class CameraError(OSError):
-    """Reason why a camera can't record, in one line that says what to do."""
+    """Reason why a camera can't record, in one line with the cure."""
 
 
 class Unplugged(CameraError):
@@ -20,7 +20,7 @@ class Unplugged(CameraError):
 
 
 class Facts(Protocol):
-    """A camera's report about itself: name, serial number, and the size of its sensor in pixels."""
+    """Description of a camera: name, serial number, and the size of its sensor in pixels."""
 
     @property
     def name(self) -> str: ...
@@ -66,7 +66,7 @@ class Camera(Protocol):
 
     @property
     def facts(self) -> Facts:
-        """The camera's report about itself."""
+        """The description of the camera."""
 
     def configure(self, settings: Any = None) -> None:
         """Set biases, region and so on; None for its defaults. ValueError for settings that it doesn't have."""

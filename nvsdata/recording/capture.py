@@ -30,7 +30,7 @@ from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, CameraReader
 # s until the reset of the clock must be in the stream, and the number of times that it is requested
 RESET_WAIT, RESETS = 1.0, 2
 NO_RESET = "the camera doesn't mark the reset of its clock: plug it in again"
-RESERVE = 64 << 20  # bytes of disk that are left free, as room for what the writer still holds
+RESERVE = 64 << 20  # bytes of disk that are left free, as room for the events that the writer still has
 # s for which a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer overflows
 SWITCH = 2e-4
 
@@ -73,7 +73,7 @@ class RecordingReport:
 
     @property
     def failure(self) -> OSError | None:
-        """The error that ended it, a CameraError or a full disk; None if its time was up or it was stopped."""
+        """The error that ended the recording, a CameraError or a full disk; None after its time or a stop."""
         if self.ended in (TIME_UP, STOPPED):
             return None
         if self.ended.startswith(DISK_FULL):
@@ -88,7 +88,7 @@ class RecordingReport:
 
 
 class Unfinished(OSError):
-    """The file of a recording couldn't be written; what was recorded is in a journal, which the message names."""
+    """The file of a recording couldn't be written; the message names the journal with its data."""
 
 
 def record(
@@ -193,7 +193,7 @@ def check_format(path: Path, settings: Any) -> bool:
 
 @contextmanager
 def stopped_by_interrupt() -> Iterator[Event]:
-    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second such signal raises KeyboardInterrupt (or its `Ended`)."""
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set; a second signal raises KeyboardInterrupt or `Ended`."""
     stop = Event()
 
     def asked(number: int, frame: Any) -> None:

@@ -13,8 +13,8 @@ ROOM = 64 << 20  # bytes that may wait to be kept and decoded
 PIECE = 1 << 20  # bytes that are passed on at once, if that many wait
 GATHER = 0.03  # s to wait for more, if few bytes wait
 SILENT_END = 1.0  # s without anything at the end: a camera that sends words of its clock has stopped before
-TAIL = 0.3  # s to wait for what is still on its way when the time is up
-MOST_TAIL = 5.0  # s for which what comes after the camera was stopped is read: a busy computer reads slowly
+TAIL = 0.3  # s to wait for bytes in transit when the time is up
+MOST_TAIL = 5.0  # s for which reading continues after the camera was stopped: a busy computer reads slowly
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
 
 
@@ -77,7 +77,7 @@ class CameraReader(Thread):
         self._keeper: Thread | None = None
 
     def begin(self) -> None:
-        """Keep what is read from now on."""
+        """Start to keep the bytes that are read."""
         self._begun = True
 
     def delay(self, seconds: float) -> None:
@@ -175,7 +175,7 @@ class CameraReader(Thread):
         self.ended = why
 
     def finish(self) -> None:
-        """Stop reading, and wait until the camera has been stopped and what was read is in the journal."""
+        """Stop reading, and wait until the camera has been stopped and all bytes are in the journal."""
         self.stop.set()
         self.join()
         if self._keeper is not None:

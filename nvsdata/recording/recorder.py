@@ -55,7 +55,7 @@ class Recorder(Thread):
             raise error
 
     def finish(self) -> RecordingReport:
-        """End the recording, and wait until its file is whole; raises what `record` raised."""
+        """End the recording, and wait until its file is complete; raises the error of `record`."""
         self._asked.set()
         self.join()
         if self._error is not None:

@@ -90,7 +90,7 @@ def _target(size: tuple[int, int]) -> np.ndarray:
 
 
 def _flashed(monitor: Monitor, part: int) -> tuple[list[float], list[bool]]:
-    """Flash the upper left of the region, 1 / `part` of its width and height; see `pattern` for what is returned."""
+    """Flash the upper left of the region, 1 / `part` of its width and height; see `pattern` for the result."""
     width, height = monitor.region[2:]
     dim = np.full((height, width), DIM, np.uint8)
     bright = dim.copy()

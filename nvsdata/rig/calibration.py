@@ -237,7 +237,7 @@ def corners_in(folder: Path) -> list[list[float]]:
     try:
         corners: list[list[float]] = np.array(json.loads(path.read_text())["corners"], float).reshape(4, 2).tolist()
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise FormatError(path, f"isn't what --calibrate writes: {error}") from None
+        raise FormatError(path, f"isn't a file of --calibrate: {error}") from None
     return corners
 
 

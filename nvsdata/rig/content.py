@@ -136,7 +136,7 @@ class Inspector:
         return Content(int(due.sum()), scale, gap, hidden, stray, noise.hertz, cover, seen, corners)
 
     def _screen(self, span: Span) -> tuple[list[list[float]] | None, float, float]:
-        """Return the screen's corners, the fraction of the sensor that it covers, and the mean fraction that saw a flash."""
+        """Return the screen's corners, its fraction of the sensor, and the mean fraction of it that saw a flash."""
         done = span.take.performance
         share = response(around_flashes(span.take), span.line, done.flashes, done.bright)
         try:

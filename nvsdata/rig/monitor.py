@@ -87,7 +87,7 @@ class Monitor:
         self._origin, self._drawing = host_time(), 0.0
 
     def _measure(self, display: int) -> tuple[float, float, bool, float]:
-        """µs from refresh to refresh, measured and stated, whether flips wait for it, and their µs if they don't."""
+        """Return the µs per refresh, measured and stated, True if flips wait for it, and the µs of a flip otherwise."""
         times = []
         for _ in range(TRIALS):
             self._pygame.display.flip()
@@ -109,9 +109,7 @@ class Monitor:
     def refresh_warning(self) -> str | None:
         """Return a warning about an unusual refresh of the display, or None."""
         if not self.synced:
-            return (
-                "the display doesn't hold pictures back until a refresh (is vertical sync off?): they may be shown late"
-            )
+            return "the display doesn't wait for a refresh (is vertical sync off?): frames may be shown late"
         if abs(self.refresh / self.stated - 1) >= SAME / 10:
             return (
                 f"the display says {1e6 / self.stated:.2f} Hz, but refreshes at {1e6 / self.refresh:.2f}: that is used"
@@ -148,7 +146,7 @@ class Monitor:
             self._shown(lambda mixed=mixed: self._draw(mixed, (0, 0)), began + 2 * n * self.refresh)  # type: ignore[misc]
 
     def wait(self, until: float) -> None:
-        """Keep what is shown until a host time (µs)."""
+        """Keep the present image until a host time (µs)."""
         while (left := until - host_time()) > 0:
             self._attend()
             if self.synced and left < 4 * self.refresh:
@@ -199,7 +197,7 @@ class Monitor:
         scale = min(wide / width, high / height)
         if self.scaling == "integer":
             if scale < 1:
-                raise ValueError(f"a picture of {width}x{height} is larger than the region of {wide}x{high}")
+                raise ValueError(f"a frame of {width}x{height} is larger than the region of {wide}x{high}")
             scale = int(scale)
         wide_shown, high_shown = max(1, round(width * scale)), max(1, round(height * scale))
         return x + (wide - wide_shown) // 2, y + (high - high_shown) // 2, wide_shown, high_shown

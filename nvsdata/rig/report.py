@@ -149,7 +149,7 @@ WORDS = {
     "recorded": "The recording passed all checks that reject a take.",
     "truncated": "The video is cut off: it was recorded as far as it goes.",
     "failed": 'There is no good recording; the column "why" has the reason. record --resume records the video again.',
-    "to look at": 'The recording is kept, but something about it is unusual; the column "why" has the details.',
+    "to review": 'The recording is kept, but something about it is unusual; the column "why" has the details.',
 }
 
 
@@ -175,7 +175,7 @@ def page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = (
     events = sum(_number(lambda line: line["events"], line) or 0 for line in done)
     refresh = _number(lambda head: head["monitor"]["refresh"], head)
     texts = [
-        f"{len(fine):,} recordings without findings, {len(flagged):,} to look at, {len(again):,} to record again",
+        f"{len(fine):,} recordings without findings, {len(flagged):,} to review, {len(again):,} to record again",
         f"{seconds / 1e6:,.0f} s"
         + (f" ({seconds / 6e7:,.0f} minutes)" if seconds > 12e7 else "")
         + f", {events:,.0f} events",
@@ -183,7 +183,7 @@ def page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = (
         *dict.fromkeys(str(line["note"]) for line in lines if line.get("note")),
     ]
     parts = [f"<p>{as_html(text)}</p>" for text in texts] + _links(sheets)
-    for title, some in (("To record again", again), ("To look at", flagged), ("Without findings", fine)):
+    for title, some in (("To record again", again), ("To review", flagged), ("Without findings", fine)):
         if some:
             parts.append(f"<h2>{title}: {len(some):,}</h2>{_table(some)}")
     charts = [chart for figure in FIGURES if figure.curve and (chart := _chart(figure, done))]

@@ -41,7 +41,7 @@ def run_calibration(
     *,
     overwrite: bool,
 ) -> int:
-    """Measure how the camera sees the monitor; figures, a settings file and images go to the folder `out`. Returns 0.
+    """Calibrate the view of the monitor; measurements, settings and figures go to the folder `out`. Returns 0.
 
     FileExistsError if there are some already, unless `overwrite` is true.
     """
@@ -60,7 +60,7 @@ def run_calibration(
             size = (camera.facts.width, camera.facts.height)
         write_calibration(found, replace(settings, region=found.roi), size, out)
     print(calibration_summary(found, size))
-    print(f"figures and pictures are in {shown(out)}; record with --settings {shown(out / 'settings.json')}")
+    print(f"figures are in {shown(out)}; record with --settings {shown(out / 'settings.json')}")
     return 0
 
 
@@ -85,7 +85,7 @@ def run_batch(
     until_full: bool = False,
     as_json: bool = False,
 ) -> int:
-    """Play and record a folder of videos, or `check` what was recorded.
+    """Play and record a folder of videos, or `check` the recordings.
 
     Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1. OSError
     if the disk is too small, unless `until_full`.

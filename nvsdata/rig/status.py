@@ -134,7 +134,7 @@ def _headline(status: dict[str, Any]) -> str:
 
 def _counts(status: dict[str, Any]) -> list[str]:
     counts = f"{status['done']:,} of {status['total']:,} recorded, {status['failed']:,} failed"
-    lines = [counts + (f", {status['look']:,} to look at" if status["look"] else "")]
+    lines = [counts + (f", {status['look']:,} to review" if status["look"] else "")]
     going = status["state"] not in ENDED
     if status["seconds_left"] is not None and going:
         hours, minutes = divmod(status["seconds_left"] // 60, 60)

@@ -105,7 +105,7 @@ class Watch:
 
 
 def _run(command: str, environment: dict[str, str]) -> int:
-    """Run a command of the shell, without input; it and what it started end after `TIMEOUT`. Returns its exit code."""
+    """Run a shell command without input, and return its exit code; it and its children end after `TIMEOUT`."""
     posix = os.name == "posix"
     # stdout is for results
     streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}

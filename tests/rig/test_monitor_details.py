@@ -122,7 +122,7 @@ def test_where_a_picture_goes(screen, scaling, size, region, place):
 @pytest.mark.parametrize("size", [(65, 48), (64, 49), (128, 10)])
 def test_what_is_too_large_for_whole_numbers(screen, size):
     screen.scaling = "integer"
-    with pytest.raises(ValueError, match=f"a picture of {size[0]}x{size[1]} is larger than the region of 64x48"):
+    with pytest.raises(ValueError, match=f"a frame of {size[0]}x{size[1]} is larger than the region of 64x48"):
         screen.show(VideoFrame(0, np.zeros((size[1], size[0]), np.uint8)))
 
 

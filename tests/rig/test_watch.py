@@ -123,7 +123,7 @@ def test_how_a_batch_is_going(lab, capsys):
     with locked(lab.out):
         text, well = status_of(lab.out)
         assert well
-        assert "3 of 12 recorded, 1 failed, 2 to look at" in text
+        assert "3 of 12 recorded, 1 failed, 2 to review" in text
         # four were done in four hours
         assert "about 8 h 00 min left" in text
         assert "playing x.avi" in text

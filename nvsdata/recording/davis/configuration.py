@@ -23,8 +23,13 @@ class DeviceInfo:
         width: Width of the sensor in pixels, as the host sees it.
         height: Height of the sensor.
         frame_size: Width and height of frames.
-        swap, frame_orientation, inertial, inertial_flips: As `stream.Decoder` takes them.
-        logic_clock, converter_clock, usb_clock: In MHz.
+        swap: As in `stream.DavisDecoder`.
+        frame_orientation: As in `stream.DavisDecoder`.
+        inertial: As in `stream.DavisDecoder`.
+        inertial_flips: As in `stream.DavisDecoder`.
+        logic_clock: Clock of the logic in MHz.
+        converter_clock: Clock of the converter in MHz.
+        usb_clock: Clock of the USB controller in MHz.
         has: Names of the optional parts that it has, such as "region filter".
     """
 

@@ -248,7 +248,7 @@ class Davis:
         time.sleep(0.01)
         with _translated_errors():
             self.device.clear_halt(ENDPOINT)
-        # ends what an earlier, incomplete start left
+        # closes streams of an earlier, incomplete start
         self.end_reading()
         self._stream, self.faults = _stream(self.device), 0
         if self.facts.board == "FX3":

@@ -38,8 +38,9 @@ class Bias:
 
     Args:
         parameter: Its register in module `CHIP`.
-        first, second: Its default numbers. Currents have a coarse (0..7) and a fine (0..255) number, shifted sources a
-            reference and a regulator (0..63 each), VDACs a voltage (0..63) and a current (0..7).
+        first: Default of its first number.
+        second: Default of its second number. Currents have a coarse (0..7) and a fine (0..255) number, shifted sources
+            a reference and a regulator (0..63 each), VDACs a voltage (0..63) and a current (0..7).
         kind: `VDAC`, `SHIFTED`, or the low bits of a current.
     """
 

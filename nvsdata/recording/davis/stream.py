@@ -78,7 +78,8 @@ class DavisDecoder:
     and everything counts.
 
     Args:
-        width, height: Of the sensor in pixels, as the host sees it.
+        width: Width of the sensor in pixels, as the host sees it.
+        height: Height of the sensor in pixels.
         swap: Whether the sensor's rows are the host's columns (default False).
         frame_size: (width, height) of frames, as the host sees them (default: those of the sensor).
         frame_orientation: Register 2/2 (4: swap, 2: flip x, 1: flip y; default 0).

@@ -34,7 +34,7 @@ DARK_SAMPLE = 500  # the converter's value of a pixel without light; a DAVIS240'
 SLICE = 20_000  # µs of the scene that are simulated at once after a long pause of the reader
 MOST_BEHIND = 30_000_000  # µs that the simulation may be late: earlier events are dropped
 
-# what a DAVIS240C answers, by register
+# answers of a DAVIS240C, by register
 DAVIS240C: dict[tuple[int, int], int] = {
     (SYSTEM, 0): 18,
     (SYSTEM, 1): 2,
@@ -75,7 +75,9 @@ class SimulatedDavis:
 
     Args:
         scene: What its pixels see (default: `Outlines()`).
-        serial, product, firmware: As its USB descriptor has them.
+        serial: Serial number in its USB descriptor.
+        product: Product ID.
+        firmware: Version of its firmware.
         registers: What it answers, by (module, parameter) (default: those of a DAVIS240C).
         speed: Of its clock relative to the host's, 1.0001 is 100 ppm too fast; with 0, time passes only by `advance`
             (default 1).
@@ -115,7 +117,7 @@ class SimulatedDavis:
         self._extra = 0.0
 
     def control(self, kind: int, request: int, value: int, index: int, data: Any) -> int:
-        """Do a control transfer; return the bytes taken or given. USBError for what the camera doesn't know."""
+        """Do a control transfer; return the number of bytes. USBError for requests that the camera doesn't know."""
         if kind == READ and request == REGISTER:
             known = self.registers.get((value, index), 0 if _writable(value, index) else None)
             if known is None or len(data) != 4:

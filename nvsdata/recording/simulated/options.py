@@ -53,7 +53,7 @@ class Simulation:
         return cls(**given)
 
     def watched(self, kind: type[SimulatedDavis] = SimulatedDavis) -> tuple[Backend, Callable[..., Any]]:
-        """A backend with a camera that sees a monitor, and the function that the monitor must call as its `look`."""
+        """Return a backend with a camera that sees a monitor, and the function for the monitor's `look`."""
         scene = Watched(
             replace(PIXELS, noise_rate=self.noise, seed=int(self.seed)),
             late=self.late,

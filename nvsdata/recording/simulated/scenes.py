@@ -69,7 +69,7 @@ class Outlines:
 
 @dataclass
 class Watched:
-    """A screen in a dark room, emulated by PIX2NVS: `look` must be called with what the screen shows.
+    """A screen in a dark room, emulated by PIX2NVS: `look` must be called with each image that the screen shows.
 
     Args:
         pixels: The sensor's settings.
@@ -102,7 +102,7 @@ class Watched:
         self._waiting = Events.empty(SIZE, 0)
 
     def look(self, time: float, picture: np.ndarray) -> None:
-        """The screen shows `picture` (uint8 [H, W, 3], red first) from `time` on."""
+        """Set the image `picture` (uint8 [H, W, 3], red first) that the screen shows from `time` on."""
         # scaled down first, because each pixel sees the mean of an area
         small = cv2.resize(picture, (2 * SIZE[0], 2 * SIZE[1]), interpolation=cv2.INTER_AREA)
         height, width = small.shape[:2]

@@ -39,7 +39,7 @@ class SubprocessStream:
 
     Args:
         opener: Called in that process, must be picklable, and returns the device with its interface claimed.
-        endpoint: To read from.
+        endpoint: Endpoint to read from.
         freed: Called when that process has ended (default: nothing is).
     """
 
@@ -110,7 +110,7 @@ def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
 
 
 def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: Event) -> None:
-    """Read until `stop` is set or the device is gone; a second thread sends what was read to `blocks`."""
+    """Read until `stop` is set or the device is gone; a second thread sends the bytes to `blocks`."""
     # Ctrl-C, and other signals to a whole terminal or group, are for the process that started this one
     for number in (signal.SIGINT, *ENDING):
         signal.signal(number, signal.SIG_IGN)

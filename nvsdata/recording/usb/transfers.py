@@ -66,10 +66,13 @@ class AsyncStream:
     """Stream read by several requests that wait in libusb, so that the camera can always send.
 
     Args:
-        lib, context, handle: pyusb's own, of a device whose interface has been claimed.
-        endpoint: To read from.
-        count, size: How many requests, and bytes of each (default 32, 65,536).
-        kind: Of the endpoint, `BULK` or `INTERRUPT` (default `BULK`).
+        lib: Library of libusb, as pyusb has it.
+        context: Context of libusb.
+        handle: Handle of a device whose interface has been claimed.
+        endpoint: Endpoint to read from.
+        count: Number of requests (default 32).
+        size: Bytes of each request (default 65,536).
+        kind: Kind of the endpoint, `BULK` or `INTERRUPT` (default `BULK`).
     """
 
     def __init__(
