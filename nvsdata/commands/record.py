@@ -146,7 +146,9 @@ def run(args: argparse.Namespace) -> int:
     if mode == "calibrate":
         out, overwrite = args.out or Path("calibration"), args.overwrite
         return rig.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
-    chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
+    if args.verify:
+        return rig.run_verification(args.monitor, args.out, args.limit, as_json=args.json)
+    chosen = {"format": args.format, "limit": args.limit, "resume": args.resume}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
     chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live, "as_json": args.json}
     chosen |= {"until_full": args.until_full}

@@ -64,6 +64,13 @@ def run_calibration(
     return 0
 
 
+def run_verification(source: Path, out: Path, limit: int | None = None, *, as_json: bool = False) -> int:
+    """Compare the recordings of a batch with its manifest, and record nothing; return 0 if all are sound, else 1."""
+    found = verify(videos_in(source, out, format_of(out)), out, limit)
+    tell("\n".join(map(shown, found.messages())), {"sound": found.sound} | asdict(found), as_json=as_json)
+    return 0 if found.well else 1
+
+
 def run_batch(
     source: Path,
     out: Path,
@@ -75,7 +82,6 @@ def run_batch(
     format: str,
     limit: int | None,
     resume: bool,
-    check: bool,
     calibration: Path | None = None,
     strict: bool = False,
     accept_quiet: bool = False,
@@ -85,18 +91,13 @@ def run_batch(
     until_full: bool = False,
     as_json: bool = False,
 ) -> int:
-    """Play and record a folder of videos, or `check` the recordings.
+    """Play and record a folder of videos.
 
-    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1. OSError
-    if the disk is too small, unless `until_full`.
+    Returns 0 if all videos were recorded, 3 if the batch gave up because nothing could be recorded any more, else 1.
+    OSError if the disk is too small, unless `until_full`.
     """
-    videos = videos_in(source, out, format_of(out) if check else format)
+    videos = videos_in(source, out, format)[:limit]
     check_format(videos[0].target, settings)
-    if check:
-        found = verify(videos, out, limit)
-        tell("\n".join(map(shown, found.messages())), {"sound": found.sound} | asdict(found), as_json=as_json)
-        return 0 if found.well else 1
-    videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
     how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm, "live": live}
     backend, look = _watched(simulate)

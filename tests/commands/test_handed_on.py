@@ -91,7 +91,7 @@ def session(monkeypatch):
     from nvsdata.rig import session as rig
 
     asked = []
-    for module, name in ((session, "run"), (rig, "run_calibration"), (rig, "run_batch")):
+    for module, name in ((session, "run"), (rig, "run_calibration"), (rig, "run_batch"), (rig, "run_verification")):
         monkeypatch.setattr(module, name, lambda *args, name=name, **more: asked.append((name, args, more)) or 5)
     return asked
 
@@ -124,7 +124,7 @@ def test_calibrations_and_folders_are_asked_for(session):
     assert (second[1][0], second[1][4], second[1][5]["region"]) == (Path("b"), None, (1, 2, 3, 4))
     assert third[1][:3] == (Path("in"), Path("b"), None)
     assert third[1][5]["scaling"] == "integer"
-    assert third[2] == {"format": "hdf5", "limit": 3, "resume": True, "check": False} | {
+    assert third[2] == {"format": "hdf5", "limit": 3, "resume": True} | {
         "calibration": None,
         "strict": False,
         "accept_quiet": False,
@@ -388,6 +388,11 @@ def test_nothing_else_gets_the_numbers_of_closed_streams(monkeypatch, closed):
         cli._open_standard_streams()
     assert asked == [0, 1, 2]
     assert opened == [(os.devnull, os.O_RDWR)] * len(closed)
+
+
+def test_a_verification_is_asked_for(session):
+    assert main(["record", "--monitor", "in", "--out", "b", "--verify", "--limit", "2", "--json"]) == 5
+    assert session == [("run_verification", (Path("in"), Path("b"), 2), {"as_json": True})]
 
 
 def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):
