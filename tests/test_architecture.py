@@ -110,7 +110,7 @@ def test_documents_name_files_that_are_there(document):
 
 # what changes while it lives: writers, cameras, searches
 CHANGING = {
-    "Decoder",
+    "DavisDecoder",
     "FolderReport",
     "Format",
     "Outlines",
@@ -122,7 +122,7 @@ CHANGING = {
     "SimulatedDavis",
     "FrameSpikes",
     "Status",
-    "Take",
+    "ScreenRecording",
     "Tally",
     "Watched",
     "_Budget",

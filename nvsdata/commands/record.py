@@ -48,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     # replaces argparse's own
     parser._optionals.conflict_handler = "resolve"
-    parser.add_argument("-h", "--help", action=ModeHelp, nargs=0, help="show this help and exit")
+    parser.add_argument(
+        "-h", "--help", action=ModeHelp, nargs=0, default=argparse.SUPPRESS, help="show this help and exit"
+    )
     parser._optionals.conflict_handler = "error"
     _add_recording(parser.add_argument)
     modes = parser.add_argument_group("modes (--help after one of them shows its options)")

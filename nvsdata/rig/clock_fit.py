@@ -18,7 +18,7 @@ ONSET = 0.05  # fraction of a flash's events after which it counts as begun
 NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 Hz
 GROUP = 3e6  # µs that a group of flashes takes at most
 MOST_DRIFT = 500e-6  # of the camera's clock against the host's
-A_REFRESH = 34_000  # µs by which the slowest screens may show a picture late
+A_REFRESH = 34_000  # µs by which the slowest screens may show a frame late
 LEAST = 0.6  # fraction of the flashes that must be found
 LOOSE = 400.0  # µs that a flash may be off the fit, however close the others are
 

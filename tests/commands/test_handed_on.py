@@ -1,4 +1,4 @@
-"""What commands ask of the rest of nvsdata, and what they make of its answers."""
+"""Calls by commands into the rest of nvsdata, and their output for its results."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""How a recording went, as it is counted, told and judged, without a camera of USB."""
+"""Reports of recordings, without a USB camera."""
 
 import errno
 import signal

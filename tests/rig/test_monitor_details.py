@@ -1,4 +1,4 @@
-"""How a monitor measures its refresh, places pictures, and waits: to the pixel, and by a clock of the test's own."""
+"""Refresh, placement and waiting of a monitor, to the pixel and by a simulated clock."""
 
 from itertools import cycle
 

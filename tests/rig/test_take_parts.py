@@ -1,4 +1,4 @@
-"""What is counted of a take, and how much of it may be amiss."""
+"""Counts of a take, and the limits for its faults."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
