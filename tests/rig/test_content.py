@@ -177,7 +177,7 @@ def test_strict_refuses_and_a_moving_video_needs_events(lab_of_one, video, right
     odd = span._replace(take=take_, recording=nvsdata.open(tmp_path / "a.h5"))
     lenient, strict = Inspector(lab_of_one.monitor), Inspector(lab_of_one.monitor, strict=True)
     assert len(lenient.judged(odd, video, 10**6)["look"]) >= 1
-    with pytest.raises(TakeRejected, match="something is in front of it"):
+    with pytest.raises(TakeRejected, match="something is in front of the screen"):
         strict.judged(odd, video, 10**6)
     # two seconds
     assert lenient.judged(span, video, 2_000)
