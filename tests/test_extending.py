@@ -159,7 +159,7 @@ def test_a_camera(example, tmp_path):
 
         def configure(self, settings=None): ...
 
-    with pytest.raises(TypeError, match=r"Partly is not a camera: it lacks unit, silence, start, .*decoder"):
+    with pytest.raises(TypeError, match=r"Partly is not a camera: it misses unit, silence, start, .*decoder"):
         record(Partly(), tmp_path / "b.h5", seconds=0.1)
 
 

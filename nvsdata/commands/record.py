@@ -1,71 +1,117 @@
-"""`nvsdata record`: what a camera sees, or videos that are played in front of it."""
+"""The `nvsdata record` command: recordings of a camera, and of videos that are played on a monitor in front of it."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from nvsdata.commands.options import UsageError, add_json, add_videos, path, positive, usage
+
+ONE = ""  # the mode without an option of its own: one recording
+CAMERA = {"device", "settings", "bias", "region", "frames", "simulate"}
+SCREEN = {"display", "screen_region", "scaling"}
+# options that apply in each mode, in addition to the one that chooses the mode; of several modes, the first one counts
+MODES = {
+    "status": {"json"},
+    "doctor": {"out", "live", "monitor", "calibrate", "simulate", "json"},
+    "list": {"simulate", "json"},
+    "calibrate": {"out", "seconds", "overwrite"} | CAMERA | SCREEN,
+    "monitor": {"out", "resume", "verify", "calibration", "on_alarm", "until_full", "strict", "accept_quiet"}
+    | {"format", "limit", "live", "note", "json"}
+    | CAMERA
+    | SCREEN,
+    ONE: {"out", "seconds", "live", "model", "note", "overwrite", "json"} | CAMERA,
+}
+NO_VALUE: Any = object()  # stands for the folder that --monitor and --status need, so that --help may follow them
+
+
+class ModeHelp(argparse.Action):
+    """Help for the mode whose option stands before `--help`: only the options that apply in it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *_: Any) -> None:
+        """Print the help, and exit."""
+        mode = mode_of(namespace)
+        used = MODES[mode] | ({mode} if mode else set(MODES))
+        every = set().union(*MODES.values(), MODES)
+        for action in parser._actions:
+            if action.dest in every - used:
+                action.help = argparse.SUPPRESS
+            if action.const is NO_VALUE:
+                action.nargs = None
+        parser.print_help()
+        parser.exit()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    from nvsdata.rig.monitor import Scaling
+    # replaces argparse's own
+    parser._optionals.conflict_handler = "resolve"
+    parser.add_argument(
+        "-h", "--help", action=ModeHelp, nargs=0, default=argparse.SUPPRESS, help="show this help and exit"
+    )
+    parser._optionals.conflict_handler = "error"
+    _add_recording(parser.add_argument)
+    modes = parser.add_argument_group("modes (--help after one of them shows its options)")
+    add = modes.add_argument
+    folder: dict[str, Any] = {"type": path, "nargs": "?", "const": NO_VALUE}
+    add("--monitor", metavar="IN", **folder, help="play and record each video of the folder IN; recordings go to OUT")
+    add("--calibrate", action="store_true", help="aim and focus, find the screen, look for flicker; figures go to OUT")
+    add("--status", metavar="OUT", **folder, help="print the state of the batch that --monitor records to OUT")
+    add("--list", action="store_true", help="print the cameras that are connected, and record nothing")
+    doctor = "print what a recording with the other options needs and what is missing, and record nothing"
+    add("--doctor", action="store_true", help=doctor)
+    _add_batch(parser.add_argument_group("videos on a monitor").add_argument)
 
-    add = parser.add_argument
-    place = ("X", "Y", "WIDTH", "HEIGHT")
-    add("--out", type=path, metavar="OUT", help="a file, whose extension names the format; with --monitor, a folder")
-    add("--seconds", type=positive, help="how long to record, in s (default: until Ctrl-C)")
-    add("--device", metavar="SERIAL", help="serial number of the camera (default: the only one there)")
+
+def _add_recording(add: Callable[..., Any]) -> None:
+    """Add the options of one recording, most of which apply to batches, too."""
+    add("--out", type=path, metavar="OUT", help="a file, whose extension names the format; a folder with --monitor")
+    add("--seconds", type=positive, help="duration of the recording in s (default: until Ctrl-C)")
+    add("--device", metavar="SERIAL", help="serial number of the camera (default: the only one that is connected)")
     add("--settings", type=path, metavar="FILE.json", help="biases, region, filters and so on (default: the camera's)")
     bias = "coarse and fine current of a bias, such as OnBn=5:255; may be given several times"
     add("--bias", action="append", default=[], metavar="NAME=COARSE:FINE", help=bias)
+    place = ("X", "Y", "WIDTH", "HEIGHT")
     add("--region", type=int, nargs=4, metavar=place, help="pixels of the sensor to record (default: all)")
-    add("--frames", action="store_true", help="the sensor's gray frames, too (HDF5, AEDAT 2 and AEDAT 4 hold them)")
+    add("--frames", action="store_true", help="record gray frames, too (in HDF5, AEDAT 2 and AEDAT 4)")
     simulated = "simulate a camera that sees a moving square or the monitor, with faults such as drift=100"
     add("--simulate", nargs="?", const="", metavar="NAME=NUMBER,...", help=simulated)
     add("--live", action="store_true", help="show events in a window")
-    add(
-        "--model",
-        type=path,
-        metavar="MODEL",
-        help="a trained network that decides what it sees: a line of JSON each (default: none)",
-    )
-    add("--note", metavar="TEXT", help="kept with each recording, such as about the room (default: none)")
-    add("--overwrite", action="store_true", help="replace what is there")
-    add("--list", action="store_true", help="say which cameras are connected, and record nothing")
-    add(
-        "--doctor",
-        action="store_true",
-        help="print what a recording with the other options needs and misses, and record nothing",
-    )
+    model = "a trained network that classifies the events: prints a line of JSON per decision (default: none)"
+    add("--model", type=path, metavar="MODEL", help=model)
+    add("--note", metavar="TEXT", help="remark that is stored with each recording, such as the room (default: none)")
+    add("--overwrite", action="store_true", help="replace existing files")
     add_json(add)
-    screen = parser.add_argument_group("playing videos on a monitor")
-    add = screen.add_argument
-    add("--calibrate", action="store_true", help="aim, focus, find the screen; figures go to OUT")
-    add("--monitor", type=path, metavar="IN", help="a folder of videos: play and record each of them")
-    add("--resume", action="store_true", help="go on with a folder that holds recordings")
-    add("--verify", action="store_true", help="compare what was recorded with the manifest, record nothing")
-    corners = (
-        "what --calibrate wrote: recordings are compared with where the screen was then (default: with each other)"
-    )
+
+
+def _add_batch(add: Callable[..., Any]) -> None:
+    """Add the options of `--monitor`, some of which apply to `--calibrate`, too."""
+    from nvsdata.rig.monitor import Scaling
+
+    add("--resume", action="store_true", help="continue a batch: record the videos that OUT doesn't have yet")
+    add("--verify", action="store_true", help="compare the recordings with the manifest, and record nothing")
+    corners = "folder that --calibrate wrote: the screen must be where it was then (default: where the batch sees it)"
     add("--calibration", type=path, metavar="DIR", help=corners)
-    alarm = "run by the shell if nothing can be recorded; the reason is in $NVSDATA_ALARM (default: none)"
+    alarm = "shell command for when nothing can be recorded; the reason is in $NVSDATA_ALARM (default: none)"
     add("--on-alarm", metavar="CMD", help=alarm)
-    full = "begin although the disk seems too small: a full disk ends the batch, and --resume goes on"
+    full = "begin although the disk seems too small: a full disk ends the batch, and --resume continues it"
     add("--until-full", action="store_true", help=full)
-    add("--status", type=path, metavar="OUT", help="say how a batch is going (default: record)")
-    add(
-        "--strict",
-        action="store_true",
-        help="record flagged videos again, and at last refuse them (default: list them)",
-    )
-    add("--accept-quiet", action="store_true", help="accept recordings with hardly any events, though the video moves")
+    strict = "record flagged videos again, and refuse those that stay flagged (default: list them)"
+    add("--strict", action="store_true", help=strict)
+    add("--accept-quiet", action="store_true", help="accept recordings with hardly any events of videos that move")
     add_videos(add)
     add("--display", type=int, default=0, metavar="N", help="number of the display")
+    place = ("X", "Y", "WIDTH", "HEIGHT")
     add("--screen-region", type=int, nargs=4, metavar=place, help="pixels of the screen for videos (default: all)")
-    add("--scaling", choices=get_args(Scaling), default="aspect", help="videos as large as fits, or a whole multiple")
+    scaling = "scale videos to the largest size that fits, or by a whole number"
+    add("--scaling", choices=get_args(Scaling), default="aspect", help=scaling)
+
+
+def mode_of(args: argparse.Namespace) -> str:
+    """Return the mode that the options choose, a key of `MODES`."""
+    return next((mode for mode in MODES if mode and getattr(args, mode) not in (None, False)), ONE)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -74,19 +120,20 @@ def run(args: argparse.Namespace) -> int:
     from nvsdata.recording.simulated.options import Simulation
     from nvsdata.rig import session as rig
 
-    if args.status is not None:
+    mode = mode_of(args)
+    _check(args, mode)
+    if mode == "status":
         return rig.run_status(args.status, as_json=args.json)
-    if args.doctor or args.list:
+    if mode in ("doctor", "list"):
         screen = args.live or args.calibrate or args.monitor is not None
         folder = args.out if screen and not args.live else args.out and args.out.parent
         how = {"simulated": args.simulate is not None, "as_json": args.json, "screen": screen, "folder": folder}
-        return session.run_doctor(everything=args.doctor, **how)
-    _check(args)
+        return session.run_doctor(everything=mode == "doctor", **how)
     with usage():
         given = {"region": args.region and tuple(args.region), "frames": args.frames or None}
         settings = session.settings_of(args.settings, args.bias, **given)
         simulate = None if args.simulate is None else Simulation.of(args.simulate)
-    if args.monitor is None and not args.calibrate:
+    if mode == ONE:
         decider = None
         if args.model is not None:
             # only here: torch takes seconds to start
@@ -98,28 +145,43 @@ def run(args: argparse.Namespace) -> int:
         return session.run(args.out, args.seconds, args.device, settings, simulate, **how)
     region = args.screen_region and tuple(args.screen_region)
     screen = {"display": args.display, "region": region, "scaling": args.scaling}
-    if args.calibrate:
+    if mode == "calibrate":
         out, overwrite = args.out or Path("calibration"), args.overwrite
         return rig.run_calibration(out, args.seconds, args.device, settings, simulate, screen, overwrite=overwrite)
-    chosen = {"format": args.format, "limit": args.limit, "resume": args.resume, "check": args.verify}
+    if args.verify:
+        return rig.run_verification(args.monitor, args.out, args.limit, as_json=args.json)
+    chosen = {"format": args.format, "limit": args.limit, "resume": args.resume}
     chosen |= {"calibration": args.calibration, "strict": args.strict, "accept_quiet": args.accept_quiet}
     chosen |= {"on_alarm": args.on_alarm, "note": args.note, "live": args.live, "as_json": args.json}
     chosen |= {"until_full": args.until_full}
     return rig.run_batch(args.monitor, args.out, args.device, settings, simulate, screen, **chosen)
 
 
-def _check(args: argparse.Namespace) -> None:
-    if args.monitor is None and (args.resume or args.verify):
-        raise UsageError("--resume and --verify need --monitor, the folder of videos")
-    if args.monitor is not None and args.overwrite:
-        raise UsageError("--overwrite is for one recording: with --monitor, --resume goes on, or choose another folder")
-    if args.monitor is None and args.until_full:
-        raise UsageError("--until-full needs --monitor, the folder of videos")
-    if args.calibrate and args.json:
-        raise UsageError("--calibrate writes calibration.json: it takes no --json")
-    if args.model is not None and (args.monitor is not None or args.calibrate):
-        raise UsageError("--model is for one recording: it goes with neither --monitor nor --calibrate")
+def _check(args: argparse.Namespace, mode: str) -> None:
+    """Raise UsageError for options that don't apply in this mode, or that are missing."""
+    for name in ("monitor", "status"):
+        if getattr(args, name) is NO_VALUE:
+            raise UsageError(f"argument --{name}: expected one argument")
+    # with --doctor, the other options of the line say which recording it is about
+    refused = set() if mode == "doctor" else set().union(*MODES.values(), MODES) - MODES[mode] - {mode}
+    for name in vars(args):
+        if name in refused and getattr(args, name) != args.parser.get_default(name):
+            raise UsageError(_refusal(name, mode))
     if args.note is not None and not args.note.isprintable():
         raise UsageError(f"--note must be text in this terminal's encoding, on one line, not {args.note!r}")
-    if args.out is None and not (args.live or args.model or args.calibrate):
-        raise UsageError("--out says where the recording goes")
+    if mode in (ONE, "monitor") and args.out is None and not (mode == ONE and (args.live or args.model)):
+        raise UsageError("--out is missing: it names the file or folder of the recording")
+
+
+def _refusal(name: str, mode: str) -> str:
+    """Return the message about an option that doesn't apply in this mode."""
+    option = f"--{name.replace('_', '-')}"
+    if name in MODES:
+        return f"{option} and {_title(mode)} don't go together"
+    homes = " and ".join(_title(other) for other in MODES if name in MODES[other] and other != "doctor")
+    hint = ": --resume continues a batch, or choose another folder" if (name, mode) == ("overwrite", "monitor") else ""
+    return f"{option} is for {homes}, not for {_title(mode)}{hint}"
+
+
+def _title(mode: str) -> str:
+    return f"--{mode}" if mode else "one recording"

@@ -12,15 +12,15 @@ from nvsdata.data.samples import Piece
 
 
 class CameraError(OSError):
-    """Reason why a camera can't record, in one line that says what to do."""
+    """Reason why a camera can't record, in one line with the cure."""
 
 
 class Unplugged(CameraError):
-    """The camera is gone."""
+    """The camera was disconnected."""
 
 
 class Facts(Protocol):
-    """A camera's report about itself: name, serial number, and the size of its sensor in pixels."""
+    """Description of a camera: name, serial number, and the size of its sensor in pixels."""
 
     @property
     def name(self) -> str: ...
@@ -59,14 +59,14 @@ class Camera(Protocol):
     gone.
     """
 
-    unit: int  # bytes of a word of the stream: what is left over of a block is dropped and counted
-    silence: (
-        float | None
-    )  # s without a byte after which the camera counts as stalled; None if it may have nothing to send
+    # bytes of a word of the stream: an incomplete word at the end of a block is dropped and counted
+    unit: int
+    # s without a byte after which the camera counts as stalled; None if it may have nothing to send
+    silence: float | None
 
     @property
     def facts(self) -> Facts:
-        """The camera's report about itself."""
+        """The description of the camera."""
 
     def configure(self, settings: Any = None) -> None:
         """Set biases, region and so on; None for its defaults. ValueError for settings that it doesn't have."""
@@ -78,25 +78,25 @@ class Camera(Protocol):
         """Restart the camera's time at 0."""
 
     def read(self, timeout: int = 100) -> bytes:
-        """Bytes of the stream that came within `timeout` ms, maybe none."""
+        """Return the bytes of the stream that arrive within `timeout` ms, maybe none."""
 
     def stop(self) -> None:
-        """End the stream; what is on its way can still be read."""
+        """End the stream; bytes in transit can still be read."""
 
     def end_reading(self) -> None:
         """Clean up after the last `read`; called by the thread that read."""
 
     def dropped(self) -> int | None:
-        """Events that the camera itself has dropped since it was powered on; None if it doesn't count them."""
+        """Return the number of events that the camera dropped since power-on; None if it doesn't count them."""
 
     def decoder(self) -> StreamDecoder:
-        """A new decoder of its stream, whose times never fall."""
+        """Return a new decoder of its stream, whose times never decrease."""
 
     def about(self) -> dict[str, Any]:
-        """Facts about the camera for recordings, as in `Recording.about`."""
+        """Return facts about the camera for recordings, as in `Recording.about`."""
 
     def journal_head(self, decoder: Any, last: int | None, about: Mapping[str, Any]) -> bytes | None:
-        """First bytes of a file that keeps the stream as it comes, and that `nvsdata.open` reads.
+        """Return the first bytes of a journal: a file of the stream that `nvsdata.open` reads.
 
         None if there is no such format: a recording is then lost if the process is killed.
         """
@@ -106,11 +106,11 @@ class Camera(Protocol):
 
 
 def check_camera(camera: object) -> None:
-    """TypeError for an object that lacks members of a camera."""
-    # not isinstance: since Python 3.12 it doesn't see what __getattr__ gives, as one camera that wraps another has it
+    """Raise TypeError for an object without all members of a camera."""
+    # not isinstance: since Python 3.12 it ignores members from __getattr__, which a camera that wraps another may have
     members = [name for name in (*Camera.__annotations__, *vars(Camera)) if not name.startswith("_")]
-    if lacking := ", ".join(name for name in members if not hasattr(camera, name)):
-        what = f"{type(camera).__name__} is not a camera: it lacks {lacking}"
+    if missing := ", ".join(name for name in members if not hasattr(camera, name)):
+        what = f"{type(camera).__name__} is not a camera: it misses {missing}"
         raise TypeError(f"{what} (see nvsdata.recording.camera.Camera)")
 
 

@@ -1,4 +1,4 @@
-"""From a camera to a file: what was read is decoded in one thread and written in another."""
+"""Recording from a camera to a file: one thread decodes the stream, another one writes the events."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from nvsdata.recording.camera import Camera, CameraError, StreamDecoder, check_c
 from nvsdata.recording.journal import StreamJournal, check_finished, left_over_message
 from nvsdata.recording.pipeline import DISK_FULL, STOPPED, TIME_UP, CameraReader
 
-# s until the reset of the clock must be in the stream, and how often it is asked for
+# s until the reset of the clock must be in the stream, and the number of times that it is requested
 RESET_WAIT, RESETS = 1.0, 2
 NO_RESET = "the camera doesn't mark the reset of its clock: plug it in again"
-RESERVE = 64 << 20  # bytes of disk that are left free, as room for what the writer still holds
+RESERVE = 64 << 20  # bytes of disk that are left free, as room for the events that the writer still has
 # s for which a thread may keep Python's lock while another waits: at 5 ms, the default, the camera's buffer overflows
 SWITCH = 2e-4
 
@@ -39,19 +39,21 @@ SWITCH = 2e-4
 class RecordingReport:
     """Result of a recording.
 
-    - `path`: the file, None if nothing was written
-    - `events`: events recorded
-    - `seconds`: time of the last event
-    - `received`: bytes that came from the camera
-    - `lost`: bytes that came and found no room
-    - `dropped`: events that the camera dropped, None if it doesn't count them
-    - `ended`: why the recording ended
-    - `error_counts`: the decoder's: faults of the stream, counted by name
-    - `temperature`: of the inertial unit (°C), None without one
-    - `triggers`: times (µs) of pulses and rising edges at the external input
-    - `zero`: the host's time (µs) at which the camera's time began
-    - `frames`, `samples`: how many frames and inertial samples came
-    - `about`: what is known of the camera
+    Args:
+        path: The file, None if nothing was written.
+        events: Events recorded.
+        seconds: Time of the last event.
+        received: Bytes from the camera.
+        lost: Bytes that were dropped because they came faster than they were written.
+        dropped: Events that the camera dropped, None if it doesn't count them.
+        ended: Reason for the end of the recording.
+        error_counts: Faults of the stream by name, as the decoder counts them.
+        temperature: Temperature of the inertial unit (°C), None without one.
+        triggers: Times (µs) of pulses and rising edges at the external input.
+        zero: The host's time (µs) at which the camera's time began.
+        frames: Number of frames.
+        samples: Number of inertial samples.
+        about: Facts about the camera.
     """
 
     path: Path | None
@@ -71,7 +73,7 @@ class RecordingReport:
 
     @property
     def failure(self) -> OSError | None:
-        """The error that ended it, a CameraError or a full disk; None if its time was up or it was stopped."""
+        """The error that ended the recording, a CameraError or a full disk; None after its time or a stop."""
         if self.ended in (TIME_UP, STOPPED):
             return None
         if self.ended.startswith(DISK_FULL):
@@ -86,7 +88,7 @@ class RecordingReport:
 
 
 class Unfinished(OSError):
-    """The file of a recording couldn't be written; what was recorded is in a journal, which the message names."""
+    """The file of a recording couldn't be written; the message names the journal with its data."""
 
 
 def record(
@@ -102,22 +104,23 @@ def record(
     """Record to a file, in the format of its extension, until `seconds` are over or `stop` is set.
 
     Times count from the reset of the camera's clock at the start. The recording also ends when the camera is
-    unplugged or sends nothing for 5 s, and when the disk has less than 64 MB left; what came until then is in the
-    file, and `RecordingReport.ended` says why. The file appears when it is whole.
-
-    - `camera`: anything that has the members of `camera.Camera`
-    - `path`: the file; with None, events are only given to `watch`
-    - `settings`: what the camera's `configure` takes (default: the camera's)
-    - `seconds`: how long to record (default: until stopped)
-    - `stop`: ends the recording when it is set (default: none)
-    - `watch`: called with the report so far and the events of each block, from another thread
-    - `journaled`: until the file is whole, keep what the camera sends in FILE.davis, which `nvsdata.open` reads; it is
-      removed when the file is there, and stays if the file can't be written (default True)
+    unplugged or sends nothing for 5 s, and when the disk has less than 64 MB left. The file then has all events up to
+    that moment, and `RecordingReport.ended` is the reason. The file appears when it is complete.
 
     Raises CameraError if the camera can't be configured or started, or doesn't mark the reset of its clock, TypeError
     for an object that isn't a camera, ValueError for frames in a format that holds none, OSError if the disk has less
     than 64 MB left, FileExistsError if there is a journal of that file already, and `Unfinished` if the file can't be
     written.
+
+    Args:
+        camera: Anything that has the members of `camera.Camera`.
+        path: The file; with None, events are only passed to `watch`.
+        settings: What the camera's `configure` takes (default: the camera's).
+        seconds: How long to record (default: until stopped).
+        stop: Ends the recording when it is set (default: none).
+        watch: Called with the report so far and the events of each block, from another thread.
+        journaled: Copy the stream to FILE.davis, which `nvsdata.open` reads, until the file is complete. The copy
+            stays if the file can't be written (default True).
     """
     check_camera(camera)
     report = RecordingReport(None if path is None else Path(path))
@@ -171,7 +174,7 @@ def record(
 
 
 def check_room(path: Path) -> None:
-    """OSError if the disk of a file that is to be recorded has less room than is left free at the end."""
+    """Raise OSError if the disk of a file that is to be recorded has less than `RESERVE` bytes free."""
     if (free := shutil.disk_usage(path.parent).free) < RESERVE:
         reason = f"the disk has {free / 1e6:,.1f} MB left, and a recording needs at least {RESERVE / 1e6:.0f} MB"
         raise OSError(errno.ENOSPC, reason, str(path))
@@ -180,7 +183,7 @@ def check_room(path: Path) -> None:
 def check_format(path: Path, settings: Any) -> bool:
     """Return True if a file with this extension can contain inertial samples.
 
-    ValueError if nvsdata doesn't write such files, or if they hold no frames and the settings ask for frames.
+    ValueError if nvsdata doesn't write such files, or if the settings request frames and the format has none.
     """
     holds = formats.writer_of(path).holds_samples
     if getattr(settings, "frames", False) and not holds:
@@ -190,7 +193,7 @@ def check_format(path: Path, settings: Any) -> bool:
 
 @contextmanager
 def stopped_by_interrupt() -> Iterator[Event]:
-    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second such signal raises KeyboardInterrupt (or its `Ended`)."""
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set; a second signal raises KeyboardInterrupt or `Ended`."""
     stop = Event()
 
     def asked(number: int, frame: Any) -> None:
@@ -212,7 +215,7 @@ def stopped_by_interrupt() -> Iterator[Event]:
 
 @contextmanager
 def switching_fast() -> Iterator[None]:
-    """While the block runs, threads hand Python's lock over quickly."""
+    """Let threads pass on Python's lock quickly while the block runs."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH)
     try:
@@ -245,7 +248,7 @@ def _pieces(
     report: RecordingReport,
     watch: Callable[[RecordingReport, Events], None],
 ) -> Iterator[Events]:
-    """Yield what the camera sends, from the reset of its clock until `last` µs of its time."""
+    """Yield the camera's events, from the reset of its clock until `last` µs of its time."""
     yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=report.about)
     for piece, triggers in decoder.decoded(_blocks(camera, decoder, reader, report), last):
         report.events += len(piece)
@@ -261,5 +264,5 @@ def _pieces(
         watch(report, piece)
         yield piece
         if report.path is not None and shutil.disk_usage(report.path.parent).free < RESERVE:
-            # there is still room for what was read
+            # the reserve has room for the events that were read
             reader.end(DISK_FULL)

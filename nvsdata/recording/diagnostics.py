@@ -28,7 +28,7 @@ PYGAME = "--live, --monitor and --calibrate need it: pip install 'nvsdata[monito
 class Finding(NamedTuple):
     """A checked requirement, the finding, and the cure (None if none is needed).
 
-    A recording such as was asked for is possible without what isn't `needed`.
+    The requested recording is possible without a requirement that isn't `needed`.
     """
 
     what: str
@@ -43,11 +43,12 @@ class Finding(NamedTuple):
 
 
 def examine(backend: Any = None, *, screen: bool = False, folder: Path | None = None) -> Iterator[Finding]:
-    """Look at all that a recording needs.
+    """Check all requirements of a recording.
 
-    - `backend`: pyusb's (default: the one that pyusb finds)
-    - `screen`: whether windows or videos are to be shown (default False: what they need is optional)
-    - `folder`: where the recording is to go (default: the current folder)
+    Args:
+        backend: pyusb's (default: the one that pyusb finds).
+        screen: Show windows or videos, whose requirements are otherwise optional (default False).
+        folder: Folder of the recording (default: the current folder).
     """
     try:
         connected = devices(backend)
@@ -82,7 +83,7 @@ def _cameras(connected: list[Any]) -> Iterator[Finding]:
 
 
 def _opened(device: Any) -> Finding:
-    """A camera, opened for a moment."""
+    """Open a camera briefly, and return the finding."""
     try:
         with Davis(device) as camera:
             facts, firmware = camera.facts, device.bcdDevice & 0xFF

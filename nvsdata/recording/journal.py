@@ -1,4 +1,4 @@
-"""A camera's stream, kept on disk as it comes, so that a recording that couldn't be finished isn't lost."""
+"""Copy of a camera's stream on disk, from which an unfinished recording can be completed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nvsdata.common.files import named, write_all
 from nvsdata.common.locks import OutputInUse, locked
 
 SUFFIX = ".davis"
-SETTLED = 1.0  # s after which what was written is sent to the disk and isn't in the system's memory alone
+SETTLED = 1.0  # s after which written data is flushed to the disk
 
 
 def journal_of(path: Path) -> Path:
@@ -22,7 +22,7 @@ def journal_of(path: Path) -> Path:
 
 
 class StreamJournal:
-    """The journal of a recording: `head`, which says how to decode the stream, and then the stream.
+    """The journal of a recording: `head`, which describes how to decode the stream, and then the stream.
 
     What `write` has taken stays if the process is killed. FileExistsError if there is a journal already: it belongs to
     a recording that wasn't finished.
@@ -70,7 +70,7 @@ class StreamJournal:
 
 
 def left_over_message(journal: Path) -> str:
-    """A line that says what a journal is that was left, and what to do with it."""
+    """Return a message about a journal that was left behind, with the command that finishes it."""
     command = shlex.join(("nvsdata", "convert", str(journal), str(journal.with_suffix(""))))
     return f"{shown(journal)} is a recording that wasn't finished: `{shown(command)}` finishes it"
 
@@ -82,7 +82,7 @@ def check_finished(path: Path) -> None:
 
 
 def left_over(folder: Path) -> Iterator[Path]:
-    """Journals in a folder that no process writes to any more."""
+    """Yield journals in a folder that no process writes to any more."""
     for journal in sorted(folder.glob(f"*.*{SUFFIX}")):
         try:
             with locked(journal.with_suffix("")):

@@ -1,4 +1,4 @@
-"""A window that shows events as they come."""
+"""Window that shows events live."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from nvsdata.data.events import Events, concatenate
 from nvsdata.plots import event_image
 from nvsdata.recording.camera import host_time
 
-EVERY = 33_000  # µs between pictures
-SPAN = 33_000  # µs of events in a picture
+EVERY = 33_000  # µs between images
+SPAN = 33_000  # µs of events in an image
 ZOOM = 3
 
 
@@ -23,10 +23,10 @@ class DisplayError(OSError):
 
 
 class LiveView:
-    """Shows the events of the last 33 ms, their rate, and how sharp they are; use it in a `with` block.
+    """Window with the events of the last 33 ms, their rate and sharpness; use it in a `with` block.
 
-    `add` may be called from any thread; `draw` from the main thread only, often. `closed` says whether the window has
-    been closed. `DisplayError` if there is no display.
+    `add` may be called from any thread; `draw` from the main thread only, often. `closed` is True after the
+    window was closed. `DisplayError` if there is no display.
     """
 
     def __init__(self, sensor_size: tuple[int, int]) -> None:
@@ -52,7 +52,7 @@ class LiveView:
             self._events = both.window(start=int(both.t[-1]) - SPAN)
 
     def draw(self) -> None:
-        """Show what came, if 33 ms have passed since the last picture."""
+        """Draw the events, if 33 ms have passed since the last image."""
         now = host_time()
         if now - self._drawn < EVERY:
             return
@@ -91,7 +91,7 @@ def sharpness(events: Events) -> float:
 
 
 def pygame_or_error() -> Any:
-    """The module pygame, or an ImportError that says how to install it."""
+    """Return the module pygame. ImportError, with the command that installs it, if it is missing."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     # a click into the other window must not minimize the one that shows videos
     os.environ.setdefault("SDL_VIDEO_MINIMIZE_ON_FOCUS_LOSS", "0")

@@ -1,4 +1,4 @@
-"""Classification of what a camera sees, in a thread parallel to the recording."""
+"""Online classification of a camera's events, in a thread parallel to the recording."""
 
 from __future__ import annotations
 
@@ -22,16 +22,18 @@ class OnlineModel(Protocol):
 
 
 class OnlineInference(Thread):
-    """Decides about what a camera sends as soon as it is there, and never makes the recording wait.
-
-    - `decider`: fed all events, but for those that no decision would see: if it is late by more than its window, it
-      goes on with the newest window
-    - `tell`: called with each decision, which also has `behind` (µs since its last event), `skipped` (blocks of the
-      camera without a decision of their own since the last one) and `missed` (events that weren't fed since then)
-    - `ended`: called with the error that ended the decisions early; the recording goes on then
+    """Thread that classifies a camera's events as they arrive, and never makes the recording wait.
 
     Use it in a `with` block; `add` is for `record`'s `watch`. `error` is that error, None if there was none. On a
     causal graph, events that were missed would have been neighbors of the oldest ones in the window.
+
+    Args:
+        decider: Fed all events, but for those that no decision would see: if it is late by more than its window, it
+            goes on with the newest window.
+        tell: Called with each decision, which also has `behind` (µs since its last event), `skipped` (blocks of the
+            camera without a decision of their own since the last one) and `missed` (events that weren't fed since
+            then).
+        ended: Called with the error that ended the decisions early; the recording goes on then.
     """
 
     def __init__(
@@ -46,17 +48,17 @@ class OnlineInference(Thread):
         self._waiting: deque[Events] = deque()
         self._change = Condition()
         self._zero, self._over = 0.0, False
-        self._missed = self._told = 0
+        self._missed = self._reported = 0
 
     def add(self, report: RecordingReport, events: Events) -> None:
-        """The next events, of a camera whose time began at the host's `report.zero`."""
+        """Add the next events of a camera whose time began at the host time `report.zero`."""
         if not len(events) or self.error is not None:
             return
         window = self._decider.stream.window
         with self._change:
             self._zero = report.zero
             self._waiting.append(events)
-            # what no decision will see needn't wait, however late it is
+            # events that are too old for any decision are dropped
             while window is not None and self._waiting[0].t[-1] <= events.t[-1] - window:
                 self._missed += len(self._waiting.popleft())
             self._change.notify()
@@ -69,14 +71,14 @@ class OnlineInference(Thread):
                 last = int(blocks[-1].t[-1])
                 line = self._decider.decide(last)
                 late = max(round(host_time() - self._zero - last), 0)
-                missed, self._told = self._missed - self._told, self._missed
+                missed, self._reported = self._missed - self._reported, self._missed
                 self._tell(line | {"behind": late, "skipped": len(blocks) - 1, "missed": missed})
         except Exception as error:  # the recording doesn't end because a network fails
             self.error = error
             self._ended(error)
 
     def _take(self) -> list[Events]:
-        """All that waits, at least a block; empty at the end."""
+        """Return all waiting blocks, at least one; none at the end."""
         with self._change:
             self._change.wait_for(lambda: bool(self._waiting) or self._over)
             blocks = list(self._waiting)

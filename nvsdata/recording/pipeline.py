@@ -1,4 +1,4 @@
-"""From a camera to its decoder: a thread that does nothing but read, and one that keeps what was read on disk."""
+"""Threads between a camera and its decoder: one only reads, the other writes what was read to a journal."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from nvsdata.recording.camera import Camera, CameraError
 from nvsdata.recording.journal import StreamJournal
 
 ROOM = 64 << 20  # bytes that may wait to be kept and decoded
-PIECE = 1 << 20  # bytes handed on at once, if that many wait
+PIECE = 1 << 20  # bytes that are passed on at once, if that many wait
 GATHER = 0.03  # s to wait for more, if few bytes wait
 SILENT_END = 1.0  # s without anything at the end: a camera that sends words of its clock has stopped before
-TAIL = 0.3  # s to wait for what is still on its way when the time is up
-MOST_TAIL = 5.0  # s for which what comes after the camera was stopped is read: a busy computer reads slowly
+TAIL = 0.3  # s to wait for bytes in transit when the time is up
+MOST_TAIL = 5.0  # s for which reading continues after the camera was stopped: a busy computer reads slowly
 TIME_UP, STOPPED, DISK_FULL = "the time was up", "it was stopped", "the disk is full"
 
 
 class Waiting:
-    """Blocks of bytes on their way from one thread to another; `b""` is the last."""
+    """Queue of blocks of bytes between two threads; `b""` is the last block."""
 
     def __init__(self) -> None:
         self._blocks: SimpleQueue[bytes] = SimpleQueue()
@@ -38,12 +38,12 @@ class Waiting:
         self._blocks.put(block)
 
     def end(self) -> None:
-        """No more will come."""
+        """Note that no block follows."""
         self._ended = True
         self._blocks.put(b"")
 
     def take(self) -> bytes:
-        """Bytes that wait: those of whole blocks, until there are `PIECE` or more; empty at the end."""
+        """Return the waiting blocks joined, until they have `PIECE` bytes or more; empty bytes at the end."""
         if self.size < PIECE // 4 and not self._ended:
             # many small blocks together cost less than one by one
             time.sleep(GATHER)
@@ -60,10 +60,10 @@ class Waiting:
 
 
 class CameraReader(Thread):
-    """Reads, and from `begin` on keeps what it read until it is taken: `ROOM` bytes at most; what comes beyond that is
-    dropped and counted as `lost`.
+    """Thread that reads a camera's stream.
 
-    With a `journal`, blocks are written to it before they can be taken; if the disk doesn't take one, reading ends.
+    From `begin` on, it keeps up to `ROOM` bytes until they are taken. Bytes beyond that are dropped and counted as
+    `lost`. With a `journal`, blocks are written to it before they can be taken; reading ends if the disk is full.
     """
 
     def __init__(self, camera: Camera, seconds: float | None, stop: Event) -> None:
@@ -77,16 +77,16 @@ class CameraReader(Thread):
         self._keeper: Thread | None = None
 
     def begin(self) -> None:
-        """Keep what is read from now on."""
+        """Start to keep the bytes that are read."""
         self._begun = True
 
     def delay(self, seconds: float) -> None:
-        """Read for so much longer, because the recording began so much later."""
+        """Read `seconds` longer, because the recording began that much later."""
         if self.seconds is not None:
             self.seconds += seconds
 
     def keep(self, journal: StreamJournal | None) -> None:
-        """From now on hand on what was read, after it is in the journal if there is one."""
+        """Start to pass on what is read, after it was written to the journal if there is one."""
         if journal is None:
             self._kept = self._read_out
         else:
@@ -156,7 +156,7 @@ class CameraReader(Thread):
             return
         self.received += len(block)
         if left_over := len(block) % self.camera.unit:
-            # part of a word would put all after it out of step
+            # a part of a word would shift all words after it
             self.odd += 1
             block = block[:-left_over]
         waiting = self._read_out.size + (self._kept.size if self._kept is not self._read_out else 0)
@@ -166,16 +166,16 @@ class CameraReader(Thread):
             self._read_out.put(block)
 
     def take(self) -> bytes:
-        """The next bytes that were read; empty at the end."""
+        """Return the next bytes that were read; empty at the end."""
         return self._kept.take()
 
     def end(self, why: str) -> None:
-        """Stop reading, and note why."""
+        """Stop reading, and note the reason."""
         self.finish()
         self.ended = why
 
     def finish(self) -> None:
-        """Stop reading, and wait until the camera has been stopped and what was read is in the journal."""
+        """Stop reading, and wait until the camera has been stopped and all bytes are in the journal."""
         self.stop.set()
         self.join()
         if self._keeper is not None:

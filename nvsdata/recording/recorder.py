@@ -13,7 +13,7 @@ from nvsdata.recording.capture import RecordingReport, record
 
 
 class Recorder(Thread):
-    """Runs `record` in a thread of its own, so that the main thread can show things; `record` has the parameters.
+    """Thread that runs `record`, while the main thread draws; see `record` for the parameters.
 
     `begun` is set when the first block of the stream has come, `over` when the recording has ended.
     """
@@ -55,7 +55,7 @@ class Recorder(Thread):
             raise error
 
     def finish(self) -> RecordingReport:
-        """End the recording, and wait until its file is whole; raises what `record` raised."""
+        """End the recording, and wait until its file is complete; raises the error of `record`."""
         self._asked.set()
         self.join()
         if self._error is not None:

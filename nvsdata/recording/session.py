@@ -1,4 +1,4 @@
-"""`nvsdata record`: a recording from a camera to a file, as the command does it."""
+"""The mode of `nvsdata record` for one recording, and its diagnostics."""
 
 from __future__ import annotations
 
@@ -44,21 +44,22 @@ def run(
     note: str | None = None,
     as_json: bool = False,
 ) -> int:
-    """Record a camera and print how it went; return 0 if nothing was lost and decisions went on to the end, else 1.
-
-    - `out`: the file; may be None with `live`
-    - `seconds`: how long to record; None: until Ctrl-C, SIGTERM or SIGHUP
-    - `serial`: the camera's serial number; None: the only one there
-    - `settings`: the camera's
-    - `simulate`: record a simulated camera in place of a real one
-    - `live`: show events in a window; closing it ends the recording
-    - `overwrite`: replace `out` if it is there
-    - `note`: kept with the recording
-    - `as_json`: print the report as a line of JSON
-    - `decider`: of a network that follows the events; a line of JSON per decision is printed, and the report to stderr
+    """Record a camera and print a summary; return 0 if nothing was lost and all decisions were made, else 1.
 
     FileExistsError if `out` is there and isn't to be replaced, OutputInUse if another process records to it, ValueError
     if the camera is larger than the network is for.
+
+    Args:
+        out: The file; may be None with `live`.
+        seconds: How long to record; None: until Ctrl-C, SIGTERM or SIGHUP.
+        serial: The camera's serial number; None: the only one there.
+        settings: The camera's.
+        simulate: Record a simulated camera in place of a real one.
+        live: Show events in a window; closing it ends the recording.
+        overwrite: Replace `out` if it is there.
+        note: Kept with the recording.
+        as_json: Print the report as a line of JSON.
+        decider: Of a network that follows the events; a line of JSON per decision is printed, and the report to stderr.
     """
     backend = simulate and simulate.alone()
     if decider is not None:
@@ -96,7 +97,7 @@ def run(
             else:
                 report = record(camera, out, settings, seconds=seconds, stop=stop, watch=watch)
             bar.close()
-            # before the last decisions are printed, which nobody may read
+            # before the last decisions are printed, because their reader may have left
             if as_json and decider is None:
                 figures = {k: v for k, v in asdict(report).items() if k != "triggers"}
                 tell("", figures | {"whole": report.whole, "triggers": len(report.triggers)}, as_json=True)
@@ -106,7 +107,7 @@ def run(
 
 
 def _deciding(decider: OnlineClassifier, stop: Event, *, alone: bool) -> OnlineInference:
-    """Decisions as lines of JSON; if they fail, and events are for nothing else (`alone`), the recording ends."""
+    """Return a thread that prints decisions as JSON; a recording for them `alone` ends if it fails."""
 
     def ended(error: Exception) -> None:
         say(f"decisions ended early: {message_of(error) or type(error).__name__}")
@@ -123,7 +124,7 @@ def _check_size(camera: tuple[int, int], network: tuple[int, int]) -> None:
 
 @contextmanager
 def _place(out: Path | None, settings: CameraSettings, overwrite: bool) -> Iterator[None]:
-    """Keep the place of a recording from other processes; delete or name what killed processes left there."""
+    """Lock the file of a recording; delete or report what killed processes left next to it."""
     if out is None:
         yield
         return
@@ -169,11 +170,14 @@ def _shown(
 
 
 def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool, folder: Path | None) -> int:
-    """Print which cameras there are, or all that a recording needs; return 1 if something that it needs is missing.
+    """Print the connected cameras, or all requirements of a recording; return 1 if a requirement is missing, else 0.
 
-    - `everything`: all that a recording needs, not only cameras
-    - `simulated`: look for a simulated camera
-    - `screen`, `folder`: see `examine`
+    Args:
+        everything: Print all requirements of a recording, not only cameras.
+        simulated: Look for a simulated camera.
+        as_json: Print each finding as a line of JSON.
+        screen: See `examine`.
+        folder: See `examine`.
     """
     found = list(examine(Simulation().alone() if simulated else None, screen=screen, folder=folder))
     if not everything:
@@ -186,7 +190,7 @@ def run_doctor(*, everything: bool, simulated: bool, as_json: bool, screen: bool
 
 
 def summary(report: RecordingReport) -> str:
-    """The report in a few lines, with what went wrong."""
+    """Return the report in a few lines, with all faults."""
     lines = [f"{shown(report.path or 'not kept')}: {report.events:,} events in {report.seconds:.2f} s; {report.ended}"]
     if report.frames:
         lines.append(f"{report.frames:,} frames")
@@ -203,7 +207,7 @@ def summary(report: RecordingReport) -> str:
 
 
 def settings_of(file: Path | None, biases: Sequence[str], **given: Any) -> CameraSettings:
-    """Settings of a JSON file, replaced by those that were given: `biases` as NAME=A:B, others by name unless None.
+    """Return settings of a JSON file, replaced by the given ones: `biases` as NAME=A:B, others by name unless None.
 
     ValueError for a file or bias that can't be understood.
     """

@@ -34,21 +34,21 @@ from nvsdata.rig.watch import Watch, prune
 
 TAKES = 3  # takes of a video before it counts as failed
 SHOWN_EVERY = 1.0  # s after which the progress bar is drawn again
-RETRY = 1_000_000  # µs between attempts to find a camera that is gone
-MISSED = 60_000_000  # µs after which the alarm runs
+RETRY = 1_000_000  # µs between attempts to find a disconnected camera
+MISSED = 60_000_000  # µs without a camera after which the alarm runs
 KIND = "nvsdata-recordings"
 DONE = ("recorded", "truncated")
-PLAYED = "playback.jsonl"  # when each picture of each take was shown
-HIDDEN = ".takes"  # in the folder of recordings: takes that aren't cut yet, or that failed
+PLAYED = "playback.jsonl"  # times at which the frames of each take were shown
+HIDDEN = ".takes"  # in the folder of recordings: takes that aren't trimmed yet, or that failed
 
 
 @contextmanager
 def manifest_of(
     out: Path, settings: CameraSettings, format: str, monitor: Monitor, videos: list[Video], *, resume: bool
 ) -> Iterator[Manifest]:
-    """The manifest of a folder of recordings, created if there is none, for a run with these `videos`.
+    """Yield the manifest of a folder of recordings, which is created if there is none, for a run with these `videos`.
 
-    FileExistsError for a folder that holds recordings, unless `resume` is true; ValueError for a folder whose
+    FileExistsError for a folder with recordings, unless `resume` is true; ValueError for a folder whose
     recordings were made with other settings.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def manifest_of(
     with claimed(out):
         manifest = Manifest(out, KIND, made, [video.name for video in videos], facts)
         if manifest.videos and not resume:
-            raise FileExistsError(f"{out} holds recordings: --resume goes on with them")
+            raise FileExistsError(f"{out} contains recordings: --resume continues the batch")
         with manifest:
             try:
                 yield manifest
@@ -91,24 +91,27 @@ def record_videos(
     """Play and record every video that isn't done; each gets its line of the manifest as soon as it is done.
 
     A video whose take fails its checks is recorded again after the others, at once if the camera was the reason. After
-    three failed takes the video has failed; the last 20 takes that failed are kept in `out/.takes`, uncut. If the
-    camera goes away, the batch waits for it; if takes of several videos fail one after another, the camera is reopened,
-    then a video that went well before is tried, and if that fails, too, the batch pauses and sounds an alarm (see
-    `watch`). A video that can't be decoded fails, and the rest
-    goes on. `out` gets contact sheets, forty recordings per page, and `status.json`.
-
-    - `videos`: what is to be played
-    - `out`: the folder of recordings
-    - `manifest`: that of `out`; see `manifest_of`
-    - `find`: opens the camera; called again when the camera was gone
-    - `monitor`: plays the videos
-    - `settings`: the camera's
-    - `corners`, `strict`, `accept_quiet`: see `content.Inspector`
-    - `on_alarm`: a command for alarms (default: none)
-    - `live`: show events in a window (default False)
+    three failed takes the video has failed. The last 20 failed takes are kept in `out/.takes`, untrimmed. If the camera
+    is disconnected, the batch waits for it. If takes of several videos fail one after another, the camera is reopened,
+    then a video that was recorded before is tried. If that fails, too, the batch pauses and runs the alarm (see
+    `watch`). A video that can't be decoded fails, and the batch continues with the others. `out` gets contact sheets,
+    forty recordings per page, and `status.json`.
 
     Raises CameraError if there is no camera at the start, OSError if nothing can be written, `BatchStopped` if nothing
     could be recorded for hours.
+
+    Args:
+        videos: Videos to play.
+        out: The folder of recordings.
+        manifest: Manifest of `out`; see `manifest_of`.
+        find: Opens the camera; called again after the camera was disconnected.
+        monitor: Monitor that plays the videos.
+        settings: Settings of the camera.
+        corners: See `content.Inspector`.
+        strict: See `content.Inspector`.
+        accept_quiet: See `content.Inspector`.
+        on_alarm: A command for alarms (default: none).
+        live: Show events in a window (default False).
     """
     takes: Counter[str] = Counter()
     known = [line["content"] for line in manifest.videos.values() if line["status"] in DONE and "content" in line]
@@ -126,7 +129,7 @@ def record_videos(
         )
         cameras.watched_by(watch, status)
         waiting = deque(run.waiting)
-        given_up: dict[str, Video] = {}  # since the last take that was right
+        given_up: dict[str, Video] = {}  # since the last good take
         while waiting:
             video = waiting.popleft()
             takes[video.name] += 1
@@ -147,7 +150,7 @@ def record_videos(
                 spared = watch.failed(video.name, str(reason))
                 takes.subtract(spared)
                 for other in [given_up.pop(name) for name in dict.fromkeys(spared) if name in given_up]:
-                    # its last take failed for the same reason as those of the others
+                    # its last take failed for the same reason as those of the other videos
                     run.again(other)
                     status.set(failed=status.failed - 1)
                     waiting.append(other)
@@ -173,7 +176,7 @@ def record_videos(
 
 
 def status_before(out: Path, videos: list[Video], manifest: Manifest) -> Status:
-    """The status of a batch as a run of it begins: with what was recorded before."""
+    """Return the status of a batch at the begin of a run, with its earlier recordings."""
     done = [video for video in videos if manifest.has(video, DONE)]
     look = sum("look" in manifest.videos[video.name] for video in done)
     return Status(out, len(videos), done=len(done), look=look)
@@ -181,7 +184,7 @@ def status_before(out: Path, videos: list[Video], manifest: Manifest) -> Status:
 
 @contextmanager
 def ended_status(status: Status) -> Iterator[Status]:
-    """Write the status, and at the end of the block how it ended, and why."""
+    """Write the status now, and at the end of the block its outcome and reason."""
     status.set()
     try:
         yield status
@@ -195,20 +198,20 @@ def ended_status(status: Status) -> Iterator[Status]:
 
 @contextmanager
 def _shown(run: FolderRun, status: Status) -> Iterator[Callable[[str], None]]:
-    """Show what the batch does in the progress bar, and the time, each second.
+    """Show the state of the batch in the progress bar, each second.
 
-    Yields what is called with what happens to the present video. A thread draws: a terminal that is slow or stopped
-    must not make pictures late.
+    Yields a function that takes a description of the present step. A thread draws, because a slow or stopped terminal
+    must not delay frames.
     """
     over, phase = Event(), ""
 
-    def show(what: str) -> None:
+    def show(step: str) -> None:
         nonlocal phase
-        phase = what
+        phase = step
 
     def draw() -> None:
         while not over.wait(SHOWN_EVERY):
-            # the end of a long name says more than its beginning
+            # the end of a long name is more distinctive than its beginning
             run.doing(
                 f"{status.video[-30:]}: {phase}" if status.state == "recording" and status.video else status.state
             )
@@ -234,7 +237,7 @@ def _probed(videos: list[Video], out: Path, manifest: Manifest, camera: Camera, 
     try:
         _recorded(video._replace(target=target), out, camera, *how)
     except (TakeRejected, OSError, ValueError, cv2.error) as error:
-        # it may be gone or damaged by now
+        # the video may be missing or damaged by now
         if _ends_all(error, video):
             raise
         return False
@@ -266,7 +269,7 @@ def _recorded(
     live: bool,
     show: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Play and record a video, and return its part of the manifest's line; `show` is called with what is done."""
+    """Play and record a video, and return its fields for the manifest; `show` is called with each step."""
     raw = out / HIDDEN / f"{video.name}.h5"
     raw.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -276,14 +279,14 @@ def _recorded(
     except BaseException:
         raw.unlink(missing_ok=True)
         raise
-    show("cutting and judging")
+    show("trimming and checking")
     with append_own(out / PLAYED) as file:
         write_all(file.fileno(), json_line({"video": video.name, **take.performance.log()}).encode())
     try:
         line = trim(take, video, inspector)
     except (ValueError, cv2.error, MemoryError) as error:
-        # the video was played, so it isn't the reason
-        raise TakeRejected(f"the recording can't be read or judged: {error}") from error
+        # the video was played, so it isn't the cause
+        raise TakeRejected(f"the recording can't be read or checked: {error}") from error
     inspector.others.append(line["content"])
     raw.unlink()
     if take.performance.truncated:
@@ -292,20 +295,20 @@ def _recorded(
 
 
 class _Cameras:
-    """The camera, found again after it was gone."""
+    """Holder of the camera, which is found again after it was disconnected."""
 
     def __init__(self, find: Callable[[], Camera], monitor: Monitor, settings: CameraSettings) -> None:
         self.monitor, self.settings, self._find = monitor, settings, find
         self._camera: Camera | None = None
         self._had_one = False
-        self._told: tuple[Watch, Status] | None = None
+        self._watched: tuple[Watch, Status] | None = None
 
     def watched_by(self, watch: Watch, status: Status) -> None:
-        """Tell these if the camera is gone."""
-        self._told = watch, status
+        """Set the objects that are notified if the camera is disconnected."""
+        self._watched = watch, status
 
     def get(self) -> Camera:
-        """The camera; waits for it if it was there before. ValueError for settings that it doesn't have."""
+        """Return the camera; wait for it if it was connected before. ValueError for settings that it doesn't have."""
         reason, since = "", host_time()
         while self._camera is None:
             try:
@@ -319,8 +322,8 @@ class _Cameras:
                 if str(error) != reason:
                     reason = str(error)
                     say_above_bar(f"{reason}: waiting for it")
-                if self._told is not None:
-                    watch, status = self._told
+                if self._watched is not None:
+                    watch, status = self._watched
                     status.set(state="waiting for the camera")
                     if host_time() - since > MISSED:
                         watch.alarm(f"the camera has been gone for {MISSED / 60e6:.0f} minutes: {reason}")
@@ -329,7 +332,7 @@ class _Cameras:
         return self._camera
 
     def drop(self) -> None:
-        """Close the camera: something is wrong with it."""
+        """Close the camera because of a fault."""
         if self._camera is not None:
             with suppress(OSError):
                 self._camera.close()
@@ -343,7 +346,7 @@ class _Cameras:
 
 
 def _clear(out: Path) -> None:
-    """Remove the folder of takes if nothing is in it."""
+    """Remove the folder of takes if it is empty."""
     takes = out / HIDDEN
     if takes.is_dir() and not any(path.is_file() for path in takes.rglob("*")):
         shutil.rmtree(takes)

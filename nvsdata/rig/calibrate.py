@@ -1,4 +1,4 @@
-"""Before a batch: aim and focus, find the monitor in the sensor's picture, and measure how it flickers."""
+"""Calibration before a batch: aim and focus, find the monitor on the sensor, and measure its flicker."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from nvsdata.rig.monitor import Monitor
 from nvsdata.rig.playback import BRIGHT, DIM, STILL, pattern
 from nvsdata.video.frames import VideoFrame
 
-BLINK = 250_000  # µs from one picture of the target to the other
-WATCHED = 4_000_000  # µs of a still screen in which flicker is looked for
+BLINK = 250_000  # µs from one image of the target to the other
+WATCHED = 4_000_000  # µs of a still screen whose flicker is measured
 MAINS = (100.0, 120.0)  # Hz at which lamps on mains flicker
 
 
 def calibrate(camera: Camera, monitor: Monitor, settings: CameraSettings, seconds: float | None) -> ScreenCalibration:
-    """Show a target, then flashes and a still screen, and measure what the camera sees.
+    """Show a target, then flashes and a still screen, and measure the screen from the camera's events.
 
     Events are shown in a window all the time. The target is shown until Enter is pressed or `seconds` are over (None:
     until Enter). `NoSync` if the camera doesn't see the screen.
@@ -68,7 +68,7 @@ def calibrate(camera: Camera, monitor: Monitor, settings: CameraSettings, second
 
 
 def _aim(monitor: Monitor, seconds: float | None) -> None:
-    """Show a target whose bright and dark change places, so that all its edges give events."""
+    """Show a target whose bright and dark parts alternate, so that all its edges cause events."""
     target = _target(monitor.region[2:])
     until = host_time() + (np.inf if seconds is None else seconds * 1e6)
     due, monitor.confirmed = host_time(), False
@@ -79,7 +79,7 @@ def _aim(monitor: Monitor, seconds: float | None) -> None:
 
 
 def _target(size: tuple[int, int]) -> np.ndarray:
-    """A star of 18 rays in a frame, uint8 [H, W]."""
+    """Return the target, a star of 18 rays with a border, uint8 [H, W]."""
     width, height = size
     y, x = np.mgrid[:height, :width]
     dx, dy = x - (width - 1) / 2, y - (height - 1) / 2
@@ -90,7 +90,7 @@ def _target(size: tuple[int, int]) -> np.ndarray:
 
 
 def _flashed(monitor: Monitor, part: int) -> tuple[list[float], list[bool]]:
-    """Flash the upper left of the region, 1 / `part` of its width and height; see `pattern` for what is returned."""
+    """Flash the upper left of the region, 1 / `part` of its width and height; see `pattern` for the result."""
     width, height = monitor.region[2:]
     dim = np.full((height, width), DIM, np.uint8)
     bright = dim.copy()

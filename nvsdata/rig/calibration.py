@@ -23,9 +23,9 @@ BIN = 500  # µs per bin of the event rate whose spectrum is taken
 SLOWEST = 20.0  # Hz; slower changes don't count as flicker
 NEAR = 1.0  # Hz by which a line may be off its expected frequency
 STRONG = 12.0  # times the noise that a line of the spectrum must exceed
-SEEN = 0.5  # share of the flashes that a pixel of the screen must have seen
+SEEN = 0.5  # fraction of the flashes that a pixel of the screen must have seen
 LEAST = 0.02  # of the sensor that the screen must cover
-ZOOM = 3  # pixels of the picture per pixel of the sensor
+ZOOM = 3  # pixels of the image per pixel of the sensor
 HIGHEST = 400.0  # Hz that are drawn
 Rectangle = tuple[int, int, int, int]
 Round = Callable[[float], float]
@@ -35,14 +35,16 @@ Round = Callable[[float], float]
 class ScreenCalibration:
     """Measurements of a calibration.
 
-    - `response`: the share of the flashes that each pixel saw, [H, W]
-    - `corners`: places (x, y) on the sensor of the upper left, upper right, lower right and lower left corner of the
-      region of the screen that shows videos, [4, 2]
-    - `roi`: (x, y, width, height) of the pixels that see any of that region
-    - `crop`: (x, y, width, height) of the largest upright rectangle in it
-    - `cover`: the share of the sensor that it fills
-    - `frequencies`, `spectrum`: of the event rate of a still screen, in Hz; 1 is the noise
-    - `flicker`: frequency (Hz) and height of the lines that rise above the noise
+    Args:
+        response: Fraction of the flashes that each pixel saw, [H, W].
+        corners: Positions (x, y) on the sensor of the upper left, upper right, lower right and lower left corner of the
+            region of the screen that shows videos, [4, 2].
+        roi: (x, y, width, height) of the pixels that see any of that region.
+        crop: (x, y, width, height) of the largest upright rectangle in it.
+        cover: Fraction of the sensor that the screen fills.
+        frequencies: Frequencies of the spectrum in Hz.
+        spectrum: Spectrum of the event rate of a still screen, relative to the noise.
+        flicker: Frequency (Hz) and height of the lines that rise above the noise.
     """
 
     response: np.ndarray
@@ -56,7 +58,7 @@ class ScreenCalibration:
 
 
 def response(events: Events, line: ClockFit, shown: list[float], bright: list[bool]) -> np.ndarray:
-    """Share of the flashes that each pixel saw, [H, W]."""
+    """Return the fraction of the flashes that each pixel saw, [H, W]."""
     width, height = events.sensor_size
     seen = np.zeros(width * height)
     for host, rising in zip(shown, bright, strict=True):
@@ -68,12 +70,13 @@ def response(events: Events, line: ClockFit, shown: list[float], bright: list[bo
 
 
 def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
-    """Corners of the screen [4, 2], in the order of `Calibration`.
-
-    - `screen`: share of the flashes of the whole screen that each pixel saw, [H, W]
-    - `quarter`: the same for flashes of its upper left quarter
+    """Return the corners of the screen [4, 2], in the order of `ScreenCalibration`.
 
     `NoSync` if too few pixels see the screen, or none sees the quarter.
+
+    Args:
+        screen: Fraction of the flashes of the entire screen that each pixel saw, [H, W].
+        quarter: The same for flashes of its upper left quarter.
     """
     corners, largest = outline_of(screen)
     place = np.argwhere((quarter >= SEEN) & largest)
@@ -87,9 +90,10 @@ def corners_of(screen: np.ndarray, quarter: np.ndarray) -> np.ndarray:
 def outline_of(screen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the screen [4, 2], clockwise on the sensor, and the mask of the pixels that see it, bool [H, W].
 
-    - `screen`: as for `corners_of`
-
     `NoSync` if too few pixels see the screen.
+
+    Args:
+        screen: As for `corners_of`.
     """
     seen = cv2.morphologyEx((screen >= SEEN).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(seen)
@@ -132,7 +136,7 @@ def _refined(rough: np.ndarray, contour: np.ndarray) -> np.ndarray:
 
 
 def rectangles(corners: np.ndarray, size: tuple[int, int]) -> tuple[Rectangle, Rectangle, float]:
-    """The region of interest, the crop, and the share of the sensor that the screen fills."""
+    """Return the region of interest, the crop, and the fraction of the sensor that the screen fills."""
     xs, ys = np.sort(corners[:, 0]), np.sort(corners[:, 1])
     cover = cv2.contourArea(corners.astype(np.float32)) / (size[0] * size[1])
     outer = _rectangle((xs[0], ys[0]), (xs[3], ys[3]), size, np.floor, np.ceil)
@@ -166,9 +170,9 @@ def spectrum_of(events: Events, start: int, duration: int) -> tuple[np.ndarray, 
 def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[float, ...]) -> dict[float, float]:
     """Frequency (Hz) and height of lines that rise above the noise: those near `expected`, and the highest of all."""
     found = {}
-    heard = frequencies >= SLOWEST
-    floor = max(float(np.median(spectrum[heard])), 1.0)
-    best = float(frequencies[heard][spectrum[heard].argmax()])
+    counted = frequencies >= SLOWEST
+    floor = max(float(np.median(spectrum[counted])), 1.0)
+    best = float(frequencies[counted][spectrum[counted].argmax()])
     for frequency in (*expected, best):
         near = np.flatnonzero(np.abs(frequencies - frequency) <= NEAR)
         if near.size:
@@ -179,7 +183,7 @@ def lines_of(frequencies: np.ndarray, spectrum: np.ndarray, expected: tuple[floa
 
 
 def calibration_summary(found: ScreenCalibration, size: tuple[int, int]) -> str:
-    """The calibration in a few lines; `size` is the sensor's."""
+    """Return the calibration in a few lines; `size` is the sensor's."""
     places = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in found.corners)
     lines = [
         f"the screen's corners, from the upper left one clockwise: {places}; it fills {found.cover:.0%} of the sensor",
@@ -233,7 +237,7 @@ def corners_in(folder: Path) -> list[list[float]]:
     try:
         corners: list[list[float]] = np.array(json.loads(path.read_text())["corners"], float).reshape(4, 2).tolist()
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise FormatError(path, f"isn't what --calibrate writes: {error}") from None
+        raise FormatError(path, f"isn't a file of --calibrate: {error}") from None
     return corners
 
 

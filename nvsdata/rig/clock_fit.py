@@ -1,4 +1,4 @@
-"""Host time and camera time, matched by flashes of a screen that the camera sees."""
+"""Fit of camera time to host time, by flashes of a screen that the camera sees."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ import numpy as np
 from nvsdata.data.events import Events
 
 BIN = 1_000  # µs of the coarse search
-PLACES = 4  # candidates for the pattern's place that are looked at more closely
+PLACES = 4  # candidates for the position of the pattern that are examined
 SMEAR = 5  # bins that a flash's events spread over
-LONGEST = 25_000  # µs that a flash's events take: a screen changes line by line, a readout has its limit
-ONSET = 0.05  # share of a flash's events after which it counts as begun
+LONGEST = 25_000  # µs of events of a flash: a screen changes line by line, and the readout rate is limited
+ONSET = 0.05  # fraction of a flash's events after which it counts as begun
 NEAR = 12_000  # µs around where a flash is expected: less than a frame of 60 Hz
 GROUP = 3e6  # µs that a group of flashes takes at most
 MOST_DRIFT = 500e-6  # of the camera's clock against the host's
-A_REFRESH = 34_000  # µs by which the slowest screens may show a picture late
-LEAST = 0.6  # share of the flashes that must be found
+A_REFRESH = 34_000  # µs by which the slowest screens may show a frame late
+LEAST = 0.6  # fraction of the flashes that must be found
 LOOSE = 400.0  # µs that a flash may be off the fit, however close the others are
 
 
 class NoSync(ValueError):
-    """The flashes aren't in the events."""
+    """Reason why the flashes can't be matched with the events."""
 
 
 @dataclass(frozen=True)
 class ClockFit:
     """Camera time = `offset` + (1 + `drift`) x host time, µs.
 
-    - `residual`: median distance of the flashes from that line (µs)
-    - `used`: how many flashes agree with it
-    - `flashes`: how many there are
+    Args:
+        residual: Median distance of the flashes from that line (µs).
+        used: Number of flashes that agree with it.
+        flashes: Number of all flashes.
     """
 
     offset: float
@@ -43,17 +44,17 @@ class ClockFit:
     flashes: int
 
     def camera(self, host: float) -> float:
-        """Camera time (µs) of a host time (µs)."""
+        """Return the camera time (µs) of a host time (µs)."""
         return self.offset + (1 + self.drift) * host
 
     def host(self, camera: float) -> float:
-        """Host time (µs) of a camera time (µs)."""
+        """Return the host time (µs) of a camera time (µs)."""
         return (camera - self.offset) / (1 + self.drift)
 
 
 def flashes(length: int = 31) -> np.ndarray:
-    """Brightness, 0 or 1, of each step of the pattern: a maximum length sequence, which is unlike any shift of it."""
-    # it starts with one flash by itself; scipy.signal has such sequences, too, but takes a second to import
+    """Return the brightness, 0 or 1, of each step of the pattern: a maximum length sequence, unlike any shift of it."""
+    # it begins with a single flash; scipy.signal has such sequences, too, but its import takes a second
     bits = [1, 0, 0, 0, 0]
     while len(bits) < 31:
         bits.append(bits[-5] ^ bits[-3])
@@ -61,12 +62,7 @@ def flashes(length: int = 31) -> np.ndarray:
 
 
 def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> ClockFit:
-    """Match the flashes that were shown to what a camera saw of them.
-
-    - `seen`: the camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen: one
-      at each flash to bright, and maybe others
-    - `shown`: host times (µs, rising) at which the whole screen changed, [n]
-    - `bright`: whether it changed to bright (ON events) or to dark (OFF), [n]
+    """Match the flashes of a screen with the events or triggers that they caused, and fit camera time to host time.
 
     The flashes may be several groups, such as before and after a video; events in between may be left out. A flash
     that came later than the host thought, or not at all, is an outlier and left out. NoSync if too few agree.
@@ -74,6 +70,12 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
     The flashes are first found as a pattern by correlation at 1 ms, beginning with the first group, then each by the
     time at which its events begin, and a line is fitted to those that agree. ON and OFF may have different delays;
     their mean is taken as the camera's.
+
+    Args:
+        seen: The camera's events, or the times (µs, rising) of triggers from a photodiode in front of the screen: one
+            at each flash to bright, and maybe others.
+        shown: Host times (µs, rising) at which the whole screen changed, [n].
+        bright: True for changes to bright (ON events), False for changes to dark (OFF), [n].
     """
     host, rising = np.asarray(shown, np.float64), np.asarray(bright, bool)
     sight: _Rates | _Triggers
@@ -85,7 +87,7 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
     if host.size < 6 or sight.count == 0:
         raise NoSync(f"{host.size} flashes and {sight.count} {sight.what} can't be matched")
     group = host - host[0] < GROUP
-    # the pattern may come again after the video, or the video may resemble it: the place that explains most is taken
+    # the pattern repeats after the video, or the video may resemble it: the position with most matches is taken
     tried = [_matched(sight, host, rising, group, offset) for offset in sight.coarse(host[group], rising[group])]
     camera = max(tried, key=lambda times: int(np.isfinite(times).sum()))
     found = np.isfinite(camera)
@@ -107,15 +109,15 @@ def fit(seen: Events | Sequence[int], shown: np.ndarray, bright: np.ndarray) -> 
 def _matched(
     sight: _Rates | _Triggers, host: np.ndarray, rising: np.ndarray, group: np.ndarray, offset: float
 ) -> np.ndarray:
-    """Camera times of the flashes, NaN where there is none, if the first `group` is `offset` from the host's."""
+    """Return camera times of the flashes, NaN for those not found, if the first `group` is `offset` from host time."""
     camera = np.full(host.size, np.nan)
     for n in range(host.size):
-        # after the first group the last flashes predict the next one, less exactly the longer ago they were
+        # after the first group, the last flashes predict the next one, less accurately after a longer time
         last = np.flatnonzero(np.isfinite(camera))[-8:]
         ahead = offset if group[n] or not last.size else float(np.median(camera[last] - host[last]))
         gap = host[n] - (host[last[-1]] if last.size else host[0])
         if MOST_DRIFT * gap > NEAR:
-            # a complete pattern is searched again: of single flashes, several may be as near
+            # the entire pattern is searched again, because several single flashes may be equally near
             group = (host >= host[n]) & (host - host[n] < GROUP)
             places = [*sight.coarse(host[group], rising[group]), ahead]
             offset = ahead = next(place for place in places if abs(place - ahead) <= NEAR + MOST_DRIFT * gap)
@@ -124,7 +126,7 @@ def _matched(
 
 
 class _Rates:
-    """Flashes as events show them."""
+    """Flashes in the rate of events."""
 
     what = "events"
 
@@ -149,7 +151,7 @@ class _Rates:
         t = events.t[lo:hi][events.p[lo:hi] == rising]
         if t.size < 20:
             return float("nan")
-        # a flash takes less than half of the bins, so their median is noise alone
+        # a flash takes less than half of the bins, so their median is the noise
         bins = (t - int(expected - near)) // BIN
         counts = np.bincount(bins, minlength=int((2 * near + LONGEST) // BIN))
         noise = float(np.median(counts))
@@ -175,7 +177,7 @@ def _above(counts: np.ndarray, peak: int, level: float) -> tuple[int, int]:
 
 
 class _Triggers:
-    """Flashes as a photodiode shows them."""
+    """Flashes in the triggers of a photodiode."""
 
     what = "triggers"
 
@@ -214,7 +216,7 @@ def _pattern(rate: np.ndarray, host: np.ndarray, rising: np.ndarray) -> list[flo
 
 
 def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[float, float, float, int]:
-    """Offset and slope of the line that most flashes lie on, their median distance from it, and how many lie on it."""
+    """Return offset and slope of the line through most flashes, their median distance from it, and their number."""
     middle = host.mean()
     columns = np.stack((np.ones(host.size), host - middle, np.where(rising, 0.5, -0.5)), 1)
     if rising.all() or not rising.any():
@@ -236,7 +238,7 @@ def _line(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> tuple[flo
 
 
 def _agreeing(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> np.ndarray:
-    """Mask of the flashes on one line, the one with most of them of all lines through two flashes.
+    """Return the mask of the flashes near one line: of all lines through two flashes, the one with most flashes.
 
     ON and OFF may each have a delay of their own.
     """
@@ -244,7 +246,7 @@ def _agreeing(host: np.ndarray, camera: np.ndarray, rising: np.ndarray) -> np.nd
     most = 0
     for i, j in combinations(range(host.size), 2):
         span = host[j] - host[i]
-        # two flashes that are near each other don't give a slope
+        # two flashes close together don't determine a slope
         if rising[i] != rising[j] or span < 0.4 * np.ptp(host):
             continue
         slope = (camera[j] - camera[i]) / span

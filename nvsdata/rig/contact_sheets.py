@@ -1,4 +1,4 @@
-"""Contact sheets of recordings: an image of each video next to what the camera saw of it."""
+"""Contact sheets of recordings: a frame of each video next to an image of its events."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COLUMNS, ROWS = 4, 10
 TILE = (160, 120)
 CAPTION = 18
 LONGEST = 30  # characters of a name
-SPAN = 40_000  # µs of events in a picture
+SPAN = 40_000  # µs of events in an image
 
 
 class Sheets:
@@ -53,13 +53,13 @@ class Sheets:
         return self
 
     def __exit__(self, *_: object) -> None:
-        # what ended the block is more important than a picture of it
+        # an error that ended the block must not be hidden by one of drawing
         with suppress(OSError):
             for page in sorted(self._stale):
                 self._draw(page)
-            self._draw_odd()
+            self._draw_flagged()
 
-    def _draw_odd(self) -> None:
+    def _draw_flagged(self) -> None:
         path, lines = self.out / "contact-sheet-000.png", self.manifest.videos
         videos = [video for page in self._pages for video in page]
         flagged = [(video, lines[video.name]) for video in videos if lines.get(video.name, {}).get("look")]
@@ -85,7 +85,7 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
     rate = "-"
     if line is not None and "events" in line:
         half = line["duration"] // 2
-        # the place of a recording that is missing or damaged by now stays empty, and the others are drawn
+        # the tile of a missing or damaged recording stays empty
         with suppress(OSError, ValueError):
             events = formats.read(video.target, max(half - SPAN // 2, 0), half + SPAN // 2)
             tile[CAPTION:, TILE[0] :] = _fitted(event_image(events))
@@ -96,13 +96,13 @@ def _tile(video: Video, line: dict[str, Any] | None) -> np.ndarray:
 
 
 def _short(name: str) -> str:
-    """A video's name with its folder, without the extension; the end of a long one, which tells videos apart."""
+    """Return the name of a video with its folder, without the extension; of a long name only the distinctive end."""
     text = Path(name).with_suffix("").as_posix()
     return text if len(text) <= LONGEST else f"..{text[2 - LONGEST :]}"
 
 
 def _middle(path: Path) -> np.ndarray:
-    """The video's middle picture; gray if it can't be read."""
+    """Return the frame at the midpoint of a video; gray if it can't be read."""
     with quiet():
         capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         try:
@@ -114,7 +114,7 @@ def _middle(path: Path) -> np.ndarray:
 
 
 def _fitted(picture: np.ndarray) -> np.ndarray:
-    """The picture scaled to fit a tile, its aspect ratio kept."""
+    """Scale an image to fit a tile, with its aspect ratio."""
     height, width = picture.shape[:2]
     scale = min(TILE[0] / width, TILE[1] / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))

@@ -1,4 +1,4 @@
-"""Quality of a recording of a video, compared with the events that the video's motion should give."""
+"""Quality of a recording of a video, compared with the events that PIX2NVS emulates for the video."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from nvsdata.rig.motion import BIN, emulated, histogram
 from nvsdata.rig.sync import ScreenRecording, TakeRejected, around_flashes
 
 BLOCK = 5  # bins in which events may come early or late
-FEWEST = 1_000  # events that a video must give within a second for its motion to be judged by
-ABSENT = 0.1  # of what is expected: less counts as missing
-SILENT = 30  # expected events of noise without which silence means that something is missing
-COUNTED = 50  # expected events from which their absence means something
-# limits of what is let pass; those of the batch are relative to the median of its other recordings
+FEWEST = 1_000  # emulated events within a second that a comparison needs
+ABSENT = 0.1  # fraction of the expected events below which they count as missing
+SILENT = 30  # expected events of noise from which on silence means that events are missing
+COUNTED = 50  # expected events from which on their absence is significant
+# limits of unflagged recordings; those of the batch are relative to the median of its other recordings
 LONGEST_GAP = 100.0  # ms
 LEAST_COVER = 0.25  # of the sensor
 MOST_ASPECT = 1.35  # by which the screen's width to height may be off
@@ -30,21 +30,23 @@ MOST_HIDDEN, MOST_STRAY, MOST_NOISE = 0.25, 0.2, 10.0
 LEAST_SCALE, MOST_SCALE = 0.1, 10.0
 RELATIVE = {"scale": (0.3, 3.3), "cover": (0.8, 1.25), "seen": (0.7, np.inf)}
 MOVED = 5.0  # pixels that a corner may be off
-ENOUGH = 3  # recordings from which their median means something
+ENOUGH = 3  # recordings from which on their median is used
 
 
 @dataclass(frozen=True)
 class Content:
     """Figures of a recording.
 
-    - `emulated`: events that PIX2NVS gives for the video in the same view
-    - `scale`: events recorded per event emulated, in the median over time; None for a quiet video
-    - `gap`: ms, the longest time without events in which the video moves
-    - `hidden`: share of the video's motion, by place, that gave no events
-    - `stray`: share of the recorded events that the video's motion doesn't explain
-    - `noise`: Hz per pixel while the first picture stood still
-    - `cover`: share of the sensor that sees the screen; `seen`: share of its pixels that saw a flash, in the mean
-    - `corners`: of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels; None if there are none
+    Args:
+        emulated: Events that PIX2NVS emulates for the video in the same view.
+        scale: Recorded events per emulated event, median over time; None for a quiet video.
+        gap: ms, the longest time without events in which the video moves.
+        hidden: Fraction of the video's motion, by place, without events.
+        stray: Fraction of the recorded events that the video's motion doesn't explain.
+        noise: Hz per pixel while the first frame stood still.
+        cover: Fraction of the sensor that sees the screen.
+        seen: Mean fraction of the screen's pixels that saw a flash.
+        corners: Corners of the screen on the sensor, clockwise from the upper left, [4, 2] in pixels, or None.
     """
 
     emulated: int
@@ -59,7 +61,7 @@ class Content:
 
     @property
     def quiet(self) -> bool:
-        """True if the video moves so little that few events are right."""
+        """True if the video moves so little that few events are expected."""
         return self.scale is None and self.corners is not None
 
     def as_dict(self) -> dict[str, Any]:
@@ -68,7 +70,7 @@ class Content:
 
 
 class Span(NamedTuple):
-    """A take whose events and whose host's time go together: its video lasts from `start` to `stop` (µs, camera)."""
+    """A take with its clock fit; the video lasts from `start` to `stop` (µs, camera time)."""
 
     take: ScreenRecording
     recording: Recording
@@ -79,13 +81,14 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Inspector:
-    """Judge of the recordings of a batch, each compared with those before it.
+    """Check of the recordings of a batch, each compared with those before it.
 
-    - `monitor`: that shows the videos
-    - `corners`: where the screen is in view by calibration, [4, 2] (default: as most recordings show it)
-    - `others`: figures of the batch's recordings so far, as `Content.as_dict` returns them
-    - `strict`: refuse flagged recordings (default False: only list them)
-    - `accept_quiet`: accept recordings with hardly any events of videos that move (default False)
+    Args:
+        monitor: Monitor that shows the videos.
+        corners: Corners of the screen in view by calibration, [4, 2] (default: as most recordings show it).
+        others: Figures of the batch's recordings so far, as `Content.as_dict` returns them.
+        strict: Refuse flagged recordings (default False: only list them).
+        accept_quiet: Accept recordings with hardly any events of videos that move (default False).
     """
 
     monitor: Monitor
@@ -102,11 +105,11 @@ class Inspector:
         found, seconds = self.look(span, video), (span.stop - span.start) / MICROSECONDS
         fewest = FEWEST * seconds
         if found.emulated:
-            # a video may be still but for a moment
+            # a video may move only for a moment
             fewest = min(fewest, LEAST_SCALE * found.emulated)
         if not (found.quiet or self.accept_quiet) and events < fewest:
             due = (
-                f"its motion should give about {found.emulated}" if found.emulated else "hardly a pixel saw the screen"
+                f"its motion should cause about {found.emulated}" if found.emulated else "hardly a pixel saw the screen"
             )
             raise TakeRejected(f"{events} events in {seconds:.2f} s are too few: {due}")
         doubts = self.doubts(found)
@@ -128,12 +131,12 @@ class Inspector:
         due = emulated(video, self.monitor, np.array(place, np.float32), size, bins, span.line.drift)
         scale, gap, hidden, stray = _compared(found, due, noise.counts)
         if silence * noise.hertz * size[0] * size[1] / MICROSECONDS > SILENT:
-            # even noise is missing
+            # without even noise, events are missing
             gap = max(gap, silence / 1e3)
         return Content(int(due.sum()), scale, gap, hidden, stray, noise.hertz, cover, seen, corners)
 
     def _screen(self, span: Span) -> tuple[list[list[float]] | None, float, float]:
-        """The screen's corners on the sensor, the share of it that they cover, and how much of that saw each flash."""
+        """Return the screen's corners, its fraction of the sensor, and the mean fraction of it that saw a flash."""
         done = span.take.performance
         share = response(around_flashes(span.take), span.line, done.flashes, done.bright)
         try:
@@ -150,20 +153,22 @@ class Inspector:
         if found.corners is None:
             reasons.append("too few pixels see the screen")
         elif self.corners is None:
-            reasons += self._odd_view(found.corners, found.cover)
+            reasons += self._unusual_view(found.corners, found.cover)
         if found.gap > LONGEST_GAP:
             reasons.append(f"no events for {found.gap:.0f} ms in which the video moves")
         if found.hidden > MOST_HIDDEN:
-            reasons.append(f"{found.hidden:.0%} of the picture's motion gave no events: something is in front of it")
+            reasons.append(
+                f"{found.hidden:.0%} of the video's motion caused no events: something is in front of the screen"
+            )
         if found.stray > MOST_STRAY:
             reasons.append(f"{found.stray:.0%} of the events are where, or when, nothing moves in the video")
         if found.noise > MOST_NOISE:
             reasons.append(f"{found.noise:.0f} Hz of noise per pixel before the video")
         if found.scale is not None and not LEAST_SCALE <= found.scale <= MOST_SCALE:
-            reasons.append(f"{found.scale:.2g} times the events that its motion should give")
+            reasons.append(f"{found.scale:.2g} times the events that its motion should cause")
         return reasons + self._compared_with_others(found)
 
-    def _odd_view(self, corners: list[list[float]], cover: float) -> list[str]:
+    def _unusual_view(self, corners: list[list[float]], cover: float) -> list[str]:
         """List what is unusual about the screen's place in view, if there is no calibration to compare it with."""
         sides = np.hypot(*np.diff(np.array([*corners, corners[0]]), axis=0).T)
         wide, high = (sides[0] + sides[2]) / 2, (sides[1] + sides[3]) / 2
@@ -187,7 +192,7 @@ class Inspector:
         return reasons
 
     def _usual(self, name: str) -> Any:
-        """The median of the other recordings, None if there are too few."""
+        """Return the median of the other recordings, None if there are too few."""
         values = [other[name] for other in self.others if other.get(name) is not None]
         return np.median(np.array(values), 0) if len(values) >= ENOUGH else None
 
@@ -198,7 +203,7 @@ class _Noise(NamedTuple):
 
 
 def _noise(span: Span, size: tuple[int, int]) -> _Noise:
-    """Noise, from the time in which the first picture stands still."""
+    """Return the noise while the first frame is still."""
     time = playback.SETTLE // 2
     events = span.recording.read(max(span.start - time, 0), span.start)
     counts = histogram(events, max(span.start - time, 0), 1, time + 1)[0]
@@ -225,13 +230,13 @@ def _compared(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> tuple[fl
     second = min(MICROSECONDS // BIN, len(due))
     busiest = np.convolve(due.sum(1), np.ones(second), "valid").max()
     if busiest < FEWEST * min(seconds, 1.0):
-        # what happens all the same isn't the video's
+        # other events aren't caused by the video
         return None, 0.0, 0.0, _stray(found, np.zeros_like(due), noise)
     in_time, found_in_time = due.sum(1), found.sum(1) - noise.sum()
     busy = in_time >= 0.25 * in_time.max()
     # with the bin after each, because a screen takes most of a refresh to change, and pixels longer
     scale = max(float(np.median(_with_next(found_in_time)[busy] / _with_next(in_time)[busy])), 0.0)
-    # what is found of it all, if half of the time is missing
+    # the ratio over the entire video, in case half of the time is missing
     level = max(scale, float(found_in_time.sum() / in_time.sum()), 0.01)
     around = np.pad(in_time, 1, mode="edge")
     surely = level * np.minimum(np.minimum(around[:-2], around[1:-1]), around[2:])
@@ -250,13 +255,13 @@ def _with_next(values: np.ndarray) -> np.ndarray:
 
 
 def _stray(found: np.ndarray, due: np.ndarray, noise: np.ndarray) -> float:
-    """Share of the events that is beyond what is due and noise, by place and a quarter of a second."""
+    """Return the fraction of the events beyond expected ones and noise, by place and quarter of a second."""
     blocks = np.arange(0, len(found), BLOCK)
     seen, expected = (np.add.reduceat(counts, blocks, 0) for counts in (found, due))
     still = np.diff(np.append(blocks, len(found)))[:, None] * noise
     busy = expected >= COUNTED
     if busy.any():
-        # events of something else, everywhere in time, would raise what counts as due
+        # events with another cause, all the time, would raise the expected number
         expected *= min(max(float(np.median((seen - still)[busy] / expected[busy])), ABSENT), 1.0)
     beyond = seen - 3 * expected - still - 5 * np.sqrt(expected + still) - 20
     return float(np.maximum(beyond, 0).sum()) / max(float(found.sum()), COUNTED)

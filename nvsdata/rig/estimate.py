@@ -27,7 +27,7 @@ def estimate_recording(videos: Sequence[Video], lines: Sequence[dict[str, Any]],
         videos: Videos to record.
         lines: Lines of the manifest, whose recordings give the bytes per second of video.
         out: Folder of the recordings.
-        refresh: Time in µs from one picture of the screen to the next.
+        refresh: Time in µs from one image of the screen to the next.
     """
     known = [length for video in evenly_spaced(videos, LISTED) if (length := length_of(video.path)[1])]
     each = float(np.mean(known)) if known else 0.0

@@ -1,4 +1,4 @@
-"""A monitor that shows pictures at given times, and reports when it did (pygame-ce, SDL 2)."""
+"""A monitor that shows images at given times, and returns the actual times (pygame-ce, SDL 2)."""
 
 from __future__ import annotations
 
@@ -18,30 +18,31 @@ Scaling = Literal["aspect", "integer"]
 Look = Callable[[float, np.ndarray], None]
 USUAL_REFRESH = 60.0  # Hz of a display that doesn't say
 TRIALS = 240  # flips by which the refresh is measured
-SAME = 0.01  # share by which a measured refresh may differ from what the display says
+SAME = 0.01  # fraction by which a measured refresh may differ from that of the display's settings
 # shares of a refresh by which a flip may be off one: for a refresh as the display says, and for any other
 EVEN, VERY_EVEN = 0.05, 0.01
 MOST = 0.95  # share of the flips that must be as even
-FASTEST = 1e6 / 500  # µs: what comes faster isn't a refresh
+FASTEST = 1e6 / 500  # µs: a shorter time isn't a refresh
 NAP = 0.02  # s between looks at the keyboard
 
 
 class Monitor:
-    """Full screen on a display, black around the pictures, no mouse, no screen saver; use it in a `with` block.
+    """Full screen on a display, black around the images, no mouse, no screen saver; use it in a `with` block.
 
-    - `display`: its number (default 0)
-    - `region`: (x, y, width, height) where pictures go (default: the whole screen)
-    - `scaling`: how pictures fit into it: "aspect", as large as possible; "integer", by the largest whole number
-      (default "aspect")
-    - `window`: (width, height) of a window in place of the whole screen (default: none)
-    - `look`: called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change
-
-    `refresh` is the time between two pictures in µs, as measured over 240 flips, and `stated` what the display says;
-    `synced` says whether the display itself sets their times (else the clock does, by `stated`). `check` is called
+    `refresh` is the time between two images in µs, as measured over 240 flips, and `stated` what the display says;
+    `synced` is True if the display sets the times, False if a clock does, by `stated`. `check` is called
     often while waiting; what it raises ends the wait. `confirmed` is set when Enter or Space is pressed.
 
     Raises `DisplayError` if there is no such display, ValueError for a region outside it, and KeyboardInterrupt when
     the Escape key is pressed or the window closed. All methods must be called from the main thread.
+
+    Args:
+        display: Its number (default 0).
+        region: (x, y, width, height) where images go (default: the whole screen).
+        scaling: How images fit into it: "aspect", as large as possible; "integer", by the largest whole number
+            (default "aspect").
+        window: (width, height) of a window in place of the whole screen (default: none).
+        look: Called with the host time (µs) and the screen's pixels (uint8 [H, W, 3], red first) whenever they change.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class Monitor:
         self._origin, self._drawing = host_time(), 0.0
 
     def _measure(self, display: int) -> tuple[float, float, bool, float]:
-        """µs from refresh to refresh, measured and stated, whether flips wait for it, and their µs if they don't."""
+        """Return the µs per refresh, measured and stated, True if flips wait for it, and the µs of a flip otherwise."""
         times = []
         for _ in range(TRIALS):
             self._pygame.display.flip()
@@ -101,16 +102,14 @@ class Monitor:
         away = np.abs(gaps / usual - steps)
         even = EVEN if abs(usual / stated - 1) < SAME else VERY_EVEN
         if usual > FASTEST and (away < even).mean() >= MOST:
-            # a refresh that was missed counts, too
+            # missed refreshes count, too
             return float(np.polyfit(np.append(0, steps.cumsum()), found, 1)[0]), stated, True, 0.0
         return stated, stated, False, float(gaps.min())
 
-    def odd(self) -> str | None:
-        """Return what is unusual about the display's refresh, or None."""
+    def refresh_warning(self) -> str | None:
+        """Return a warning about an unusual refresh of the display, or None."""
         if not self.synced:
-            return (
-                "the display doesn't hold pictures back until a refresh (is vertical sync off?): they may be shown late"
-            )
+            return "the display doesn't wait for a refresh (is vertical sync off?): frames may be shown late"
         if abs(self.refresh / self.stated - 1) >= SAME / 10:
             return (
                 f"the display says {1e6 / self.stated:.2f} Hz, but refreshes at {1e6 / self.refresh:.2f}: that is used"
@@ -122,15 +121,15 @@ class Monitor:
         return self._shown(lambda: self._surface.fill((level, level, level)), due)
 
     def show(self, frame: VideoFrame, due: float | None = None) -> float:
-        """Show a picture at the refresh nearest to `due` (host time, µs; None: the next one); return when that was.
+        """Show an image at the refresh nearest to `due` (host time, µs; None: the next one); return when that was.
 
-        ValueError for a picture that "integer" scaling can't fit into the region.
+        ValueError for an image that "integer" scaling can't fit into the region.
         """
         picture, place = self._placed(frame)
         return self._shown(lambda: self._draw(picture, place), due)
 
     def fade(self, level: int, frame: VideoFrame, duration: int, *, back: bool = False) -> None:
-        """Go from one gray to a picture in `duration` µs, black around it, too; or `back` from the picture to the gray.
+        """Go from one gray to an image in `duration` µs, black around it, too; or `back` from the image to the gray.
 
         ValueError as for `show`.
         """
@@ -147,7 +146,7 @@ class Monitor:
             self._shown(lambda mixed=mixed: self._draw(mixed, (0, 0)), began + 2 * n * self.refresh)  # type: ignore[misc]
 
     def wait(self, until: float) -> None:
-        """Keep what is shown until a host time (µs)."""
+        """Keep the present image until a host time (µs)."""
         while (left := until - host_time()) > 0:
             self._attend()
             if self.synced and left < 4 * self.refresh:
@@ -162,7 +161,7 @@ class Monitor:
             self.wait(due - 1.5 * self.refresh - self._drawing)
         began = host_time()
         draw()
-        # large pictures take long to draw: as long as the longest of late
+        # large images take long to draw: as long as the longest of late
         self._drawing = max(host_time() - began, 0.9 * self._drawing)
         if not self.synced:
             earliest = max(host_time() + self._cost, (due or 0) - self.refresh / 2)
@@ -178,7 +177,7 @@ class Monitor:
         return now
 
     def _placed(self, frame: VideoFrame) -> tuple[np.ndarray, tuple[int, int]]:
-        """The picture in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
+        """The image in its size on the screen, uint8 [H, W, 3], and where its upper left corner goes."""
         pixels = frame.pixels
         height, width = pixels.shape[:2]
         x, y, *shown = self.place_of(width, height)
@@ -198,7 +197,7 @@ class Monitor:
         scale = min(wide / width, high / height)
         if self.scaling == "integer":
             if scale < 1:
-                raise ValueError(f"a picture of {width}x{height} is larger than the region of {wide}x{high}")
+                raise ValueError(f"a frame of {width}x{height} is larger than the region of {wide}x{high}")
             scale = int(scale)
         wide_shown, high_shown = max(1, round(width * scale)), max(1, round(height * scale))
         return x + (wide - wide_shown) // 2, y + (high - high_shown) // 2, wide_shown, high_shown

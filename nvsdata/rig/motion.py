@@ -1,4 +1,4 @@
-"""The events that a video should give, by time and by place on the sensor."""
+"""Expected events of a video by time and place on the sensor, from PIX2NVS."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 
 BIN = 50_000  # µs per bin of time
 CELL = 20  # pixels per cell of the sensor, along each side
-# a screen changes when a picture is due, not little by little before
+# a screen changes when a frame is due, not gradually before
 PIXELS = PIX2NVS(t_log=20, continuous=True, new=False, exp=False, max_events=8, timestamps="fixed")
 
 
@@ -31,11 +31,15 @@ def histogram(events: Events, start: int, bins: int, width: int) -> np.ndarray:
 def emulated(
     video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int], bins: int, drift: float = 0.0
 ) -> np.ndarray:
-    """Events per bin of time and cell, [bins, cells], that PIX2NVS gives for a video on the screen.
+    """Return the events that PIX2NVS emulates for a video on the screen, per bin of time and cell, [bins, cells].
 
-    - `corners`: of the screen on the sensor, from its upper left clockwise, float32 [4, 2]
-    - `size`: (width, height) of the sensor
-    - `drift`: of the clock that bins go by (default 0)
+    Args:
+        video: The video.
+        monitor: Monitor that shows it.
+        corners: Corners of the screen on the sensor, from its upper left clockwise, float32 [4, 2].
+        size: (width, height) of the sensor.
+        bins: Number of bins of time.
+        drift: Drift of the camera's clock against the host's (default 0).
     """
     columns, rows = (-(-side // CELL) for side in size)
     counts = np.zeros((bins, columns * rows))
@@ -52,7 +56,7 @@ def emulated(
 
 
 def _seen(video: Path, monitor: Monitor, corners: np.ndarray, size: tuple[int, int]) -> Iterator[VideoFrame]:
-    """The video's pictures as the sensor sees them."""
+    """Yield the video's frames in the sensor's view."""
     wide, high = monitor.size
     screen = np.array([(0, 0), (wide, 0), (wide, high), (0, high)], np.float32)
     view = cv2.getPerspectiveTransform(screen, corners)

@@ -1,4 +1,4 @@
-"""A video on a monitor between two flash patterns, and when all of it was shown."""
+"""Playback of a video on a monitor between two flash patterns, with a log of the times."""
 
 from __future__ import annotations
 
@@ -15,31 +15,35 @@ from nvsdata.rig.clock_fit import flashes
 from nvsdata.rig.monitor import Monitor
 from nvsdata.video.frames import TruncatedVideo, VideoFrame, frames_of
 
-# levels of the flashes: enough contrast for a few events per pixel, but not so much that the readout takes long
+# levels of the flashes: enough contrast for a few events per pixel, but few enough for a quick readout
 DIM, BRIGHT = 108, 148
 STEP = 3  # refreshes that a step of the pattern lasts
 STILL = 300_000  # µs of a still screen before and after each pattern
-SETTLE = 2_000_000  # µs that the first picture is shown before the video moves: pixels adapt to it (Hu et al. 2016)
-FADE = 400_000  # µs from the dim level to the first picture, and from the last one back: a jump overruns the readout
+SETTLE = 2_000_000  # µs that the first frame is shown before the video moves: pixels adapt to it (Hu et al. 2016)
+FADE = 400_000  # µs from the dim level to the first frame, and from the last one back: a jump overruns the readout
 COUNTED = 100_000  # µs before the video moves at which the camera's drops are counted
-LATE = 20_000  # µs by which a picture may be late on any screen, because eyes and pixels don't see it
-LOOKED_AT = 12  # pictures whose rate is compared with the screen's
-TOO_FAST = 0.995  # share of a refresh: of pictures nearer to each other too many would have to be left out
-USUAL_GAP = 40_000  # µs that the only picture of a video is shown
+LATE = 20_000  # µs by which a frame may be late on any screen, which eyes and pixels don't notice
+LOOKED_AT = 12  # frames whose rate is compared with the screen's
+TOO_FAST = 0.995  # fraction of a refresh: of frames closer together, too many would be left out
+USUAL_GAP = 40_000  # µs that the only frame of a video is shown
 
 
 @dataclass
 class PlaybackLog:
-    """Log of what was shown when; host times in µs.
+    """Log of the times of frames and flashes; host times in µs.
 
-    - `refresh`: time between two refreshes of the monitor (µs)
-    - `flashes`, `bright`: when the whole screen changed, and whether to bright (True) or to dim
-    - `start`, `stop`: from when to when the video lasted
-    - `due`, `shown`: when each picture of the video was due, and when it was shown
-    - `skipped`: pictures that weren't shown, because the next one was already due
-    - `missed`: µs for which pictures that were left out should have been shown
-    - `truncated`: why the video ended early, None if it didn't
-    - `dropped`: events that the camera dropped while the video played, None if it doesn't count them
+    Args:
+        refresh: Time between two refreshes of the monitor (µs).
+        flashes: Times at which the entire screen changed.
+        bright: True for changes to bright, False for changes to dim.
+        start: Time of the first frame of the video.
+        stop: End of the video.
+        due: Time at which each frame of the video was due.
+        shown: Time at which each of them was shown.
+        skipped: Number of frames that weren't shown, because the next one was already due.
+        missed: µs for which frames that were left out should have been shown.
+        truncated: Reason for an early end of the video, None for a complete one.
+        dropped: Events that the camera dropped while the video played, None if it doesn't count them.
     """
 
     refresh: float
@@ -56,22 +60,22 @@ class PlaybackLog:
 
     @property
     def late(self) -> int:
-        """Pictures shown more than a refresh after they were due."""
+        """Frames shown more than a refresh after they were due."""
         return int((np.array(self.shown) - np.array(self.due) > self.refresh).sum())
 
     @property
     def wrong(self) -> float:
-        """For how many ms the screen showed a picture that was over, beyond what a refresh or 20 ms explain."""
+        """Time in ms for which the screen showed an outdated frame, without delays of up to a refresh or 20 ms."""
         late = np.array(self.shown) - np.array(self.due) - max(self.refresh, LATE)
         return float(np.maximum(late, 0).sum() + self.missed) / 1e3
 
     @property
     def frames(self) -> int:
-        """Pictures of the video."""
+        """Frames of the video."""
         return len(self.due) + self.skipped
 
     def log(self) -> dict[str, Any]:
-        """All of it as JSON can hold it, with times in whole µs from the video's first moment."""
+        """Return the log for JSON, with times in whole µs from the begin of the video."""
 
         def after(times: list[float]) -> list[int]:
             return [round(time - self.start) for time in times]
@@ -92,10 +96,11 @@ class PlaybackLog:
 def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = lambda: None) -> PlaybackLog:
     """Show a video, paced by its own times, between flash patterns.
 
-    `dropped` is asked how many events the camera has dropped, just before the video moves and when it is over.
+    `dropped` returns the number of events that the camera has dropped; it is called just before the video moves and at
+    its end.
 
-    FormatError or FileNotFoundError, before anything is shown, for a file without a picture, ValueError for a video of
-    more pictures per second than the screen shows. `Monitor` lists others.
+    FormatError or FileNotFoundError, before anything is shown, for a file without a frame, ValueError for a video of
+    more frames per second than the screen shows. `Monitor` lists others.
     """
     done = PlaybackLog(monitor.refresh)
     frames = frames_of(video)
@@ -121,7 +126,7 @@ def perform(monitor: Monitor, video: Path, dropped: Callable[[], int | None] = l
 
 
 def _begin(frames: Iterator[VideoFrame], done: PlaybackLog) -> list[VideoFrame]:
-    """The first pictures, fewer of a video that is short or cut off."""
+    """Return the first frames; fewer for a video that is short or truncated."""
     return list(_to_the_end(islice(frames, LOOKED_AT), done))
 
 
@@ -130,12 +135,12 @@ def _check_rate(frames: list[VideoFrame], refresh: float) -> None:
         return
     gap = float(np.median(np.diff([frame.time for frame in frames])))
     if gap < TOO_FAST * refresh:
-        rates = f"{1e6 / gap:.0f} pictures per second, and the screen shows {1e6 / refresh:.0f}"
+        rates = f"{1e6 / gap:.0f} frames per second, and the screen shows {1e6 / refresh:.0f}"
         raise ValueError(f"the video has {rates}: play it on a faster screen, or make a slower video of it")
 
 
 def _play(monitor: Monitor, done: PlaybackLog, first: VideoFrame, others: Iterator[VideoFrame]) -> VideoFrame:
-    """Show the pictures after the first, and return the last; those whose successor is due are skipped."""
+    """Show the frames after the first one, without those whose successor is due; return the last one."""
     done.due.append(done.start)
     done.shown.append(done.start)
     waiting: VideoFrame | None = None
@@ -171,8 +176,9 @@ def _in_turn(monitor: Monitor, done: PlaybackLog, frame: VideoFrame, next_due: f
 def pattern(monitor: Monitor, show: Callable[[bool, float | None], float]) -> tuple[list[float], list[bool]]:
     """Show the flash pattern, with a still screen before and after it.
 
-    `show` is called with whether to show the bright picture (else the dim one) and when, and returns when it was shown,
-    as `Monitor.show` does. Returns the host times (µs) of the changes, and whether each was to bright.
+    `show` takes True for the bright image, False for the dim one, and the host time at which it is due; it returns the
+    time at which it was shown, as `Monitor.show` does. Returns the host times (µs) of the changes, and True for each
+    change to bright.
     """
     began = show(False, None) + STILL
     times: list[float] = []

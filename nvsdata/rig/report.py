@@ -1,4 +1,4 @@
-"""A page about a batch: what is to be recorded again, what is to be looked at, and its figures over time."""
+"""HTML report of a batch: videos to record again, recordings to review, and statistics over the batch."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nvsdata.rig import content, take
 REPORT = "report.html"
 SHEETS = "contact-sheet-*.png"
 FLAGGED = "contact-sheet-000.png"
-FEWEST = 10  # recordings from which a chart over the batch says more than the table
+FEWEST = 10  # recordings from which on a chart is drawn
 STYLE = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em}"
     "body{color:#222;background:#fff}"
@@ -33,10 +33,10 @@ Line = dict[str, Any]  # of a manifest
 
 
 class Figure(NamedTuple):
-    """A figure of each recording: its name, the value in a line of the manifest, how it is written, what it means.
+    """A statistic of each recording: its name, its value in a line of the manifest, its format, its meaning.
 
     Below `low` and above `high`, and `relative` to the median of a batch, recordings are flagged or takes rejected.
-    `column` and `curve` say where the figure is shown: in the table, in a chart over the batch.
+    `column` shows it in the table, `curve` in a chart over the batch.
     """
 
     name: str
@@ -76,7 +76,7 @@ FIGURES = (
         "noise, Hz",
         lambda line: line["content"]["noise"],
         ",.2f",
-        "Events per second and pixel while the first picture of the video stands still. "
+        "Events per second and pixel while the first frame of the video stands still. "
         f"Flagged above {content.MOST_NOISE:g}.",
         high=content.MOST_NOISE,
         curve=True,
@@ -91,7 +91,7 @@ FIGURES = (
         "hidden",
         lambda line: line["content"]["hidden"],
         ".0%",
-        "Fraction of the video's motion, by place, that gave no events: something may be in front of the screen. "
+        "Fraction of the video's motion, by place, without events: something may be in front of the screen. "
         f"Flagged above {content.MOST_HIDDEN:.0%}.",
     ),
     Figure(
@@ -101,18 +101,18 @@ FIGURES = (
         f"Fraction of the events where, or when, nothing moves in the video. Flagged above {content.MOST_STRAY:.0%}.",
     ),
     Figure(
-        "wrong picture, ms",
+        "wrong frame, ms",
         lambda line: line["wrong"],
         ",.0f",
-        "Time for which the screen showed a picture that was over. A take with more than "
+        "Time for which the screen showed an outdated frame. A take with more than "
         f"{take.MOST_WRONG:g} ms, or {take.SHARE_WRONG:.0%} of a longer video, is rejected.",
     ),
-    Figure("takes", lambda line: line["takes"], ",.0f", "How often the video was played until a take was good."),
+    Figure("takes", lambda line: line["takes"], ",.0f", "Number of takes until one was good."),
     Figure(
         "clock drift, ppm",
         lambda line: line["sync"]["drift"] * 1e6,
         ",.1f",
-        "How much faster the camera's clock runs than the computer's, in millionths.",
+        "Speed of the camera's clock relative to the computer's, minus 1, in millionths.",
         column=False,
         curve=True,
     ),
@@ -120,7 +120,7 @@ FIGURES = (
         "flash error, µs",
         lambda line: line["sync"]["residual"],
         ",.1f",
-        "How far the flashes before and after the video are from the line fitted to their times, in the median. "
+        "Median distance of the flashes before and after the video from the line fitted to their times. "
         f"A take above {take.WORST_RESIDUAL:,} is rejected.",
         high=take.WORST_RESIDUAL,
         column=False,
@@ -148,15 +148,18 @@ FIGURES = (
 WORDS = {
     "recorded": "The recording passed all checks that reject a take.",
     "truncated": "The video is cut off: it was recorded as far as it goes.",
-    "failed": 'There is no good recording; the column "why" says why. record --resume records the video again.',
-    "to look at": 'The recording is kept, but something about it is unusual; the column "why" says what.',
+    "failed": 'There is no good recording; the column "why" has the reason. record --resume records the video again.',
+    "to review": 'The recording is kept, but something about it is unusual; the column "why" has the details.',
 }
 
 
 def write_report(lines: Sequence[Line], head: Line, out: Path) -> None:
     """Write `out/report.html`, which needs nothing else but the contact sheets next to it.
 
-    - `lines`, `head`: the last line of each video in the manifest, and the manifest's first line
+    Args:
+        lines: The last line of each video in the manifest.
+        head: The first line of the manifest.
+        out: Folder of the recordings.
     """
     sheets = sorted(path.name for path in out.glob(SHEETS))
     put(out / REPORT, page(lines, head, out.resolve().name, sheets).encode("utf-8", "backslashreplace"))
@@ -172,7 +175,7 @@ def page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = (
     events = sum(_number(lambda line: line["events"], line) or 0 for line in done)
     refresh = _number(lambda head: head["monitor"]["refresh"], head)
     texts = [
-        f"{len(fine):,} recordings without findings, {len(flagged):,} to look at, {len(again):,} to record again",
+        f"{len(fine):,} recordings without findings, {len(flagged):,} to review, {len(again):,} to record again",
         f"{seconds / 1e6:,.0f} s"
         + (f" ({seconds / 6e7:,.0f} minutes)" if seconds > 12e7 else "")
         + f", {events:,.0f} events",
@@ -180,7 +183,7 @@ def page(lines: Sequence[Line], head: Line, name: str, sheets: Sequence[str] = (
         *dict.fromkeys(str(line["note"]) for line in lines if line.get("note")),
     ]
     parts = [f"<p>{as_html(text)}</p>" for text in texts] + _links(sheets)
-    for title, some in (("To record again", again), ("To look at", flagged), ("Without findings", fine)):
+    for title, some in (("To record again", again), ("To review", flagged), ("Without findings", fine)):
         if some:
             parts.append(f"<h2>{title}: {len(some):,}</h2>{_table(some)}")
     charts = [chart for figure in FIGURES if figure.curve and (chart := _chart(figure, done))]
@@ -202,7 +205,7 @@ def _links(sheets: Sequence[str]) -> list[str]:
         f'<a href="{as_html(sheet)}">{"flagged recordings" if sheet == FLAGGED else as_html(sheet)}</a>'
         for sheet in sheets
     ]
-    return [f"<p>Contact sheets, each video's middle picture and its events: {', '.join(links)}</p>"]
+    return [f"<p>Contact sheets, each video's middle frame and its events: {', '.join(links)}</p>"]
 
 
 def _table(lines: Sequence[Line]) -> str:
@@ -229,7 +232,7 @@ def _legend(charts: bool) -> str:
 
 
 def _number(value: Callable[[Line], Any], line: Line) -> float | None:
-    """A figure; None where the line doesn't have it."""
+    """Return a statistic of a line, or None if the line doesn't have it."""
     try:
         found = float(value(line))
     except (KeyError, TypeError, ValueError, ArithmeticError):
@@ -238,7 +241,7 @@ def _number(value: Callable[[Line], Any], line: Line) -> float | None:
 
 
 def _chart(figure: Figure, lines: Iterable[Line]) -> str:
-    """A figure over the batch; nothing if few recordings have it."""
+    """Return a chart of a statistic over the batch, empty if few recordings have it."""
     values = [_number(figure.value, line) for line in lines]
     if sum(value is not None for value in values) < FEWEST:
         return ""

@@ -1,4 +1,4 @@
-"""`nvsdata record --monitor` and `--calibrate`: videos on a monitor in front of a camera, as the command does it."""
+"""The modes of `nvsdata record` for videos on a monitor: `--monitor`, `--calibrate` and `--status`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def run_calibration(
     *,
     overwrite: bool,
 ) -> int:
-    """Measure how the camera sees the monitor; figures, a settings file and pictures go to the folder `out`. Returns 0.
+    """Calibrate the view of the monitor; measurements, settings and figures go to the folder `out`. Returns 0.
 
     FileExistsError if there are some already, unless `overwrite` is true.
     """
@@ -54,14 +54,21 @@ def run_calibration(
             Davis.find(serial, backend=backend) as camera,
             Monitor(**screen, window=WINDOW if simulate else None, look=look) as monitor,
         ):
-            _tell_odd(monitor, simulate)
-            say("aim and focus until the picture is sharp, then press Enter (Escape to leave)")
+            _warn_about_refresh(monitor, simulate)
+            say("aim and focus until the image is sharp, then press Enter (Escape to leave)")
             found = calibrate(camera, monitor, settings, seconds)
             size = (camera.facts.width, camera.facts.height)
         write_calibration(found, replace(settings, region=found.roi), size, out)
     print(calibration_summary(found, size))
-    print(f"figures and pictures are in {shown(out)}; record with --settings {shown(out / 'settings.json')}")
+    print(f"figures are in {shown(out)}; record with --settings {shown(out / 'settings.json')}")
     return 0
+
+
+def run_verification(source: Path, out: Path, limit: int | None = None, *, as_json: bool = False) -> int:
+    """Compare the recordings of a batch with its manifest, and record nothing; return 0 if all are sound, else 1."""
+    found = verify(videos_in(source, out, format_of(out)), out, limit)
+    tell("\n".join(map(shown, found.messages())), {"sound": found.sound} | asdict(found), as_json=as_json)
+    return 0 if found.well else 1
 
 
 def run_batch(
@@ -75,7 +82,6 @@ def run_batch(
     format: str,
     limit: int | None,
     resume: bool,
-    check: bool,
     calibration: Path | None = None,
     strict: bool = False,
     accept_quiet: bool = False,
@@ -85,18 +91,13 @@ def run_batch(
     until_full: bool = False,
     as_json: bool = False,
 ) -> int:
-    """Play and record a folder of videos, or `check` what was recorded.
+    """Play and record a folder of videos.
 
-    Returns 0 if all of it went well, 3 if the batch gave up because nothing could be recorded any more, else 1. OSError
-    if the disk is too small, unless `until_full`.
+    Returns 0 if all videos were recorded, 3 if the batch gave up because nothing could be recorded any more, else 1.
+    OSError if the disk is too small, unless `until_full`.
     """
-    videos = videos_in(source, out, format_of(out) if check else format)
+    videos = videos_in(source, out, format)[:limit]
     check_format(videos[0].target, settings)
-    if check:
-        found = verify(videos, out, limit)
-        tell("\n".join(map(shown, found.messages())), {"sound": found.sound} | asdict(found), as_json=as_json)
-        return 0 if found.well else 1
-    videos = videos[:limit]
     how: dict[str, Any] = {"corners": calibration and corners_in(calibration)}
     how |= {"strict": strict, "accept_quiet": accept_quiet, "on_alarm": on_alarm, "live": live}
     backend, look = _watched(simulate)
@@ -105,7 +106,7 @@ def run_batch(
         Monitor(**screen, window=window, look=look) as monitor,
         manifest_of(out, settings, format, monitor, videos, resume=resume) as manifest,
     ):
-        _tell_odd(monitor, simulate)
+        _warn_about_refresh(monitor, simulate)
 
         def find() -> Davis:
             camera = Davis.find(serial, backend=backend)
@@ -126,21 +127,21 @@ def run_batch(
             say(message_of(error))
             return GAVE_UP
         finally:
-            # what ended the batch is more important than a page about it
+            # an error that ended the batch must not be hidden by one of the report
             with suppress(OSError):
                 write_report(list(manifest.videos.values()), manifest.head, out)
     for message in result.messages():
         print(message, file=sys.stderr)
     for name, line in manifest.videos.items():
         if doubts := line.get("look"):
-            say(shown(f"{name}: have a look: {'; '.join(doubts)}"))
+            say(shown(f"{name}: needs review: {'; '.join(doubts)}"))
     done = [line for video in videos if (line := manifest.videos.get(video.name, {})).get("status") in DONE]
-    text = f"figures, and what to look at, are in {shown(out / REPORT)}\n"
+    text = f"figures, and recordings that need review, are in {shown(out / REPORT)}\n"
     text += f"{result.done:,} recorded, {result.kept:,} were there, {len(result.failed):,} failed; "
     events = sum(line["events"] for line in done)
     text += f"{len(done):,} of {len(videos):,} videos, with {events:,} events, are in {shown(out)}"
-    odd = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
-    tell(text, asdict(result) | {"look": odd, "out": out}, as_json=as_json)
+    flagged = {name: line["look"] for name, line in manifest.videos.items() if line.get("look")}
+    tell(text, asdict(result) | {"look": flagged, "out": out}, as_json=as_json)
     return 1 if result.failed else 0
 
 
@@ -152,14 +153,14 @@ def _watched(simulate: Simulation | None) -> tuple[Any, Any]:
     return simulate.watched()
 
 
-def _tell_odd(monitor: Monitor, simulate: Simulation | None) -> None:
-    """Print what is unusual about a real screen's refresh."""
-    if simulate is None and (odd := monitor.odd()):
-        say(odd)
+def _warn_about_refresh(monitor: Monitor, simulate: Simulation | None) -> None:
+    """Print a warning about an unusual refresh of a real screen."""
+    if simulate is None and (warning := monitor.refresh_warning()):
+        say(warning)
 
 
 def run_status(out: Path, *, as_json: bool = False) -> int:
-    """Print how the batch that records to `out` is going; return 0 if it is going or ended well, else 1."""
+    """Print the status of the batch that records to `out`; return 0 if it is running or ended well, else 1."""
     text, well = status_of(out)
     tell(text, json.loads((out / STATUS).read_text("utf-8")) | {"well": well} if as_json else {}, as_json=as_json)
     return 0 if well else 1

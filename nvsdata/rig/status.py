@@ -25,15 +25,18 @@ ENDED = ("done", "verified", "interrupted", "stopped")
 class Status:
     """The state of a batch; each change of it is written to `out/status.json`.
 
-    - `out`: the folder of recordings
-    - `total`: videos of the batch
-    - `state`: one of `GOING`, or one of `ENDED`: "done", "verified" (by `--verify`), "interrupted", "stopped" (by an
-      error, a disk that is too small, or after alarms)
-    - `reason`: why it ended, or what is wrong; None if nothing is
-    - `video`: what is being played
-    - `done`, `failed`: videos of the batch, in this run and in those before; `look`: how many of them are flagged
-    - `in_a_row`: takes that failed, one after another
-    - `recent`: why the last takes of videos failed that have no good one yet, by video, newest first
+    Args:
+        out: The folder of recordings.
+        total: Videos of the batch.
+        state: One of `GOING`, or one of `ENDED`: "done", "verified" (by `--verify`), "interrupted", "stopped" (by an
+            error, a disk that is too small, or after alarms).
+        reason: Reason for the end, or the fault; None if there is none.
+        video: The video that is played.
+        done: Videos that are recorded, in this run and earlier ones.
+        failed: Videos that failed, in this run and earlier ones.
+        look: Recordings that are flagged for review.
+        in_a_row: Takes that failed, one after another.
+        recent: Reasons of the last failures of videos that have no good take yet, by video, newest first.
     """
 
     out: Path
@@ -75,12 +78,12 @@ class Status:
         self.set(in_a_row=self.in_a_row + 1, recent=dict([(name, reason), *others][:RECENT]))
 
     def success(self, name: str, **changed: Any) -> None:
-        """Note a recording that is good: takes of it that failed before don't count any more."""
+        """Note a good recording, whose earlier failures don't count any more."""
         self.set(recent={other: why for other, why in self.recent.items() if other != name}, **changed)
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Replace the file; on a full disk, write in its place, which takes no more room than it has."""
+    """Replace the file; on a full disk, overwrite it in place, which needs no more room."""
     try:
         put(path, content)
     except OSError as error:
@@ -112,7 +115,7 @@ def status_of(out: Path) -> tuple[str, bool]:
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FormatError(path, f"isn't the status of a batch: {error!r}") from None
     if state not in ENDED and not is_locked(out):
-        lines[0] = f"gone: its process ended without a word after {status['updated']}; --resume goes on"
+        lines[0] = f"gone: its process ended without a status after {status['updated']}; --resume continues"
         return "\n".join(map(shown, lines)), False
     return "\n".join(map(shown, lines)), state in ("recording", "waiting for the camera") or (
         state in ("done", "verified") and good
@@ -120,7 +123,7 @@ def status_of(out: Path) -> tuple[str, bool]:
 
 
 def _headline(status: dict[str, Any]) -> str:
-    """The state, and since or until when; with the reason, if there is one."""
+    """Return the state with its times, and the reason, if there is one."""
     state, began, updated = status["state"], status["began"], status["updated"]
     if state not in ENDED:
         return f"{state}: began {began}, last seen {updated}"
@@ -131,7 +134,7 @@ def _headline(status: dict[str, Any]) -> str:
 
 def _counts(status: dict[str, Any]) -> list[str]:
     counts = f"{status['done']:,} of {status['total']:,} recorded, {status['failed']:,} failed"
-    lines = [counts + (f", {status['look']:,} to look at" if status["look"] else "")]
+    lines = [counts + (f", {status['look']:,} to review" if status["look"] else "")]
     going = status["state"] not in ENDED
     if status["seconds_left"] is not None and going:
         hours, minutes = divmod(status["seconds_left"] // 60, 60)

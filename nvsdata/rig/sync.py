@@ -14,23 +14,24 @@ from nvsdata.recording.capture import RecordingReport
 from nvsdata.rig.clock_fit import GROUP, MOST_DRIFT, ClockFit, NoSync, fit
 from nvsdata.rig.playback import PlaybackLog
 
-BESIDE = 500_000  # µs that are read before and after the flashes
-APART = 5_000  # µs that events and triggers may differ: a screen is drawn line by line, and pixels answer late
+AROUND = 500_000  # µs that are read before and after the flashes
+APART = 5_000  # µs that events and triggers may differ: a screen is drawn line by line, and pixels have a latency
 MARGIN = 50_000  # µs around a group of flashes in which nothing else may trigger
-STRAY = 0.1  # triggers without a flash, as a share of the flashes, that are let pass
+STRAY = 0.1  # allowed triggers without a flash, as a fraction of the flashes
 
 
 class TakeRejected(Exception):
-    """A take that must be done again, and why."""
+    """Reason why a take must be repeated."""
 
 
 @dataclass
 class ScreenRecording:
-    """A video played and recorded.
+    """Uncut recording of a video that was played on the monitor.
 
-    - `raw`: the uncut recording
-    - `report`: how recording went
-    - `performance`: how playing went
+    Args:
+        raw: The uncut recording.
+        report: Report of the recording.
+        performance: Log of the playback.
     """
 
     raw: Path
@@ -39,7 +40,7 @@ class ScreenRecording:
 
 
 class Sync(NamedTuple):
-    """The line of a take, what it is by ("triggers" or "events"), and why it isn't by triggers that there are."""
+    """Clock fit of a take, its source ("triggers" or "events"), and why triggers weren't used."""
 
     line: ClockFit
     by: str
@@ -47,7 +48,7 @@ class Sync(NamedTuple):
 
 
 def synced(take: ScreenRecording) -> Sync:
-    """The fit of the take's flashes: by triggers if they show all flashes and nothing else, otherwise by events.
+    """Fit the clocks by the take's flashes: by triggers if these show the flashes alone, else by events.
 
     `NoSync` if the events don't show the flashes, whatever triggers do, because then the camera doesn't see the screen;
     and if both show them, but more than 5 ms apart.
@@ -70,7 +71,7 @@ def synced(take: ScreenRecording) -> Sync:
 
 
 def _check_due(triggers: np.ndarray, line: ClockFit, rising: np.ndarray) -> None:
-    """`NoSync` if there are more triggers among the flashes than flashes to bright."""
+    """Raise `NoSync` if there are more triggers among the flashes than flashes to bright."""
     for first in rising[np.diff(rising, prepend=-np.inf) > GROUP]:
         group = rising[(rising >= first) & (rising < first + GROUP)]
         ends = line.camera(group[0]) - MARGIN, line.camera(group[-1]) + MARGIN
@@ -80,13 +81,13 @@ def _check_due(triggers: np.ndarray, line: ClockFit, rising: np.ndarray) -> None
 
 
 def around_flashes(take: ScreenRecording) -> Events:
-    """Events of the time around the flashes, before and after the video."""
+    """Return the events around the flashes, before and after the video."""
     recording = formats.open(take.raw)
     flashes, start = np.array(take.performance.flashes), take.performance.start
     windows: list[tuple[int, int]] = []
     for group in (flashes[flashes < start], flashes[flashes >= start]):
         first, last = group[[0, -1]] - take.report.zero
-        lo, hi = first * (1 - MOST_DRIFT) - BESIDE, last * (1 + MOST_DRIFT) + BESIDE
+        lo, hi = first * (1 - MOST_DRIFT) - AROUND, last * (1 + MOST_DRIFT) + AROUND
         lo = max(int(lo), windows[-1][1] if windows else 0)
         windows.append((lo, max(int(hi), lo)))
     return Events.trusted(concatenate([recording.read(*window).columns for window in windows]), recording.sensor_size)

@@ -1,4 +1,4 @@
-"""One video, played and recorded at the same time; the recording is then checked and cut to the video."""
+"""Recording of one video while it plays, and its checks and trimming."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ PIECE = 1_000_000  # µs of a recording that are read at once
 BIN = 10_000  # µs per bin of the event rate
 FULL = 10e6  # events/s above which the readout counts as full in a bin
 MOST_FULL = 0.01  # share of full bins
-# ms for which a screen may show a wrong picture, whatever the video's length, and as a share of it
+# ms for which a screen may show a wrong frame, and the same as a fraction of a longer video
 MOST_WRONG, SHARE_WRONG = 50.0, 0.02
 # faults of the stream after which times or events are missing, by the names of `RecordingReport.error_counts`
 STREAM = {
-    "late_resets": "the camera's clock was reset in the middle",
+    "late_resets": "the camera's clock was reset during the recording",
     "lost_wraps": "parts of the camera's stream are missing",
     "usb_errors": "USB transfers failed, and parts of the camera's stream may be missing",
 }
@@ -45,7 +45,7 @@ WORST_RESIDUAL = 1_000  # µs that flashes may be off the fit
 
 @dataclass
 class Tally:
-    """Events between two times of a recording: how many, how many ON, and the share of bins that are full."""
+    """Number of events and of ON events between two times, and the fraction of bins with a full readout."""
 
     events: int = 0
     on: int = 0
@@ -66,7 +66,7 @@ def record_screen(
 def _recorded(
     camera: Camera, monitor: Monitor, video: Path, raw: Path, settings: CameraSettings, view: LiveView | None
 ) -> ScreenRecording:
-    # no journal, because a take that is cut short is recorded again
+    # no journal, because an incomplete take is recorded again
     watch: dict[str, Any] = {} if view is None else {"watch": lambda report, events: view.add(events)}
     recorder = Recorder(camera, raw, settings, journaled=False, **watch)
 
@@ -93,9 +93,9 @@ def _recorded(
 
 
 def trim(take: ScreenRecording, video: Video, inspector: Inspector) -> dict[str, Any]:
-    """Write the take of a video to its recording, cut to it, from time 0; return what the manifest is to say about it.
+    """Trim a take to its video, write it from time 0 on, and return the fields for the manifest.
 
-    `TakeRejected` if it must be done again: nothing is written then.
+    `TakeRejected` if it must be repeated; nothing is written then.
     """
     report, done = take.report, take.performance
     _check_stream(report, done)
@@ -132,10 +132,10 @@ def trim(take: ScreenRecording, video: Video, inspector: Inspector) -> dict[str,
 
 
 def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:
-    """`TakeRejected` unless all that the camera sent was kept, by a clock that went on."""
+    """Raise `TakeRejected` if data was lost, or if the camera's clock was reset."""
     if report.lost:
         raise TakeRejected(f"{report.lost} bytes came faster than they could be decoded and written")
-    # what is dropped before and after the video, between dim level and picture, say, isn't missing from it
+    # events that were dropped before or after the video aren't missing from it
     dropped = report.dropped if done.dropped is None else done.dropped
     if dropped:
         raise TakeRejected(f"the camera dropped {dropped} events")
@@ -145,14 +145,12 @@ def _check_stream(report: RecordingReport, done: PlaybackLog) -> None:
 
 
 def _check(done: PlaybackLog, line: ClockFit, tally: Tally, duration: int) -> None:
-    """`TakeRejected` unless all of the video was shown in time and seen."""
+    """Raise `TakeRejected` unless the entire video was shown in time and recorded."""
     if line.residual > WORST_RESIDUAL:
         raise TakeRejected(f"the flashes are {line.residual:.0f} µs off the fit in the median")
     if done.wrong > max(MOST_WRONG, SHARE_WRONG * duration / 1e3):
-        missed = f"{done.late + done.skipped} of {done.frames} pictures were late or left out"
-        raise TakeRejected(
-            f"the screen showed a wrong picture for {done.wrong:.0f} ms ({missed}): is the computer busy?"
-        )
+        missed = f"{done.late + done.skipped} of {done.frames} frames were late or left out"
+        raise TakeRejected(f"the screen showed a wrong frame for {done.wrong:.0f} ms ({missed}): is the computer busy?")
     if tally.full > MOST_FULL:
         raise TakeRejected(
             f"the readout is full for {tally.full:.0%} of the time: lower the contrast, or raise thresholds"

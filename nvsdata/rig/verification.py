@@ -19,11 +19,12 @@ from nvsdata.rig.status import RECENT, STATUS, Status
 
 @dataclass(frozen=True)
 class Verification:
-    """Faults of a folder of recordings.
+    """Result of a verification of a folder of recordings.
 
-    - `videos`: how many were verified
-    - `faults`: why videos have no sound recording, by their names
-    - `others`: what other files in the folder are, by their names below it
+    Args:
+        videos: Number of videos that were verified.
+        faults: Faults of videos without a sound recording, by name.
+        others: Descriptions of other files in the folder, by their paths below it.
     """
 
     videos: int
@@ -46,7 +47,7 @@ class Verification:
         return not self.faults and not self.foreign
 
     def messages(self) -> list[str]:
-        """A line for each fault and each other file, then a summary."""
+        """Return a line for each fault and each other file, then a summary."""
         lines = [f"{name}: {what}" for name, what in (self.faults | self.others).items()]
         text = f"{self.sound:,} of {self.videos:,} recordings are sound"
         if self.foreign:
@@ -57,12 +58,12 @@ class Verification:
 
     @property
     def what_is_foreign(self) -> str:
-        """Other files that datasets would read, in words."""
+        """Message about other files that datasets would read."""
         return f"datasets would read other files in the folder as recordings: {len(self.foreign):,}; move them away"
 
 
 def format_of(out: Path) -> str:
-    """The format of the recordings in a folder, by its manifest.
+    """Return the format of the recordings in a folder, from its manifest.
 
     FileNotFoundError if it has none, ValueError if that isn't one of recordings.
     """
@@ -78,7 +79,7 @@ def format_of(out: Path) -> str:
 def verify(videos: list[Video], out: Path, limit: int | None = None) -> Verification:
     """Compare the recordings of the first `limit` videos in `out` with its manifest, and with the videos.
 
-    What is wrong with recordings is noted in the manifest, so that the next run records them again, and in
+    Faults are noted in the manifest, so that the next run records them again, and in
     `status.json` and `report.html`. FileNotFoundError if the folder has no manifest.
     """
     format_of(out)
@@ -109,7 +110,7 @@ def _set_status(found: Verification, lines: dict[str, dict[str, Any]], out: Path
 
 
 def _others(videos: list[Video], lines: dict[str, dict[str, Any]], out: Path) -> dict[str, str]:
-    """Files in the folder that are neither recordings of these videos nor written by a batch, and what they are."""
+    """Return files in the folder that are neither recordings of these videos nor output of a batch, described."""
     ours = {video.target for video in videos}
     gone = {line["file"]: name for name, line in lines.items() if "file" in line}
     found = {}
@@ -129,7 +130,7 @@ def _fault(video: Video, line: dict[str, Any] | None) -> str | None:
     if line is None:
         return "isn't recorded"
     if line["status"] not in DONE:
-        # of a recording that was good once, an earlier verification has noted what is wrong
+        # an earlier verification has noted the fault of a recording that was good before
         return str(line["reason"]) if "recording" in line else f"isn't recorded: {line['reason']}"
     if video.path.stat().st_size != line["bytes"] or sha256(video.path) != line["sha256"]:
         return f"{video.path}: isn't the video any more that was recorded"

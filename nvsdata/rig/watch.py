@@ -1,5 +1,7 @@
-"""Handling of takes that fail in a row: the camera is reopened, a video that went well before is tried, and if that
-fails, too, the batch pauses and runs the user's alarm.
+"""Handling of takes that fail in a row.
+
+The camera is reopened, then a video that was recorded before is tried. If that fails, too, the batch pauses and runs
+the user's alarm.
 """
 
 from __future__ import annotations
@@ -18,26 +20,27 @@ from nvsdata.rig.status import Status
 
 REOPEN = 3  # takes that failed in a row after which the camera is reopened
 PAUSE = 6  # after which the batch pauses, if they were of several videos
-DIFFERENT = 3  # videos that failed, from which on the cause isn't theirs
+DIFFERENT = 3  # number of failed videos from which on the cause is not in the videos
 PAUSED = 600_000_000  # µs
-MOST_PAUSES = 36  # in a row: after six hours nobody came
+MOST_PAUSES = 36  # in a row: six hours without anybody who reacts
 TIMEOUT = 60.0  # s that the command of an alarm may take
-KEPT = 20  # failed takes that are kept to be looked at
+KEPT = 20  # failed takes that are kept for review
 
 
 class BatchStopped(OSError):
-    """Nothing could be recorded any more, though the batch paused many times."""
+    """Reason for the end of a batch that could record nothing, though it paused many times."""
 
 
 class Watch:
-    """Counts takes that fail in a row, and does something about it.
+    """Counter of takes that fail in a row, which reopens the camera, pauses, and runs the alarm.
 
-    - `status`: of the batch
-    - `command`: run by the shell at an alarm, which is in its environment as `NVSDATA_ALARM`, with the folder as
-      `NVSDATA_OUT` (None: no command)
-    - `reopen`: reopens the camera
-    - `wait`: waits until a host time (µs)
-    - `probe`: whether a video that was recorded before can be recorded now (default: there is none)
+    Args:
+        status: Of the batch.
+        command: Run by the shell at an alarm, which is in its environment as `NVSDATA_ALARM`, with the folder as
+            `NVSDATA_OUT` (None: no command).
+        reopen: Reopens the camera.
+        wait: Waits until a host time (µs).
+        probe: Records a video again that was recorded before, and returns True on success (default: there is none).
     """
 
     def __init__(
@@ -54,14 +57,14 @@ class Watch:
         self._pauses = 0
 
     def succeeded(self) -> None:
-        """A take was right."""
+        """Note a good take."""
         self._failed, self._pauses = [], 0
         self._status.set(in_a_row=0, state="recording")
 
     def failed(self, video: str, reason: str) -> list[str]:
-        """A take failed. Returns the videos whose takes don't count, because the cause was none of theirs.
+        """Note a failed take; return the videos whose takes don't count, because they weren't the cause.
 
-        `BatchStopped` if nothing was recorded over so many pauses.
+        `BatchStopped` if nothing was recorded over `MOST_PAUSES` pauses.
         """
         self._failed.append(video)
         self._status.failure(video, reason)
@@ -70,7 +73,7 @@ class Watch:
         if len(self._failed) < PAUSE or len(set(self._failed)) < DIFFERENT:
             return []
         if self._probe():
-            # the camera and the screen are all right, so the videos aren't
+            # camera and screen work, so the videos are the cause
             self.succeeded()
             return []
         spared, self._failed = self._failed, []
@@ -78,7 +81,7 @@ class Watch:
         failure = f"{PAUSE} takes in a row failed, the last one of {video}: {reason}"
         if self._pauses > MOST_PAUSES:
             self.alarm(f"{failure}; given up")
-            raise BatchStopped(f"{failure}; given up after {MOST_PAUSES} pauses: --resume goes on")
+            raise BatchStopped(f"{failure}; given up after {MOST_PAUSES} pauses: --resume continues")
         self._status.set(state="paused")
         self.alarm(f"{failure}; tried again in {PAUSED / 60e6:.0f} minutes")
         self._reopen()
@@ -87,7 +90,7 @@ class Watch:
         return spared
 
     def alarm(self, text: str) -> None:
-        """Tell somebody."""
+        """Print a message, and run the user's command with it."""
         say_above_bar(text)
         if self._command is None:
             return
@@ -102,7 +105,7 @@ class Watch:
 
 
 def _run(command: str, environment: dict[str, str]) -> int:
-    """Run a command of the shell, without input; it and what it started end after `TIMEOUT`. Returns its exit code."""
+    """Run a shell command without input, and return its exit code; it and its children end after `TIMEOUT`."""
     posix = os.name == "posix"
     # stdout is for results
     streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}

@@ -22,7 +22,7 @@ from nvsdata.emulation import DVS
 from nvsdata.training import demo as demo_training
 
 # what there is without them needs no words
-NO_DEFAULT = ("out", "bias", "simulate", "monitor", "scheduler", "sensor_size")
+NO_DEFAULT = ("status", "out", "bias", "simulate", "monitor", "scheduler", "sensor_size")
 
 
 @pytest.fixture
@@ -210,8 +210,8 @@ def test_what_cannot_be_done_is_said(command, message, capsys, tmp_path, monkeyp
         (["convert-videos", ".", "--format", "avi"], "invalid choice: 'avi'"),
         (["convert-videos", ".", "--fps", "0"], "must be positive, not 0"),
         (["record", "--seconds", "nan", "--out", "a.h5"], "must be positive, not nan"),
-        (["record"], "--out says where the recording goes"),
-        (["record", "--resume", "--out", "a.h5"], "--resume and --verify need --monitor"),
+        (["record"], "--out is missing"),
+        (["record", "--resume", "--out", "a.h5"], "--resume is for --monitor, not for one recording"),
         (["demo", "--epochs", "x"], "must be at least 1, not x"),
     ],
 )

@@ -1,7 +1,8 @@
-"""What commands ask of the rest of nvsdata, and what they make of its answers."""
+"""Calls by commands into the rest of nvsdata, and their output for its results."""
 
 import errno
 import os
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,11 +26,19 @@ from nvsdata.video.view import VideoView
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--verify", "--out", "a"], "--resume and --verify need --monitor"),
-        (["--resume"], "--resume and --verify need --monitor"),
-        (["--monitor", "a", "--out", "b", "--overwrite"], "--overwrite is for one recording"),
-        (["--monitor", "a"], "--out says where the recording goes"),
-        ([], "--out says where the recording goes"),
+        (["--verify", "--out", "a"], "--verify is for --monitor, not for one recording"),
+        (["--resume"], "--resume is for --monitor, not for one recording"),
+        (["--monitor", "a", "--out", "b", "--overwrite"], "not for --monitor: --resume continues a batch"),
+        (["--monitor", "a", "--out", "b", "--seconds", "2"], "--seconds is for --calibrate and one recording"),
+        (["--monitor", "a", "--calibrate"], "--monitor and --calibrate don't go together"),
+        (["--calibrate", "--json"], "--json is for --status and --list and --monitor and one recording"),
+        (["--calibrate", "--model", "a"], "--model is for one recording, not for --calibrate"),
+        (["--status", "a", "--screen-region", "1", "2", "3", "4"], "--screen-region is for --calibrate and --monitor"),
+        (["--list", "--live"], "--live is for --monitor and one recording, not for --list"),
+        (["--monitor"], "argument --monitor: expected one argument"),
+        (["--status", "--json"], "argument --status: expected one argument"),
+        (["--monitor", "a"], "--out is missing"),
+        ([], "--out is missing"),
         (["--out", "a", "--bias", "x"], "x"),
         (["--out", "a", "--note", "caf\udce9"], "--note must be text in this terminal's encoding"),
         (["--out", "a", "--simulate", "x=1"], "x"),
@@ -42,6 +51,39 @@ def test_recordings_that_make_no_sense_are_wrong_usage(words, message, capsys):
     assert message in capsys.readouterr().err
 
 
+COMMON = "--help --quiet --verbose --json"
+CAMERA = "--device --settings --bias --region --frames --simulate"
+SCREEN = "--display --screen-region --scaling"
+OTHERS = "--monitor --calibrate --status --list --doctor"
+BATCH = "--resume --verify --calibration --on-alarm --until-full --strict --accept-quiet --format --limit"
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        (
+            "",
+            f"{CAMERA} --out --seconds --live --model --note --overwrite {OTHERS}",
+        ),
+        ("--monitor", f"--monitor {CAMERA} {SCREEN} {BATCH} --out --live --note"),
+        ("--monitor in --out b", f"--monitor {CAMERA} {SCREEN} {BATCH} --out --live --note"),
+        ("--calibrate", f"--calibrate {CAMERA} {SCREEN} --out --seconds --overwrite"),
+        ("--status", "--status"),
+        ("--list", "--list --simulate"),
+        ("--doctor", "--doctor --out --live --monitor --calibrate --simulate"),
+    ],
+)
+def test_the_help_of_each_mode_has_the_options_that_apply(words, options, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["record", *words.split(), "--help"])
+    assert ended.value.code == 0
+    shown = re.findall(r"^  (?:-\w, )?(--[\w-]+)", capsys.readouterr().out, re.MULTILINE)
+    common = COMMON.split() if words != "--calibrate" else COMMON.split()[:-1]
+    assert sorted(shown) == sorted([*common, *options.split()])
+    if not words:
+        assert len(shown) <= 24
+
+
 @pytest.fixture
 def session(monkeypatch):
     """What the recording session is asked for."""
@@ -49,7 +91,7 @@ def session(monkeypatch):
     from nvsdata.rig import session as rig
 
     asked = []
-    for module, name in ((session, "run"), (rig, "run_calibration"), (rig, "run_batch")):
+    for module, name in ((session, "run"), (rig, "run_calibration"), (rig, "run_batch"), (rig, "run_verification")):
         monkeypatch.setattr(module, name, lambda *args, name=name, **more: asked.append((name, args, more)) or 5)
     return asked
 
@@ -82,7 +124,7 @@ def test_calibrations_and_folders_are_asked_for(session):
     assert (second[1][0], second[1][4], second[1][5]["region"]) == (Path("b"), None, (1, 2, 3, 4))
     assert third[1][:3] == (Path("in"), Path("b"), None)
     assert third[1][5]["scaling"] == "integer"
-    assert third[2] == {"format": "hdf5", "limit": 3, "resume": True, "check": False} | {
+    assert third[2] == {"format": "hdf5", "limit": 3, "resume": True} | {
         "calibration": None,
         "strict": False,
         "accept_quiet": False,
@@ -346,6 +388,11 @@ def test_nothing_else_gets_the_numbers_of_closed_streams(monkeypatch, closed):
         cli._open_standard_streams()
     assert asked == [0, 1, 2]
     assert opened == [(os.devnull, os.O_RDWR)] * len(closed)
+
+
+def test_a_verification_is_asked_for(session):
+    assert main(["record", "--monitor", "in", "--out", "b", "--verify", "--limit", "2", "--json"]) == 5
+    assert session == [("run_verification", (Path("in"), Path("b"), 2), {"as_json": True})]
 
 
 def test_what_a_batch_is_judged_by_is_handed_on(monkeypatch):

@@ -1,4 +1,4 @@
-"""What is read on its way to the decoder, with a camera that a test scripts and a clock that stands still."""
+"""Bytes between reading and decoding, with a scripted camera and a stopped clock."""
 
 from threading import Event
 

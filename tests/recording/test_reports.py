@@ -1,4 +1,4 @@
-"""How a recording went, as it is counted, told and judged, without a camera of USB."""
+"""Reports of recordings, without a USB camera."""
 
 import errno
 import signal
@@ -228,9 +228,9 @@ def test_a_recording_to_a_file_has_a_journal_and_an_end(tmp_path):
 def test_what_is_no_camera():
     camera = Simple(0)
     check_camera(camera)
-    with pytest.raises(TypeError, match=r"^object is not a camera: it lacks unit, silence, facts, configure, start, "):
+    with pytest.raises(TypeError, match=r"^object is not a camera: it misses unit, silence, facts, configure, start, "):
         check_camera(object())
-    with pytest.raises(TypeError, match=r"^SimpleNamespace is not a camera: it lacks [a-z_, ]+, close \(see nvsdata"):
+    with pytest.raises(TypeError, match=r"^SimpleNamespace is not a camera: it misses [a-z_, ]+, close \(see nvsdata"):
         check_camera(SimpleNamespace(unit=2, silence=None))
 
 

@@ -44,10 +44,10 @@ def test_what_is_to_be_done_comes_first():
     lines[0]["note"] = lines[1]["note"] = "lamp <off>"
     page = report.page(lines, head, "out")
     text = words(page)
-    assert "1 recordings without findings, 1 to look at, 2 to record again" in text
+    assert "1 recordings without findings, 1 to review, 2 to record again" in text
     assert "screen of 59.94 Hz" in text
     assert text.count("lamp &lt;off&gt;") == 1
-    places = [text.index(word) for word in ("To record again: 2", "cut.avi", "lost.avi", "To look at: 1", "odd.avi")]
+    places = [text.index(word) for word in ("To record again: 2", "cut.avi", "lost.avi", "To review: 1", "odd.avi")]
     assert places == sorted(places)
     assert text.index("odd.avi") < text.index("Without findings: 1") < text.index("fine&lt;1&gt;.avi")
     assert "a hand &amp; more" in text
@@ -64,7 +64,7 @@ def test_what_is_to_be_done_comes_first():
 
 def test_a_batch_without_a_recording():
     text = words(report.page([line("a.avi", "failed", reason="no camera")], {}, "out"))
-    assert "0 recordings without findings, 0 to look at, 1 to record again" in text
+    assert "0 recordings without findings, 0 to review, 1 to record again" in text
     assert "<img" not in text
 
 

@@ -1,4 +1,4 @@
-"""What measures a screen, against figures worked out by hand or slowly."""
+"""Measurements of a screen, compared with values computed by hand or by slow code."""
 
 import json
 from dataclasses import replace

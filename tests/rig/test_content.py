@@ -137,8 +137,8 @@ def spoiled(kind, span, events):
 
 SPOILED = {
     "200 ms are missing": r"no events for (2\d\d|1[5-9]\d) ms in which the video moves",
-    "90% are missing": "times the events that its motion should give",
-    "a hand before the lens": "of the picture's motion gave no events",
+    "90% are missing": "times the events that its motion should cause",
+    "a hand before the lens": "of the video's motion caused no events",
     "someone walks by": "of the events are where, or when, nothing moves",
     "a storm": "of the events are where, or when, nothing moves",
     "50 Hz of noise": r"5\d Hz of noise per pixel",
@@ -177,11 +177,11 @@ def test_strict_refuses_and_a_moving_video_needs_events(lab_of_one, video, right
     odd = span._replace(take=take_, recording=nvsdata.open(tmp_path / "a.h5"))
     lenient, strict = Inspector(lab_of_one.monitor), Inspector(lab_of_one.monitor, strict=True)
     assert len(lenient.judged(odd, video, 10**6)["look"]) >= 1
-    with pytest.raises(TakeRejected, match="something is in front of it"):
+    with pytest.raises(TakeRejected, match="something is in front of the screen"):
         strict.judged(odd, video, 10**6)
     # two seconds
     assert lenient.judged(span, video, 2_000)
-    with pytest.raises(TakeRejected, match=r"1999 events in 2\.00 s are too few: its motion should give about \d+"):
+    with pytest.raises(TakeRejected, match=r"1999 events in 2\.00 s are too few: its motion should cause about \d+"):
         lenient.judged(span, video, 1_999)
     assert Inspector(lab_of_one.monitor, accept_quiet=True).judged(span, video, 0)
 
@@ -198,7 +198,7 @@ def test_a_screen_that_hardly_a_pixel_sees_is_no_quiet_video(lab_of_one, video, 
     # other recordings, or a calibration, tell where it should be
     others = [Inspector(lab_of_one.monitor).look(span, video).as_dict()] * 3
     for known in (Inspector(lab_of_one.monitor, others=others), Inspector(lab_of_one.monitor, others[0]["corners"])):
-        with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: its motion should give about \d+"):
+        with pytest.raises(TakeRejected, match=r"150 events in 2\.00 s are too few: its motion should cause about \d+"):
             known.judged(odd, video, 150)
 
 

@@ -1,4 +1,4 @@
-"""How a monitor measures its refresh, places pictures, and waits: to the pixel, and by a clock of the test's own."""
+"""Refresh, placement and waiting of a monitor, to the pixel and by a simulated clock."""
 
 from itertools import cycle
 
@@ -87,11 +87,11 @@ def test_flips_that_do_not_wait_are_no_refreshes(screen, monkeypatch):
 
 
 def test_what_is_odd_about_a_display_is_said(screen):
-    assert "is vertical sync off?" in screen.odd()
+    assert "is vertical sync off?" in screen.refresh_warning()
     screen.synced, screen.stated, screen.refresh = True, PERIOD, 1e6 / 59.97
-    assert screen.odd() is None
+    assert screen.refresh_warning() is None
     screen.refresh = 1e6 / 59.94
-    assert screen.odd() == "the display says 60.00 Hz, but refreshes at 59.94: that is used"
+    assert screen.refresh_warning() == "the display says 60.00 Hz, but refreshes at 59.94: that is used"
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_where_a_picture_goes(screen, scaling, size, region, place):
 @pytest.mark.parametrize("size", [(65, 48), (64, 49), (128, 10)])
 def test_what_is_too_large_for_whole_numbers(screen, size):
     screen.scaling = "integer"
-    with pytest.raises(ValueError, match=f"a picture of {size[0]}x{size[1]} is larger than the region of 64x48"):
+    with pytest.raises(ValueError, match=f"a frame of {size[0]}x{size[1]} is larger than the region of 64x48"):
         screen.show(VideoFrame(0, np.zeros((size[1], size[0]), np.uint8)))
 
 

@@ -132,7 +132,7 @@ def test_the_drops_are_counted_close_to_the_video(tmp_path):
 def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_shown(tmp_path):
     fast, seen = make_video(tmp_path / "fast.avi", frames=24, fps=120), []
     look = {"look": lambda *shown: seen.append(shown)}
-    told = "the video has 120 pictures per second, and the screen shows 60"
+    told = "the video has 120 frames per second, and the screen shows 60"
     with Monitor(window=(64, 48), **look) as monitor, pytest.raises(ValueError, match=told):
         perform(monitor, fast)
     assert not seen
@@ -147,5 +147,5 @@ def test_a_video_that_is_too_fast_for_the_screen_is_told_before_anything_is_show
 def test_a_video_slightly_faster_than_the_screen_is_told_as_such(fps, refresh, told):
     """Not as a computer that is busy, after three takes."""
     frames = [VideoFrame(round(n * 1e6 / fps), np.zeros((2, 2), np.uint8), True) for n in range(playback.LOOKED_AT)]
-    with pytest.raises(ValueError, match=f"the video has {fps} pictures per second") if told else nullcontext():
+    with pytest.raises(ValueError, match=f"the video has {fps} frames per second") if told else nullcontext():
         playback._check_rate(frames, 1e6 / refresh)

@@ -1,4 +1,4 @@
-"""How events and triggers of a take are matched with what was shown."""
+"""Matching of events and triggers of a take with the flashes that were shown."""
 
 import numpy as np
 import pytest

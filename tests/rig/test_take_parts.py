@@ -1,4 +1,4 @@
-"""What is counted of a take, and how much of it may be amiss."""
+"""Counts of a take, and the limits for its faults."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -29,12 +29,12 @@ def events_at(t, p=None):
         # 2% of 2.5 s, and what a refresh or 20 ms explain isn't wrong
         ({"late": 100, "by": 20_000}, None),
         ({"late": 5, "by": 30_000}, None),
-        ({"late": 5, "by": 30_010}, r"showed a wrong picture for 50 ms \(5 of 100 pictures were late or left out\)"),
+        ({"late": 5, "by": 30_010}, r"showed a wrong frame for 50 ms \(5 of 100 frames were late or left out\)"),
         ({"skipped": 1, "missed": 50_000.0}, None),
-        ({"late": 2, "by": 25_000, "skipped": 1, "missed": 41_000.0}, r"51 ms \(3 of 101 pictures"),
+        ({"late": 2, "by": 25_000, "skipped": 1, "missed": 41_000.0}, r"51 ms \(3 of 101 frames"),
         ({"residual": 1_000.0}, None),
         ({"residual": 1_001.0}, "the flashes are 1001 µs off the fit in the median"),
-        ({"late_resets": 1}, "the camera's clock was reset in the middle"),
+        ({"late_resets": 1}, "the camera's clock was reset during the recording"),
         ({"usb_errors": 1}, "USB transfers failed"),
         ({"full": 0.01}, None),
         ({"full": 0.011}, "the readout is full for 1% of the time: lower the contrast"),

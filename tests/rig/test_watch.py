@@ -66,7 +66,7 @@ def test_a_few_bad_videos_are_no_alarm(lab):
 def test_a_batch_gives_up_in_the_end(lab, monkeypatch):
     monkeypatch.setattr(watching, "MOST_PAUSES", 2)
     failures = (lab.watch.failed(f"{n}.avi", "0 events") for n in range(100))
-    with pytest.raises(BatchStopped, match=r"6 takes in a row failed.*given up after 2 pauses: --resume goes on"):
+    with pytest.raises(BatchStopped, match=r"6 takes in a row failed.*given up after 2 pauses: --resume continues"):
         list(failures)
     assert lab.did.count("wait") == 2
     # one that succeeds begins the count anew
@@ -123,7 +123,7 @@ def test_how_a_batch_is_going(lab, capsys):
     with locked(lab.out):
         text, well = status_of(lab.out)
         assert well
-        assert "3 of 12 recorded, 1 failed, 2 to look at" in text
+        assert "3 of 12 recorded, 1 failed, 2 to review" in text
         # four were done in four hours
         assert "about 8 h 00 min left" in text
         assert "playing x.avi" in text
@@ -132,7 +132,7 @@ def test_how_a_batch_is_going(lab, capsys):
     assert capsys.readouterr().out.startswith("recording: began 20")
     # nobody holds the folder
     assert main(["record", "--status", str(lab.out)]) == 1
-    assert "its process ended without a word" in capsys.readouterr().out
+    assert "its process ended without a status" in capsys.readouterr().out
     for state, done, failed, code in (
         ("done", 12, 0, 0),
         ("verified", 12, 0, 0),

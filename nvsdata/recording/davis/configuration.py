@@ -1,4 +1,4 @@
-"""Reports of a camera about itself, and the registers to write: the vendor's defaults, and what settings change."""
+"""Description of a camera, and the registers to write: the vendor's defaults, and the changes by settings."""
 
 from __future__ import annotations
 
@@ -14,15 +14,23 @@ Write = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A camera's report about itself.
+    """Description of a connected camera, from its registers.
 
-    - `serial`: its serial number
-    - `board`: of its USB controller, "FX2" or "FX3"
-    - `chip`: number of the sensor, a key of `CHIPS`
-    - `width`, `height`, `frame_size`: in pixels, as the host sees them
-    - `swap`, `frame_orientation`, `inertial`, `inertial_flips`: as `stream.Decoder` takes them
-    - `logic_clock`, `converter_clock`, `usb_clock`: in MHz
-    - `has`: names of the optional parts that it has, such as "region filter"
+    Args:
+        serial: Its serial number.
+        board: Of its USB controller, "FX2" or "FX3".
+        chip: Number of the sensor, a key of `CHIPS`.
+        width: Width of the sensor in pixels, as the host sees it.
+        height: Height of the sensor.
+        frame_size: Width and height of frames.
+        swap: As in `stream.DavisDecoder`.
+        frame_orientation: As in `stream.DavisDecoder`.
+        inertial: As in `stream.DavisDecoder`.
+        inertial_flips: As in `stream.DavisDecoder`.
+        logic_clock: Clock of the logic in MHz.
+        converter_clock: Clock of the converter in MHz.
+        usb_clock: Clock of the USB controller in MHz.
+        has: Names of the optional parts that it has, such as "region filter".
     """
 
     serial: str
@@ -84,7 +92,7 @@ def defaults(facts: DeviceInfo) -> Iterator[Write]:
 
 
 def changes(facts: DeviceInfo, settings: CameraSettings) -> Iterator[Write]:
-    """Writes for `settings` that differ from the defaults. ValueError for what the camera can't do."""
+    """Yield the writes for settings that differ from the defaults. ValueError for unsupported settings."""
     default = CameraSettings()
     for name, asked, needed in (
         ("send only the events of a region", settings.region, "region filter"),
@@ -130,7 +138,7 @@ def changes(facts: DeviceInfo, settings: CameraSettings) -> Iterator[Write]:
 def _edges(
     name: str, region: tuple[int, int, int, int], size: tuple[int, int], swap: bool
 ) -> tuple[int, int, int, int]:
-    """First column and row, last column and row of a region, as the device counts them. ValueError if it sticks out."""
+    """Return first column and row, last column and row of a region for the device. ValueError if outside the sensor."""
     x, y, width, height = region
     if x + width > size[0] or y + height > size[1]:
         raise ValueError(f"{name} {region} is not within {size[0]}x{size[1]}")
@@ -139,5 +147,5 @@ def _edges(
 
 
 def cycles(microseconds: float, clock: float) -> int:
-    """A time as whole cycles of a clock (MHz); halves are rounded up."""
+    """Return a time as whole cycles of a clock (MHz); halves are rounded up."""
     return math.floor(microseconds * clock + 0.5)

@@ -34,7 +34,7 @@ from nvsdata.recording.usb.process_reader import SubprocessStream, can_read_in_s
 from nvsdata.recording.usb.transfers import INTERRUPT, AsyncStream, Disconnected, SyncStream, UsbStream, queued
 
 VENDOR = 0x152A
-# product ID: the board, and the oldest firmware that will do
+# by product ID: the board, and the oldest supported firmware
 BOARDS = {0x841B: ("FX2", 4), 0x841A: ("FX3", 6)}
 LOGIC, PATCH = 18, 1
 ENDPOINT = 0x82
@@ -60,12 +60,12 @@ class Davis:
     def __init__(self, device: Any) -> None:
         self.device = device
         self.settings = CameraSettings()
-        self.note: str | None = None  # what recordings are to say besides
+        self.note: str | None = None  # stored with each recording
         self._stream: UsbStream | None = None
         self._debug: AsyncStream | None = None
         self.messages: list[str] = []  # of its firmware
         self.faults = 0  # USB requests that failed since the last start
-        with _told():
+        with _translated_errors():
             self._claim()
             self.facts = self._facts()
 
@@ -73,10 +73,11 @@ class Davis:
     def find(cls, serial: str | None = None, *, backend: Any = None) -> Self:
         """Open the camera with that serial number, or the only one there is.
 
-        - `serial`: serial number; None if only one camera is connected
-        - `backend`: pyusb's backend (default: the one that pyusb finds)
-
         Raises CameraError if there is no such camera, several without a serial number, or one that can't be used.
+
+        Args:
+            serial: Serial number; None if only one camera is connected.
+            backend: pyusb's backend (default: the one that pyusb finds).
         """
         found = []
         refused: list[Exception] = []
@@ -102,15 +103,15 @@ class Davis:
         )
 
     def _claim(self) -> None:
-        # done before the serial number is read, because pyusb doesn't tell the failures of that apart
+        # before the serial number is read, because pyusb doesn't distinguish the errors of that
         if not self._configured():
             self.device.set_configuration(1)
         usb.util.claim_interface(self.device, 0)
         try:
             self._serial = (self.device.serial_number or "")[:8]
         except ValueError:
-            # pyusb's word for strings that can't be read, as of a camera that has only just come back
-            raise CameraError("the camera doesn't tell its serial number: plug it in again") from None
+            # pyusb raises it for strings that can't be read, for example of a camera that was just plugged in again
+            raise CameraError("the serial number of the camera can't be read: plug it in again") from None
 
     def _configured(self) -> bool:
         """Return True if the device has its one configuration; without one, pyusb raises an error without a number."""
@@ -155,9 +156,9 @@ class Davis:
         flips = self.get(IMU, 1)
         swap, frame_swap = bool(turned & 4), bool(orientation & 4)
         if not all(0 < side <= MAX_ANSWER for side in (columns, rows, wide, high)):
-            raise self._nonsense(f"{columns}x{rows} pixels, frames of {wide}x{high}")
+            raise self._implausible(f"{columns}x{rows} pixels, frames of {wide}x{high}")
         if not all(0 < clock <= MAX_ANSWER for clock in (logic_clock, converter_clock, usb_clock)):
-            raise self._nonsense(f"clocks of {logic_clock:g}, {converter_clock:g} and {usb_clock:g} MHz")
+            raise self._implausible(f"clocks of {logic_clock:g}, {converter_clock:g} and {usb_clock:g} MHz")
         try:
             biases_of(chip)
         except ValueError as error:
@@ -183,9 +184,11 @@ class Davis:
         """Columns, rows and orientation of events and of frames."""
         return [(self.get(module, 0), self.get(module, 1), self.get(module, 2)) for module in (DVS, APS)]
 
-    def _nonsense(self, what: str) -> CameraError:
+    def _implausible(self, what: str) -> CameraError:
         self.close()
-        return CameraError(f"camera {self._serial} answers nonsense ({what}): plug it in again, or into another port")
+        return CameraError(
+            f"camera {self._serial} gives implausible answers ({what}): plug it in again, or into another port"
+        )
 
     def _refused(self, why: str) -> CameraError:
         self.close()
@@ -203,15 +206,15 @@ class Davis:
         self._control(WRITE, REGISTER, module, parameter, int(value).to_bytes(4, "big"))
 
     def _control(self, kind: int, request: int, value: int, index: int, data: Any) -> Any:
-        """A control transfer, tried again once if it isn't answered in time."""
-        with _told():
+        """Do a control transfer, which is repeated once after a timeout."""
+        with _translated_errors():
             try:
                 return self.device.ctrl_transfer(kind, request, value, index, data, timeout=TIMEOUT)
             except usb.core.USBTimeoutError:
                 return self.device.ctrl_transfer(kind, request, value, index, data, timeout=TIMEOUT)
 
     def set_together(self, *writes: tuple[int, int, int]) -> None:
-        """Write several registers, each (module, parameter, value), with nothing in between."""
+        """Write several registers, each (module, parameter, value), in one transfer."""
         data = b"".join(bytes([m, p]) + int(value).to_bytes(4, "big") for m, p, value in writes)
         self._control(WRITE, SEVERAL, len(writes), 0, data)
 
@@ -223,7 +226,7 @@ class Davis:
                 return high << 32 | low
 
     def configure(self, settings: CameraSettings | None = None) -> None:
-        """The vendor's default configuration, then what differs from it.
+        """Write the vendor's default configuration, then the settings that differ from it.
 
         ValueError for biases or a region that the camera doesn't have.
         """
@@ -243,9 +246,9 @@ class Davis:
         """Start the stream, after `configure`; the camera's time is reset first."""
         self._halt()
         time.sleep(0.01)
-        with _told():
+        with _translated_errors():
             self.device.clear_halt(ENDPOINT)
-        # of an earlier start that failed half-way
+        # closes streams of an earlier, incomplete start
         self.end_reading()
         self._stream, self.faults = _stream(self.device), 0
         if self.facts.board == "FX3":
@@ -266,7 +269,7 @@ class Davis:
         self.set_together((MUX, 2, 1), (MUX, 2, 0))
 
     def stop(self) -> None:
-        """End the stream; what is on its way can still be read. A camera that is gone counts as stopped."""
+        """End the stream; bytes in transit can still be read. A disconnected camera counts as stopped."""
         with suppress(Unplugged):
             self._halt()
 
@@ -275,7 +278,7 @@ class Davis:
             self.set(module, parameter, 0)
 
     def read(self, timeout: int = 100) -> bytes:
-        """Bytes of the stream that came within `timeout` ms, maybe none; called from one thread at a time."""
+        """Return bytes of the stream that arrive within `timeout` ms, maybe none; for one thread at a time."""
         if self._stream is None:
             self._stream = _stream(self.device)
         try:
@@ -284,7 +287,7 @@ class Davis:
             raise Unplugged(f"the camera stopped sending: {error}") from None
         finally:
             self.faults = self._stream.faults
-            # byte 0 says that it is a message, the text begins at byte 6
+            # byte 0 marks a message, and its text begins at byte 6
             said = [] if self._debug is None else self._debug.arrived()
             self.messages += [m[6:].decode("ascii", "replace").rstrip("\0 \n") for m in said if m[:1] == b"\0"]
 
@@ -296,11 +299,11 @@ class Davis:
         self._debug = self._stream = None
 
     def dropped(self) -> int | None:
-        """Events that the camera itself has dropped since it was powered on, None if it doesn't count them."""
+        """Return the number of events that the camera dropped since power-on, None if it doesn't count them."""
         return self.get64(MUX, 83) if "statistics" in self.facts.has else None
 
     def decoder(self) -> DavisDecoder:
-        """A decoder for this camera's stream, whose times never fall."""
+        """Return a decoder for this camera's stream, whose times never decrease."""
         facts = self.facts
         return DavisDecoder(
             facts.width,
@@ -315,7 +318,7 @@ class Davis:
         )
 
     def about(self) -> dict[str, Any]:
-        """Facts about the camera for recordings: name, serial, biases, settings, note."""
+        """Return facts about the camera for recordings: name, serial, biases, settings, note."""
         numbers = {name: [bias.first, bias.second] for name, bias in biases_of(self.facts.chip).items()}
         numbers |= {name: list(pair) for name, pair in self.settings.biases.items()}
         facts = {"camera": self.facts.name, "serial": self.facts.serial, "biases": numbers}
@@ -323,7 +326,7 @@ class Davis:
         return facts | ({"note": self.note} if self.note else {})
 
     def journal_head(self, decoder: DavisDecoder, last: int | None, about: Mapping[str, Any]) -> bytes:
-        """The first bytes of a file of the format `davis`; see `Camera`."""
+        """Return the first bytes of a file of the format `davis`; see `Camera`."""
         return header(decoder, last, about)
 
     def close(self) -> None:
@@ -339,7 +342,7 @@ class Davis:
 
 
 def devices(backend: Any) -> list[Any]:
-    """The cameras that are connected, whether or not a program uses them."""
+    """Return the connected cameras, including those that other programs use."""
     try:
         options = {} if backend is None else {"backend": backend}
         return [
@@ -352,7 +355,7 @@ def devices(backend: Any) -> list[Any]:
 
 
 def _stream(device: Any) -> UsbStream:
-    """The best way to read that the device's backend allows."""
+    """Return the fastest kind of stream that the backend of the device supports."""
     found = queued(device, ENDPOINT)
     if found is not None:
         return found
@@ -363,8 +366,8 @@ def _stream(device: Any) -> UsbStream:
 
 
 @contextmanager
-def _told() -> Iterator[None]:
-    """Raise USB's errors as CameraErrors that say what they mean."""
+def _translated_errors() -> Iterator[None]:
+    """Raise USB errors in the block as CameraErrors that name cause and cure."""
     try:
         yield
     except usb.core.USBError as error:
@@ -375,4 +378,4 @@ def _told() -> Iterator[None]:
             raise CameraError("another program uses the camera: close it (DV, jAER, another nvsdata)") from None
         if error.errno in (errno.ENODEV, errno.EIO):
             raise Unplugged("the camera was unplugged") from None
-        raise CameraError(f"the camera doesn't do as asked: {error.strerror or error}") from None
+        raise CameraError(f"the camera refused a request: {error.strerror or error}") from None

@@ -1,6 +1,6 @@
-"""Files of a DAVIS camera's stream as it came: `nvsdata record` keeps one next to its output until that is complete.
+"""Files of a DAVIS camera's raw stream: `nvsdata record` writes one next to its output until that is complete.
 
-The first line is `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.Decoder`), `last` (µs at which the
+The first line is `#!DAVIS-STREAM1 ` and JSON: `decoder` (the fields of `stream.DavisDecoder`), `last` (µs at which the
 recording ends, or null) and `about` (as `Recording.about`). The camera's words follow, 16 bits each, little-endian.
 Time 0 is the first reset of the camera's clock, or, if there is none, that of its own clock. A process that is killed
 leaves half a word at most, which is ignored.
@@ -27,13 +27,13 @@ MAX_SIDE = 4096  # pixels per side
 
 
 def header(decoder: DavisDecoder, last: int | None, about: Mapping[str, Any]) -> bytes:
-    """The first line of a file."""
+    """Return the first line of a file."""
     how = {field.name: getattr(decoder, field.name) for field in fields(DavisDecoder) if field.init}
     return MARK + json.dumps({"decoder": how, "last": last, "about": dict(about)}).encode() + b"\n"
 
 
 class StreamRecording(FileRecording):
-    """A camera's stream in a file."""
+    """Recording from a file of a camera's stream."""
 
     format = "davis"
     holds_samples = True
@@ -81,7 +81,7 @@ class StreamRecording(FileRecording):
         yield Piece.beside(Events.empty((decoder.width, decoder.height)), about=self._about)
         yield from self._in_order(decoder, self._last)
         if not decoder.begun:
-            # nothing marks the clock's reset: all of it counts, in the camera's own time
+            # without a reset of the clock, all events count, in the camera's own time
             decoder = self._decoder()
             decoder.begun = True
             yield from self._in_order(decoder, None)
@@ -89,7 +89,7 @@ class StreamRecording(FileRecording):
             self._repair(name, count)
 
     def _in_order(self, decoder: DavisDecoder, last: int | None) -> Iterator[Piece]:
-        """Yield a decoder's events. FormatError if times fall: it met a reset that wasn't there in an earlier pass."""
+        """Yield a decoder's events. FormatError if times decrease: the file has changed since an earlier pass."""
         latest = 0
         for piece, _ in decoder.decoded(self._blocks(), last):
             if len(piece) and (int(piece.t[0]) < latest or not is_sorted(piece.t)):

@@ -14,7 +14,7 @@ MUX, DVS, APS, IMU, EXTERNAL, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
 RUNNING = ((DVS, 3), (APS, 4), (IMU, 2), (IMU, 3), (IMU, 4), (EXTERNAL, 0), (MUX, 0), (MUX, 1), (USB, 0), (MUX, 3))
 EXTERNAL_EDGES = ("pulses", "rising", "falling", "both")
 POLARITIES = ("both", "on", "off")
-MASKED = 8  # pixels whose events a camera can hold back
+MASKED = 8  # pixels whose events a camera can suppress
 CHIPS = {
     0: "DAVIS240A",
     1: "DAVIS240B",
@@ -36,10 +36,12 @@ VDAC, SHIFTED = -1, -2
 class Bias:
     """A bias of a chip.
 
-    - `parameter`: its register in module `CHIP`
-    - `first`, `second`: its default numbers. Currents have a coarse (0..7) and a fine (0..255) number, shifted
-      sources a reference and a regulator (0..63 each), VDACs a voltage (0..63) and a current (0..7)
-    - `kind`: `VDAC`, `SHIFTED`, or the low bits of a current
+    Args:
+        parameter: Its register in module `CHIP`.
+        first: Default of its first number.
+        second: Default of its second number. Currents have a coarse (0..7) and a fine (0..255) number, shifted sources
+            a reference and a regulator (0..63 each), VDACs a voltage (0..63) and a current (0..7).
+        kind: `VDAC`, `SHIFTED`, or the low bits of a current.
     """
 
     parameter: int
@@ -48,7 +50,7 @@ class Bias:
     kind: int
 
     def value(self, first: int | None = None, second: int | None = None) -> int:
-        """The register's value, for the numbers given or else the default ones. ValueError if they don't fit."""
+        """Return the register's value for the given or the default numbers. ValueError for numbers out of range."""
         a = self.first if first is None else first
         b = self.second if second is None else second
         highest = {VDAC: (63, 7), SHIFTED: (63, 63)}.get(self.kind, (7, 255))
@@ -120,7 +122,7 @@ BIASES_346 = _biases(
 
 
 def biases_of(chip: int) -> dict[str, Bias]:
-    """The biases of a chip, by name. ValueError for a chip that isn't supported."""
+    """Return the biases of a chip, by name. ValueError for a chip that isn't supported."""
     if chip in (0, 1, 2):
         return BIASES_240
     if chip in (4, 5, 9):
@@ -132,22 +134,23 @@ def biases_of(chip: int) -> dict[str, Bias]:
 class CameraSettings:
     """Settings of a DAVIS camera.
 
-    - `biases`: by name, each two numbers (see `Bias`), in place of the chip's defaults
-    - `frames`: send frames in addition to events (default False)
-    - `inertial`: send inertial samples in addition to events (default True)
-    - `region`: (x, y, width, height), the pixels whose events are sent (default: all)
-    - `activity_filter`: µs, None for off, for cameras that have it (default 2,000)
-    - `refractory_filter`: µs, None for off, for cameras that have it (default None)
-    - `exposure`: of frames, in µs (default 4,000)
-    - `frame_interval`: from frame to frame, in µs (default 40,000)
-    - `packet_delay`: µs after which a packet is sent that isn't full (default 1,000)
-    - `external`: what is reported of the external input, "pulses", "rising", "falling" or "both" (default "pulses")
-    - `masked`: up to eight pixels (x, y) whose events aren't sent (default none)
-    - `skip`: N leaves out one event in N (default: none is left out)
-    - `polarity`: send "both", "on" or "off" events (default "both")
-    - `frame_region`: (x, y, width, height), the pixels that frames have (default: all)
-
     Raises ValueError for values out of range; whether the camera can do it is known when it is configured.
+
+    Args:
+        biases: By name, each two numbers (see `Bias`), in place of the chip's defaults.
+        frames: Send frames in addition to events (default False).
+        inertial: Send inertial samples in addition to events (default True).
+        region: (x, y, width, height), the pixels whose events are sent (default: all).
+        activity_filter: µs, None for off, for cameras that have it (default 2,000).
+        refractory_filter: µs, None for off, for cameras that have it (default None).
+        exposure: Of frames, in µs (default 4,000).
+        frame_interval: From frame to frame, in µs (default 40,000).
+        packet_delay: µs after which a packet is sent that isn't full (default 1,000).
+        external: What is reported of the external input, "pulses", "rising", "falling" or "both" (default "pulses").
+        masked: Up to eight pixels (x, y) whose events aren't sent (default none).
+        skip: N leaves out one event in N (default: none is left out).
+        polarity: Send "both", "on" or "off" events (default "both").
+        frame_region: (x, y, width, height), the pixels that frames have (default: all).
     """
 
     biases: Mapping[str, tuple[int, int]] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""The decoder of what a DAVIS camera sends: bytes in; events, special events, inertial samples and frames out.
+"""Decoder of a DAVIS camera's stream: from bytes to events, special events, inertial samples and frames.
 
 Logic 18, the vendor's coding of 16-bit words. Any split of the stream into pieces of whole words gives the same result.
 """
@@ -48,10 +48,11 @@ ERRORS = {
 class Specials(NamedTuple):
     """Special events, int64 [n] each.
 
-    - `word`: number of the word that each came with, counted from the start
-    - `t`: time (µs)
-    - `kind`: type, a key of `SPECIALS`
-    - `before`: how many of the events that `feed` returned came before it
+    Args:
+        word: Number of the word that each came with, counted from the start.
+        t: Time (µs).
+        kind: Type, a key of `SPECIALS`.
+        before: How many of the events that `feed` returned came before it.
     """
 
     word: np.ndarray
@@ -68,16 +69,6 @@ NO_SPECIALS = Specials(NONE, NONE, NONE, NONE)
 class DavisDecoder:
     """Decodes a camera's stream, piece by piece.
 
-    - `width`, `height`: of the sensor in pixels, as the host sees it
-    - `swap`: whether the sensor's rows are the host's columns (default False)
-    - `frame_size`: (width, height) of frames, as the host sees them (default: those of the sensor)
-    - `frame_orientation`: register 2/2 (4: swap, 2: flip x, 1: flip y; default 0)
-    - `chip`: register 6/1 (default 2)
-    - `inertial`: register 3/0 (default 1)
-    - `inertial_flips`: register 3/1 (4: x, 2: y, 1: z; default 0)
-    - `steady`: times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
-      clock that fits ("lost_wraps"), and likewise at every reset except the first ("late_resets") (default False)
-
     `feed` returns the events of a piece, in the order of the stream (µs; times restart at a "timestamp_reset", and
     fall only there or in damaged streams). `specials`, `samples` and `frames` hold what else the last piece brought,
     `sample_words` and `frame_words` the numbers of the words at which samples and frames ended. `error_counts` counts
@@ -85,6 +76,19 @@ class DavisDecoder:
     dropped), columns of a frame with too few pixels (the rest keeps what was there before), pieces whose last byte is
     half a word (which is dropped). `begun` says whether `decoded` has met a reset of the clock; set it to True before,
     and everything counts.
+
+    Args:
+        width: Width of the sensor in pixels, as the host sees it.
+        height: Height of the sensor in pixels.
+        swap: Whether the sensor's rows are the host's columns (default False).
+        frame_size: (width, height) of frames, as the host sees them (default: those of the sensor).
+        frame_orientation: Register 2/2 (4: swap, 2: flip x, 1: flip y; default 0).
+        chip: Register 6/1 (default 2).
+        inertial: Register 3/0 (default 1).
+        inertial_flips: Register 3/1 (4: x, 2: y, 1: z; default 0).
+        steady: Times never fall: where parts of the stream are missing they go on from the next wrap of the camera's
+            clock that fits ("lost_wraps"), and likewise at every reset except the first ("late_resets") (default
+            False).
     """
 
     width: int
@@ -142,7 +146,7 @@ class DavisDecoder:
         rows: list[np.ndarray] = []
         self.frames, self.frame_words = [], []
         at = count = 0
-        # frames may lack pixels, so a few words could claim many large ones
+        # frames may be incomplete, so a few words could claim many large frames
         room = most_bytes(words.nbytes)
         while at < words.size:
             at, events, specials, samples, whole = kernel.decode(
@@ -183,7 +187,7 @@ class DavisDecoder:
         `steady`: events of others may be out of order.
         """
         if not self.steady:
-            raise ValueError("only a steady decoder gives events in order: Decoder(steady=True)")
+            raise ValueError("only a steady decoder returns events in order: DavisDecoder(steady=True)")
         size = (self.width, self.height)
         for block in blocks:
             events = self.feed(block)
@@ -209,7 +213,7 @@ class DavisDecoder:
             yield Piece.beside(Events.trusted(columns, size, 0, end), frames, samples, about), times
 
     def _note(self, notes: list[np.ndarray], rows: list[np.ndarray]) -> None:
-        """Put the special events and samples of a piece together."""
+        """Join the special events and samples of a piece."""
         self.specials, self.samples, self.sample_words = NO_SPECIALS, Inertial.empty(), NONE
         if notes:
             word, t, kind, before = (notes[0] if len(notes) == 1 else np.concatenate(notes)).T
@@ -228,7 +232,7 @@ class DavisDecoder:
 
     @property
     def _frame_size(self) -> int:
-        """Bytes of the pixels of a frame of the region that is in force."""
+        """Bytes of the pixels of a frame of the present region."""
         return 2 * int(self._state[kernel.SIZE_X]) * int(self._state[kernel.SIZE_Y])
 
     def _frame(self) -> Frame:

@@ -1,1 +1,1 @@
-"""A camera that isn't there, simulated at the USB level, so that the real driver is what runs."""
+"""Simulated camera at the USB level, which runs with the real driver."""

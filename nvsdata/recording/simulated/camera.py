@@ -1,4 +1,4 @@
-"""A simulated camera: what it answers, and the words that it sends for what its pixels see."""
+"""Simulated camera: its answers to control transfers, and the words that it sends for a scene."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ SAMPLE_WORDS = [
 FRAME_START, COLUMN_OF_RESET, COLUMN_OF_SIGNAL, COLUMN_END = 0x0008, 0x000B, 0x000C, 0x000D
 EXPOSURE_START, EXPOSURE_END, FRAME_END = 0x000E, 0x000F, 0x000A
 DARK_SAMPLE = 500  # the converter's value of a pixel without light; a DAVIS240's converter has one bit less
-SLICE = 20_000  # µs that it catches up on at once, if it was not read for long
-MOST_BEHIND = 30_000_000  # µs that it catches up on: of what came earlier events are dropped
+SLICE = 20_000  # µs of the scene that are simulated at once after a long pause of the reader
+MOST_BEHIND = 30_000_000  # µs that the simulation may be late: earlier events are dropped
 
-# what a DAVIS240C answers, by register
+# answers of a DAVIS240C, by register
 DAVIS240C: dict[tuple[int, int], int] = {
     (SYSTEM, 0): 18,
     (SYSTEM, 1): 2,
@@ -73,19 +73,22 @@ WRITABLE = ((MUX, 0, 5), (DVS, 3, 63), (APS, 4, 13), (IMU, 2, 10), (EXTERNAL, 0,
 class SimulatedDavis:
     """A simulated camera.
 
-    - `scene`: what its pixels see (default: `Outlines()`)
-    - `serial`, `product`, `firmware`: as its USB descriptor has them
-    - `registers`: what it answers, by (module, parameter) (default: those of a DAVIS240C)
-    - `speed`: of its clock relative to the host's, 1.0001 is 100 ppm too fast; with 0, time passes only by `advance`
-      (default 1)
-    - `packet`: bytes per USB packet (default 512)
-    - `log`: all control transfers, (type, request, value, index, data)
-    - `unplugged`: makes it go away
-    - `refusal`: an errno with which it refuses whatever is asked
-    - `stalled`: makes it send no more
-    - `lossy`: share of what it should send that it drops, and counts as dropped (default 0)
-    - `room`: bytes that may wait to be read; beyond that it drops events, as a real camera does. None, the default: it
-      sends everything, as fast as it is read, so that a busy computer loses nothing
+    Args:
+        scene: What its pixels see (default: `Outlines()`).
+        serial: Serial number in its USB descriptor.
+        product: Product ID.
+        firmware: Version of its firmware.
+        registers: What it answers, by (module, parameter) (default: those of a DAVIS240C).
+        speed: Of its clock relative to the host's, 1.0001 is 100 ppm too fast; with 0, time passes only by `advance`
+            (default 1).
+        packet: Bytes per USB packet (default 512).
+        log: All control transfers, (type, request, value, index, data).
+        unplugged: Makes it go away.
+        refusal: Errno with which it refuses every request.
+        stalled: Makes it send no more.
+        lossy: Share of what it should send that it drops, and counts as dropped (default 0).
+        room: Bytes that may wait to be read; beyond that it drops events, as a real camera does. None, the default: it
+            sends everything, as fast as it is read, so that a busy computer loses nothing.
     """
 
     scene: Scene = field(default_factory=Outlines)
@@ -114,7 +117,7 @@ class SimulatedDavis:
         self._extra = 0.0
 
     def control(self, kind: int, request: int, value: int, index: int, data: Any) -> int:
-        """Do a control transfer; return the bytes taken or given. USBError for what the camera doesn't know."""
+        """Do a control transfer; return the number of bytes. USBError for requests that the camera doesn't know."""
         if kind == READ and request == REGISTER:
             known = self.registers.get((value, index), 0 if _writable(value, index) else None)
             if known is None or len(data) != 4:
@@ -143,11 +146,11 @@ class SimulatedDavis:
     def _write(self, module: int, parameter: int, number: int) -> None:
         now = self._now()
         while self._see(now):
-            # what was seen until now is sent as its registers were; not what a slow scene gives in the meantime
+            # events up to now are sent by the previous registers, but not those that a slow scene returns meanwhile
             pass
         self.registers[module, parameter] = number
         if (module, parameter) == (MUX, 2) and number:
-            # a real camera's memory holds next to nothing that is older than the reset
+            # a real camera's memory contains hardly any older words
             self._fifo.clear()
             self._fifo += RESET_WORD.to_bytes(2, "little")
             self._begin()
@@ -166,7 +169,7 @@ class SimulatedDavis:
         return all(self.registers.get(place) for place in ((MUX, 3), (USB, 0), (MUX, 1), (MUX, 0)))
 
     def advance(self, microseconds: float) -> None:
-        """Move the camera's time on."""
+        """Advance the camera's time."""
         self._extra += microseconds
 
     def _now(self) -> int:
@@ -176,7 +179,7 @@ class SimulatedDavis:
         return int((host_time() - self._began - self.scene.lag) * self.speed + self._extra)
 
     def _see(self, now: int, least: int = 1) -> bool:
-        """Put what the pixels saw since the last call, up to `now`, into the FIFO if it is `least` µs or more.
+        """Put the events since the last call, up to `now`, into the FIFO if these are `least` µs or more.
 
         Without a limited `room` it is at most `SLICE`; returns whether more is left for the next call.
         """
@@ -206,10 +209,10 @@ class SimulatedDavis:
         return behind
 
     def _skip(self, span: int) -> None:
-        """Leave out the next `span` µs if that is more than nothing: the process was suspended for long."""
+        """Leave out the next `span` µs if positive, because the process was suspended for long."""
         if span > 0 and self._began is not None:
             start = int(self._began + self._time / (self.speed or 1.0))
-            # how many there were isn't known, because looking would take as long
+            # their number is estimated, because simulating them would take as long
             self._drop(len(self.scene.events(start, start + SLICE)) * -(-span // SLICE))
             self._time += span
 
@@ -218,7 +221,7 @@ class SimulatedDavis:
         self.registers[MUX, 84] = (self.registers.get((MUX, 84), 0) + count) & 0xFFFFFFFF
 
     def _frame(self, now: int) -> tuple[bytes, bytes]:
-        """The two readings of a frame if it is time for one; its exposure lasts from one to the other."""
+        """Return the two readings of a frame if one is due; its exposure lasts from the first to the second."""
         interval = self.registers.get((APS, 13), 0) / self.registers.get((SYSTEM, 4), 30)
         if not self.registers.get((APS, 4)) or now - self._framed < interval:
             return b"", b""
@@ -227,7 +230,7 @@ class SimulatedDavis:
         return readings(picture(region), region)
 
     def _words(self, t: np.ndarray, seen: Events, pulses: list[int], now: int) -> np.ndarray:
-        """The words for events at times `t`, for pulses, and for the clock up to `now`."""
+        """Return the words for events at times `t`, for pulses, and for the clock up to `now`."""
         words = np.empty(4 * len(seen) + (now >> 15) + 8 * len(pulses) + 32, "<u2")
         count = at = 0
         for pulse in (*sorted(pulses), now):
@@ -236,7 +239,7 @@ class SimulatedDavis:
             count += encode(t[part], seen.x[part], seen.y[part], seen.p[part], self._state, words[count:])
             at = until
             while (pulse - self._state[0]) >> 15:
-                # the clock's wraps come whether or not there is an event
+                # the clock wraps without events, too
                 words[count] = 0x7001
                 self._state[0] += 1 << 15
                 count += 1
@@ -254,9 +257,9 @@ class SimulatedDavis:
         return words[:count]
 
     def bulk(self, buffer: Any) -> int:
-        """Put what waits into `buffer`; return the number of bytes. USBTimeoutError if nothing waits."""
+        """Copy waiting bytes into `buffer`; return their number. USBTimeoutError if there are none."""
         while self._asked:
-            # a reader that never pauses would keep the lock to itself
+            # a reader that never pauses would never release the lock to others
             time.sleep(1e-4)
         with self._lock:
             if not self._fifo:
@@ -277,7 +280,7 @@ def picture(region: list[int]) -> np.ndarray:
 
 
 def readings(light: np.ndarray, region: list[int]) -> tuple[bytes, bytes]:
-    """A frame as it is sent, column by column: the reading of dark pixels, and the reading after the exposure."""
+    """Return the words of a frame, column by column: the reading of dark pixels, and the reading after exposure."""
     announced = [word for edge in region for word in (0x5100 | edge >> 8, 0x5200 | edge & 0xFF)]
 
     def columns(kind: int, samples: np.ndarray) -> np.ndarray:

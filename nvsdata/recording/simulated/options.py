@@ -1,4 +1,4 @@
-"""A simulated lab: a camera in front of the monitor, and the faults that it may have."""
+"""Options of a simulated camera in front of a monitor, with its faults."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ AWAY = 2.0  # s for which the camera stays unplugged
 class Simulation:
     """Faults of a simulated camera and screen.
 
-    - `drift`: of the camera's clock, in ppm (default 0)
-    - `noise`: in Hz per pixel (default 0.5)
-    - `late`: share of the pictures that the screen shows a refresh later than the computer thinks (default 0)
-    - `lossy`: share of its packets that the camera drops (default 0)
-    - `wired`: 1 for a photodiode at its external input (default 0)
-    - `unplugged`: s after the first use when the camera is unplugged for two seconds (default 0: never)
-    - `stalled`: s after the first use when it stops sending until it is opened again (default 0: never)
-    - `seed`: of all that is random (default 0)
+    Args:
+        drift: Error of the camera's clock in ppm (default 0).
+        noise: Noise events in Hz per pixel (default 0.5).
+        late: Share of the images that the screen shows a refresh later than the computer thinks (default 0).
+        lossy: Share of its packets that the camera drops (default 0).
+        wired: 1 for a photodiode at its external input (default 0).
+        unplugged: s after the first use when the camera is unplugged for two seconds (default 0: never).
+        stalled: s after the first use when it stops sending until it is opened again (default 0: never).
+        seed: Seed of all random numbers (default 0).
     """
 
     drift: float = 0.0
@@ -40,7 +41,7 @@ class Simulation:
 
     @classmethod
     def of(cls, text: str) -> Simulation:
-        """Settings as NAME=NUMBER, separated by commas. ValueError for others."""
+        """Parse settings in the form NAME=NUMBER, separated by commas. ValueError for others."""
         known = [field.name for field in fields(cls)]
         given: dict[str, float] = {}
         for part in filter(None, text.split(",")):
@@ -52,7 +53,7 @@ class Simulation:
         return cls(**given)
 
     def watched(self, kind: type[SimulatedDavis] = SimulatedDavis) -> tuple[Backend, Callable[..., Any]]:
-        """A backend with a camera that sees a monitor, and the function that the monitor must call as its `look`."""
+        """Return a backend with a camera that sees a monitor, and the function for the monitor's `look`."""
         scene = Watched(
             replace(PIXELS, noise_rate=self.noise, seed=int(self.seed)),
             late=self.late,
@@ -62,7 +63,7 @@ class Simulation:
         return self._backend(kind(scene=scene)), scene.look
 
     def alone(self) -> Backend:
-        """A backend with a camera that sees a moving square."""
+        """Return a backend with a camera that sees a moving square."""
         return self._backend(SimulatedDavis(scene=Outlines(noise=self.noise * 240 * 180)))
 
     def _backend(self, camera: SimulatedDavis) -> Backend:

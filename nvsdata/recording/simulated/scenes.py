@@ -18,11 +18,11 @@ from nvsdata.emulation.pix2nvs_state import PIX2NVSState
 from nvsdata.video.frames import VideoFrame
 
 SIZE = (240, 180)
-BLACK = 2  # level of what isn't the screen, in a dark room
-SETTLED = 1_000_000  # µs without a call after which pixels have adapted to what they see
+BLACK = 2  # level of the dark room around the screen
+SETTLED = 1_000_000  # µs without a call after which pixels have adapted to the light
 REFRESH = 16_667  # µs
 BANDS = np.linspace(8, 172, 13).astype(int)  # rows of the screen that change together
-# a pixel fires when light differs by a fifth from what it was when the pixel last fired, once per fifth
+# a pixel emits an event for each change of the light by a fifth since its last event
 PIXELS = PIX2NVS(
     t_log=20, continuous=True, new=False, exp=False, max_events=8, noise_rate=0.5, mismatch=0.05, bandwidth=12e6
 )
@@ -69,15 +69,16 @@ class Outlines:
 
 @dataclass
 class Watched:
-    """A screen in a dark room, through PIX2NVS: `look` must be called with what the screen shows.
+    """A screen in a dark room, emulated by PIX2NVS: `look` must be called with each image that the screen shows.
 
-    - `pixels`: the sensor's settings
-    - `corners`: places (x, y) of the screen's corners on the sensor
-    - `scan`: µs in which the screen changes from top to bottom (default 12,000)
-    - `late`: share of the pictures that come a refresh later than the host thinks (default 0)
-    - `wired`: a photodiode in the screen's upper left corner pulses the external input when that corner turns bright
-    - `seed`: of which pictures are late (default 0)
-    - `lag`: µs after which events are known (default 80,000)
+    Args:
+        pixels: The sensor's settings.
+        corners: Places (x, y) of the screen's corners on the sensor.
+        scan: µs in which the screen changes from top to bottom (default 12,000).
+        late: Share of the images that come a refresh later than the host thinks (default 0).
+        wired: A photodiode in the screen's upper left corner pulses the external input when that corner turns bright.
+        seed: Of which images are late (default 0).
+        lag: µs after which events are known (default 80,000).
     """
 
     pixels: PIX2NVS = PIXELS
@@ -101,7 +102,7 @@ class Watched:
         self._waiting = Events.empty(SIZE, 0)
 
     def look(self, time: float, picture: np.ndarray) -> None:
-        """The screen shows `picture` (uint8 [H, W, 3], red first) from `time` on."""
+        """Set the image `picture` (uint8 [H, W, 3], red first) that the screen shows from `time` on."""
         # scaled down first, because each pixel sees the mean of an area
         small = cv2.resize(picture, (2 * SIZE[0], 2 * SIZE[1]), interpolation=cv2.INTER_AREA)
         height, width = small.shape[:2]
@@ -142,7 +143,7 @@ class Watched:
         return events.window(stop=stop)
 
     def _until(self, moment: int) -> list[Events]:
-        """Events of a change to the present picture, up to `moment`."""
+        """Events of a change to the present image, up to `moment`."""
         if moment <= self._time or self._emulator is None:
             return []
         before, self._time = self._time, moment

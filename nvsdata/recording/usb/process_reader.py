@@ -1,4 +1,4 @@
-"""Reading a camera in a process of its own, for backends without requests that wait in libusb: it only reads."""
+"""Reading of a camera in a separate process, for backends of pyusb without waiting requests."""
 
 from __future__ import annotations
 
@@ -33,13 +33,14 @@ def can_read_in_subprocess(device: Any) -> bool:
 
 
 class SubprocessStream:
-    """A camera's stream, read by another process; a `Stream`.
-
-    - `opener`: called in that process, must be picklable, and returns the device with its interface claimed
-    - `endpoint`: to read from
-    - `freed`: called when that process has ended (default: nothing is)
+    """Stream of a camera, read by another process; a `UsbStream`.
 
     Raises `Disconnected` if the process can't open the device.
+
+    Args:
+        opener: Called in that process, must be picklable, and returns the device with its interface claimed.
+        endpoint: Endpoint to read from.
+        freed: Called when that process has ended (default: nothing is).
     """
 
     faults = 0  # the first one ends the process
@@ -64,7 +65,7 @@ class SubprocessStream:
 
     @classmethod
     def of(cls, device: Any, endpoint: int) -> SubprocessStream:
-        """Hand a device to another process; its control transfers stay here."""
+        """Pass a device to another process; this process still does its control transfers."""
         usb.util.release_interface(device, 0)
         opener = partial(_found_again, device.idVendor, device.idProduct, device.bus, device.address)
         return cls(opener, endpoint, partial(usb.util.claim_interface, device, 0))
@@ -100,7 +101,7 @@ class SubprocessStream:
 
 
 def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
-    """The device that another process had, with its interface claimed."""
+    """Return the device that another process had, with its interface claimed."""
     device = usb.core.find(idVendor=vendor, idProduct=product, bus=bus, address=address)
     if device is None:
         raise usb.core.USBError("the camera isn't found again")
@@ -109,7 +110,7 @@ def _found_again(vendor: int, product: int, bus: int, address: int) -> Any:
 
 
 def _serve(opener: Callable[[], Any], endpoint: int, blocks: Connection, stop: Event) -> None:
-    """Read until `stop` is set or the device is gone; a second thread sends what was read to `blocks`."""
+    """Read until `stop` is set or the device is gone; a second thread sends the bytes to `blocks`."""
     # Ctrl-C, and other signals to a whole terminal or group, are for the process that started this one
     for number in (signal.SIGINT, *ENDING):
         signal.signal(number, signal.SIG_IGN)

@@ -20,23 +20,23 @@ _UNENDED: list[AsyncStream] = []
 
 
 class Disconnected(Exception):
-    """The device doesn't answer any more."""
+    """The device no longer answers."""
 
 
 class UsbStream(Protocol):
-    """A camera's stream, as it comes; `faults` counts requests that failed, with which bytes may be lost."""
+    """Stream of a camera; `faults` counts requests that failed, whose bytes may be lost."""
 
     faults: int
 
     def read(self, timeout: int) -> bytes:
-        """Bytes that came within `timeout` ms, maybe none. `Disconnected` if the device is gone."""
+        """Return the bytes that arrive within `timeout` ms, maybe none. `Disconnected` if the device is gone."""
 
     def close(self) -> None:
         """Stop reading."""
 
 
 class SyncStream:
-    """One request at a time, through whatever backend the device has.
+    """Stream read by one request at a time, through any backend of pyusb.
 
     Between two of them no request waits, and the camera's 3 kB of memory may overflow.
     """
@@ -63,12 +63,16 @@ class _Timeval(ctypes.Structure):
 
 
 class AsyncStream:
-    """Requests that wait in libusb, so that the camera can always send.
+    """Stream read by several requests that wait in libusb, so that the camera can always send.
 
-    - `lib`, `context`, `handle`: pyusb's own, of a device whose interface has been claimed
-    - `endpoint`: to read from
-    - `count`, `size`: how many requests, and bytes of each (default 32, 65,536)
-    - `kind`: of the endpoint, `BULK` or `INTERRUPT` (default `BULK`)
+    Args:
+        lib: Library of libusb, as pyusb has it.
+        context: Context of libusb.
+        handle: Handle of a device whose interface has been claimed.
+        endpoint: Endpoint to read from.
+        count: Number of requests (default 32).
+        size: Bytes of each request (default 65,536).
+        kind: Kind of the endpoint, `BULK` or `INTERRUPT` (default `BULK`).
     """
 
     def __init__(
@@ -106,7 +110,7 @@ class AsyncStream:
             self._idle.append(transfer)
 
     def _complete(self, transfer: Any) -> None:
-        """Called by libusb with each request that is done: keep what came, and ask for more."""
+        """Keep the bytes of a completed request, and submit it again; libusb calls this."""
         request = transfer.contents
         self._waiting.pop(ctypes.addressof(request), None)
         if request.actual_length:
@@ -132,13 +136,13 @@ class AsyncStream:
         return b"".join(taken)
 
     def _try_again(self) -> None:
-        """Submit those that failed, unless the device is gone."""
+        """Submit failed requests again, unless the device is gone."""
         idle, self._idle = self._idle, []
         for transfer in idle if not self._gone and self.faults < MOST_FAULTS else ():
             self._submit(transfer)
 
     def arrived(self) -> list[bytes]:
-        """Return what came while another stream of the same device was read."""
+        """Return the blocks that arrived while another stream of the same device was read."""
         taken = list(self._done)
         self._done.clear()
         return taken
@@ -164,13 +168,13 @@ class AsyncStream:
 
 
 def queued(device: Any, endpoint: int, *how: int) -> AsyncStream | None:
-    """Requests that wait in libusb, see `AsyncStream`; None if the device's backend isn't pyusb's libusb backend."""
+    """Return requests that wait in libusb (see `AsyncStream`), or None if pyusb uses another backend."""
     parts = _libusb(device)
     return None if parts is None else AsyncStream(*parts, endpoint, *how)
 
 
 def _libusb(device: Any) -> tuple[Any, Any, Any] | None:
-    """libusb's library, context and handle of an open device, as pyusb has them; None if its backend has no such."""
+    """Return the library, context and handle of libusb for an open device, or None if pyusb uses another backend."""
     try:
         from usb.backend import libusb1
 

@@ -9,7 +9,7 @@ import usb.core
 
 from nvsdata.recording.camera import CameraError, Unplugged
 from nvsdata.recording.davis.configuration import DeviceInfo, changes, cycles, defaults
-from nvsdata.recording.davis.driver import Davis, _told
+from nvsdata.recording.davis.driver import Davis, _translated_errors
 from nvsdata.recording.davis.registers import SHIFTED, VDAC, Bias, CameraSettings, N, P, biases_of
 from nvsdata.recording.simulated.camera import DAVIS240C, SimulatedDavis
 from nvsdata.recording.simulated.usb_backend import Backend
@@ -171,11 +171,11 @@ def test_defaults_of_the_parts_that_a_camera_has():
         (errno.EBUSY, CameraError, "another program uses the camera"),
         (errno.ENODEV, Unplugged, "the camera was unplugged"),
         (errno.EIO, Unplugged, "the camera was unplugged"),
-        (errno.EPIPE, CameraError, "the camera doesn't do as asked: Pipe error"),
+        (errno.EPIPE, CameraError, "the camera refused a request: Pipe error"),
     ],
 )
 def test_what_errors_of_usb_mean(number, kind, told):
-    with pytest.raises(CameraError, match=told) as error, _told():
+    with pytest.raises(CameraError, match=told) as error, _translated_errors():
         raise usb.core.USBError("Pipe error", -9, number)
     assert type(error.value) is kind
 
@@ -203,13 +203,13 @@ def test_a_counter_of_64_bits_is_read_until_its_halves_fit(monkeypatch):
         (
             {(1, 0): 4_097},
             {},
-            "camera SIM00001 answers nonsense (4097x180 pixels, frames of 240x180): plug it in again",
+            "camera SIM00001 gives implausible answers (4097x180 pixels, frames of 240x180): plug it in again",
         ),
-        ({(1, 1): 0}, {}, "answers nonsense (240x0 pixels, frames of 240x180)"),
-        ({(2, 0): 0}, {}, "answers nonsense (240x180 pixels, frames of 0x180)"),
-        ({(2, 1): 4_097}, {}, "answers nonsense (240x180 pixels, frames of 240x4097)"),
-        ({(6, 3): 4_097}, {}, "answers nonsense (clocks of 4097, 30 and 30 MHz)"),
-        ({(6, 4): 0}, {}, "answers nonsense (clocks of 90, 0 and 30 MHz)"),
+        ({(1, 1): 0}, {}, "gives implausible answers (240x0 pixels, frames of 240x180)"),
+        ({(2, 0): 0}, {}, "gives implausible answers (240x180 pixels, frames of 0x180)"),
+        ({(2, 1): 4_097}, {}, "gives implausible answers (240x180 pixels, frames of 240x4097)"),
+        ({(6, 3): 4_097}, {}, "gives implausible answers (clocks of 4097, 30 and 30 MHz)"),
+        ({(6, 4): 0}, {}, "gives implausible answers (clocks of 90, 0 and 30 MHz)"),
         ({(6, 3): 4_096, (6, 7): 2}, {}, None),
         ({(6, 0): 19}, {}, "camera SIM00001 has logic 19, 18 is needed: update it"),
         ({}, {"firmware": 0x0104}, None),
@@ -244,7 +244,7 @@ def test_what_a_turned_camera_without_a_serial_number_is():
         assert decoder.steady
         about = davis.about()
         assert (about["camera"], about["serial"], about["biases"]["OnBn"]) == ("DAVIS240C", "TMP00258", [5, 255])
-        with pytest.raises(CameraError, match="the camera doesn't do as asked"):
+        with pytest.raises(CameraError, match="the camera refused a request"):
             davis.set(1, 64, 1)
 
 

@@ -28,10 +28,10 @@ HAPPENS = {
     "unplug": (6, "No such device|unplugged|gone|doesn't answer", None),
     "serial": (3, "No such device|unplugged|gone|doesn't answer", None),
     "stall": (3, "the camera sent nothing for", None),
-    "reset": (4, "the camera's clock was reset in the middle", None),
+    "reset": (4, "the camera's clock was reset during the recording", None),
     "usb": (4, "USB transfers failed", None),
     "late": (4, None, None),
-    "hang": (3, "doesn't do as asked", None),
+    "hang": (3, "refused a request", None),
     "drops": (5, "the camera dropped", None),
     "early": (5, None, None),
     "triggers": (6, None, None),
@@ -55,7 +55,7 @@ HAPPENS = {
 # those that can't be recorded, and why
 REFUSED = {
     "broken": (6, "."),
-    "fast": (3, "119.*60|120.*60|pictures per second"),
+    "fast": (3, "119.*60|120.*60|frames per second"),
     "away": (3, "flash"),
     "faint": (3, "too few"),
 }
