@@ -314,3 +314,36 @@ def test_boxes_come_in_any_form(make):
 def test_a_list_as_sample_is_misplaced():
     with pytest.raises(TypeError, match="it takes Events, a Recording or an image"):
         T.WithBoxes(T.RandomFlip())([filled()], target(BOX))
+
+
+def test_boxes_are_passed_openly():
+    """Any thread can run a pipeline, and transforms of one's own say what they do to boxes."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    flip = T.WithBoxes(T.Compose([T.RandomFlip(0, 1.0), T.ToFrames(1)]))
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(flip, filled(), target(BOX)).result()[1]["boxes"].tolist() == [[27, 12, 40, 25]]
+    events, moved = T.RandomFlip(1, 1.0).with_boxes(filled(), Boxes.of([BOX], (WIDTH, HEIGHT)))
+    assert moved.edges.tolist() == [[20, 15, 33, 28]]
+    assert events == T.RandomFlip(1, 1.0)(filled())
+
+    class Own:
+        def __call__(self, sample):
+            return T.RandomFlip(0, 1.0)(sample)
+
+        def with_boxes(self, sample, boxes):
+            return T.RandomFlip(0, 1.0).with_boxes(sample, boxes)
+
+    whole = T.WithBoxes(T.Compose([T.RandomApply(Own(), 1.0), T.NodeFeatures(T.Compose([Own(), T.RadiusGraph()]), [])]))
+    graph, found = whole(filled(), target(BOX))
+    assert found["boxes"].tolist() == [list(BOX)]
+    assert graph.num_nodes == len(filled())
+
+
+def test_a_subclass_that_changes_the_call_alone_is_refused():
+    class Twice(T.RandomFlip):
+        def __call__(self, sample):
+            return super().__call__(super().__call__(sample))
+
+    with pytest.raises(TypeError, match="Twice overrides __call__, so it must override with_boxes, too"):
+        T.WithBoxes(Twice())(filled(), target(BOX))

@@ -51,7 +51,7 @@ KINDS = {
     "Graph": GRAPH,
     "Graph of no sensor": UNKNOWN,
     "GraphBatch": GraphBatch.from_graphs([GRAPH, GRAPH]),
-    "volume": FRAMES,
+    "frames": FRAMES,
     "image": FRAMES[0],
     "row": FRAMES[0, 0],
     "number": torch.tensor(1.0),

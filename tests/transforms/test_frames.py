@@ -47,7 +47,7 @@ def test_emulated_events_at_the_frame_itself_belong_to_it():
     assert T.ToFrames(fps=25, values="sum")(ev).tolist() == [[[1, 0]], [[0, 1]]]
 
 
-def test_volumes_are_cut_at_random_or_filled_up():
+def test_clips_are_cut_at_random_or_filled_up():
     frames = torch.arange(10.0).reshape(10, 1, 1).expand(10, 2, 3)
     starts = {int(T.RandomTemporalCrop(4)(frames)[0, 0, 0]) for _ in range(200)}
     assert starts == set(range(7))
@@ -55,7 +55,7 @@ def test_volumes_are_cut_at_random_or_filled_up():
     assert long[:, 0, 0].tolist() == [*range(10), 0, 0]
 
 
-def test_stacks_are_frames_in_a_row():
+def test_sliding_clips_are_frames_in_a_row():
     frames = torch.randn(5, 4, 6)
     found = T.SlidingClips(3)(frames)
     assert found.shape == (3, 3, 4, 6)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -200,6 +202,17 @@ def test_the_seed_decides():
         draws.append(T.Compose([T.RandomWindow(30_000), T.NonUniformSample(4), T.DropEvents(0.3)])(sweep()))
     assert draws[0] == draws[1]
     assert draws[0] != draws[2]
+
+
+def test_a_graph_moves_as_its_events_do():
+    g, settings = graph(), (0.9, 20.0, 1.5, -2.0, 0.1, 1.1)
+    moved, events = T.affine(g, *settings), T.affine(sweep(60), *settings)
+    inside = (moved.pos.round() >= 0).all(1) & (moved.pos.round() <= torch.tensor([33.0, 33.0])).all(1)
+    assert moved.pos[inside].round().tolist() == np.stack((events.x, events.y), 1).tolist()
+    unknown = replace(g, sensor_size=None)
+    assert torch.equal(T.affine(unknown, dx=1.5).pos, g.pos + torch.tensor([1.5, 0.0]))
+    with pytest.raises(ValueError, match="the graph has no sensor_size, so its center isn't known"):
+        T.affine(unknown, 0.5)
 
 
 def test_nothing_is_dropped_at_a_probability_of_0():

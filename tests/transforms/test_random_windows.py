@@ -18,7 +18,7 @@ def steady(n=1000, gap=1000, start=0):
     return Events(t, np.arange(n) % 40, np.arange(n) % 30, np.arange(n) % 2, (40, 30))
 
 
-def test_volumes_lie_in_the_parts_of_the_recording():
+def test_random_windows_lie_in_the_parts_of_the_recording():
     ev = steady(start=1_600_000_000_000_000)
     starts = set()
     for _ in range(50):
