@@ -43,20 +43,34 @@ def save(
     metrics: Mapping[str, Any] | None = None,
     data: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write a network with its classes, transform and metrics into one file; returns the path of the file.
+    """Write a network with its classes, transform and metrics into one file.
 
-    - `model`: a registered network (`register_network`), such as those of `nvsdata.models`
-    - `path`: of the file. A bare name ("asl", without folder or suffix) stands for a file in the model folder:
-      $NVSDATA_MODELS, or `models` in nvsdata's cache folder
-    - `classes`: names, in the order of the scores (default: none)
-    - `transform`: makes the network's input from a recording, stored as its repr (default None)
-    - `metrics`: such as the accuracy, stored as JSON (default None)
-    - `data`: what it was trained on, stored as JSON (default None)
+    The file contains only the name and the weights of a convolution of your own (see `RGCNN`). Pass the class to
+    `load`.
 
-    Of a convolution of your own (see `RGCNN`) the file has the name and the weights; `load` must be given it again.
+    Args:
+        model: A registered network (`register_network`), such as those of `nvsdata.models`.
+        path: Path of the file. A bare name ("asl", without folder or suffix) is a file in the model folder:
+            $NVSDATA_MODELS, or `models` in nvsdata's cache folder.
+        classes: Class names, in the order of the scores (default: none).
+        transform: Transform from a recording to the network's input, stored as its repr (default None).
+        metrics: Results such as the accuracy, stored as JSON (default None).
+        data: Description of the training data, stored as JSON (default None).
 
-    ValueError for a network that isn't registered or is fused, a transform that isn't registered or whose repr
-    doesn't build it, and a convolution without a name (a lambda).
+    Returns:
+        The path of the file.
+
+    Raises:
+        ValueError: For a network that isn't registered or is fused, a transform that isn't registered or that its repr
+            doesn't rebuild, and a convolution without a name (a lambda).
+
+    Example:
+        >>> import tempfile
+        >>> from nvsdata import models
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = models.save(models.rgcnn("n-mnist"), f"{folder}/digits.safetensors", metrics={"accuracy": 0.97})
+        ...     models.load(path).metrics
+        {'accuracy': 0.97}
     """
     kind, settings = getattr(model, "kind", None), getattr(model, "settings", None)
     if kind not in NETWORKS or type(model) is not NETWORKS[str(kind)]:
@@ -87,15 +101,29 @@ def load(
 ) -> Trained:
     """Read a network that `save` wrote.
 
-    - `path`: of the file, or a bare name as for `save`
-    - `device`: where to put the network (default "cpu")
-    - `convolution`: the class or function of your own that the network was built with; the file has only its name,
-      since reading a file runs no code (default None)
+    Args:
+        path: Path of the file, or a bare name as for `save`.
+        device: Device of the network (default "cpu").
+        convolution: The class or function of your own that the network was built with. The file contains only its name,
+            because reading a file runs no code (default None).
 
-    Returns a `Trained`, in evaluation mode. FileNotFoundError if there is no such file. FormatError for a file that
-    is something else, truncated, altered or of another version, names a network or transform that isn't registered,
-    needs a `convolution` that isn't the one given, or has weights that don't fit the network. ValueError for a
-    `convolution` that the file doesn't need.
+    Returns:
+        A `Trained`, whose network is in evaluation mode.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        FormatError: For a file that isn't a saved network, that is truncated, altered or of another version, that names
+            a network or transform that isn't registered, that needs another `convolution`, or whose weights don't fit
+            the network.
+        ValueError: For a `convolution` that the file doesn't need.
+
+    Example:
+        >>> import tempfile
+        >>> from nvsdata import models
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = models.save(models.rgcnn("n-mnist", 2), f"{folder}/letters.safetensors", classes=["a", "b"])
+        ...     models.load(path).classes
+        ('a', 'b')
     """
     where = _place(path)
     if not where.is_file():
