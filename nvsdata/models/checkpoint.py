@@ -1,6 +1,6 @@
 """Trained networks in one safe file: weights, constructor arguments, classes, transform and metrics.
 
-The file has the safetensors format, whose reader runs no code; everything but the weights is JSON in its header.
+The file has the safetensors format, whose reader runs no code. Everything but the weights is JSON in its header.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def load(
 
 @dataclass(frozen=True)
 class _Header:
-    """The JSON header of a file; the defaults define the types."""
+    """JSON header of a file; the defaults define the types."""
 
     version: int = VERSION
     network: str = ""
@@ -175,7 +175,7 @@ class _Header:
 
 
 def _header(where: Path, text: str) -> _Header:
-    """The header; FormatError if an entry is missing or has another type."""
+    """Return the header. FormatError if an entry is missing or has another type."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -202,7 +202,7 @@ def _header(where: Path, text: str) -> _Header:
 
 
 def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tensor]) -> nn.Module:
-    """The network, without memory for its weights yet; ValueError unless `state` fits it."""
+    """Return the network, without memory for its weights yet. ValueError unless `state` fits it."""
     room, here = len(state), get_ident()
 
     def count(*_: Any) -> None:
@@ -222,7 +222,7 @@ def _network(kind: str, settings: dict[str, Any], state: Mapping[str, torch.Tens
 
 
 def _without_classes(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as JSON: a convolution of the user's own by its name, {"name": "module:class"}."""
+    """Return settings as JSON, with a convolution of the user's own by its name, {"name": "module:class"}."""
     given = settings.get("convolution")
     if not callable(given):
         return dict(settings)
@@ -233,7 +233,10 @@ def _without_classes(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_convolution(where: Path, settings: dict[str, Any], given: Any) -> dict[str, Any]:
-    """The settings with the convolution that the file names; the module isn't compared, as scripts are __main__."""
+    """Return the settings with the convolution that the file names.
+
+    The module isn't compared, because that of scripts is __main__.
+    """
     saved = settings.get("convolution")
     if not (isinstance(saved, dict) and isinstance(saved.get("name"), str)):
         if given is not None:
@@ -262,7 +265,7 @@ def _place(path: str | os.PathLike[str]) -> Path:
 
 
 def _home() -> Path:
-    """The folder of networks given by a bare name."""
+    """Return the folder of networks given by a bare name."""
     if chosen := os.environ.get("NVSDATA_MODELS"):
         return Path(chosen)
     # imported here because it takes a quarter of a second
@@ -291,7 +294,7 @@ def _same_kinds(a: Any, b: Any) -> bool:
 
 
 def _digest(text: str, state: Mapping[str, torch.Tensor]) -> str:
-    """SHA-256 of the header and all weights."""
+    """Return the SHA-256 digest of the header and all weights."""
     digest = hashlib.sha256(text.encode())
     for name in sorted(state):
         value = state[name]

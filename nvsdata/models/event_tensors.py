@@ -29,8 +29,8 @@ class EST(nn.Module):
     piecewise linear, it is evaluated at two positions of each piece only. The result and the gradients are the same as
     with an evaluation for every event. There is no gradient with respect to times.
 
-    The network takes an `EventBatch` (`nvsdata.collate(events="columns")`) of B samples of one sensor size. It returns
-    float32 [B, 2 C, H, W], OFF before ON.
+    The network takes an `EventBatch` (`nvsdata.collate(samples, events="columns")`) of B samples of one sensor size. It
+    returns float32 [B, 2 C, H, W], OFF before ON.
 
     Args:
         bins: C, number of channels per polarity (default 9).

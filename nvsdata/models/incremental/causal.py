@@ -7,7 +7,7 @@ from nvsdata.models.incremental.network import NetworkLayers
 
 
 class IncrementalCausalNetwork(CausalNetwork):
-    """A network's rows for events whose neighbors are those before them.
+    """Rows of a network on a causal graph, each computed once.
 
     ValueError for average pooling.
     """
