@@ -16,7 +16,6 @@ from nvsdata.common.validation import at_least
 from nvsdata.data.batching import collate
 from nvsdata.data.events import Events
 from nvsdata.data.recording import Recording
-from nvsdata.models.voting import vote
 from nvsdata.transforms.rng import deterministic_rng
 
 One = str | os.PathLike[str] | Recording | Events
@@ -110,6 +109,19 @@ class Trained:
         device = next(self.model.parameters()).device
         probabilities: torch.Tensor = vote(self.model(batch.to(device)))
         return probabilities
+
+
+def vote(scores: torch.Tensor, axis: int = 0) -> torch.Tensor:
+    """Combine the scores of several windows of a recording.
+
+    Args:
+        scores: Class scores (logits) of each window, [..., num_classes].
+        axis: Axis of the windows (default 0).
+
+    Returns:
+        Probabilities in proportion to the geometric mean of those of the windows, without that axis.
+    """
+    return scores.log_softmax(-1).mean(axis).softmax(-1)
 
 
 def _is_one(recordings: One | Iterable[One]) -> TypeGuard[One]:

@@ -2,11 +2,10 @@
 
 from nvsdata.training.data import TrainTestSplit, data_of, loader
 from nvsdata.training.evaluation import Votes, accuracies, predict, votes
-from nvsdata.training.main import run
 from nvsdata.training.optimizers import adam, sgd
 from nvsdata.training.processes import Team, team
 from nvsdata.training.report import write_report
-from nvsdata.training.tensorboard import to_tensorboard
+from nvsdata.training.runs import run, to_tensorboard
 from nvsdata.training.trainer import Trainer
 
 __all__ = [

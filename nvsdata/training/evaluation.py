@@ -11,7 +11,7 @@ import torch
 from torch import distributed, nn
 from torch.utils.data import DataLoader
 
-from nvsdata.models.voting import vote
+from nvsdata.models.prediction import vote
 from nvsdata.training.processes import Team
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -12,10 +14,13 @@ from typing import Any, Self
 import torch
 from torch.optim import Optimizer
 
-from nvsdata.common.errors import FormatError, line_of
+from nvsdata.common.errors import FormatError, line_of, shown
 from nvsdata.common.files import append_own, json_line, named, put, write_all
+from nvsdata.common.signals import end_of, ending_by_signals, exit_code
+from nvsdata.common.terminal import escaped_output
+from nvsdata.training.processes import Team
 
-CHECKPOINT, LOG = "checkpoint.pt", "log.jsonl"
+CHECKPOINT, LOG, TENSORBOARD = "checkpoint.pt", "log.jsonl", "tensorboard"
 # epochs in the checkpoint of each training of this process, by its folder: what a later run can continue from
 FINISHED: dict[Path, int] = {}
 
@@ -113,3 +118,58 @@ def add_to_log(out: Path, line: dict[str, Any]) -> None:
     """Add the line of an epoch."""
     with named(out / LOG), append_own(out / LOG) as log:
         write_all(log.fileno(), json_line(line).encode())
+
+
+def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
+    """Return a function for `Trainer.watch` that writes a log to `out/tensorboard`: numbers are scalars of epochs.
+
+    - `out`: the training's folder
+    - `team`: the processes that train together, of which the first one writes
+
+    What earlier runs wrote there is no longer shown. ImportError without `nvsdata[tensorboard]`.
+    """
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        raise ImportError("--tensorboard needs the package: pip install 'nvsdata[tensorboard]'") from None
+    if team.rank:
+        return lambda line: None  # the trainer doesn't call it there
+    # every epoch so far comes again: TensorBoard drops those that it got before
+    writer = SummaryWriter(str(out / TENSORBOARD), purge_step=1)
+
+    def see(line: dict[str, Any]) -> None:
+        for name, value in line.items():
+            if name != "epoch":
+                writer.add_scalar(name, value, line["epoch"])
+        # or the last epochs would be lost to a kill
+        writer.flush()
+
+    return see
+
+
+def run(main: Callable[[], None], hint: str | None = None) -> None:
+    """Call a recipe's `main`; end in one line if it is interrupted, or if data or settings won't do.
+
+    `hint` says how to continue after an interrupt (default: that `--resume` does, if an epoch of a `Trainer` was
+    finished).
+    """
+    try:
+        with ending_by_signals(), escaped_output():
+            main()
+    except KeyboardInterrupt as error:
+        hint = _hint() if hint is None else hint
+        print(f"{end_of(error)}: {hint}" if hint else end_of(error), file=sys.stderr)
+        sys.exit(exit_code(error))
+    except (OSError, ValueError, ImportError) as error:
+        text = str(error)
+        # a loader's worker sends its traceback, whose last line tells
+        if text.startswith("Caught "):
+            text = text.rstrip().splitlines()[-1].partition(": ")[2]
+        sys.exit(f"{Path(sys.argv[0]).name}: {shown(text)}")
+
+
+def _hint() -> str:
+    """Return how to continue, by the checkpoints that this process has written."""
+    if any(FINISHED.values()):
+        return "--resume continues from the last epoch"
+    return "no epoch was finished, so that there is nothing to continue from" if FINISHED else ""

@@ -8,7 +8,7 @@ from nvsdata import models
 from nvsdata import transforms as T
 from nvsdata.data.events import Columns
 from nvsdata.kernels import _native
-from nvsdata.models.incremental.causal import IncrementalCausalNetwork
+from nvsdata.models.incremental.network import IncrementalCausalNetwork
 from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
 
 pytestmark = pytest.mark.skipif(not _native.checks_bounds, reason="only a build that checks indices counts them")

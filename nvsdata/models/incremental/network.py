@@ -14,6 +14,7 @@ from nvsdata.data.events import Columns
 from nvsdata.data.graph import Graph
 from nvsdata.data.grid import to_grid
 from nvsdata.data.pseudo import axes
+from nvsdata.kernels.streaming.causal import CausalNetwork
 from nvsdata.kernels.streaming.network import Layer, streaming_network
 from nvsdata.kernels.streaming.sliding import SlidingNetwork
 from nvsdata.models.fusing import fused
@@ -131,6 +132,20 @@ class IncrementalNetwork(SlidingNetwork):
     def columns(self) -> Columns:
         """Return the events."""
         return Columns(*self.events())
+
+
+class IncrementalCausalNetwork(CausalNetwork):
+    """Rows of a network on a causal graph, each computed once.
+
+    ValueError for average pooling.
+    """
+
+    def __init__(self, network: NetworkLayers, window: int | None) -> None:
+        pool = network.pools[-1]
+        assert pool is not None, "the last block is pooled"
+        if pool.mode != "max":
+            raise ValueError(f"{pool} can't stream on a causal graph: maxima can")
+        super().__init__(network.weights, window, network.shape, network.units)
 
 
 def _array(parameter: torch.Tensor) -> np.ndarray:

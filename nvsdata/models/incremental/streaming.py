@@ -11,8 +11,7 @@ from torch import nn
 from nvsdata.common.validation import whole
 from nvsdata.data.events import Columns, Events, check_inside, concatenate
 from nvsdata.data.graph import Graph
-from nvsdata.models.incremental.causal import IncrementalCausalNetwork
-from nvsdata.models.incremental.network import IncrementalNetwork, NetworkLayers
+from nvsdata.models.incremental.network import IncrementalCausalNetwork, IncrementalNetwork, NetworkLayers
 from nvsdata.transforms.compose import Compose
 from nvsdata.transforms.events.causal_filters import CausalFilter
 from nvsdata.transforms.graphs.edges import RadiusGraph

@@ -110,7 +110,7 @@ class InceptionV4(Classifier):
         super().__init__(nn.Sequential(_stem(in_channels), *modules), classify, 2, in_channels)
 
     def features(self, x: torch.Tensor) -> torch.Tensor:
-        """Return the output of the last layer before the mean, [B, 1536, H', W']. ValueError for images that are too small."""
+        """Return the output of the last layer before the mean, [B, 1536, H', W']. ValueError below 75x75 pixels."""
         if x.ndim == 4 and min(x.shape[2:]) < LEAST:
             raise ValueError(f"images of {x.shape[3]}x{x.shape[2]} are too small, the minimum is {LEAST}x{LEAST}")
         return super().features(x)

@@ -101,7 +101,7 @@ class Abstraction(nn.Module):
         self.mlp = shared_mlp(*widths)
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Convert positions [B, N, 3] and features [B, N, C] of points to those of the centers, [B, M, 3] and [B, M, C']."""
+        """Return positions [B, M, 3] and features [B, M, C'] of centers, from those of points, [B, N, 3] and [B, N, C]."""
         chosen = farthest_points(xyz, min(self.centers, xyz.shape[1]))
         center = _at(xyz, chosen)
         apart = torch.cdist(center, xyz, compute_mode="donot_use_mm_for_euclid_dist")
@@ -193,7 +193,7 @@ class LSTM(nn.Module):
 
 @torch.no_grad()
 def farthest_points(xyz: torch.Tensor, count: int) -> torch.Tensor:
-    """Return indices [B, count] of distant points: each is the farthest from those before, the first from the mean of all."""
+    """Return indices [B, count] of distant points: each is farthest from those before, the first from the mean."""
     batch = torch.arange(xyz.shape[0], device=xyz.device)
     apart = (xyz - xyz.mean(1, keepdim=True)).square().sum(2)
     chosen = torch.empty(xyz.shape[0], count, dtype=torch.int64, device=xyz.device)

@@ -15,7 +15,7 @@ WIDTHS = (64, 128, 256, 512, 512)
 
 @register_network("vgg")
 class VGG(Classifier):
-    """VGG (Simonyan and Zisserman 2015): 3x3 convolutions with ReLU, five maximum poolings, three fully connected layers.
+    """VGG (Simonyan and Zisserman 2015): 3x3 convolutions with ReLU, five poolings, three fully connected layers.
 
     The network takes [B, in_channels, H, W] and returns class scores (logits) [B, num_classes]. It is designed for
     224x224. Feature maps of other sizes are averaged to the 7x7 that the fully connected layers take.
