@@ -17,7 +17,7 @@ from nvsdata.models.spline_sum import occurrences
 
 
 class GCNConv(nn.Module):
-    """Graph convolution D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts incoming edges and self-loops."""
+    """Graph convolution D^-1/2 (A + I) D^-1/2 X W + b (Kipf and Welling 2017); D counts edges with self-loops."""
 
     def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class ChebConv(nn.Module):
 
 
 class GMMConv(nn.Module):
-    """MoNet (Monti et al. 2017): mean over neighbors, weighted by Gaussians of pseudo-coordinates, and a root weight."""
+    """MoNet (Monti et al. 2017): mean over neighbors, weighted by Gaussians of pseudo-coordinates; root weight."""
 
     def __init__(self, in_channels: int, out_channels: int, kernels: int = 25, dim: int = 2) -> None:
         super().__init__()
@@ -119,7 +119,7 @@ CONVOLUTIONS: dict[str, Callable[[int, int, int, int], nn.Module]] = {
 
 
 def _degree(ends: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Return the number of edges at each node, [N] in the type of `x`; `ends` are the sources or targets."""
+    """Return the number of edges at each node, [N] in the type of `x`; `ends` are sources or targets."""
     return occurrences(ends, x.shape[0]).to(x.dtype)
 
 

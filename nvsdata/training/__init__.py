@@ -1,4 +1,4 @@
-"""Training networks: epochs that log, checkpoint and resume, in one process or several."""
+"""Training of networks with logs, checkpoints and resumption, in one process or several."""
 
 from nvsdata.training.data import TrainTestSplit, data_of, loader
 from nvsdata.training.evaluation import Votes, accuracies, predict, votes

@@ -1,4 +1,4 @@
-"""Folder of a run: the checkpoint from which it resumes, and a log of its epochs."""
+"""Run of a training: its checkpoint and log, TensorBoard, and the end of its command line."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ FINISHED: dict[Path, int] = {}
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A training after `epoch` of `epochs` epochs.
+    """Training after `epoch` of `epochs` epochs.
 
-    `data` is what it trains on, `log` the line of each epoch so far, the others are states of its parts.
+    `data` describes the training data, `log` has the line of each epoch so far, the other fields are states of the
+    network, optimizer and schedule.
     """
 
     epoch: int
@@ -51,7 +52,7 @@ class Checkpoint:
         json.dumps((self.data, self.log))  # TypeError if they are more than JSON
 
     def write(self, out: Path) -> None:
-        """Put it in the place of the one before. OSError if the disk is full; then that one stays."""
+        """Replace the previous checkpoint. OSError if the disk is full; the previous one remains then."""
         # torch's own writer tells of a full disk by its inner troubles
         whole = io.BytesIO()
         torch.save(vars(self), whole)
@@ -73,9 +74,9 @@ class Checkpoint:
 
 
 def restore(part: Any, state: dict[str, Any]) -> None:
-    """Give a network, optimizer or schedule a state from a file; ValueError for one that can't be its own.
+    """Restore the state of a network, optimizer or schedule from a file. ValueError for a state that doesn't fit.
 
-    torch checks names and sizes of a network's weights; of optimizers and schedules it takes any state as it is.
+    torch checks names and sizes of a network's weights, but accepts any state of optimizers and schedules.
     """
     mine = part.state_dict()
     if isinstance(part, Optimizer):
@@ -89,7 +90,7 @@ def restore(part: Any, state: dict[str, Any]) -> None:
 
 
 def _fits(kept: Any, weights: list[torch.Tensor]) -> bool:
-    """Return True if a saved optimizer state fits its weights: by their numbers, the same of each, of their sizes."""
+    """Return True if a saved optimizer state fits its weights in number, names and sizes."""
     if not isinstance(kept, dict) or not all(n in range(len(weights)) and isinstance(kept[n], dict) for n in kept):
         return False
     pairs = [(value, weights[n]) for n, of_one in kept.items() for value in of_one.values()]
@@ -110,23 +111,30 @@ def _alike(a: Any, b: Any) -> bool:
 
 
 def write_log(out: Path, lines: list[dict[str, Any]]) -> None:
-    """The log as a checkpoint has it: what a kill or a full disk left of it beyond, or torn, is gone."""
+    """Write the log of a checkpoint. Later or incomplete lines, which a kill or a full disk left, are removed."""
     put(out / LOG, "".join(map(json_line, lines)).encode())
 
 
 def add_to_log(out: Path, line: dict[str, Any]) -> None:
-    """Add the line of an epoch."""
+    """Append the line of an epoch."""
     with named(out / LOG), append_own(out / LOG) as log:
         write_all(log.fileno(), json_line(line).encode())
 
 
 def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
-    """Return a function for `Trainer.watch` that writes a log to `out/tensorboard`: numbers are scalars of epochs.
+    """Return a function for `Trainer.watch` that writes the numbers of each epoch to `out/tensorboard` as scalars.
 
-    - `out`: the training's folder
-    - `team`: the processes that train together, of which the first one writes
+    TensorBoard no longer shows values of earlier runs in that folder.
 
-    What earlier runs wrote there is no longer shown. ImportError without `nvsdata[tensorboard]`.
+    Args:
+        out: Folder of the training.
+        team: The processes that train together; the first one writes.
+
+    Returns:
+        The function, which takes the line of an epoch.
+
+    Raises:
+        ImportError: Without `nvsdata[tensorboard]`.
     """
     try:
         from torch.utils.tensorboard import SummaryWriter
@@ -148,10 +156,19 @@ def to_tensorboard(out: Path, team: Team) -> Callable[[dict[str, Any]], None]:
 
 
 def run(main: Callable[[], None], hint: str | None = None) -> None:
-    """Call a recipe's `main`; end in one line if it is interrupted, or if data or settings won't do.
+    """Call a recipe's `main`, and end in one line if it is interrupted or if data or settings are invalid.
 
-    `hint` says how to continue after an interrupt (default: that `--resume` does, if an epoch of a `Trainer` was
-    finished).
+    Args:
+        main: The function.
+        hint: How to continue after an interrupt (default None: by `--resume`, if an epoch of a `Trainer` was finished).
+
+    Raises:
+        SystemExit: After an interrupt, OSError, ValueError or ImportError.
+
+    Example:
+        >>> from nvsdata import training
+        >>> training.run(lambda: print("trained"))
+        trained
     """
     try:
         with ending_by_signals(), escaped_output():

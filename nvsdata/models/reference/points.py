@@ -101,7 +101,7 @@ class Abstraction(nn.Module):
         self.mlp = shared_mlp(*widths)
 
     def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return positions [B, M, 3] and features [B, M, C'] of centers, from those of points, [B, N, 3] and [B, N, C]."""
+        """Return positions [B, M, 3] and features [B, M, C'] of centers, from [B, N, 3] and [B, N, C]."""
         chosen = farthest_points(xyz, min(self.centers, xyz.shape[1]))
         center = _at(xyz, chosen)
         apart = torch.cdist(center, xyz, compute_mode="donot_use_mm_for_euclid_dist")
