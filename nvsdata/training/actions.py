@@ -87,7 +87,7 @@ class Actions:
         return T.Compose([*cut, volumes, graphs, *augment, *([T.RandomFlip(0)] if flip else [])])
 
     def build(self, sensor_size: tuple[int, int], classes: int) -> nn.Module:
-        """Return the network; RG-CNN in the configuration for 128x128 if the sensor fits in it, otherwise for 240x180."""
+        """Return the network; RG-CNN in the configuration for 128x128 if the sensor fits, otherwise for 240x180."""
         if self.network in FRAME_NETWORKS:
             return FRAME_NETWORKS[self.network][0](classes)
         if self.network in POINT_NETWORKS:

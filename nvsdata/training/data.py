@@ -69,7 +69,7 @@ def _begin_worker(_: int) -> None:
 
 
 class TrainTestSplit:
-    """Recordings of a dataset for training and for testing: by its own split, or with a fifth of each class for testing.
+    """Recordings of a dataset for training and for testing: by its own split, or a fifth of each class for testing.
 
     Args:
         name: Name of the dataset.

@@ -67,7 +67,7 @@ def adam(model: nn.Module, epochs: int, milestones: tuple[int, int]) -> tuple[to
 
 
 def one_cycle(model: nn.Module, epochs: int, rate: float = 3e-3) -> tuple[torch.optim.Optimizer, Any]:
-    """Return Adam with a rate that rises to `rate` over 30% of `epochs`, then falls to almost 0 (Smith and Topin 2019)."""
+    """Return Adam with a rate that rises to `rate` in 30% of `epochs`, then falls to about 0 (Smith and Topin 2019)."""
 
     def share(epoch: int) -> float:
         done = min((epoch + 0.5) / epochs, 1.0)
