@@ -153,7 +153,7 @@ def load(
     except Exception as error:  # any error of a constructor, too
         raise FormatError(where, f"has a transform that can't be built: {line_of(error)}") from None
     if transform is not None and repr(transform) != header.transform:
-        raise FormatError(where, f"its transform lacks settings that this version has: {header.transform:.300}")
+        raise FormatError(where, f"its transform is without settings that this version has: {header.transform:.300}")
     if transform is not None and not callable(transform):
         raise FormatError(where, f"doesn't contain a transform, but {header.transform!r:.200}")
     model = model.to_empty(device=device)

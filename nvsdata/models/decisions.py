@@ -40,7 +40,7 @@ class OnlineClassifier:
 
     def __init__(self, trained: Trained, window: int | None = None) -> None:
         if trained.transform is None:
-            raise ValueError("the network was saved without its transform, so nobody knows what graphs it takes")
+            raise ValueError("the network was saved without its transform: save it by models.save(..., transform=...)")
         self.stream = stream(trained.model, **_how(trained.transform, window))
         self.classes = trained.classes
         self.sensor_size: tuple[int, int] = trained.model.sensor_size  # type: ignore[assignment]
@@ -77,7 +77,7 @@ class OnlineClassifier:
         began = time.perf_counter()
         scores = self.stream.scores().softmax(0)
         if scores.isnan().any():
-            raise ValueError("the network gives NaN")
+            raise ValueError("the network's scores are NaN")
         best = int(scores.argmax())
         found: dict[str, Any] = {"time": now, "class": self.classes[best] if self.classes else str(best)}
         found |= {"probability": round(float(scores[best]), 4), "events": len(self.stream)}

@@ -52,7 +52,7 @@ class Kernel:
             raise ValueError(f"convolution must be one of {names}, or a class of your own, not {made!r}")
         layer = made(in_channels, out_channels)
         if not isinstance(layer, nn.Module):
-            raise ValueError(f"convolution must give a torch.nn.Module, not {layer!r:.100}")
+            raise ValueError(f"convolution must return a torch.nn.Module, not {layer!r:.100}")
         return layer
 
     def spline(self, in_channels: int, out_channels: int, size: int) -> SplineConv:
@@ -184,7 +184,7 @@ class _GraphCNN(nn.Module):
                 layers.append(ResidualBlock(previous, width, kernel, shortcut_start))
             else:
                 layers.append(ConvBlock(previous, width, kernel))
-            # nodes that are those clusters already would be joined with none
+            # nodes are these clusters already, so pooling would merge none
             if cluster is None or (depth > 0 and cluster == clusters[depth - 1]):
                 layers.append(Activation())
             else:

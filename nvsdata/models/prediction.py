@@ -67,7 +67,7 @@ class Trained:
         given = [recordings] if _is_one(recordings) else recordings
         found = self.predict_proba(given, windows=windows)
         if bad := int(found.isnan().any(1).sum()):
-            raise ValueError(f"the network gives NaN for {bad} of {len(found)} recordings")
+            raise ValueError(f"the network's scores are NaN for {bad} of {len(found)} recordings")
         names = [self.classes[best] if self.classes else str(best) for best in found.argmax(1).tolist()]
         return names[0] if _is_one(recordings) else names
 
@@ -92,7 +92,7 @@ class Trained:
             ValueError: If no transform was saved, or for less than one window.
         """
         if self.transform is None:
-            raise ValueError("no transform was saved with this network: make its input yourself, and call .model")
+            raise ValueError("no transform was saved with this network: pass its input to .model")
         at_least("windows", windows, 1)
         if _is_one(recordings):
             return self._voted(recordings, windows)

@@ -144,7 +144,7 @@ class IncrementalCausalNetwork(CausalNetwork):
         pool = network.pools[-1]
         assert pool is not None, "the last block is pooled"
         if pool.mode != "max":
-            raise ValueError(f"{pool} can't stream on a causal graph: maxima can")
+            raise ValueError(f"{pool} can't stream on a causal graph: mode 'max' can")
         super().__init__(network.weights, window, network.shape, network.units)
 
 

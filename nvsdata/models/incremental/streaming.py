@@ -18,8 +18,8 @@ from nvsdata.transforms.graphs.edges import RadiusGraph
 from nvsdata.transforms.graphs.features import NodeFeatures
 
 FOREVER = 2**62  # µs, longer than any window
-MANY = 24  # part of the window's events that come or go from which the whole is computed
-CALM = 2  # steps with few changes in a row from which rows are kept
+MANY = 24  # if more than 1/24 of the window's events enter or leave, the entire window is computed
+CALM = 2  # consecutive steps with few changes after which rows are kept
 
 
 def stream(
@@ -59,7 +59,7 @@ def stream(
         if not graph.deterministic:
             raise ValueError(f"{graph} can't stream: it isn't deterministic")
         if getattr(_edges_of(graph), "causal", False):
-            raise ValueError(f"{graph} can't stream on a causal graph: its features know events to come")
+            raise ValueError(f"{graph} can't stream on a causal graph: its features depend on later events")
     kind = CausalStream if isinstance(graph, RadiusGraph) and graph.causal else Stream
     return kind(model, window, graph, sampler)
 
@@ -81,7 +81,7 @@ class _IncrementalInference(ABC):
             whole("window", window, 1)
             window = min(int(window), FOREVER)
         if sampler is not None and not isinstance(sampler, CausalFilter):
-            raise ValueError(f"{sampler} can't stream: samplers that look back only can, such as RateLimit")
+            raise ValueError(f"{sampler} can't stream: causal filters can, such as RateLimit")
         self.window, self.graph, self.sampler = window, graph, sampler
         self._has_features = isinstance(graph, NodeFeatures)
         channels = graph(Events.empty((1, 1))).x.shape[1] if self._has_features else 1
@@ -112,7 +112,7 @@ class _IncrementalInference(ABC):
         if self._last is None:
             self._origin = first
         elif first < self._last:
-            raise ValueError(f"events fall back in time: to {first} µs, after {self._last}")
+            raise ValueError(f"events go back in time: to {first} µs, after {self._last}")
         self._last = last
         columns = (self._sieve(events) if self._sieve else events).columns
         self._take(columns._replace(t=columns.t - self._origin))
@@ -163,7 +163,7 @@ class Stream(_IncrementalInference):
         """Forget all events."""
         super().reset()
         self._waiting: list[Columns] = []
-        # events whose rows aren't kept, and how many steps with few changes there were since
+        # events whose rows aren't kept, and the number of consecutive steps with few changes
         self._held, self._calm = Columns.empty(0), 0
         self._live: IncrementalNetwork | None = None
         self._found: torch.Tensor | None = None
@@ -173,7 +173,7 @@ class Stream(_IncrementalInference):
         if columns.t.size:
             # copies, because the caller may use its arrays again
             self._waiting.append(Columns(columns.t, *(column.copy() for column in columns[1:])))
-        # pieces that are over needn't wait; looked for once a window, because there may be many
+        # drop pieces that have left the window; searched once per window, because there may be many
         if self._waiting and self._waiting[0].t[-1] < self._until - (self.window or 0):
             self._waiting = [piece for piece in self._waiting if piece.t[-1] >= self._until]
 
